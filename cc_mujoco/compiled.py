@@ -1,0 +1,35 @@
+"""The decorator of every compiled function, and the guard of its cache.
+
+Numba keeps compiled code beside the source and drops it when that very file changes, but
+not when a function that it calls, in another file, does. So compiled code older than
+any source of the package's compiled parts is removed at import.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from numba import njit
+
+_PARTS = ("transmission", "engine")
+
+
+def _drop_stale_code() -> None:
+    root = Path(__file__).parent
+    sources = [root / "compiled.py"]
+    for part in _PARTS:
+        sources += (root / part).glob("*.py")
+    newest = max(source.stat().st_mtime for source in sources)
+    for part in _PARTS:
+        for index in (root / part / "__pycache__").glob("*.nbi"):
+            try:
+                if index.stat().st_mtime < newest:
+                    index.unlink()
+            except OSError:
+                continue  # gone already, or a read-only install, where nothing is stale
+
+
+_drop_stale_code()
+
+compiled = njit(cache=True, nogil=True, error_model="numpy")
+"""Compile for use from Python and from other compiled code, without the GIL."""

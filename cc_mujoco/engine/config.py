@@ -1,0 +1,202 @@
+"""The configuration of a plugin instance, read by compiled code.
+
+`Cable.from_config` accepts and refuses the same texts in Python. MuJoCo passes
+attributes on as one block of zero-terminated values in the order of `KEYS`, where an
+absent key and an empty value look the same; so the keys without which a cable has no
+meaning, `REQUIRED`, must be given, and an empty one is refused with them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from cc_mujoco.engine.decimal import is_digit, is_space, number, strip
+from cc_mujoco.engine.memory import Bytes, append, text
+from cc_mujoco.transmission.parameters import (
+    CONDUIT_ALLOWED,
+    KEYS,
+    MAX_SECTIONS,
+    MAX_SEGMENTS,
+    PARAMETERS,
+    SEGMENTS_ALLOWED,
+    Cable,
+)
+
+PLUGIN = "cc_mujoco.cable"
+"""Name of the engine plugin."""
+
+REQUIRED = ("axial_stiffness", "pretension", "friction", "conduit")
+"""Keys that an MJCF instance must give; other effects are off unless given."""
+
+VALID = -1
+"""What `read` returns as key when the configuration can be used."""
+
+SCALARS = len(PARAMETERS)
+SEGMENTS = KEYS.index("segments")
+CONDUIT = KEYS.index("conduit")
+ROUTE = KEYS.index("route")
+_FRICTION = KEYS.index("friction")
+_STATIC = KEYS.index("static_friction")
+_DEFAULT_SEGMENTS = Cable.segments
+_LOW = np.array([p.low for p in PARAMETERS])
+_HIGH = np.array([p.high for p in PARAMETERS])
+_LOW_OPEN = np.array([p.low_open for p in PARAMETERS])
+_DEFAULT = np.array([p.default for p in PARAMETERS])
+_REQUIRED = np.array([key in REQUIRED for key in KEYS])
+_INF = np.frombuffer(b"inf", np.uint8)
+
+
+def constant(content: str) -> Bytes:
+    """Text as an array that compiled code can hold."""
+    return np.frombuffer(content.encode(), np.uint8)
+
+
+def _allowed(key: str) -> str:
+    special = {
+        "static_friction": "0 (off) or at least `friction`, and "
+        + PARAMETERS[_STATIC].allowed,
+        "segments": SEGMENTS_ALLOWED,
+        "conduit": CONDUIT_ALLOWED,
+        "route": "the name of a spatial tendon of the model",
+    }
+    return special.get(key) or PARAMETERS[KEYS.index(key)].allowed
+
+
+_LINES = [f"key `{key}` is \n; it must be {_allowed(key)}" for key in KEYS]
+_TEXT = constant("".join(line.replace("\n", "\0") + "\0" for line in _LINES))
+_MISSING = constant("missing or empty")
+_QUOTE = constant("'")
+
+
+@njit(nogil=True)
+def value(block: int, key: int) -> Bytes:
+    """Text of a key in the attribute block of an instance."""
+    for _ in range(key):
+        block += text(block).size + 1
+    return text(block)
+
+
+@njit(nogil=True)
+def block_size(block: int) -> int:
+    """Bytes of the attribute block of an instance, zeros included."""
+    start = block
+    for _ in range(len(KEYS)):
+        block += text(block).size + 1
+    return block - start
+
+
+@njit(nogil=True)
+def segments(block: int) -> int:
+    """Number of segments, or 0 where the text is no number that is allowed."""
+    written = strip(value(block, SEGMENTS))
+    if value(block, SEGMENTS).size == 0:
+        return _DEFAULT_SEGMENTS
+    count = 0
+    for character in written:
+        if not is_digit(character):
+            return 0
+        count = min(10 * count + (character - 48), MAX_SEGMENTS + 1)
+    return count if count <= MAX_SEGMENTS else 0
+
+
+@njit(nogil=True)
+def read(
+    block: int, values: npt.NDArray[np.float64], sections: npt.NDArray[np.float64]
+) -> tuple[int, int]:
+    """Read the attribute block of an instance.
+
+    Args:
+        block: address of the attribute block.
+        values: out, scalar parameters in the order of `PARAMETERS`.
+        sections: out, (`MAX_SECTIONS`, 2) length and bend radius [m].
+
+    Returns:
+        Index of the first key that cannot be used or `VALID`; number of sections.
+    """
+    for key in range(SCALARS):
+        written = value(block, key)
+        if written.size == 0:
+            if _REQUIRED[key]:
+                return key, 0
+            values[key] = _DEFAULT[key]
+            continue
+        x = number(written)
+        above = x > _LOW[key] if _LOW_OPEN[key] else x >= _LOW[key]
+        if not (above and x <= _HIGH[key]):
+            return key, 0
+        values[key] = x
+    if 0.0 < values[_STATIC] < values[_FRICTION]:
+        return _STATIC, 0
+    if segments(block) == 0:
+        return SEGMENTS, 0
+    count = _sections(value(block, CONDUIT), sections)
+    return (VALID if count > 0 else CONDUIT), count
+
+
+@njit(nogil=True)
+def _sections(written: Bytes, sections: npt.NDArray[np.float64]) -> int:
+    """Number of sections read, 0 where the text is no conduit."""
+    count, i = 0, 0
+    while True:
+        while i < written.size and is_space(written[i]):
+            i += 1
+        if i == written.size:
+            return count
+        begin, colon = i, -1
+        while i < written.size and not is_space(written[i]):
+            if written[i] == 58 and colon < 0:
+                colon = i
+            i += 1
+        if colon < 0 or count == MAX_SECTIONS:
+            return 0
+        length = number(written[begin:colon])
+        bend = written[colon + 1 : i]
+        radius = math.inf if same(bend, _INF) else number(bend)
+        if not (length > 0.0 and radius > 0.0):
+            return 0
+        sections[count, 0] = length
+        sections[count, 1] = radius
+        count += 1
+
+
+@njit(nogil=True)
+def same(a: Bytes, b: Bytes) -> bool:
+    """Whether two texts are equal."""
+    if a.size != b.size:
+        return False
+    for i in range(a.size):
+        if a[i] != b[i]:
+            return False
+    return True
+
+
+@njit(nogil=True)
+def explain(message: Bytes, used: int, block: int, key: int) -> int:
+    """Add why a key cannot be used: its name, its value and what is allowed.
+
+    Returns:
+        The new length.
+    """
+    piece, start = 0, 0
+    while piece < 2 * key:
+        piece += _TEXT[start] == 0
+        start += 1
+    middle = start
+    while _TEXT[middle] != 0:
+        middle += 1
+    end = middle + 1
+    while _TEXT[end] != 0:
+        end += 1
+    used = append(message, used, _TEXT[start:middle])
+    written = value(block, key)
+    if written.size == 0:
+        used = append(message, used, _MISSING)
+    else:
+        used = append(message, used, _QUOTE)
+        used = append(message, used, written)
+        used = append(message, used, _QUOTE)
+    return append(message, used, _TEXT[middle + 1 : end])

@@ -1,0 +1,123 @@
+"""Where the fields of MuJoCo's C structures lie in memory.
+
+The layout follows from `mujoco.introspect`, MuJoCo's own machine-made description of
+its headers, with the platform's alignment rules (through `ctypes`). `verify` compares
+it with the addresses that the Python bindings report and refuses a MuJoCo where they
+differ, so a wrong offset is an import error and never a stray write.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from typing import Any
+
+import mujoco
+from mujoco.introspect.ast_nodes import AnonymousStructDecl, ArrayType, PointerType
+from mujoco.introspect.structs import STRUCTS
+
+_SCALARS: dict[str, Any] = {
+    "char": ctypes.c_char,
+    "float": ctypes.c_float,
+    "int": ctypes.c_int,
+    "mjtBool": ctypes.c_bool,
+    "mjtByte": ctypes.c_uint8,
+    "mjtNum": ctypes.c_double,
+    "mjtSize": ctypes.c_int64,
+    "size_t": ctypes.c_size_t,
+    "uint64_t": ctypes.c_uint64,
+    "uintptr_t": ctypes.c_size_t,
+}
+_structures: dict[str, type[ctypes.Structure]] = {}
+
+
+def structure(name: str) -> type[ctypes.Structure]:
+    """The `ctypes` structure of a MuJoCo struct; `structure(name).field.offset`."""
+    if name not in _structures:
+        _structures[name] = _build(name, STRUCTS[name].fields)
+    return _structures[name]
+
+
+def offset(struct: str, field: str) -> int:
+    """Offset of a field in bytes."""
+    return int(getattr(structure(struct), field).offset)
+
+
+def _build(name: str, fields: Any) -> type[ctypes.Structure]:
+    members = [(field.name, _type(field.type)) for field in fields]
+    return type(name, (ctypes.Structure,), {"_fields_": members})
+
+
+def _type(node: Any) -> Any:
+    if isinstance(node, PointerType):
+        return ctypes.c_void_p
+    if isinstance(node, ArrayType):
+        return _type(node.inner_type) * math.prod(node.extents)
+    if isinstance(node, AnonymousStructDecl):
+        return _build("anonymous", node.fields)
+    return _SCALARS.get(node.name) or structure(node.name)
+
+
+_PROBE = """
+<mujoco>
+  <option timestep="0.0123" integrator="RK4"/>
+  <extension>
+    <plugin plugin="mujoco.pid">
+      <instance name="p"><config key="kp" value="1"/></instance>
+    </plugin>
+  </extension>
+  <worldbody>
+    <site name="a"/>
+    <body><joint name="j"/><geom size=".1"/><site name="b" pos="0 0 1"/></body>
+  </worldbody>
+  <tendon><spatial name="t"><site site="a"/><site site="b"/></spatial></tendon>
+  <actuator><plugin joint="j" instance="p"/></actuator>
+  <sensor><clock/></sensor>
+</mujoco>
+"""
+_MODEL_ARRAYS = (
+    "qpos0", "jnt_type", "tendon_adr", "wrap_type", "actuator_trntype",
+    "actuator_trnid", "actuator_outadr", "actuator_gear", "actuator_length0",
+    "actuator_plugin", "plugin_attr", "plugin_attradr", "plugin_stateadr",
+    "name_actuatoradr", "name_pluginadr", "name_tendonadr",
+)  # fmt: skip
+_DATA_ARRAYS = (
+    "qvel", "qacc_warmstart", "ctrl", "sensordata", "xpos", "actuator_length",
+    "actuator_force",
+)  # fmt: skip
+
+
+def verify() -> None:
+    """Compare the layout with the addresses that the bindings report.
+
+    `mjData.plugin_state` is empty in the probe and `plugin_data` has no address in
+    Python; the fields on both sides of them do, and the latter must hold an address.
+
+    Raises:
+        ImportError: it differs, so the engine plugin cannot run on this MuJoCo.
+    """
+    model = mujoco.MjModel.from_xml_string(_PROBE)
+    data = mujoco.MjData(model)
+    m = structure("mjModel").from_address(model._address)
+    d = structure("mjData").from_address(data._address)
+    seen = {name: getattr(m, name) for name in _MODEL_ARRAYS}
+    seen |= {f"mjData.{name}": getattr(d, name) for name in _DATA_ARRAYS}
+    true = {name: getattr(model, name).ctypes.data for name in _MODEL_ARRAYS}
+    true |= {f"mjData.{name}": getattr(data, name).ctypes.data for name in _DATA_ARRAYS}
+    for name in ("nactuator", "ntendon", "nplugin", "npluginstate"):
+        seen[name], true[name] = getattr(m, name), getattr(model, name)
+    seen["names"] = ctypes.string_at(m.names, len(model.names))
+    true["names"] = model.names
+    seen["timestep"], true["timestep"] = m.opt.timestep, model.opt.timestep
+    seen["integrator"], true["integrator"] = m.opt.integrator, model.opt.integrator
+    data.time = 0.75
+    seen["time"], true["time"] = d.time, data.time
+    held = ctypes.c_size_t.from_address(d.plugin_data).value
+    seen["plugin_data"], true["plugin_data"] = held != 0, True
+    wrong = [name for name in true if seen[name] != true[name]]
+    if wrong:
+        raise ImportError(
+            f"cc_mujoco cannot run on mujoco {mujoco.__version__}: its structures are "
+            f"laid out differently than described (fields {', '.join(wrong)}); "
+            "install a mujoco of a release that cc_mujoco supports"
+        )

@@ -1,0 +1,30 @@
+"""The one exception that this package raises for input it cannot accept."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class CableError(ValueError):
+    """Input that cannot be used: one sentence saying what, where and what would be.
+
+    It is a `ValueError`, so callers that know nothing of this package catch it too.
+    """
+
+    @classmethod
+    def unknown(cls, kind: str, name: str, allowed: Iterable[str]) -> CableError:
+        """Build the error for a name that is not in a registry.
+
+        Args:
+            kind: What the name should have been, for example `"trajectory"`.
+            name: The name that was given.
+            allowed: The names that exist.
+
+        Returns:
+            The error, naming the nearest match if there is one and all names allowed.
+        """
+        names = sorted(allowed)
+        near = difflib.get_close_matches(name, names, n=1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        return cls(f"unknown {kind} {name!r}: {hint}Available: {', '.join(names)}.")

@@ -1,0 +1,47 @@
+"""The scripted human: what moves the joint, how stiffly, and what should be felt."""
+
+from __future__ import annotations
+
+from cc_mujoco.human.motion import Motion, Scripted, Trajectory
+from cc_mujoco.human.moves import Ramp, Reach, Reversals, Sweep
+from cc_mujoco.human.recorded import Recorded, from_csv
+from cc_mujoco.human.tasks import (
+    TASKS,
+    Assist,
+    Spring,
+    Task,
+    Transparent,
+    Tunnel,
+    task,
+)
+from cc_mujoco.human.trajectories import TRAJECTORIES, trajectory
+from cc_mujoco.human.walking import Walk
+from cc_mujoco.human.waves import Chirp, Multisine, Sine
+from cc_mujoco.human.wearer import Gains, Wearer
+
+__all__ = [
+    "TASKS",
+    "TRAJECTORIES",
+    "Assist",
+    "Chirp",
+    "Gains",
+    "Motion",
+    "Multisine",
+    "Ramp",
+    "Reach",
+    "Recorded",
+    "Reversals",
+    "Scripted",
+    "Sine",
+    "Spring",
+    "Sweep",
+    "Task",
+    "Trajectory",
+    "Transparent",
+    "Tunnel",
+    "Walk",
+    "Wearer",
+    "from_csv",
+    "task",
+    "trajectory",
+]

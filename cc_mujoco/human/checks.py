@@ -1,0 +1,32 @@
+"""Checks of the numbers that describe a human: one sentence when one is wrong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cc_mujoco.errors import CableError
+
+
+def number(label: str, value: Any, low: float, high: float, unit: str) -> None:
+    """Check that a value is a number in [low, high].
+
+    Raises:
+        CableError: If it is not (NaN never is), naming it and the range.
+    """
+    try:
+        admitted = bool(low <= value <= high)
+    except (TypeError, ValueError):
+        admitted = False
+    if not admitted:
+        raise CableError(
+            f"{label} must be a number in [{low:g}, {high:g}] {unit}, not {value!r}."
+        )
+
+
+def parameter(owner: object, name: str, low: float, high: float, unit: str) -> None:
+    """Check that an attribute of an object is a number in [low, high].
+
+    Raises:
+        CableError: If it is not, naming the object's class and the attribute.
+    """
+    number(f"{type(owner).__name__}.{name}", getattr(owner, name), low, high, unit)

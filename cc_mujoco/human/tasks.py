@@ -1,0 +1,143 @@
+"""What a device should make its wearer feel: virtual environments by name.
+
+    >>> from cc_mujoco.human import TASKS
+    >>> TASKS["tunnel"].torque(angle=0.25, velocity=0.0, phase=0.0)
+    -0.1
+
+A task maps joint angle [rad], joint velocity [rad/s] and phase of the cycle [-] to the
+torque that the device should put into the joint [Nm], in the joint's own direction. It
+works elementwise on scalars and arrays and gives the same bits for both.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import gait
+from cc_mujoco.human.checks import parameter
+
+Real = TypeVar("Real", float, NDArray[np.float64])
+
+
+class Task(ABC):
+    """A virtual environment; subclasses are frozen dataclasses of its parameters."""
+
+    @abstractmethod
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Torque that the device should put into the joint.
+
+        Args:
+            angle: Joint angle [rad].
+            velocity: Joint velocity [rad/s].
+            phase: Fraction of the gait cycle or of the trajectory's period [-].
+
+        Returns:
+            Desired torque [Nm], of the shape of the arguments.
+        """
+
+
+@dataclass(frozen=True)
+class Tunnel(Task):
+    """A free band with a soft wall on each side, thesis equation 2.29.
+
+    0 inside the band; outside, the stiffness times the depth in the wall, towards the
+    band, and never more than the limit, which by default is reached at 0.45 rad.
+    """
+
+    half_width: float = 0.05
+    """Half the width of the free band [rad]."""
+    stiffness: float = 0.5
+    """Stiffness of the walls [Nm/rad]."""
+    limit: float = 0.2
+    """Largest torque [Nm]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that are not numbers or are negative."""
+        parameter(self, "half_width", 0.0, 10.0, "rad")
+        parameter(self, "stiffness", 0.0, 1e6, "Nm/rad")
+        parameter(self, "limit", 0.0, 1e6, "Nm")
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Torque of the walls [Nm]; see `Task.torque`."""
+        width, limit = self.half_width, self.limit
+        wall = self.stiffness * (_clamp(angle, -width, width) - angle)
+        return _clamp(wall, -limit, limit)
+
+
+@dataclass(frozen=True)
+class Spring(Task):
+    """A spring to angle 0: torque = -stiffness angle (thesis section 4.3.2)."""
+
+    stiffness: float = 1.0
+    """Stiffness [Nm/rad]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that are not numbers or are negative."""
+        parameter(self, "stiffness", 0.0, 1e6, "Nm/rad")
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Torque of the spring [Nm]; see `Task.torque`."""
+        return -self.stiffness * angle
+
+
+@dataclass(frozen=True)
+class Transparent(Task):
+    """Nothing: the device should not be felt."""
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Zero [Nm]; see `Task.torque`."""
+        # Adding 0.0 turns -0.0 into 0.0.
+        return 0.0 * angle + 0.0
+
+
+@dataclass(frozen=True)
+class Assist(Task):
+    """Help of the ankle's push-off, following the gait cycle.
+
+    torque = -peak assistance(phase): plantarflexion, negative because the ankle counts
+    dorsiflexion positive. The shape is `gait.assistance`.
+    """
+
+    peak: float = 30.0
+    """Largest torque [Nm]; about a quarter of the biological moment of that walk."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that are not numbers or are negative."""
+        parameter(self, "peak", 0.0, 1e6, "Nm")
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Torque of the assistance [Nm]; see `Task.torque`."""
+        return -self.peak * gait.assistance(phase)
+
+
+TASKS: dict[str, Task] = {
+    "tunnel": Tunnel(),
+    "spring": Spring(),
+    "transparent": Transparent(),
+    "assist": Assist(),
+}
+"""Every virtual environment with its default parameters."""
+
+
+def task(name: str) -> Task:
+    """Look a task up.
+
+    Raises:
+        CableError: If there is no such task; names the nearest and all others.
+    """
+    if name not in TASKS:
+        raise CableError.unknown("task", name, TASKS)
+    return TASKS[name]
+
+
+def _clamp(value: Real, low: float, high: float) -> Real:
+    """Limit to [low, high]; NumPy's own clip is slow on scalars."""
+    if isinstance(value, np.ndarray):
+        return np.clip(value, low, high)
+    return min(max(value, low), high)

@@ -1,0 +1,62 @@
+"""The walking trajectory of the ankle, with hip and knee beside it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cc_mujoco.human import gait
+from cc_mujoco.human.checks import parameter
+from cc_mujoco.human.motion import Array, Motion, Scripted, ease
+
+_PHASES = np.linspace(0.0, 1.0, 10_001)
+ANKLE_PEAK = float(np.abs(gait.ANGLES["ankle"](_PHASES)).max())
+"""Largest absolute ankle angle of the measured walk [rad]."""
+
+
+@dataclass(frozen=True)
+class Walk(Scripted):
+    """Level walking: ankle, with hip and knee as companions.
+
+    The cadence grows from standstill at heel strike to its full value in the time
+    `start`, as a minimum-jerk step, so that the motion begins at rest. Phase: the gait
+    cycle. Angles as in `gait`; all joints scale with the amplitude of the ankle.
+    """
+
+    amplitude: float = math.ceil(1e3 * ANKLE_PEAK) / 1e3
+    period: float = gait.PERIOD
+    """Duration of a gait cycle at full cadence [s]."""
+    start: float = 1.0
+    """Time in which the cadence grows from 0 [s]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that describe no motion."""
+        super().__post_init__()
+        parameter(self, "period", 0.2, 20.0, "s")
+        parameter(self, "start", 0.01, 1e4, "s")
+
+    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
+        step = ease(time / self.start)
+        cycles = step.integral * self.start / self.period
+        rate = step.value / self.period
+        acceleration = step.rate / self.start / self.period
+        phase = np.asarray(np.mod(cycles, 1.0))
+        # The default amplitude is the peak rounded up; it means the angles as measured.
+        scale = self.amplitude / Walk.amplitude
+
+        def joint(name: str, companions: dict[str, Motion]) -> Motion:
+            profile = gait.ANGLES[name]
+            slope = profile.derivative()
+            bend = slope.derivative()
+            return Motion(
+                time,
+                scale * profile(phase),
+                scale * slope(phase) * rate,
+                scale * (bend(phase) * rate**2 + slope(phase) * acceleration),
+                phase,
+                companions,
+            )
+
+        return joint("ankle", {name: joint(name, {}) for name in ("hip", "knee")})

@@ -1,0 +1,83 @@
+"""What an episode log holds: one table of column names, units and meanings.
+
+The dictionary that an environment returns as `info` has exactly these keys, so the
+table is the documentation of both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of an episode log."""
+
+    name: str
+    """Name, ending in the unit; `{cable}` stands for the name of a cable."""
+    unit: str
+    """SI unit, `1` for a pure number, `mixed` where entries differ."""
+    meaning: str
+    """One line for a reader who sees only the file."""
+    listed: bool = False
+    """True when every row holds a list of values instead of one."""
+    dtype: str = "float64"
+    """NumPy name of the element type."""
+
+    def of(self, cable: str) -> Column:
+        """Return this column for the cable of that name."""
+        return replace(self, name=self.name.format(cable=cable))
+
+
+DEVICE = (
+    Column("time_s", "s", "simulated time"),
+    Column("motor_angle_rad", "rad", "angle of the motor pulley"),
+    Column("motor_velocity_rad_s", "rad/s", "angular velocity of the motor pulley"),
+    Column("motor_torque_nm", "N m", "torque that the motor puts into its pulley"),
+    Column("joint_angle_rad", "rad", "angle of the wearer's joint"),
+    Column("joint_velocity_rad_s", "rad/s", "angular velocity of the wearer's joint"),
+    Column("joint_torque_nm", "N m", "torque that the cables put into the joint"),
+    Column("desired_torque_nm", "N m", "torque that the task asks for at the joint"),
+    Column("wearer_torque_nm", "N m", "torque that the wearer puts into the joint"),
+    Column("reference_angle_rad", "rad", "angle that the wearer aims for"),
+    Column("qpos", "mixed", "generalized coordinates (rad, m)", listed=True),
+)
+"""Columns that every log has once."""
+
+CABLE = (
+    Column("tension_{cable}_proximal_n", "N", "tension at the motor end"),
+    Column("tension_{cable}_distal_n", "N", "tension at the joint end"),
+    Column("moving_{cable}_fraction", "1", "part of the cable that slips"),
+    Column("slack_{cable}_m", "m", "cable length that hangs slack"),
+    Column("dissipated_{cable}_j", "J", "energy lost to friction since the start"),
+    Column(
+        "tension_{cable}_nodes_n",
+        "N",
+        "tension at the nodes, from the motor end to the joint end",
+        listed=True,
+    ),
+    Column(
+        "slip_{cable}_direction",
+        "1",
+        "slip of the segments: 1 towards the joint, -1 towards the motor, 0 stuck",
+        listed=True,
+        dtype="int8",
+    ),
+)
+"""Columns that every log has for each cable."""
+
+
+def columns_for(cables: Iterable[str]) -> tuple[Column, ...]:
+    """Return the columns of a log with these cables, in file order."""
+    return DEVICE + tuple(column.of(cable) for cable in cables for column in CABLE)
+
+
+def cables_in(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the cables whose columns are among these names, in order."""
+    start, end = CABLE[-2].name.split("{cable}")
+    return tuple(
+        name[len(start) : -len(end)]
+        for name in names
+        if name.startswith(start) and name.endswith(end)
+    )

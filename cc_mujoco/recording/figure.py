@@ -1,0 +1,174 @@
+"""The summary figure of an episode: torque, angle, their loop, and the cable's inside.
+
+Drawn with Matplotlib's objects on the Agg canvas, so it needs no display and touches
+no global state.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cc_mujoco.recording.files import replacing
+from cc_mujoco.recording.log import EpisodeLog
+from cc_mujoco.recording.metrics import RATIO_KEY
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, which stay apart for every kind of colour vision.
+BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#6E6E6E"
+DASH = (4, 2)
+TENSION_COLORS = "viridis"
+MAX_COLUMNS = 1200
+"""Time samples in a heat map; more cannot be seen."""
+
+STYLE: dict[Any, Any] = {
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.labelsize": 9,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+}
+
+
+def write_summary(path: str | os.PathLike[str], log: EpisodeLog) -> None:
+    """Draw the summary of an episode into a PNG file."""
+    with replacing(path) as partial:
+        draw_summary(log).savefig(partial, format="png", dpi=130)
+
+
+def draw_summary(log: EpisodeLog) -> Figure:
+    """Draw the summary of an episode.
+
+    Torque and angle over time, the torque-angle loop, and for each cable the tension
+    along it over time, on one colour scale; grey is a slack cable.
+    """
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(STYLE):
+        rows = len(log.cables)
+        figure = Figure(figsize=(11, 5.2 + 2.1 * rows), layout="constrained")
+        FigureCanvasAgg(figure)
+        heights = [5.0, 0.3 + 2.1 * rows]
+        top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[
+            :, 0
+        ]
+        grid = top.add_gridspec(2, 2, width_ratios=[3, 2])
+        torque = top.add_subplot(grid[0, 0])
+        angle = top.add_subplot(grid[1, 0], sharex=torque)
+        _draw_torque(torque, log)
+        _draw_angle(angle, log)
+        _draw_loop(top.add_subplot(grid[:, 1]), log)
+        _draw_tensions(bottom, log)
+        figure.suptitle(_title(log), x=0.012, ha="left", fontsize=13)
+    return figure
+
+
+def _title(log: EpisodeLog) -> str:
+    about = log.metadata
+    parts = [str(about[key]) for key in ("scene", "trajectory", "task") if key in about]
+    if "controller" in about:
+        parts.append(f"controller {about['controller']}")
+    if "seed" in about:
+        parts.append(f"seed {about['seed']}")
+    return "  ·  ".join(parts)
+
+
+def _draw_torque(axes: Axes, log: EpisodeLog) -> None:
+    time = log["time_s"]
+    axes.axhline(0, color=GREY, linewidth=0.6)
+    axes.plot(
+        time, log["motor_torque_nm"], color=GREEN, label="motor pulley", linewidth=0.9
+    )
+    axes.plot(time, log["joint_torque_nm"], color=BLUE, label="joint")
+    axes.plot(
+        time, log["desired_torque_nm"], color=ORANGE, label="desired", dashes=DASH
+    )
+    axes.set(title="Torque", ylabel="torque [N m]")
+    axes.tick_params(labelbottom=False)
+    axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))
+
+
+def _draw_angle(axes: Axes, log: EpisodeLog) -> None:
+    time = log["time_s"]
+    axes.axhline(0, color=GREY, linewidth=0.6)
+    ratio = log.metadata.get(RATIO_KEY)
+    motor = np.degrees(log["motor_angle_rad"]) * (1.0 if ratio is None else ratio)
+    axes.plot(
+        time,
+        motor,
+        color=GREEN,
+        label="motor" if ratio is None else "motor, referred to the joint",
+        linewidth=0.9,
+    )
+    axes.plot(time, np.degrees(log["joint_angle_rad"]), color=BLUE, label="joint")
+    axes.plot(
+        time,
+        np.degrees(log["reference_angle_rad"]),
+        color=ORANGE,
+        label="wearer aims for",
+        dashes=DASH,
+    )
+    axes.set(title="Angle", xlabel="time [s]", ylabel="angle [deg]")
+    axes.set_xlim(time[0], time[-1])
+    axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))
+
+
+def _draw_loop(axes: Axes, log: EpisodeLog) -> None:
+    angle = np.degrees(log["joint_angle_rad"])
+    axes.axhline(0, color=GREY, linewidth=0.6)
+    axes.axvline(0, color=GREY, linewidth=0.6)
+    axes.plot(angle, log["joint_torque_nm"], color=BLUE, label="joint", linewidth=1.0)
+    axes.plot(
+        angle, log["desired_torque_nm"], color=ORANGE, label="desired", linewidth=0.9
+    )
+    axes.set(
+        title="Torque-angle loop", xlabel="joint angle [deg]", ylabel="torque [N m]"
+    )
+    axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98))
+
+
+def _draw_tensions(figure: Any, log: EpisodeLog) -> None:
+    """Draw one heat map per cable, place on the cable upwards, time to the right."""
+    import matplotlib
+
+    time = log["time_s"]
+    nodes = {cable: log[f"tension_{cable}_nodes_n"] for cable in log.cables}
+    highest = max(float(values.max()) for values in nodes.values())
+    colors = matplotlib.colormaps[TENSION_COLORS].with_extremes(bad="#BDBDBD")
+    every = max(1, len(time) // MAX_COLUMNS)
+    panels = figure.subplots(len(nodes), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (cable, values) in zip(panels, nodes.items(), strict=True):
+        shown = np.ma.masked_less_equal(values[::every].T, 0.0)
+        image = axes.imshow(
+            shown,
+            aspect="auto",
+            origin="lower",
+            interpolation="nearest",
+            extent=(time[0], time[-1], 0.0, 1.0),
+            cmap=colors,
+            vmin=0.0,
+            vmax=max(highest, 1e-9),
+        )
+        axes.grid(False)
+        axes.set_yticks([0, 1], ["motor end", "joint end"])
+        axes.set_title(f"Tension along cable {cable}")
+    panels[-1].set_xlabel("time [s]")
+    figure.colorbar(
+        image, ax=list(panels), label="tension [N]  (grey: slack)", pad=0.01
+    )

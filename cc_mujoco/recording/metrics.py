@@ -1,0 +1,210 @@
+"""Numbers that summarize an episode, computed from its log alone.
+
+    for metric in metrics(log):
+        print(metric.name, metric.value, metric.unit)
+
+A number that an episode cannot give (the efficiency of a direction in which nothing
+was driven, say) is NaN here and `null` in `metrics.json`; it is never made up.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.recording.files import replacing
+from cc_mujoco.recording.log import EpisodeLog
+from cc_mujoco.recording.signals import lag, loop_width
+
+Array = NDArray[np.float64]
+
+RATIO_KEY = "ratio"
+"""Metadata key: joint angle per motor angle of an unstretched cable (signed)."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One number with its unit and what it means."""
+
+    name: str
+    value: float
+    unit: str
+    meaning: str
+
+
+def metrics(log: EpisodeLog) -> tuple[Metric, ...]:
+    """Return every metric of an episode, in a fixed order."""
+    torque, time = log["joint_torque_nm"], log["time_s"]
+    driven = efficiency(log)
+    found = [
+        Metric(
+            "efficiency_motor_drives",
+            driven.motor_drives,
+            "1",
+            "work delivered at the joint per work delivered or lost, motor driving",
+        ),
+        Metric(
+            "efficiency_wearer_drives",
+            driven.wearer_drives,
+            "1",
+            "work delivered at the motor per work delivered or lost, wearer driving",
+        ),
+        Metric(
+            "motor_share",
+            driven.motor_share,
+            "1",
+            "part of all work put into the cables that came from the motor",
+        ),
+        Metric(
+            "backlash_width",
+            backlash_width(log),
+            "rad",
+            "width at zero torque of the loop of joint torque against twist",
+        ),
+        Metric("peak_joint_torque", _peak(torque), "N m", "largest |joint torque|"),
+        Metric("rms_joint_torque", _rms(torque), "N m", "RMS of the joint torque"),
+        Metric(
+            "torque_tracking_error",
+            _rms(torque - log["desired_torque_nm"]),
+            "N m",
+            "RMS of joint torque minus desired torque",
+        ),
+        Metric(
+            "angle_tracking_error",
+            _rms(log["joint_angle_rad"] - log["reference_angle_rad"]),
+            "rad",
+            "RMS of joint angle minus the angle that the wearer aims for",
+        ),
+        Metric(
+            "torque_lag",
+            lag(time, log["desired_torque_nm"], torque),
+            "s",
+            "delay of the joint torque after the desired torque",
+        ),
+    ]
+    for cable in log.cables:
+        found += [
+            Metric(
+                f"slack_time_{cable}",
+                slack_time(log, cable),
+                "s",
+                f"time for which some of cable {cable} hung slack",
+            ),
+            Metric(
+                f"dissipated_energy_{cable}",
+                float(np.diff(log[f"dissipated_{cable}_j"]).sum()),
+                "J",
+                f"energy that cable {cable} lost to friction",
+            ),
+        ]
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Efficiency:
+    """Efficiency of a transmission that either side may drive; NaN where undefined."""
+
+    motor_drives: float
+    """Motor to joint, in [0, 1]."""
+    wearer_drives: float
+    """Joint to motor (the device is backdriven), in [0, 1]."""
+    motor_share: float
+    """Work put in by the motor over work put in by both sides, in [0, 1]."""
+
+
+def efficiency(log: EpisodeLog) -> Efficiency:
+    r"""Return how much of the work that leaves one side arrives at the other.
+
+    Power flows towards the joint while \(P_m + P_j > 0\), with the power of the motor
+    into the cables \(P_m = \tau_m \omega_m\) and of the cables into the joint
+    \(P_j = \tau_j \omega_j\); otherwise the wearer drives. In each direction
+
+    \[ \eta = \frac{W_\text{delivered}}{W_\text{delivered} + D} \]
+
+    with \(W_\text{delivered} = \int P_j\,dt\) at the joint or \(-\int P_m\,dt\) at the
+    motor, at least 0 (a motor that must help the wearer receives nothing), and \(D\)
+    the energy lost to friction meanwhile. The denominator is the work put in without
+    what the elastic cable only keeps for later, so storage cannot lift the ratio above
+    1; in steady motion it is the plain ratio of power out to power in.
+    """
+    time = log["time_s"]
+    motor = _work(time, log["motor_torque_nm"] * log["motor_velocity_rad_s"])
+    joint = _work(time, log["joint_torque_nm"] * log["joint_velocity_rad_s"])
+    lost = np.zeros_like(motor)
+    for cable in log.cables:
+        lost += np.diff(log[f"dissipated_{cable}_j"])
+    forward = motor + joint > 0
+    backward = motor + joint < 0
+    motor_in = float(np.maximum(motor, 0).sum())
+    wearer_in = float(np.maximum(-joint, 0).sum())
+
+    def ratio(delivered: float, lost: float) -> float:
+        return _divide(max(delivered, 0.0), max(delivered, 0.0) + lost)
+
+    return Efficiency(
+        motor_drives=ratio(joint[forward].sum(), lost[forward].sum()),
+        wearer_drives=ratio(-motor[backward].sum(), lost[backward].sum()),
+        motor_share=_divide(motor_in, motor_in + wearer_in),
+    )
+
+
+def backlash_width(log: EpisodeLog) -> float:
+    r"""Return how far the joint can lag the motor with no torque between them, in rad.
+
+    The twist is \(\theta_m\,\rho - \theta_j\), with \(\rho\) the joint angle per motor
+    angle of an unstretched cable (metadata `ratio`). Against twist, not against joint
+    angle, the loop shows the transmission and not the virtual environment that the
+    task displays. The width is `loop_width`; NaN without a ratio.
+    """
+    ratio = log.metadata.get(RATIO_KEY)
+    if ratio is None:
+        return math.nan
+    twist = ratio * log["motor_angle_rad"] - log["joint_angle_rad"]
+    return loop_width(twist, log["joint_torque_nm"])
+
+
+def slack_time(log: EpisodeLog, cable: str) -> float:
+    """Return for how many seconds a cable had slack (column `slack_{cable}_m` > 0)."""
+    slack = log[f"slack_{cable}_m"] > 0
+    return float(_work(log["time_s"], slack.astype(float)).sum())
+
+
+def write_metrics(
+    path: str | os.PathLike[str], found: Iterable[Metric]
+) -> dict[str, dict[str, Any]]:
+    """Write metrics as JSON and return what was written; NaN becomes `null`."""
+    content: dict[str, dict[str, Any]] = {
+        metric.name: {
+            "value": metric.value if math.isfinite(metric.value) else None,
+            "unit": metric.unit,
+            "meaning": metric.meaning,
+        }
+        for metric in found
+    }
+    with replacing(path) as partial:
+        partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+    return content
+
+
+def _work(time: Array, power: Array) -> Array:
+    """Trapezoidal integral of each interval between two samples, (T-1,)."""
+    return 0.5 * (power[1:] + power[:-1]) * np.diff(time)
+
+
+def _peak(values: Array) -> float:
+    return float(np.max(np.abs(values)))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _divide(part: float, whole: float) -> float:
+    return float(part / whole) if whole > 0 else math.nan

@@ -1,0 +1,170 @@
+"""The 3-D scene of a MuJoCo model as Rerun entities.
+
+Geoms are logged once, as static shapes. A body that can move has one transform per
+frame, under which its geoms hang; poses come from `mj_kinematics` on the recorded
+generalized coordinates, so a log needs no poses.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WORLD = "world"
+TIMELINE = "sim_time"
+HIDDEN_GROUP = 3
+"""Geom groups from here on are not drawn, as in MuJoCo's own viewers."""
+
+_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
+_SHAPE = mujoco.mjtGeom
+
+
+def log_static(rec: rr.RecordingStream, model: mujoco.MjModel) -> None:
+    """Log every visible geom once.
+
+    Args:
+        rec: Open recording.
+        model: Compiled model; its reference pose places what cannot move.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    rec.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    for geom in range(model.ngeom):
+        rgba = _color(model, geom)
+        if model.geom_group[geom] >= HIDDEN_GROUP or rgba[3] == 0:
+            continue
+        body = int(model.geom_bodyid[geom])
+        if model.body_weldid[body] == 0:
+            position, quaternion = data.geom_xpos[geom], np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
+        else:
+            position, quaternion = model.geom_pos[geom], model.geom_quat[geom]
+        name = _name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
+        path = rr.new_entity_path([*_body_path(model, body), name])
+        rec.log(path, _transform(position, quaternion), static=True)
+        rec.log(path, _shape(model, geom, rgba), static=True)
+
+
+def log_motion(
+    rec: rr.RecordingStream, model: mujoco.MjModel, time: Array, qpos: Array
+) -> None:
+    """Log the pose of every body that can move.
+
+    Args:
+        rec: Open recording.
+        model: Compiled model.
+        time: Times of the frames (T,), s.
+        qpos: Generalized coordinates of the frames (T, nq).
+    """
+    moving = np.flatnonzero(model.body_weldid != 0)
+    position = np.empty((len(time), model.nbody, 3))
+    quaternion = np.empty((len(time), model.nbody, 4))
+    data = mujoco.MjData(model)
+    for frame, coordinates in enumerate(qpos):
+        data.qpos[:] = coordinates
+        mujoco.mj_kinematics(model, data)
+        position[frame], quaternion[frame] = data.xpos, data.xquat
+    index = [rr.TimeColumn(TIMELINE, duration=time)]
+    for body in moving.tolist():
+        columns = rr.Transform3D.columns(
+            translation=position[:, body],
+            quaternion=np.roll(quaternion[:, body], -1, axis=1),
+        )
+        rec.send_columns(rr.new_entity_path(_body_path(model, body)), index, [*columns])
+
+
+def viewpoint(model: mujoco.MjModel) -> tuple[Array, Array]:
+    """Return where a first look at the model stands and what it looks at, in metres.
+
+    The direction is that of MuJoCo's free camera, as set in `<visual><global>`.
+    """
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    azimuth, elevation = np.radians([camera.azimuth, camera.elevation])
+    forward = np.array(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
+    )
+    target = np.array(camera.lookat)
+    return target - camera.distance * forward, target
+
+
+def _body_path(model: mujoco.MjModel, body: int) -> list[str]:
+    kind = "fixed" if model.body_weldid[body] == 0 else "moving"
+    return [WORLD, kind, _name(model, mujoco.mjtObj.mjOBJ_BODY, body)]
+
+
+def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
+    return mujoco.mj_id2name(model, kind, index) or str(index)
+
+
+def _transform(position: Array, quaternion: Array) -> rr.Transform3D:
+    """Build a transform from MuJoCo's quaternion, which has its real part first."""
+    xyzw = np.roll(quaternion, -1)
+    return rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=xyzw))
+
+
+def _color(model: mujoco.MjModel, geom: int) -> Array:
+    """Colour as MuJoCo draws it: a material counts unless the geom has its own."""
+    rgba = np.array(model.geom_rgba[geom], dtype=float)
+    material = model.geom_matid[geom]
+    if material >= 0 and np.allclose(rgba, _DEFAULT_RGBA):
+        rgba = np.array(model.mat_rgba[material], dtype=float)
+    return rgba
+
+
+def _shape(model: mujoco.MjModel, geom: int, rgba: Array) -> Any:
+    """Build the archetype of one geom in its own frame."""
+    kind, size = model.geom_type[geom], model.geom_size[geom]
+    look: dict[str, Any] = {"colors": [rgba], "fill_mode": "solid"}
+    if kind == _SHAPE.mjGEOM_PLANE:
+        return _plane(model, size, rgba)
+    if kind == _SHAPE.mjGEOM_MESH:
+        return _mesh(model, int(model.geom_dataid[geom]), rgba)
+    if kind == _SHAPE.mjGEOM_SPHERE:
+        return rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], **look)
+    if kind == _SHAPE.mjGEOM_ELLIPSOID:
+        return rr.Ellipsoids3D(half_sizes=[size], **look)
+    if kind == _SHAPE.mjGEOM_CYLINDER:
+        return rr.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], **look)
+    if kind == _SHAPE.mjGEOM_CAPSULE:
+        # Rerun's capsule starts at its origin, MuJoCo's is centred on it.
+        start = [[0.0, 0.0, -size[1]]]
+        return rr.Capsules3D(
+            lengths=[2 * size[1]], radii=[size[0]], translations=start, **look
+        )
+    if kind == _SHAPE.mjGEOM_BOX:
+        return rr.Boxes3D(half_sizes=[size], **look)
+    # Height fields and signed distance fields: their bounding box.
+    center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+    return rr.Boxes3D(centers=[center], half_sizes=[half], colors=[rgba])
+
+
+def _plane(model: mujoco.MjModel, size: Array, rgba: Array) -> rr.Mesh3D:
+    """Build a rectangle; a side of size 0 is infinite and drawn as large as fits."""
+    x, y = (half if half > 0 else 2 * model.stat.extent for half in size[:2])
+    return rr.Mesh3D(
+        vertex_positions=[[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]],
+        vertex_normals=[[0, 0, 1]] * 4,
+        triangle_indices=[[0, 1, 2], [0, 2, 3]],
+        albedo_factor=rgba,
+    )
+
+
+def _mesh(model: mujoco.MjModel, mesh: int, rgba: Array) -> rr.Mesh3D:
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    return rr.Mesh3D(
+        vertex_positions=model.mesh_vert[first : first + count],
+        triangle_indices=model.mesh_face[face : face + faces],
+        albedo_factor=rgba,
+    )

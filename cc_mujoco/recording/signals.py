@@ -1,0 +1,94 @@
+"""Measures on pairs of signals: the width of a loop, the delay of one after another."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def loop_width(angle: Array, torque: Array) -> float:
+    """Return the width of a torque-angle loop at zero torque.
+
+    The torque visits zero when it enters the band of 5 % of its peak and leaves it
+    again; what chatters inside the band is one visit. Each visit gives the angles at
+    which the torque changes sign (interpolated) or is below 0.1 % of its peak (a dead
+    zone). The width is the range of these angles over all visits.
+
+    Args:
+        angle: Angle (T,), rad.
+        torque: Torque (T,), any unit.
+
+    Returns:
+        Width in rad: hysteresis and dead zone together. NaN if the torque does not
+        come back through zero, so that there is no loop.
+    """
+    peak = float(np.max(np.abs(torque)))
+    if not peak > 0:
+        return math.nan
+    outside = np.flatnonzero(np.abs(torque) > 0.05 * peak)
+    touched: list[float] = []
+    visits = returns = 0
+    for first, last in itertools.pairwise(outside):
+        crosses = torque[first] * torque[last] < 0
+        if last - first == 1 and not crosses:
+            continue
+        part, at = torque[first : last + 1], angle[first : last + 1]
+        here = list(at[np.abs(part) <= 1e-3 * peak])
+        change = np.flatnonzero(part[:-1] * part[1:] < 0)
+        share = part[change] / (part[change] - part[change + 1])
+        here += list(at[change] + share * (at[change + 1] - at[change]))
+        if here:
+            touched += here
+            visits += 1
+            returns += not crosses
+    if visits < 2 and not returns:
+        return math.nan
+    return float(max(touched) - min(touched))
+
+
+def lag(time: Array, desired: Array, actual: Array) -> float:
+    """Return the delay of one signal after another, in seconds.
+
+    It is the shift, at most a quarter of the episode and at most 1 s either way, that
+    gives the largest correlation coefficient, refined by a parabola. Negative when the
+    actual signal leads; NaN when a signal is constant or they never correlate.
+
+    Args:
+        time: Equally spaced times (T,), s.
+        desired: Signal that should be followed (T,).
+        actual: Signal that follows (T,).
+    """
+    count = len(time)
+    if count < 8:
+        return math.nan
+    step = float(time[-1] - time[0]) / (count - 1)
+    reach = max(1, min(count // 4, round(1.0 / step)))
+    shifts = np.arange(-reach, reach + 1)
+    score = np.array(
+        [
+            _correlation(desired[: count - k], actual[k:])
+            if k >= 0
+            else _correlation(desired[-k:], actual[: count + k])
+            for k in shifts
+        ]
+    )
+    best = int(np.argmax(score))
+    if not score[best] > 0:
+        return math.nan
+    offset = 0.0
+    if 0 < best < len(score) - 1:
+        left, middle, right = score[best - 1 : best + 2]
+        bend = left - 2 * middle + right
+        offset = 0.5 * (left - right) / bend if bend < 0 else 0.0
+    return float((shifts[best] + offset) * step)
+
+
+def _correlation(one: Array, other: Array) -> float:
+    one, other = one - one.mean(), other - other.mean()
+    scale = float(np.sqrt((one @ one) * (other @ other)))
+    return float(one @ other) / scale if scale > 1e-12 else -1.0

@@ -1,0 +1,147 @@
+"""Friction terms of a cable in its conduit: what force opposes this slip, here, now.
+
+Every law is reduced, for the step at hand, to per-segment coefficients. Along a segment
+that slips at speed v, tension grows in the direction of motion from T_behind to
+
+    T_ahead = E T_behind + B + C v,
+
+E = exp(mu a) with the segment's wrap angle a (thesis 2.10), B the drag that needs no
+tension, C that of viscosity. A segment that does not slip holds as long as neither of
+its tensions exceeds `H` times the other plus B. The solvers see only E, H, B and C, so a
+new term is a line in `TERMS`, its parameters, and its share in the functions below.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.compiled import compiled
+from cc_mujoco.transmission.parameters import PARAMETERS
+
+INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
+"""Position of each scalar parameter in the packed vector."""
+
+_FRICTION = INDEX["friction"]
+_STATIC = INDEX["static_friction"]
+_MEMORY = INDEX["memory_length"]
+_VISCOUS = INDEX["viscous_friction"]
+_STRIBECK = INDEX["stribeck_friction"]
+_STRIBECK_SPEED = INDEX["stribeck_speed"]
+_STRIBECK_EXPONENT = INDEX["stribeck_exponent"]
+_LOAD_INDEPENDENT = INDEX["load_independent_friction"]
+
+MAX_EXPONENT = 30.0
+"""Largest mu times wrap angle of one segment; beyond it (a ratio of 1e13) it is cut."""
+
+
+class Term(NamedTuple):
+    """A named friction term; it is off, bit for bit, while parameter `switch` is 0."""
+
+    name: str
+    switch: str
+    equation: str
+    source: str
+
+
+TERMS = (
+    Term("kinetic", "friction", "dT/dx = s mu_d T/R", "thesis 2.6, 2.10"),
+    Term(
+        "static",
+        "static_friction",
+        "mu_s holds a segment at rest; mu_d + (mu_s - mu_d) exp(-slip/memory_length)",
+        "thesis 2.7, 2.17; slip weakening after Ida, J. Geophys. Res. 77, 1972",
+    ),
+    Term("viscous", "viscous_friction", "dT/dx = c v", "thesis 2.4.4, Fig. 2.13"),
+    Term(
+        "stribeck",
+        "stribeck_friction",
+        "mu += mu_b exp(-(|v|/v_b)^p)",
+        "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
+    ),
+    Term(
+        "load_independent",
+        "load_independent_friction",
+        "dT/dx = s f_0",
+        "capstan intercept; Palli and Melchiorri, Mechatronics 24, 2014",
+    ),
+)
+"""The friction terms that exist."""
+
+
+@compiled
+def ratio(coefficient, angle):
+    """Tension ratio exp(mu a) of one segment, cut at `MAX_EXPONENT`."""
+    return np.exp(min(coefficient * angle, MAX_EXPONENT))
+
+
+@compiled
+def plain(values):
+    """Whether coefficients are constant: no term depends on rate or on slip distance."""
+    return (
+        values[_VISCOUS] == 0.0
+        and values[_STRIBECK] == 0.0
+        and (values[_STATIC] == 0.0 or values[_MEMORY] == 0.0)
+    )
+
+
+@compiled
+def drag(values, length, growth):
+    """B of a segment: f_0 integrated with the capstan growth `growth` = E [N]."""
+    load_independent = values[_LOAD_INDEPENDENT]
+    if load_independent == 0.0:
+        return 0.0
+    exponent = np.log(growth)
+    if exponent < 1e-9:
+        return load_independent * length
+    return load_independent * length * (growth - 1.0) / exponent
+
+
+@compiled
+def viscosity(values, length, dt):
+    """C of a segment per displacement in one step [N/m]."""
+    return values[_VISCOUS] * length / dt
+
+
+@compiled
+def kinetic_coefficient(values, slip, speed):
+    """Coefficient of a segment that slips.
+
+    Args:
+        values: packed scalar parameters.
+        slip: distance slipped since the segment last stuck or turned [m], >= 0.
+        speed: remembered slip speed [m/s], >= 0.
+    """
+    coefficient = values[_FRICTION]
+    if values[_STATIC] > 0.0 and values[_MEMORY] > 0.0:
+        excess = values[_STATIC] - values[_FRICTION]
+        coefficient += excess * np.exp(-slip / values[_MEMORY])
+    if values[_STRIBECK] > 0.0:
+        decay = (speed / values[_STRIBECK_SPEED]) ** values[_STRIBECK_EXPONENT]
+        coefficient += values[_STRIBECK] * np.exp(-decay)
+    return coefficient
+
+
+@compiled
+def holding_coefficient(values):
+    """Coefficient that a segment at rest can hold."""
+    coefficient = max(values[_FRICTION], values[_STATIC])
+    if values[_STRIBECK] > 0.0:
+        coefficient += values[_STRIBECK]
+    return coefficient
+
+
+@compiled
+def remembered_speed(values, speed, slip, dt):
+    """Slip speed that the Stribeck term sees in the next step [m/s].
+
+    The memory follows the slip speed over `memory_length` of slip, or at once when that
+    is 0; a segment that sticks forgets.
+    """
+    if values[_STRIBECK] == 0.0 or slip == 0.0:
+        return 0.0
+    now = abs(slip) / dt
+    if values[_MEMORY] == 0.0:
+        return now
+    return now + (speed - now) * np.exp(-abs(slip) / values[_MEMORY])

@@ -1,0 +1,189 @@
+"""Which segments slip, found for any state: a monotone graph carried along the cable.
+
+Same chain as in `fronts.py`. Seen from the proximal end, the tension of node j as a
+function of the displacement w_j of segment j is a nondecreasing, piecewise linear graph
+whatever slips: friction opens a vertical gap at w = 0, the spring of a node shears it.
+Carrying the graph through the cable, closing it with the distal end, and reading it
+backwards gives the one solution of the step, with slip starting anywhere. This is the
+dynamic programming of fused-lasso problems (Johnson, J. Comput. Graph. Stat. 22, 2013)
+on a friction chain. It costs O(n) to O(n^2) and is needed where coefficients change
+while the cable is loaded; otherwise `fronts.py` gives the same answer faster.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cc_mujoco.compiled import compiled
+
+
+@compiled
+def _value(x, y, count, left, right, at):
+    """Value of the graph at `at`; knots (x, y), slopes `left`, `right` of the rays."""
+    if at <= x[0]:
+        return y[0] + left * (at - x[0]) if left > 0.0 else y[0]
+    last = count - 1
+    if at >= x[last]:
+        return y[last] + right * (at - x[last]) if right > 0.0 else y[last]
+    a, b = 0, last
+    while b - a > 1:
+        c = (a + b) // 2
+        if x[c] <= at:
+            a = c
+        else:
+            b = c
+    width = x[b] - x[a]
+    if width <= 0.0:
+        return y[b]
+    return y[a] + (y[b] - y[a]) * ((at - x[a]) / width)
+
+
+@compiled
+def _inverse(x, y, count, left, right, value):
+    """Where the graph takes `value`; the point nearest to it if it never does."""
+    if value <= y[0]:
+        return x[0] - (y[0] - value) / left if left > 0.0 else x[0]
+    last = count - 1
+    if value >= y[last]:
+        return x[last] + (value - y[last]) / right if right > 0.0 else x[last]
+    a, b = 0, last
+    while b - a > 1:
+        c = (a + b) // 2
+        if y[c] <= value:
+            a = c
+        else:
+            b = c
+    height = y[b] - y[a]
+    if height <= 0.0:
+        return x[a]
+    return x[a] + (x[b] - x[a]) * ((value - y[a]) / height)
+
+
+@compiled
+def sweep(
+    n, tension, stiffness, growth, hold_right, hold_left, drag, viscosity,
+    near_p, near_q, far_p, far_q, shift, node, work,
+):  # fmt: skip
+    """Solve one step by carrying the graph; arguments as in `fronts.march`.
+
+    `work` holds (8 (n + 1) + 8,). `hold_right` and `hold_left` are overwritten with
+    `growth` where a segment breaks away.
+    """
+    x, y = work[: 2 * n + 6], work[2 * n + 6 : 4 * n + 12]
+    at_rest = work[4 * n + 12 : 5 * n + 12]  # node tension on the left of a held segment
+    zero_from = work[5 * n + 12 : 6 * n + 12]  # slip below which the node ahead is slack
+    for _ in range(n + 1):
+        left, right = 0.0, near_q
+        x[0], y[0] = 0.0, near_p
+        if near_q > 0.0:
+            x[0], y[0] = -near_p / near_q, 0.0
+        count = 1
+        for s in range(n):
+            rest = max(_value(x, y, count, left, right, 0.0), 0.0)
+            at_rest[s] = rest
+            # Knots left of zero, the gap of friction at zero, knots right of it.
+            split = 0
+            while split < count and x[split] < 0.0:
+                split += 1
+            rest_of = split
+            while rest_of < count and x[rest_of] <= 0.0:
+                rest_of += 1
+            tail = count - rest_of
+            if rest_of < split + 2:
+                for c in range(tail - 1, -1, -1):
+                    x[split + 2 + c] = x[rest_of + c]
+                    y[split + 2 + c] = y[rest_of + c]
+            elif rest_of > split + 2:
+                for c in range(tail):
+                    x[split + 2 + c] = x[rest_of + c]
+                    y[split + 2 + c] = y[rest_of + c]
+            count = split + 2 + tail
+            for c in range(split):
+                y[c] = (y[c] - drag[s] + viscosity[s] * x[c]) / hold_left[s]
+            x[split], y[split] = 0.0, (rest - drag[s]) / hold_left[s]
+            x[split + 1], y[split + 1] = 0.0, hold_right[s] * rest + drag[s]
+            for c in range(split + 2, count):
+                y[c] = hold_right[s] * y[c] + drag[s] + viscosity[s] * x[c]
+            left = (left + viscosity[s]) / hold_left[s]
+            right = hold_right[s] * right + viscosity[s]
+            # A cable does not push: cut the graph at zero tension.
+            if y[0] > 0.0 and left > 0.0:
+                for c in range(count, 0, -1):
+                    x[c], y[c] = x[c - 1], y[c - 1]
+                x[0] = x[1] - y[1] / left
+                y[0] = 0.0
+                count += 1
+            if y[0] <= 0.0:
+                keep = 0
+                while keep + 1 < count and y[keep + 1] <= 0.0:
+                    keep += 1
+                if keep + 1 < count:
+                    height = y[keep + 1] - y[keep]
+                    part = -y[keep] / height
+                    x[keep] += (x[keep + 1] - x[keep]) * part
+                elif right > 0.0:
+                    x[keep] -= y[keep] / right
+                y[keep] = 0.0
+                if keep > 0:
+                    for c in range(keep, count):
+                        x[c - keep], y[c - keep] = x[c], y[c]
+                    count -= keep
+                left = 0.0
+                zero_from[s] = x[0]
+            else:
+                zero_from[s] = -np.inf
+            if s + 1 < n:
+                k, t = stiffness[s + 1], tension[s + 1]
+                for c in range(count):
+                    x[c] += (y[c] - t) / k
+                if left > 0.0:
+                    left = left * k / (k + left)
+                if right > 0.0:
+                    right = right * k / (k + right)
+        # The distal end closes the graph: f(w) = far_p - far_q w.
+        if far_q > 0.0:
+            for c in range(count):
+                y[c] += far_q * x[c]
+            w = _inverse(x, y, count, left + far_q, right + far_q, far_p)
+            ahead = max(far_p - far_q * w, 0.0)
+        else:
+            ahead = far_p
+            w = _inverse(x, y, count, left, right, far_p)
+        node[n] = ahead
+        for s in range(n - 1, -1, -1):
+            if s < n - 1:
+                w = shift[s + 1] - (ahead - tension[s + 1]) / stiffness[s + 1]
+            rest = at_rest[s]
+            low = (rest - drag[s]) / hold_left[s]
+            high = hold_right[s] * rest + drag[s]
+            if ahead == 0.0:
+                # With drag the segment stops there and the slack gathers at its node.
+                dragged = drag[s] > 0.0 or viscosity[s] > 0.0
+                w = zero_from[s] if dragged else min(w, zero_from[s])
+            if ahead == 0.0 and rest == 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
+                shift[s] = w
+                ahead = 0.0
+            elif low <= ahead <= high:
+                shift[s] = 0.0
+                ahead = rest
+            elif ahead > high:
+                shift[s] = max(w, 0.0)
+                ahead = (ahead - drag[s] - viscosity[s] * shift[s]) / hold_right[s]
+            else:
+                shift[s] = min(w, 0.0)
+                ahead = hold_left[s] * ahead + drag[s] - viscosity[s] * shift[s]
+            ahead = max(ahead, 0.0)
+            node[s] = ahead
+        # A segment that breaks away follows the kinetic law: solve again with it.
+        broke = False
+        for s in range(n):
+            if shift[s] > 0.0 and hold_right[s] != growth[s]:
+                hold_right[s] = growth[s]
+                hold_left[s] = min(hold_left[s], growth[s])
+                broke = True
+            elif shift[s] < 0.0 and hold_left[s] != growth[s]:
+                hold_left[s] = growth[s]
+                hold_right[s] = min(hold_right[s], growth[s])
+                broke = True
+        if not broke:
+            break

@@ -1,0 +1,316 @@
+"""One time step of one cable, compiled, without allocation.
+
+    n = cable.segments
+    pack(values, sections, n, prm)                    # once
+    initialize(prm, n, u_proximal, u_distal, state)   # rest, uniform pretension
+    advance(prm, n, state, u_proximal, u_distal, dt, new_state, work)
+
+Guarantees: tensions are >= 0 and finite for finite input, friction never feeds energy
+in, a term that is off changes no bit, and `advance` reads `state` and writes
+`new_state` only. Everything is callable from Numba-compiled code and needs no GIL.
+
+State vector, `state_size(n)` floats:
+
+    0, 1               displacement of the proximal and the distal end [m]
+    2                  energy dissipated so far [J]
+    3                  stretch of the cable, negative when it is longer than its path [m]
+    4 : 5 + n          tension of node i [N]; negative where slack, see `slack`
+    5 + n : 5 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
+    5 + 2 n : 5 + 3 n  remembered slip speed of segment j [m/s]
+
+Node 0 is the proximal end, node n the distal end. Node i carries the strain of the
+cable between the centres of the segments beside it, so that the sum of T_i h_i / EA is
+the stretch of the cable at all times.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cc_mujoco.compiled import compiled
+from cc_mujoco.transmission import friction as law
+from cc_mujoco.transmission.fronts import march
+from cc_mujoco.transmission.graph import sweep
+from cc_mujoco.transmission.parameters import PARAMETERS
+
+POSITION, TENSION = 0, 1
+"""What is prescribed at an end."""
+
+OK, NOT_FINITE = 0, 1
+"""Status of a step; on NOT_FINITE the new state is the old one."""
+
+STATE_HEADER = 4
+_HEADER = 16
+_PLAIN = 14
+_LENGTH = 15
+_EA = law.INDEX["axial_stiffness"]
+_PRETENSION = law.INDEX["pretension"]
+_FRICTION = law.INDEX["friction"]
+_LOAD_INDEPENDENT = law.INDEX["load_independent_friction"]
+_STATIC = law.INDEX["static_friction"]
+_SCALARS = len(PARAMETERS)
+
+
+@compiled
+def state_size(n):
+    """Length of the state vector of a cable of n segments."""
+    return STATE_HEADER + 1 + 3 * n
+
+
+@compiled
+def parameter_size(n):
+    """Length of the packed parameter vector of a cable of n segments."""
+    return _HEADER + 6 * n + 1
+
+
+@compiled
+def work_size(n):
+    """Length of the scratch vector of a step of a cable of n segments."""
+    return 8 * (n + 1) + 16 + 6 * n + 2
+
+
+@compiled
+def pack(values, sections, n, out):
+    """Prepare the parameters of a cable for the kernel.
+
+    Args:
+        values: scalar parameters in the order of `PARAMETERS`.
+        sections: (m, 2) length and bend radius [m], proximal to distal; inf: straight.
+        n: number of segments.
+        out: packed vector, `parameter_size(n)`.
+    """
+    out[:_HEADER] = 0.0
+    out[:_SCALARS] = values
+    total = 0.0
+    for s in range(sections.shape[0]):
+        total += sections[s, 0]
+    step = total / n
+    out[_LENGTH] = total
+    out[_PLAIN] = 1.0 if law.plain(values) else 0.0
+    hold = law.holding_coefficient(values)
+    a = _HEADER
+    for j in range(n):
+        # Wrap angle of the segment: the curvature of the sections that it covers.
+        begin, end = j * step, (j + 1) * step
+        angle, start = 0.0, 0.0
+        for s in range(sections.shape[0]):
+            stop = start + sections[s, 0]
+            shared = min(end, stop) - max(begin, start)
+            if shared > 0.0:
+                angle += shared / sections[s, 1]
+            start = stop
+        out[a + j] = angle
+        growth = law.ratio(values[_FRICTION], angle)
+        out[a + n + j] = growth
+        out[a + 2 * n + j] = law.ratio(hold, angle)
+        out[a + 3 * n + j] = law.drag(values, step, growth)
+        out[a + 4 * n + j] = 0.0
+    stiffness = out[a + 5 * n : a + 6 * n + 1]
+    stiffness[:] = values[_EA] / step
+    stiffness[0] *= 2.0
+    stiffness[n] *= 2.0
+
+
+@compiled
+def initialize(prm, n, u_proximal, u_distal, state):
+    """Set the state to rest with uniform pretension, the ends where they are now [m]."""
+    state[:] = 0.0
+    state[0] = u_proximal
+    state[1] = u_distal
+    state[3] = prm[_PRETENSION] * prm[_LENGTH] / prm[_EA]
+    state[STATE_HEADER : STATE_HEADER + n + 1] = prm[_PRETENSION]
+
+
+@compiled
+def slack(prm, n, state):
+    """Length of cable that lies slack in the conduit [m]."""
+    stiffness = prm[_HEADER + 5 * n : _HEADER + 6 * n + 1]
+    total = 0.0
+    for i in range(n + 1):
+        total -= min(state[STATE_HEADER + i], 0.0) / stiffness[i]
+    return total
+
+
+@compiled
+def stored(prm, n, state):
+    """Elastic energy of the cable [J]."""
+    stiffness = prm[_HEADER + 5 * n : _HEADER + 6 * n + 1]
+    total = 0.0
+    for i in range(n + 1):
+        total += 0.5 * max(state[STATE_HEADER + i], 0.0) ** 2 / stiffness[i]
+    return total
+
+
+@compiled
+def advance(prm, n, state, u_proximal, u_distal, dt, new_state, work):
+    """Position-position step: `step` with both ends driven by position [m]."""
+    return step(
+        prm, n, state, POSITION, u_proximal, POSITION, u_distal, dt, new_state, work
+    )
+
+
+@compiled
+def step(prm, n, state, near, near_value, far, far_value, dt, new_state, work):
+    """Advance a cable by one time step.
+
+    Args:
+        prm: packed parameters, `pack`.
+        n: number of segments.
+        state: state before the step; not written.
+        near, near_value: POSITION [m] or TENSION [N, >= 0] of the proximal end.
+        far, far_value: the same of the distal end; not both may be TENSION.
+        dt: time step [s]; matters only to rate-dependent terms.
+        new_state: out, state after the step; must not overlap `state`.
+        work: scratch, `work_size(n)`.
+
+    Returns:
+        OK or NOT_FINITE.
+    """
+    new_state[:] = state
+    if not (np.isfinite(near_value) and np.isfinite(far_value)):
+        return NOT_FINITE
+    a = _HEADER
+    growth = prm[a + n : a + 2 * n]
+    hold_right = growth
+    hold_left = growth
+    drag = prm[a + 3 * n : a + 4 * n]
+    viscosity = prm[a + 4 * n : a + 5 * n]
+    stiffness = prm[a + 5 * n : a + 6 * n + 1]
+    t = STATE_HEADER
+    tension = state[t : t + n + 1]
+    slip = state[t + n + 1 : t + 2 * n + 1]
+    speed = state[t + 2 * n + 1 : t + 3 * n + 1]
+    node = new_state[t : t + n + 1]
+    w = 8 * (n + 1) + 16
+    shift = work[w : w + n]
+
+    is_plain = prm[_PLAIN] != 0.0
+    if prm[_STATIC] > 0.0 or not is_plain:
+        if not is_plain:
+            growth = work[w + n : w + 2 * n]
+            drag = work[w + 2 * n : w + 3 * n]
+            viscosity = work[w + 3 * n : w + 4 * n]
+        hold_right = work[w + 4 * n : w + 5 * n]
+        hold_left = work[w + 5 * n : w + 6 * n]
+        _coefficients(
+            prm, n, slip, speed, dt, growth, hold_right, hold_left, drag, viscosity
+        )
+
+    at_rest = near == POSITION and far == POSITION
+    at_rest = at_rest and near_value == state[0] and far_value == state[1]
+    if is_plain and at_rest:
+        new_state[t + n + 1 : t + 3 * n + 1] = 0.0
+        return OK
+    stretch = state[3] + (far_value - state[1]) - (near_value - state[0])
+    done = False
+    if is_plain and near == POSITION and far == POSITION and stretch <= 0.0:
+        done = prm[_LOAD_INDEPENDENT] == 0.0
+        if done:
+            _slacken(prm, n, tension, near_value - state[0], stretch, shift, node)
+    near_p, near_q = _end(near, near_value, state[0], tension[0], stiffness[0], -1.0)
+    far_p, far_q = _end(far, far_value, state[1], tension[n], stiffness[n], 1.0)
+    if is_plain and not done:
+        done = march(
+            n, tension, stiffness, growth, hold_right, hold_left, drag, viscosity,
+            near_p, near_q, far_p, far_q, shift, node, work,
+        )  # fmt: skip
+        done = done and node[0] >= 0.0 and node[n] >= 0.0
+    if not done:
+        if is_plain and prm[_STATIC] == 0.0:
+            hold_right = work[w + 4 * n : w + 5 * n]
+            hold_left = work[w + 5 * n : w + 6 * n]
+            hold_right[:] = growth
+            hold_left[:] = growth
+        sweep(
+            n, tension, stiffness, growth, hold_right, hold_left, drag, viscosity,
+            near_p, near_q, far_p, far_q, shift, node, work,
+        )  # fmt: skip
+    _commit(
+        prm, n, state, near, near_value, far, far_value, dt, shift, new_state
+    )
+    return OK
+
+
+@compiled
+def _slacken(prm, n, tension, moved, stretch, shift, node):
+    """Lay the cable slack: without tension there is no friction, strain evens out."""
+    stiffness = prm[_HEADER + 5 * n : _HEADER + 6 * n + 1]
+    strain = stretch * prm[_EA] / prm[_LENGTH]
+    for i in range(n):
+        moved += (strain - tension[i]) / stiffness[i]
+        shift[i] = moved
+        node[i] = strain
+    node[n] = strain
+
+
+@compiled
+def _end(kind, value, u, tension, stiffness, outward):
+    """Relation T = p +- q w of an end to the slip of the segment beside it."""
+    if kind == TENSION:
+        return max(value, 0.0), 0.0
+    return tension + outward * stiffness * (value - u), stiffness
+
+
+@compiled
+def _coefficients(
+    prm, n, slip, speed, dt, growth, hold_right, hold_left, drag, viscosity
+):
+    values = prm[:_SCALARS]
+    angle = prm[_HEADER : _HEADER + n]
+    hold = prm[_HEADER + 2 * n : _HEADER + 3 * n]
+    is_plain = prm[_PLAIN] != 0.0
+    length = prm[_LENGTH] / n
+    for j in range(n):
+        if not is_plain:
+            coefficient = law.kinetic_coefficient(values, abs(slip[j]), speed[j])
+            growth[j] = law.ratio(coefficient, angle[j])
+            drag[j] = law.drag(values, length, growth[j])
+            viscosity[j] = law.viscosity(values, length, dt)
+        # A segment that goes on slipping the same way has already broken away.
+        hold_right[j] = growth[j] if slip[j] > 0.0 else hold[j]
+        hold_left[j] = growth[j] if slip[j] < 0.0 else hold[j]
+
+
+@compiled
+def _commit(prm, n, state, near, near_value, far, far_value, dt, shift, new_state):
+    """Write ends, slack, slip memory and dissipated energy of the step."""
+    stiffness = prm[_HEADER + 5 * n : _HEADER + 6 * n + 1]
+    t = STATE_HEADER
+    # Tension from displacement, not from the solver's ratios: the stretch of the cable
+    # then adds up over any number of steps.
+    for i in range(n + 1):
+        right = shift[i] if i < n else far_value - state[1]
+        left = shift[i - 1] if i > 0 else near_value - state[0]
+        if (i == 0 and near == TENSION) or (i == n and far == TENSION):
+            new_state[t + i] = max(new_state[t + i], 0.0)
+            continue
+        strained = state[t + i] + stiffness[i] * (right - left)
+        if new_state[t + i] <= 0.0:
+            strained = min(strained, 0.0)
+        new_state[t + i] = strained
+    if near == POSITION:
+        new_state[0] = near_value
+    else:
+        stretch = (new_state[t] - state[t]) / stiffness[0]
+        new_state[0] = state[0] + shift[0] - stretch
+    if far == POSITION:
+        new_state[1] = far_value
+    else:
+        stretch = (new_state[t + n] - state[t + n]) / stiffness[n]
+        new_state[1] = state[1] + shift[n - 1] + stretch
+    work = 0.0
+    values = prm[:_SCALARS]
+    for j in range(n):
+        moved = shift[j]
+        low = max(new_state[t + j], 0.0)
+        high = max(new_state[t + j + 1], 0.0)
+        work += max((high - low) * moved, 0.0)
+        old = state[t + n + 1 + j]
+        same = moved * old > 0.0
+        new_state[t + n + 1 + j] = moved + old if same else moved
+        remembered = state[t + 2 * n + 1 + j] if same else 0.0
+        new_state[t + 2 * n + 1 + j] = law.remembered_speed(
+            values, remembered, moved, dt
+        )
+    new_state[2] = state[2] + work
+    new_state[3] = state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])

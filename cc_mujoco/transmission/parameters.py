@@ -1,0 +1,296 @@
+"""The one table of cable parameters, and the cable it describes.
+
+    >>> from cc_mujoco.transmission import Cable
+    >>> cable = Cable.from_config({"conduit": "0.8:0.15 0.6:inf 0.6:0.4"})
+    >>> round(cable.length, 3), round(cable.wrap, 3)
+    (2.0, 6.833)
+
+`PARAMETERS` is what MJCF configuration keys, the fields of `Cable` and the
+parameters that a fit may vary have in common: name, unit, bounds, default, meaning.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cc_mujoco.errors import CableError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One scalar parameter of a cable.
+
+    The value must lie in [low, high], or in (low, high] where `low_open`.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    default: float
+    meaning: str
+    low_open: bool = False
+
+    @property
+    def allowed(self) -> str:
+        """The allowed range as text, with its unit."""
+        bracket = "(" if self.low_open else "["
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"a number in {bracket}{self.low:g}, {self.high:g}]{unit}"
+
+    def admits(self, value: float) -> bool:
+        """Whether `value` is finite and within bounds."""
+        above = value > self.low if self.low_open else value >= self.low
+        return above and value <= self.high
+
+
+PARAMETERS = (
+    Parameter(
+        "axial_stiffness",
+        "N",
+        0.0,
+        1e9,
+        4000.0,
+        "EA of the cable: tension per unit strain (thesis k_c, 2.8)",
+        low_open=True,
+    ),
+    Parameter(
+        "pretension", "N", 0.0, 1e6, 10.0, "uniform tension in the reference pose"
+    ),
+    Parameter(
+        "friction", "1", 0.0, 5.0, 0.15, "kinetic Coulomb coefficient mu_d (2.6)"
+    ),
+    Parameter(
+        "static_friction",
+        "1",
+        0.0,
+        5.0,
+        0.0,
+        "break-away coefficient mu_s (2.7, 2.17); 0 is off, else at least `friction`",
+    ),
+    Parameter(
+        "memory_length",
+        "m",
+        0.0,
+        1.0,
+        0.0,
+        "slip over which break-away and Stribeck friction adapt; 0 is at once",
+    ),
+    Parameter(
+        "viscous_friction",
+        "N s/m^2",
+        0.0,
+        1e6,
+        0.0,
+        "drag per conduit length and slip speed; 0 is off",
+    ),
+    Parameter(
+        "stribeck_friction",
+        "1",
+        0.0,
+        5.0,
+        0.0,
+        "extra friction coefficient at vanishing slip speed; 0 is off",
+    ),
+    Parameter(
+        "stribeck_speed",
+        "m/s",
+        0.0,
+        10.0,
+        0.01,
+        "slip speed over which the Stribeck term decays",
+        low_open=True,
+    ),
+    Parameter(
+        "stribeck_exponent",
+        "1",
+        0.0,
+        10.0,
+        1.0,
+        "exponent of that decay",
+        low_open=True,
+    ),
+    Parameter(
+        "load_independent_friction",
+        "N/m",
+        0.0,
+        1e5,
+        0.0,
+        "drag per conduit length that needs no tension; 0 is off",
+    ),
+)
+"""Scalar parameters; their order is that of the packed vector of the kernel."""
+
+MAX_SEGMENTS = 1000
+MAX_SECTIONS = 64
+SEGMENTS_ALLOWED = f"a whole number in [1, {MAX_SEGMENTS}]"
+CONDUIT_ALLOWED = (
+    f"1 to {MAX_SECTIONS} sections `length:radius` in metres, both positive, "
+    "radius `inf` where straight, e.g. `0.8:0.15 0.6:inf`"
+)
+KEYS = (*(p.name for p in PARAMETERS), "segments", "conduit", "route")
+"""All configuration keys of a cable."""
+
+
+class Section(NamedTuple):
+    """A stretch of conduit of constant bend: length [m] and radius [m] (inf: straight)."""
+
+    length: float
+    radius: float
+
+
+@dataclass(frozen=True)
+class Cable:
+    """One cable in its conduit, from the proximal (motor) to the distal (joint) end.
+
+    Scalar fields are those of `PARAMETERS`, in SI units. `conduit` is the bend of the
+    route as sections, `segments` the number N of friction elements along it, `route`
+    the name of the MuJoCo spatial tendon that draws it (empty: none).
+
+    Raises:
+        CableError: a value is outside its range.
+    """
+
+    axial_stiffness: float = PARAMETERS[0].default
+    pretension: float = PARAMETERS[1].default
+    friction: float = PARAMETERS[2].default
+    static_friction: float = PARAMETERS[3].default
+    memory_length: float = PARAMETERS[4].default
+    viscous_friction: float = PARAMETERS[5].default
+    stribeck_friction: float = PARAMETERS[6].default
+    stribeck_speed: float = PARAMETERS[7].default
+    stribeck_exponent: float = PARAMETERS[8].default
+    load_independent_friction: float = PARAMETERS[9].default
+    segments: int = 50
+    conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
+    route: str = ""
+
+    def __post_init__(self) -> None:
+        for parameter in PARAMETERS:
+            value = getattr(self, parameter.name)
+            if not isinstance(value, int | float) or not parameter.admits(value):
+                raise CableError(
+                    f"cable parameter `{parameter.name}` is {value!r}; "
+                    f"it must be {parameter.allowed}"
+                )
+            object.__setattr__(self, parameter.name, float(value))
+        if 0.0 < self.static_friction < self.friction:
+            raise CableError(
+                f"cable parameter `static_friction` is {self.static_friction!r}; it "
+                f"must be 0 (off) or at least `friction` = {self.friction!r}"
+            )
+        if (
+            not isinstance(self.segments, int)
+            or isinstance(self.segments, bool)
+            or not 1 <= self.segments <= MAX_SEGMENTS
+        ):
+            raise CableError(
+                f"cable parameter `segments` is {self.segments!r}; "
+                f"it must be {SEGMENTS_ALLOWED}"
+            )
+        sections = tuple(Section(float(a), float(b)) for a, b in self.conduit)
+        valid = all(0.0 < s.length < math.inf and s.radius > 0.0 for s in sections)
+        if not valid or not 1 <= len(sections) <= MAX_SECTIONS:
+            raise CableError(
+                f"cable parameter `conduit` is {self.conduit!r}; "
+                f"it must be {CONDUIT_ALLOWED}"
+            )
+        object.__setattr__(self, "conduit", sections)
+
+    @property
+    def length(self) -> float:
+        """Length of the conduit [m]."""
+        return sum(section.length for section in self.conduit)
+
+    @property
+    def wrap(self) -> float:
+        """Total wrap angle of the conduit [rad]."""
+        return sum(section.length / section.radius for section in self.conduit)
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, str], where: str = "cable") -> Cable:
+        """Read a cable from configuration text, as it stands in an MJCF file.
+
+        Args:
+            config: key to text; missing keys take their default.
+            where: what to name in an error, for instance the plugin instance.
+
+        Raises:
+            CableError: an unknown key, or a value that is not allowed.
+        """
+        for key in config:
+            if key not in KEYS:
+                near = difflib.get_close_matches(key, KEYS, n=1)
+                hint = f"; did you mean `{near[0]}`?" if near else ""
+                raise CableError(
+                    f"{where}: unknown key `{key}`{hint} (keys: {', '.join(KEYS)})"
+                )
+        values: dict[str, object] = {}
+        for parameter in PARAMETERS:
+            if parameter.name in config:
+                text = config[parameter.name]
+                number = _number(text)
+                if number is None or not parameter.admits(number):
+                    raise CableError(
+                        f"{where}: key `{parameter.name}` is {text!r}; "
+                        f"it must be {parameter.allowed}"
+                    )
+                values[parameter.name] = number
+        if "segments" in config:
+            text = config["segments"].strip()
+            if not (text.isascii() and text.isdigit()):
+                raise CableError(
+                    f"{where}: key `segments` is {text!r}; it must be "
+                    f"{SEGMENTS_ALLOWED}"
+                )
+            values["segments"] = int(text)
+        if "conduit" in config:
+            values["conduit"] = _sections(config["conduit"], where)
+        values["route"] = config.get("route", "")
+        try:
+            return cls(**values)  # type: ignore[arg-type]
+        except CableError as error:
+            raise CableError(f"{where}: {error}") from None
+
+    def to_config(self) -> dict[str, str]:
+        """Configuration text of every key; `from_config` gives the same cable back."""
+        config = {p.name: repr(getattr(self, p.name)) for p in PARAMETERS}
+        config["segments"] = str(self.segments)
+        config["conduit"] = " ".join(f"{s.length!r}:{s.radius!r}" for s in self.conduit)
+        if self.route:
+            config["route"] = self.route
+        return config
+
+    def replace(self, **changes: object) -> Cable:
+        """A copy with some fields changed."""
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+
+def _number(text: str) -> float | None:
+    """A decimal number in full, or None; `inf` and underscores are no numbers here."""
+    if "_" in text or not any(c.isdigit() for c in text):
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _sections(text: str, where: str) -> tuple[Section, ...]:
+    sections = []
+    for word in text.split():
+        length, _, radius = word.partition(":")
+        number = _number(length)
+        bend = math.inf if radius == "inf" else _number(radius)
+        if number is None or bend is None:
+            raise CableError(
+                f"{where}: key `conduit` is {text!r}; it must be {CONDUIT_ALLOWED}"
+            )
+        sections.append(Section(number, bend))
+    return tuple(sections)

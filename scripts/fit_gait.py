@@ -1,0 +1,158 @@
+"""Fit the harmonic gait profiles and rewrite `cc_mujoco/human/gait_table.py`.
+
+    python scripts/fit_gait.py FOLDER
+
+FOLDER holds two tables. `ankle_walk_tidy.csv`: columns t_s, ankle_r_deg, knee_r_deg,
+hip_r_deg at equal steps, over more than one gait cycle. `ankle_assistance_shape.csv`:
+columns gait_cycle_fraction (0 to 1), assistance_normalised. The period is the one that
+leaves the least error of the angles over the whole recording; the coefficients are
+least squares over the one cycle that starts at heel strike. Prints coefficients and RMS
+errors.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+Array = NDArray[np.float64]
+
+HARMONICS = 8
+HEEL_STRIKE = 0.60
+"""Time of the right heel strike in the recording [s]: there the moment of the right
+ankle turns from about zero, in swing, to the dorsiflexion moment of loading."""
+JOINTS = ("ankle", "knee", "hip")
+TABLE = Path(__file__).parents[1] / "cc_mujoco" / "human" / "gait_table.py"
+DECIMALS = 6
+
+HEAD = '''\
+"""Coefficients of the harmonic gait profiles; written by `scripts/fit_gait.py`.
+
+Angles: right leg of one walking subject, OpenSim Gait2354 example (subject01), one gait
+cycle, as repackaged in the public repository nickbianco/soft-exosuit-design (MIT
+licence). Assistance: shape of the ankle assistance of Quinlivan et al. 2017 (Science
+Robotics 2(2), eaah4416), digitised by the same repository; the series is that of its
+square root.
+
+RMS errors of the fit: {errors}.
+"""
+
+from __future__ import annotations
+
+# Pairs (a_k, b_k) of cos(2 pi k p) and sin(2 pi k p) over the gait cycle p, from k = 0.
+'''
+
+
+def design(phase: Array) -> Array:
+    """Columns cos and sin of each harmonic, (m, 2 HARMONICS + 2)."""
+    turn = 2 * np.pi * np.outer(phase, np.arange(HARMONICS + 1))
+    return np.stack([np.cos(turn), np.sin(turn)], axis=2).reshape(phase.size, -1)
+
+
+def rms(values: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def solve(matrix: Array, values: Array) -> Array:
+    """Linear least squares."""
+    return np.asarray(np.linalg.lstsq(matrix, values, rcond=None)[0])
+
+
+def fit_period(time: Array, angles: list[Array]) -> float:
+    """Period of least summed RMS error of all angles, on a grid of 5 ms [s]."""
+
+    def error(period: float) -> float:
+        matrix = design((time - HEEL_STRIKE) / period)
+        return sum(rms(matrix @ solve(matrix, angle) - angle) for angle in angles)
+
+    return float(min(np.arange(1.0, 1.5, 0.005).round(3), key=error))
+
+
+def fit_assistance(phase: Array, shape: Array) -> Array:
+    """Series whose square is nearest to the shape, scaled to a peak of 1."""
+    matrix = design(phase)
+    start = solve(matrix, np.sqrt(shape))
+    # The series of the square root is the start; what is fitted is the square.
+    found = least_squares(lambda x: (matrix @ x) ** 2 - shape, start).x
+    peak = np.abs(design(np.linspace(0.0, 1.0, 20_001)) @ found).max()
+    found[1] = 0.0  # the sine of harmonic 0: any value fits, so none is found
+    return np.asarray(found / peak)
+
+
+def read(path: Path) -> Any:
+    """Read a CSV table with a line of names."""
+    return np.genfromtxt(path, delimiter=",", names=True)
+
+
+def fit(folder: Path) -> tuple[float, dict[str, Array], dict[str, float]]:
+    """Fit all profiles.
+
+    Args:
+        folder: Where the two tables are.
+
+    Returns:
+        Period [s]; coefficients by name, shape (HARMONICS + 1, 2), rounded as they are
+        written, in rad; RMS errors by name, of angles in degrees.
+    """
+    walk = read(folder / "ankle_walk_tidy.csv")
+    time, angles = walk["t_s"], [walk[f"{joint}_r_deg"] for joint in JOINTS]
+    period = fit_period(time, angles)
+    cycle = (time > HEEL_STRIKE - 1e-3) & (time < HEEL_STRIKE + period - 1e-3)
+    matrix = design((time[cycle] - HEEL_STRIKE) / period)
+    table, errors = {}, {}
+    for joint, angle in zip(JOINTS, angles, strict=True):
+        fitted = solve(matrix, np.deg2rad(angle[cycle])).round(DECIMALS)
+        errors[joint] = rms(np.rad2deg(matrix @ fitted) - angle[cycle])
+        table[joint] = fitted.reshape(-1, 2)
+    shape = read(folder / "ankle_assistance_shape.csv")
+    # The last point repeats the first of the next cycle.
+    phase = shape["gait_cycle_fraction"][:-1]
+    normalised = shape["assistance_normalised"][:-1]
+    fitted = fit_assistance(phase, normalised).round(DECIMALS)
+    errors["assistance"] = rms((design(phase) @ fitted) ** 2 - normalised)
+    table["assistance_root"] = fitted.reshape(-1, 2)
+    return period, table, errors
+
+
+def summary(errors: dict[str, float]) -> str:
+    """The errors as one line."""
+    angles = ", ".join(f"{joint} {errors[joint]:.2f}" for joint in JOINTS)
+    return f"{angles} degrees;\nassistance {errors['assistance']:.4f} of its peak"
+
+
+def render(period: float, table: dict[str, Array], errors: dict[str, float]) -> str:
+    """Text of the table file."""
+    lines = [HEAD.format(errors=summary(errors)) + f"PERIOD = {period!r}  # s"]
+    for name, coefficients in table.items():
+        unit = "1" if name == "assistance_root" else "rad"
+        lines.append(f"{name.upper()} = (  # {unit}")
+        # Adding 0.0 turns -0.0 into 0.0.
+        lines += [f"    ({a + 0.0!r}, {b + 0.0!r})," for a, b in coefficients.tolist()]
+        lines.append(")")
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Fit, print and rewrite."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("folder", type=Path, help="folder with the two CSV tables")
+    parser.add_argument("--table", type=Path, default=TABLE, help="file to rewrite")
+    options = parser.parse_args(arguments)
+    period, table, errors = fit(options.folder)
+    print(f"period {period:g} s, {HARMONICS} harmonics")
+    for name, coefficients in table.items():
+        print(name)
+        for k, (a, b) in enumerate(coefficients.tolist()):
+            print(f"  {k}  cos {a:+.6f}  sin {b:+.6f}")
+    print("RMS errors: " + summary(errors).replace("\n", " "))
+    options.table.write_text(render(period, table, errors), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,191 @@
+"""Metrics on signals whose answer is known."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cc_mujoco.recording.metrics import (
+    Metric,
+    backlash_width,
+    efficiency,
+    metrics,
+    slack_time,
+    write_metrics,
+)
+from cc_mujoco.recording.signals import lag, loop_width
+
+TIME = np.linspace(0.0, 6.0, 6001)
+
+
+def capstan(make_log: Any, loss: float, joint_power: Any) -> Any:
+    """Log of steady transmission that loses a factor, whichever side drives."""
+    joint_power = np.broadcast_to(joint_power, TIME.shape)
+    motor_power = np.where(joint_power > 0, joint_power / loss, joint_power * loss)
+    lost = np.concatenate(
+        [
+            [0.0],
+            np.cumsum(
+                np.diff(TIME)
+                * 0.5
+                * ((motor_power - joint_power)[1:] + (motor_power - joint_power)[:-1])
+            ),
+        ]
+    )
+    one = np.ones_like(TIME)
+    return make_log(
+        cables=("one",),
+        rows=len(TIME),
+        time_s=TIME,
+        motor_velocity_rad_s=one,
+        joint_velocity_rad_s=one,
+        motor_torque_nm=motor_power,
+        joint_torque_nm=joint_power,
+        dissipated_one_j=lost,
+    )
+
+
+def test_efficiency_of_steady_motion_is_the_capstan_ratio(make_log: Any) -> None:
+    ratio = math.exp(-0.9)
+    forward = efficiency(capstan(make_log, ratio, 2.0))
+    assert forward.motor_drives == pytest.approx(ratio, rel=1e-9)
+    assert math.isnan(forward.wearer_drives)
+    assert forward.motor_share == 1.0
+    backward = efficiency(capstan(make_log, ratio, -2.0))
+    assert backward.wearer_drives == pytest.approx(ratio, rel=1e-9)
+    assert math.isnan(backward.motor_drives)
+    assert backward.motor_share == 0.0
+
+
+def test_efficiency_of_both_directions_in_turn(make_log: Any) -> None:
+    both = efficiency(capstan(make_log, 0.6, np.sin(2 * np.pi * TIME)))
+    assert both.motor_drives == pytest.approx(0.6, rel=1e-3)
+    assert both.wearer_drives == pytest.approx(0.6, rel=1e-3)
+    assert both.motor_share == pytest.approx(1 / (1 + 0.6), rel=1e-3)
+
+
+def test_storage_does_not_make_energy(make_log: Any) -> None:
+    # The wearer loads a lossless spring against a locked motor, and gets it all back.
+    power = -np.sin(2 * np.pi * TIME)
+    log = capstan(make_log, 1.0, power)
+    log = make_log(**{**log.columns, "motor_torque_nm": 0.0 * TIME}, cables=("one",))
+    assert efficiency(log).motor_drives == pytest.approx(1.0)
+    rest = make_log(**{**log.columns, "joint_torque_nm": 0.0 * TIME}, cables=("one",))
+    assert math.isnan(efficiency(rest).motor_drives)
+    assert math.isnan(efficiency(rest).motor_share)
+
+
+def test_a_motor_that_must_help_receives_nothing(make_log: Any) -> None:
+    log = capstan(make_log, 0.5, -2.0)
+    helped = make_log(
+        **{
+            **log.columns,
+            "motor_torque_nm": np.full_like(TIME, 0.5),
+            "dissipated_one_j": 2.5 * TIME,
+        },
+        cables=("one",),
+    )
+    assert efficiency(helped).wearer_drives == 0.0
+
+
+@pytest.mark.parametrize("width", [0.02, 0.1, 0.4])
+def test_loop_width_of_hysteresis(width: float) -> None:
+    drive = np.sin(2 * np.pi * 0.5 * TIME)
+    centre = np.empty_like(drive)
+    state = 0.0
+    for k, angle in enumerate(drive):
+        state = min(max(state, angle - width / 2), angle + width / 2)
+        centre[k] = state
+    # The play operator: torque follows the angle at half a width behind it.
+    assert loop_width(drive, 3.0 * centre) == pytest.approx(width, abs=2e-3)
+
+
+@pytest.mark.parametrize("width", [0.02, 0.1, 0.4])
+def test_loop_width_of_a_dead_zone(width: float) -> None:
+    angle = np.sin(2 * np.pi * 0.5 * TIME)
+    torque = 2.0 * (angle - np.clip(angle, -width / 2, width / 2))
+    assert loop_width(angle, torque) == pytest.approx(width, abs=5e-3)
+    # A cable that only pulls: slack on one side of the loop.
+    pulling = np.minimum(torque, 0.0)
+    reach = 1.0 + width / 2
+    assert loop_width(angle, pulling) == pytest.approx(reach, abs=5e-3)
+
+
+def test_loop_width_ignores_chatter_and_needs_a_loop() -> None:
+    angle = np.sin(2 * np.pi * 0.5 * TIME)
+    noisy = angle + 1e-3 * np.random.default_rng(1).normal(size=len(angle))
+    assert loop_width(angle, noisy) < 0.01
+    assert math.isnan(loop_width(TIME, TIME - 3.0))
+    assert math.isnan(loop_width(angle, 0.0 * angle))
+    assert math.isnan(loop_width(angle, 1.0 + angle**2))
+
+
+def test_backlash_is_in_the_twist_not_in_the_task(make_log: Any) -> None:
+    joint = 0.5 * np.sin(2 * np.pi * 0.5 * TIME)
+    torque = np.cos(2 * np.pi * 0.5 * TIME)
+    twist = 0.3 * torque + 0.05 * np.sign(np.gradient(torque))
+    columns = {
+        "time_s": TIME,
+        "joint_angle_rad": joint,
+        "joint_torque_nm": torque,
+        "motor_angle_rad": (twist + joint) / 0.4,
+    }
+    log = make_log(rows=len(TIME), metadata={"ratio": 0.4}, **columns)
+    assert backlash_width(log) == pytest.approx(0.1, abs=1e-3)
+    unknown = make_log(rows=len(TIME), metadata={}, **columns)
+    assert math.isnan(backlash_width(unknown))
+
+
+@pytest.mark.parametrize("delay", [-0.0371, 0.0, 0.0124, 0.25])
+def test_lag_of_a_shifted_signal(delay: float) -> None:
+    def wave(time: Any) -> Any:
+        return np.sin(3.1 * time) + 0.4 * np.sin(7.7 * time + 1.0)
+
+    assert lag(TIME, wave(TIME), 0.3 * wave(TIME - delay)) == pytest.approx(
+        delay, abs=2e-4
+    )
+
+
+def test_lag_of_a_constant_is_unknown() -> None:
+    assert math.isnan(lag(TIME, 0.0 * TIME, np.sin(TIME)))
+    assert math.isnan(lag(TIME[:4], TIME[:4], TIME[:4]))
+
+
+def test_simple_numbers(make_log: Any) -> None:
+    wave = np.sin(2 * np.pi * 0.5 * TIME)
+    log = make_log(
+        cables=("one",),
+        rows=len(TIME),
+        time_s=TIME,
+        joint_torque_nm=3.0 * wave,
+        desired_torque_nm=3.0 * wave - 0.25,
+        joint_angle_rad=wave,
+        reference_angle_rad=0.0 * wave,
+        dissipated_one_j=0.5 + 0.2 * TIME,
+        slack_one_m=np.where(TIME < 1.5, 0.01, 0.0),
+    )
+    found = {metric.name: metric.value for metric in metrics(log)}
+    assert found["peak_joint_torque"] == pytest.approx(3.0)
+    assert found["rms_joint_torque"] == pytest.approx(3.0 / math.sqrt(2), rel=1e-3)
+    assert found["torque_tracking_error"] == pytest.approx(0.25)
+    assert found["angle_tracking_error"] == pytest.approx(math.sqrt(0.5), rel=1e-3)
+    assert found["dissipated_energy_one"] == pytest.approx(1.2)
+    assert found["slack_time_one"] == pytest.approx(1.5, abs=2e-3)
+    assert slack_time(log, "one") == found["slack_time_one"]
+    assert found["torque_lag"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_json_has_null_for_what_is_unknown(tmp_path: Path) -> None:
+    path = tmp_path / "metrics.json"
+    write_metrics(path, [Metric("a", math.nan, "s", "x"), Metric("b", 2.5, "N", "y")])
+    text = path.read_text()
+    assert "NaN" not in text
+    assert json.loads(text) == {
+        "a": {"value": None, "unit": "s", "meaning": "x"},
+        "b": {"value": 2.5, "unit": "N", "meaning": "y"},
+    }

@@ -1,0 +1,179 @@
+"""The command `cc-mujoco`: what it writes, what it says, how it fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cc_mujoco import cli, recording
+from cc_mujoco.recording import FILES, EpisodeLog
+
+
+@pytest.fixture(autouse=True)
+def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("scene", ["wrist", "ankle"])
+def test_play_leaves_four_files_and_says_how_to_open_them(
+    scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["play", scene, "--duration", "0.3", "--seed", "4"]) == 0
+    said = capsys.readouterr()
+    trajectory = cli.SCENES[scene].trajectory
+    out = tmp_path / "runs" / f"{scene}-{trajectory}-4"
+    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
+    assert [path.name for path in out.parent.iterdir()] == [out.name]
+    assert f"rerun {Path('runs', out.name, 'recording.rrd')}" in said.out
+    assert "peak_joint_torque" in said.out
+    assert said.err == ""  # no progress bar, since this is no terminal
+
+    log = EpisodeLog.read(out / "log.parquet")
+    about = log.metadata
+    assert (about["scene"], about["seed"], about["trajectory"]) == (
+        scene,
+        4,
+        trajectory,
+    )
+    assert about["duration"] == 0.3
+    assert log["time_s"][-1] == pytest.approx(0.3, abs=0.02)
+    assert set(about["versions"]) >= {"cc_mujoco", "mujoco"}
+    assert "<mujoco" in about["model_xml"]
+    numbers = json.loads((out / "metrics.json").read_text())
+    assert numbers["peak_joint_torque"]["unit"] == "N m"
+    peak = float(np.max(np.abs(log["joint_torque_nm"])))
+    assert numbers["peak_joint_torque"]["value"] == peak
+
+
+def test_equal_seeds_give_equal_logs(tmp_path: Path) -> None:
+    words = ["play", "wrist", "--trajectory", "multisine", "--duration", "0.2"]
+    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
+        assert cli.main([*words, "--seed", seed, "--out", name]) == 0
+    logs = [EpisodeLog.read(tmp_path / name / "log.parquet") for name in "abc"]
+    assert logs[0] == logs[1]
+    assert logs[0] != logs[2]
+
+
+def test_a_recorded_motion_can_be_played(tmp_path: Path) -> None:
+    moment = np.linspace(0.0, 0.5, 251)
+    rows = [f"{t!r},{a!r}" for t, a in zip(moment, 0.2 * np.sin(moment), strict=True)]
+    Path("mine.csv").write_text("\n".join(["time_s,angle_rad", *map(str, rows)]) + "\n")
+    words = ["play", "wrist", "--csv", "mine.csv", "--duration", "0.3"]
+    assert cli.main(words) == 0
+    log = EpisodeLog.read(tmp_path / "runs" / "wrist-mine-0" / "log.parquet")
+    expected = 0.2 * np.sin(log["time_s"])
+    assert log["reference_angle_rad"] == pytest.approx(expected, abs=1e-3)
+
+
+def test_old_results_stay_until_new_ones_are_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["play", "wrist", "--duration", "0.1", "--out", "here"]
+    assert cli.main(words) == 0
+    (tmp_path / "here" / "notes.txt").write_text("mine")
+    before = {p.name: p.read_bytes() for p in (tmp_path / "here").iterdir()}
+
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(recording.episode, "write_summary", interrupted)
+        assert cli.main([*words, "--seed", "1"]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert {p.name: p.read_bytes() for p in (tmp_path / "here").iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["here"]
+
+    assert cli.main([*words, "--seed", "1"]) == 0
+    after = {p.name: p.read_bytes() for p in (tmp_path / "here").iterdir()}
+    assert after["notes.txt"] == b"mine"
+    assert after["log.parquet"] != before["log.parquet"]
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+)
+def test_signals_leave_nothing(number: int, code: int, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "cc_mujoco.cli", "play", "wrist"]
+    process = subprocess.Popen(
+        [*command, "--duration", "600"], stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(6.0)
+    assert process.poll() is None, process.stderr and process.stderr.read()
+    process.send_signal(number)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == code
+    assert "Traceback" not in said
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["paly", "wrist"], "did you mean 'play'"),
+        (["play", "wirst"], "did you mean 'wrist'"),
+        (["play", "wrist", "--trajectory", "sien"], "did you mean 'sine'"),
+        (["play", "wrist", "--task", "tunel"], "did you mean 'tunnel'"),
+        (["play", "wrist", "--controller", "pid"], "did you mean 'pi'"),
+        (["play", "wrist", "--trajectry", "sine"], "did you mean --trajectory"),
+        (["play", "wrist", "--duration", "long"], "--duration"),
+        (["play", "wrist", "--duration", "-1"], "duration"),
+        (["play", "wrist", "--duration", "nan"], "duration"),
+        (["play", "wrist", "--seed", "-1"], "seed"),
+        (["play", "wrist", "--csv", "no.csv"], "no.csv"),
+        (["play", "wrist", "--csv", "x.csv", "--trajectory", "sine"], "not both"),
+        (["play", "wrist", "--out", "taken"], "is a file"),
+        (["play"], "SCENE"),
+        ([], "play, list"),
+    ],
+)
+def test_bad_input_is_one_sentence(
+    words: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "taken").write_text("a file")
+    assert cli.main(words) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("cc-mujoco: ")
+    assert said.err.count("\n") == 1
+    assert says in said.err
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_list_shows_every_name_with_a_meaning(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from cc_mujoco.control import CONTROLLERS
+    from cc_mujoco.human import TASKS, TRAJECTORIES
+
+    assert cli.main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    entries = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
+    assert {*cli.SCENES, *TRAJECTORIES, *TASKS, *CONTROLLERS} == set(entries)
+
+
+def test_help_does_not_load_what_only_playing_needs() -> None:
+    program = (
+        "import sys; from cc_mujoco import cli\n"
+        "try: cli.main(['play', '--help'])\n"
+        "except SystemExit as stop: assert not stop.code\n"
+        "assert not {'rerun', 'matplotlib', 'pyarrow', 'scipy'} & set(sys.modules)"
+    )
+    environment = {**os.environ, "PYTHONWARNINGS": "ignore"}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "--trajectory" in done.stdout

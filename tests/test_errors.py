@@ -1,0 +1,20 @@
+"""The package's exception says what would have been right."""
+
+from __future__ import annotations
+
+import pytest
+
+from cc_mujoco.errors import CableError
+
+
+def test_an_unknown_name_brings_the_nearest_one_and_all() -> None:
+    error = CableError.unknown("trajectory", "sin", {"sweep", "sine"})
+    assert isinstance(error, ValueError)
+    text = "unknown trajectory 'sin': did you mean 'sine'? Available: sine, sweep."
+    assert str(error) == text
+
+
+@pytest.mark.parametrize("name", ["", "zzz"])
+def test_no_near_name_is_no_guess(name: str) -> None:
+    text = str(CableError.unknown("task", name, ["tunnel"]))
+    assert text == f"unknown task {name!r}: Available: tunnel."

@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import io
+import math
 import re
 import signal
 import sys
@@ -85,22 +86,54 @@ class Play:
         scene = _look_up("scene", self.scene, SCENES)
         if self.csv is not None and self.trajectory is not None:
             raise CableError("give --trajectory or --csv, not both.")
-        from cc_mujoco import human
-        from cc_mujoco.control import CONTROLLERS
-        from cc_mujoco.recording import play_scene, write_episode
-
-        trajectory = self.trajectory or scene.trajectory
-        task = self.task or scene.task
-        _look_up("task", task, human.TASKS)
-        _look_up("controller", self.controller, CONTROLLERS)
-        if self.csv is None:
-            motion = _look_up("trajectory", trajectory, human.TRAJECTORIES)
-        else:
-            motion, trajectory = human.from_csv(self.csv), self.csv.stem
-        out = self.out or Path("runs", f"{self.scene}-{trajectory}-{self.seed}")
+        if self.seed < 0:
+            raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
+        names = {
+            "trajectory": self.csv.stem
+            if self.csv
+            else self.trajectory or scene.trajectory,
+            "task": self.task or scene.task,
+            "controller": self.controller,
+        }
+        name = f"{self.scene}-{names['trajectory']}-{self.seed}"
+        out = self.out or Path("runs", name)
         if out.exists() and not out.is_dir():
             raise CableError(f"--out {out} is a file; it must be a folder or be free.")
-        print(motion, out, play_scene, write_episode)
+
+        import gymnasium
+        from tqdm import tqdm
+
+        from cc_mujoco.control import controller
+        from cc_mujoco.recording import play, write_episode
+
+        env = gymnasium.make(
+            scene.environment,
+            disable_env_checker=True,
+            trajectory=self.csv or names["trajectory"],
+            task=names["task"],
+            duration=self.duration,
+        )
+        inner: Any = env.unwrapped
+        law = controller(self.controller, inner.drive)
+        with tqdm(
+            total=self.duration,
+            unit="s",
+            bar_format="{l_bar}{bar}| {n:.1f} of {total:.1f} s",
+            disable=not sys.stderr.isatty(),
+        ) as bar:
+            log = play(
+                env,
+                law,
+                seed=self.seed,
+                about=names,
+                progress=lambda time: bar.update(time - bar.n),
+            )
+        found = write_episode(out, log, inner.model)
+        env.close()
+        for metric in found:
+            value = f"{metric.value:.4g}" if math.isfinite(metric.value) else "-"
+            print(f"{metric.name:32} {value:>10} {metric.unit}")
+        print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
 
 
 @dataclass(frozen=True)
@@ -163,7 +196,7 @@ def _parse(arguments: Sequence[str]) -> Play | Listing:
     try:
         with contextlib.redirect_stderr(said):
             return tyro.cli(
-                Command,  # type: ignore[arg-type]
+                Command,
                 prog=PROGRAM,
                 description="Bowden cables in MuJoCo: play episodes, keep them.",
                 args=list(arguments),

@@ -9,7 +9,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+"""What compiled functions take; one-dimensional and contiguous unless said."""
 
 _PARTS = ("transmission", "engine")
 

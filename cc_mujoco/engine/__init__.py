@@ -1,0 +1,35 @@
+"""Cables inside MuJoCo: the engine plugin, MJCF configuration, readings.
+
+Importing this package registers the plugin `cc_mujoco.cable`.
+"""
+
+from cc_mujoco.engine.config import PLUGIN
+from cc_mujoco.engine.mjcf import from_mjcf, to_mjcf
+from cc_mujoco.engine.plugin import register
+from cc_mujoco.engine.reading import (
+    CableReading,
+    cables,
+    read,
+    read_state,
+    route,
+    route_length,
+    route_tendon,
+    route_wrap,
+)
+
+register()
+
+__all__ = [
+    "PLUGIN",
+    "CableReading",
+    "cables",
+    "from_mjcf",
+    "read",
+    "read_state",
+    "register",
+    "route",
+    "route_length",
+    "route_tendon",
+    "route_wrap",
+    "to_mjcf",
+]

@@ -12,10 +12,9 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from cc_mujoco.engine.decimal import is_digit, is_space, number, strip
-from cc_mujoco.engine.memory import Bytes, append, text
+from cc_mujoco.engine.memory import Bytes, append, internal, quote, text
 from cc_mujoco.transmission.parameters import (
     CONDUIT_ALLOWED,
     KEYS,
@@ -69,10 +68,9 @@ def _allowed(key: str) -> str:
 _LINES = [f"key `{key}` is \n; it must be {_allowed(key)}" for key in KEYS]
 _TEXT = constant("".join(line.replace("\n", "\0") + "\0" for line in _LINES))
 _MISSING = constant("missing or empty")
-_QUOTE = constant("'")
 
 
-@njit(nogil=True)
+@internal
 def value(block: int, key: int) -> Bytes:
     """Text of a key in the attribute block of an instance."""
     for _ in range(key):
@@ -80,7 +78,7 @@ def value(block: int, key: int) -> Bytes:
     return text(block)
 
 
-@njit(nogil=True)
+@internal
 def block_size(block: int) -> int:
     """Bytes of the attribute block of an instance, zeros included."""
     start = block
@@ -89,7 +87,7 @@ def block_size(block: int) -> int:
     return block - start
 
 
-@njit(nogil=True)
+@internal
 def segments(block: int) -> int:
     """Number of segments, or 0 where the text is no number that is allowed."""
     written = strip(value(block, SEGMENTS))
@@ -103,7 +101,7 @@ def segments(block: int) -> int:
     return count if count <= MAX_SEGMENTS else 0
 
 
-@njit(nogil=True)
+@internal
 def read(
     block: int, values: npt.NDArray[np.float64], sections: npt.NDArray[np.float64]
 ) -> tuple[int, int]:
@@ -137,7 +135,7 @@ def read(
     return (VALID if count > 0 else CONDUIT), count
 
 
-@njit(nogil=True)
+@internal
 def _sections(written: Bytes, sections: npt.NDArray[np.float64]) -> int:
     """Number of sections read, 0 where the text is no conduit."""
     count, i = 0, 0
@@ -163,7 +161,7 @@ def _sections(written: Bytes, sections: npt.NDArray[np.float64]) -> int:
         count += 1
 
 
-@njit(nogil=True)
+@internal
 def same(a: Bytes, b: Bytes) -> bool:
     """Whether two texts are equal."""
     if a.size != b.size:
@@ -174,7 +172,7 @@ def same(a: Bytes, b: Bytes) -> bool:
     return True
 
 
-@njit(nogil=True)
+@internal
 def explain(message: Bytes, used: int, block: int, key: int) -> int:
     """Add why a key cannot be used: its name, its value and what is allowed.
 
@@ -196,7 +194,5 @@ def explain(message: Bytes, used: int, block: int, key: int) -> int:
     if written.size == 0:
         used = append(message, used, _MISSING)
     else:
-        used = append(message, used, _QUOTE)
-        used = append(message, used, written)
-        used = append(message, used, _QUOTE)
+        used = quote(message, used, written)
     return append(message, used, _TEXT[middle + 1 : end])

@@ -1,7 +1,7 @@
 """Decimal text to the nearest float, compiled.
 
-The C library's `strtod` follows the locale and takes "4o" for 4, `nan` and `1e400`; this
-takes decimal numbers in full and nothing else, and rounds exactly as Python's `float`.
+The C library's `strtod` follows the locale and takes "4o" for 4, `nan` and `1e400`;
+this takes decimal numbers in full and nothing else, and rounds as Python's `float`.
 """
 
 from __future__ import annotations
@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+import numpy.typing as npt
 
-from cc_mujoco.engine.memory import Bytes
+from cc_mujoco.engine.memory import Bytes, internal
+
+Integers = npt.NDArray[np.int64]
 
 _BITS = 30
 _BASE = 1 << _BITS
@@ -19,19 +21,19 @@ _PRECISION = 53
 _LOWEST = -1074
 
 
-@njit(nogil=True)
+@internal
 def is_digit(character: int) -> bool:
     """Whether a character is 0..9."""
     return 48 <= character <= 57
 
 
-@njit(nogil=True)
+@internal
 def is_space(character: int) -> bool:
     """Whether a character is a blank, tab or line break."""
     return character == 32 or 9 <= character <= 13
 
 
-@njit(nogil=True)
+@internal
 def strip(text: Bytes) -> Bytes:
     """Text without blanks around it."""
     begin, end = 0, text.size
@@ -42,7 +44,7 @@ def strip(text: Bytes) -> Bytes:
     return text[begin:end]
 
 
-@njit(nogil=True)
+@internal
 def number(text: Bytes) -> float:
     """The number that `text` is, or NaN where it is none (or not finite)."""
     text = strip(text)
@@ -86,8 +88,8 @@ def number(text: Bytes) -> float:
     return -value if negative else value
 
 
-@njit(nogil=True)
-def _nearest(digits: np.ndarray, exponent: int) -> float:  # type: ignore[type-arg]
+@internal
+def _nearest(digits: Integers, exponent: int) -> float:
     """Nearest float, ties to even, to the digits times 10**exponent, in exact integers.
 
     The integer is kept in limbs of 30 bits, lowest first; a negative power of ten is
@@ -129,6 +131,6 @@ def _nearest(digits: np.ndarray, exponent: int) -> float:  # type: ignore[type-a
     return math.ldexp(float(mantissa), lowest - shifted * _BITS)
 
 
-@njit(nogil=True)
-def _bit(limbs: np.ndarray, position: int) -> int:  # type: ignore[type-arg]
-    return (limbs[position // _BITS] >> (position % _BITS)) & 1
+@internal
+def _bit(limbs: Integers, position: int) -> int:
+    return int(limbs[position // _BITS] >> (position % _BITS)) & 1

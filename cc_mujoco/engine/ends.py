@@ -7,12 +7,10 @@ second the distal end.
 from __future__ import annotations
 
 import mujoco
-import numpy as np
-from numba import njit
 
 from cc_mujoco.engine import fields
-from cc_mujoco.engine.config import constant
-from cc_mujoco.engine.memory import Bytes, append, append_integer
+from cc_mujoco.engine.config import constant, same
+from cc_mujoco.engine.memory import Bytes, append, append_integer, internal, quote
 
 _TRN_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
 _TRN_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
@@ -24,15 +22,15 @@ _COUNT = constant("it is used by ")
 _COUNT_END = constant(
     " actuators; it must be used by two, first the proximal and then the distal end"
 )
-_ACTUATOR = constant("its actuator '")
+_ACTUATOR = constant("its actuator ")
 _TRANSMISSION = constant(
-    "' has the wrong transmission; it must be a hinge or slide `joint` or a spatial "
+    " has the wrong transmission; it must be a hinge or slide `joint` or a spatial "
     "`tendon`"
 )
-_GEAR = constant("' has gear 0; it must be the signed pulley radius in metres")
+_GEAR = constant(" has gear 0; it must be the signed pulley radius in metres")
 
 
-@njit(nogil=True)
+@internal
 def find(model: int, instance: int) -> tuple[int, int, int]:
     """Count the actuators of an instance.
 
@@ -50,13 +48,13 @@ def find(model: int, instance: int) -> tuple[int, int, int]:
     return count, first, second
 
 
-@njit(nogil=True)
+@internal
 def output(model: int, actuator: int) -> int:
     """Index of an actuator in `actuator_length` and `actuator_force`."""
     return fields.integer(model, fields.ACTUATOR_OUTADR, actuator)
 
 
-@njit(nogil=True)
+@internal
 def _fits(model: int, actuator: int) -> bool:
     kind = fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator)
     target = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
@@ -66,14 +64,14 @@ def _fits(model: int, actuator: int) -> bool:
     return kind == _TRN_TENDON and spatial(model, target)
 
 
-@njit(nogil=True)
+@internal
 def spatial(model: int, tendon: int) -> bool:
     """Whether a tendon is a spatial one."""
     start = fields.integer(model, fields.TENDON_ADR, tendon)
     return fields.integer(model, fields.WRAP_TYPE, start) != _FIXED_TENDON
 
 
-@njit(nogil=True)
+@internal
 def explain(message: Bytes, used: int, model: int, instance: int) -> int:
     """Add why the ends of an instance cannot be used; nothing where they can.
 
@@ -90,12 +88,12 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
         gear = fields.real(model, fields.ACTUATOR_GEAR, 6 * output(model, actuator))
         if not fits or gear == 0.0:
             used = append(message, used, _ACTUATOR)
-            used = append(message, used, fields.actuator_name(model, actuator))
+            used = quote(message, used, fields.actuator_name(model, actuator))
             return append(message, used, _GEAR if fits else _TRANSMISSION)
     return used
 
 
-@njit(nogil=True)
+@internal
 def has_route(model: int, instance: int, route: Bytes) -> bool:
     """Whether the model has the spatial tendon that an instance names as its route.
 
@@ -103,19 +101,16 @@ def has_route(model: int, instance: int, route: Bytes) -> bool:
     """
     name = fields.plugin_name(model, instance)
     for tendon in range(fields.tendons(model)):
-        if not spatial(model, tendon):
-            continue
         candidate = fields.tendon_name(model, tendon)
-        for prefix in range(candidate.size - route.size + 1):
-            suffix = candidate.size - route.size - prefix
-            inside = candidate[prefix : prefix + route.size]
+        extra = candidate.size - route.size
+        if extra < 0 or extra > name.size or not spatial(model, tendon):
+            continue
+        for prefix in range(extra + 1):
+            suffix = extra - prefix
             if (
-                prefix + suffix <= name.size
-                and np.array_equal(inside, route)
-                and np.array_equal(candidate[:prefix], name[:prefix])
-                and np.array_equal(
-                    candidate[candidate.size - suffix :], name[name.size - suffix :]
-                )
+                same(candidate[prefix : prefix + route.size], route)
+                and same(candidate[:prefix], name[:prefix])
+                and same(candidate[prefix + route.size :], name[name.size - suffix :])
             ):
                 return True
     return False

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from numba import njit
-
 from cc_mujoco.engine.layout import offset, structure
-from cc_mujoco.engine.memory import Bytes, floats, integers, text, words
+from cc_mujoco.engine.memory import (
+    Bytes,
+    internal,
+    load_integer,
+    load_real,
+    load_word,
+    store_real,
+    store_word,
+    text,
+)
 
 
 def _model(field: str) -> int:
@@ -37,105 +44,105 @@ ACTUATOR_TRNTYPE = _model("actuator_trntype")
 ACTUATOR_TRNID = _model("actuator_trnid")
 ACTUATOR_OUTADR = _model("actuator_outadr")
 ACTUATOR_GEAR = _model("actuator_gear")
-ACTUATOR_LENGTH0 = _model("actuator_length0")
+LENGTH0 = _model("actuator_length0")
 JNT_TYPE = _model("jnt_type")
 TENDON_ADR = _model("tendon_adr")
 WRAP_TYPE = _model("wrap_type")
 LENGTH = _data("actuator_length")
-FORCE = _data("actuator_force")
+_FORCE = _data("actuator_force")
 
 
-@njit(nogil=True)
-def pointer(struct: int, field: int) -> int:
-    """Address that a pointer field holds."""
-    return words(struct + field, 1)[0]
-
-
-@njit(nogil=True)
+@internal
 def integer(struct: int, field: int, index: int) -> int:
     """Element of an int array field."""
-    return integers(pointer(struct, field) + 4 * index, 1)[0]
+    return load_integer(load_word(struct + field) + 4 * index)
 
 
-@njit(nogil=True)
+@internal
 def real(struct: int, field: int, index: int) -> float:
     """Element of an mjtNum array field."""
-    return floats(pointer(struct, field) + 8 * index, 1)[0]
+    return load_real(load_word(struct + field) + 8 * index)
 
 
-@njit(nogil=True)
+@internal
+def set_force(data: int, output: int, force: float) -> None:
+    """Set an element of `actuator_force`."""
+    store_real(load_word(data + _FORCE) + 8 * output, force)
+
+
+@internal
 def timestep(model: int) -> float:
     """Time step of the model [s]."""
-    return floats(model + _TIMESTEP, 1)[0]
+    return load_real(model + _TIMESTEP)
 
 
-@njit(nogil=True)
+@internal
 def integrator(model: int) -> int:
     """Integrator of the model, an `mjtIntegrator`."""
-    return integers(model + _INTEGRATOR, 1)[0]
+    return load_integer(model + _INTEGRATOR)
 
 
-@njit(nogil=True)
+@internal
 def time(data: int) -> float:
     """Simulation time [s]."""
-    return floats(data + _TIME, 1)[0]
+    return load_real(data + _TIME)
 
 
-@njit(nogil=True)
+@internal
 def actuators(model: int) -> int:
     """Number of actuators."""
-    return words(model + _NACTUATOR, 1)[0]
+    return load_word(model + _NACTUATOR)
 
 
-@njit(nogil=True)
+@internal
 def tendons(model: int) -> int:
     """Number of tendons."""
-    return words(model + _NTENDON, 1)[0]
+    return load_word(model + _NTENDON)
 
 
-@njit(nogil=True)
+@internal
 def _name(model: int, field: int, index: int) -> Bytes:
-    return text(pointer(model, _NAMES) + integer(model, field, index))
+    return text(load_word(model + _NAMES) + integer(model, field, index))
 
 
-@njit(nogil=True)
+@internal
 def plugin_name(model: int, instance: int) -> Bytes:
     """Name of a plugin instance."""
     return _name(model, _PLUGIN_NAME, instance)
 
 
-@njit(nogil=True)
+@internal
 def actuator_name(model: int, actuator: int) -> Bytes:
     """Name of an actuator."""
     return _name(model, _ACTUATOR_NAME, actuator)
 
 
-@njit(nogil=True)
+@internal
 def tendon_name(model: int, tendon: int) -> Bytes:
     """Name of a tendon."""
     return _name(model, _TENDON_NAME, tendon)
 
 
-@njit(nogil=True)
+@internal
 def attributes(model: int, instance: int) -> int:
     """Address of the attribute block of a plugin instance."""
-    return pointer(model, _PLUGIN_ATTR) + integer(model, _PLUGIN_ATTRADR, instance)
+    return load_word(model + _PLUGIN_ATTR) + integer(model, _PLUGIN_ATTRADR, instance)
 
 
-@njit(nogil=True)
+@internal
 def state(model: int, data: int, instance: int) -> int:
     """Address of the state of a plugin instance."""
     start = integer(model, _PLUGIN_STATEADR, instance)
-    return pointer(data, _PLUGIN_STATE) + 8 * start
+    return load_word(data + _PLUGIN_STATE) + 8 * start
 
 
-@njit(nogil=True)
+@internal
 def block(data: int, instance: int) -> int:
     """Address that `plugin_data` holds for an instance."""
-    return words(pointer(data, _PLUGIN_DATA) + 8 * instance, 1)[0]
+    return load_word(load_word(data + _PLUGIN_DATA) + 8 * instance)
 
 
-@njit(nogil=True)
+@internal
 def set_block(data: int, instance: int, address: int) -> None:
     """Store an address in `plugin_data`."""
-    words(pointer(data, _PLUGIN_DATA) + 8 * instance, 1)[0] = address
+    store_word(load_word(data + _PLUGIN_DATA) + 8 * instance, address)

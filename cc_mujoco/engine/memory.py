@@ -9,21 +9,30 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import llvmlite.binding
+import llvmlite.binding  # type: ignore[import-untyped]
 import mujoco
+import numba
 import numpy as np
 import numpy.typing as npt
 from mujoco.introspect.enums import ENUMS
-from numba import carray, njit, types
+from numba import carray, njit  # type: ignore[attr-defined]
 from numba.core import cgutils
 from numba.extending import intrinsic
 
 from cc_mujoco.engine.layout import offset, structure
 
 Bytes = npt.NDArray[np.uint8]
+
+types: Any = numba.types
+"""Numba's types; calling one makes a signature, which its annotations do not tell."""
+_carray: Any = carray
+
+internal = njit(nogil=True, error_model="numpy")
+"""Decorator of functions that only callbacks call, whose cache entry covers them."""
 
 _PATTERNS = {"win32": "mujoco.dll", "darwin": "libmujoco*.dylib"}
 _FOLDER = Path(mujoco.__file__).parent
@@ -33,10 +42,18 @@ if not _FOUND:
 LIBRARY = ctypes.CDLL(str(_FOUND[-1]))
 """The MuJoCo library that the Python bindings use."""
 
+
+def export(name: str, address: int | None) -> None:
+    """Let compiled code find a C function by name.
+
+    Numba keeps code in its cache that calls by name, not code that holds an address.
+    """
+    llvmlite.binding.add_symbol(name, address)
+
+
 for _name in ("mju_malloc", "mju_free", "mju_message"):
-    # Compiled code finds these by name, which lets Numba keep it in its cache.
-    _address = ctypes.cast(getattr(LIBRARY, _name), ctypes.c_void_p).value
-    llvmlite.binding.add_symbol(_name, _address)
+    _function = ctypes.cast(getattr(LIBRARY, _name), ctypes.c_void_p)
+    export(_name, _function.value)
 
 allocate = types.ExternalFunction("mju_malloc", types.intp(types.intp))
 release = types.ExternalFunction("mju_free", types.void(types.intp))
@@ -49,49 +66,92 @@ _WARNING = int(ENUMS["mjtLogLevel"].values["mjLOG_WARNING"])
 CAPACITY = structure("mjLogMessage").subject.size
 """Longest message in bytes, its final zero included."""
 
+LONGEST = 90
+"""Longest name or value quoted in full; MuJoCo keeps 500 bytes of a message."""
+_MARK = np.frombuffer(b"'", np.uint8)
+_DOTS = np.frombuffer(b"...", np.uint8)
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _pointer(context: Any, address: Any) -> Any:
+
+@intrinsic
+def _as_pointer(context: Any, address: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.inttoptr(args[0], cgutils.voidptr_t)
 
     return types.voidptr(types.intp), codegen
 
 
-@njit(nogil=True)
+_pointer: Any = _as_pointer
+
+
+def _access(kind: Any) -> tuple[Any, Any]:
+    """Load and store of one value at an address."""
+
+    @intrinsic
+    def load(context: Any, address: Any) -> Any:
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            place = context.get_value_type(kind).as_pointer()
+            return builder.load(builder.inttoptr(args[0], place))
+
+        return kind(types.intp), codegen
+
+    @intrinsic
+    def store(context: Any, address: Any, value: Any) -> Any:
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            place = context.get_value_type(kind).as_pointer()
+            builder.store(args[1], builder.inttoptr(args[0], place))
+            return context.get_dummy_value()
+
+        return types.void(types.intp, kind), codegen
+
+    return load, store
+
+
+load_byte: Callable[[int], int]
+store_byte: Callable[[int, int], None]
+load_byte, store_byte = _access(types.uint8)
+load_integer: Callable[[int], int]
+store_integer: Callable[[int, int], None]
+load_integer, store_integer = _access(types.int32)
+load_word: Callable[[int], int]
+store_word: Callable[[int, int], None]
+load_word, store_word = _access(types.int64)
+load_real: Callable[[int], float]
+store_real: Callable[[int, float], None]
+load_real, store_real = _access(types.float64)
+
+
+@internal
 def floats(address: int, count: int) -> npt.NDArray[np.float64]:
     """View on `count` doubles."""
-    return carray(_pointer(address), (count,), np.float64)
+    view: npt.NDArray[np.float64] = _carray(_pointer(address), (count,), np.float64)
+    return view
 
 
-@njit(nogil=True)
-def words(address: int, count: int) -> npt.NDArray[np.int64]:
-    """View on `count` 64-bit words, for pointers, sizes and comparison bit by bit."""
-    return carray(_pointer(address), (count,), np.int64)
-
-
-@njit(nogil=True)
-def integers(address: int, count: int) -> npt.NDArray[np.int32]:
-    """View on `count` C ints."""
-    return carray(_pointer(address), (count,), np.int32)
-
-
-@njit(nogil=True)
-def characters(address: int, count: int) -> Bytes:
-    """View on `count` bytes."""
-    return carray(_pointer(address), (count,), np.uint8)
-
-
-@njit(nogil=True)
+@internal
 def text(address: int) -> Bytes:
     """View on a zero-terminated string, without its zero."""
     length = 0
-    while characters(address + length, 1)[0] != 0:
+    while load_byte(address + length) != 0:
         length += 1
-    return characters(address, length)
+    view: Bytes = _carray(_pointer(address), (length,), np.uint8)
+    return view
 
 
-@njit(nogil=True)
+@internal
+def copy(source: int, target: int, size: int) -> None:
+    """Copy `size` bytes from one address to another."""
+    for i in range(size):
+        store_byte(target + i, load_byte(source + i))
+
+
+@internal
+def clear(address: int, size: int) -> None:
+    """Set `size` bytes to zero."""
+    for i in range(size):
+        store_byte(address + i, 0)
+
+
+@internal
 def append(message: Bytes, used: int, part: Bytes) -> int:
     """Add text to a message; what does not fit is left out.
 
@@ -105,7 +165,26 @@ def append(message: Bytes, used: int, part: Bytes) -> int:
     return used
 
 
-@njit(nogil=True)
+@internal
+def quote(message: Bytes, used: int, part: Bytes) -> int:
+    """Add text in quotes, at most `LONGEST` bytes of it and no split character.
+
+    Returns:
+        The new length.
+    """
+    end = part.size
+    if end > LONGEST:
+        end = LONGEST
+        while end > 0 and part[end] & 0xC0 == 0x80:
+            end -= 1
+    used = append(message, used, _MARK)
+    used = append(message, used, part[:end])
+    if end < part.size:
+        used = append(message, used, _DOTS)
+    return append(message, used, _MARK)
+
+
+@internal
 def append_integer(message: Bytes, used: int, value: int) -> int:
     """Add a number >= 0 in decimal digits.
 
@@ -123,15 +202,16 @@ def append_integer(message: Bytes, used: int, value: int) -> int:
     return append(message, used, digits[start:])
 
 
-@njit(nogil=True)
+@internal
 def warn(message: Bytes, used: int) -> None:
     """Hand a message to MuJoCo as a warning.
 
     A warning during compilation becomes part of the `ValueError` when it fails.
     """
     record = allocate(_MESSAGE_SIZE)
-    characters(record, _MESSAGE_SIZE)[:] = 0
-    integers(record + _LEVEL, 1)[0] = _WARNING
-    characters(record + _SUBJECT, used)[:] = message[:used]
+    clear(record, _MESSAGE_SIZE)
+    store_integer(record + _LEVEL, _WARNING)
+    for i in range(used):
+        store_byte(record + _SUBJECT + i, message[i])
     _send(record)
     release(record)

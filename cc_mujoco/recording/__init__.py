@@ -1,9 +1,33 @@
 """What remains of an episode: its log, numbers, figure and Rerun recording.
 
-    log = play(env, controller, seed=0)
-    write_episode("runs/wrist", log, env.unwrapped.model)
+    env = gymnasium.make("cc_mujoco/WristHandle-v0", trajectory="sine", duration=8.0)
+    log = play(env, controller("pi", env.unwrapped.drive), seed=0)
+    write_episode("runs/sine", log, env.unwrapped.model)
 
-The log is all that is needed; everything else is made from it.
+The log is all that is needed; everything else is made from it and the model.
 """
 
 from __future__ import annotations
+
+from cc_mujoco.recording.columns import CABLE, DEVICE, Column, columns_for
+from cc_mujoco.recording.episode import FILES, play, write_episode
+from cc_mujoco.recording.figure import draw_summary, write_summary
+from cc_mujoco.recording.log import EpisodeLog, Recorder
+from cc_mujoco.recording.metrics import Metric, measure, write_metrics
+
+__all__ = [
+    "CABLE",
+    "DEVICE",
+    "FILES",
+    "Column",
+    "EpisodeLog",
+    "Metric",
+    "Recorder",
+    "columns_for",
+    "draw_summary",
+    "measure",
+    "play",
+    "write_episode",
+    "write_metrics",
+    "write_summary",
+]

@@ -30,6 +30,11 @@ class Column:
         return replace(self, name=self.name.format(cable=cable))
 
 
+RATIO = "ratio"
+"""Metadata key: joint angle per motor angle of an unstretched cable (signed)."""
+MODEL_XML = "model_xml"
+"""Metadata key: the MJCF of the model."""
+
 DEVICE = (
     Column("time_s", "s", "simulated time"),
     Column("motor_angle_rad", "rad", "angle of the motor pulley"),

@@ -12,8 +12,6 @@ from cc_mujoco.recording.scene3d import TIMELINE, WORLD
 
 Array = NDArray[np.float64]
 
-RADIUS = 0.004
-"""Drawn radius of a conduit, m."""
 SLACK_COLOR = np.array([150, 150, 150, 255], dtype=np.uint8)
 
 
@@ -72,6 +70,7 @@ def log_conduit(
     points: Array,
     tension: Array,
     highest: float,
+    radius: float,
 ) -> None:
     """Log one conduit as a line whose segments carry the colour of their tension.
 
@@ -82,6 +81,7 @@ def log_conduit(
         points: Places of the nodes (T, n+1, 3), m.
         tension: Tensions at the nodes (T, n+1), N.
         highest: Tension of the brightest colour, N.
+        radius: Radius of the line, m.
     """
     path = rr.new_entity_path([WORLD, "conduit", cable])
     index = [rr.TimeColumn(TIMELINE, duration=time)]
@@ -90,7 +90,7 @@ def log_conduit(
     middle = 0.5 * (tension[:, :-1] + tension[:, 1:])
     colors = tension_colors(middle, highest).reshape(-1, 4)
     colored = rr.LineStrips3D.columns(colors=colors).partition([count] * frames)
-    rec.log(path, rr.LineStrips3D.from_fields(radii=[RADIUS]), static=True)
+    rec.log(path, rr.LineStrips3D.from_fields(radii=[radius]), static=True)
     if np.allclose(points, points[0], rtol=0.0, atol=1e-6):
         # A conduit that stays where it is: only its colours change.
         rec.log(path, rr.LineStrips3D.from_fields(strips=segments[0]), static=True)

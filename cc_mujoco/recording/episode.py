@@ -2,38 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.metadata
 import os
-import platform
 from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-import gymnasium
 import mujoco
 
 from cc_mujoco import engine
+from cc_mujoco.assets import scene_path
+from cc_mujoco.control import Controller
+from cc_mujoco.errors import CableError
+from cc_mujoco.recording.columns import MODEL_XML, RATIO
 from cc_mujoco.recording.figure import write_summary
 from cc_mujoco.recording.files import replacing_folder
 from cc_mujoco.recording.log import EpisodeLog, Recorder
-from cc_mujoco.recording.metrics import RATIO_KEY, Metric, metrics, write_metrics
-from cc_mujoco.recording.rerun_file import MODEL_KEY, write_recording
+from cc_mujoco.recording.metrics import Metric, measure, write_metrics
+
+if TYPE_CHECKING:
+    import gymnasium
 
 FILES = ("recording.rrd", "log.parquet", "metrics.json", "summary.png")
 """What `write_episode` leaves in its folder."""
 
 VERSIONED = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "numba")
 """Packages that decide the numbers in a log, which carries their versions."""
-
-
-class Controller(Protocol):
-    """What drives the motor."""
-
-    def reset(self) -> None:
-        """Forget the episode before."""
-
-    def torque(self, observation: Mapping[str, Any]) -> float:
-        """Return the motor torque in N m for what was just observed."""
 
 
 def play(
@@ -48,19 +42,35 @@ def play(
 
     Args:
         env: One of this package's environments; its `info` fills the log.
-        controller: What drives the motor.
+        controller: What drives the motor, made for the environment's drive.
         seed: Seed of the reset.
-        about: Metadata for the log, besides what `describe` finds.
+        about: Metadata for the log, besides that of the device, the wearer and the
+            versions: names of trajectory, task and controller.
         progress: Called with the simulated time in seconds after every step.
 
     Returns:
         The log, from the reset to the last step.
+
+    Raises:
+        CableError: If the simulation diverges.
     """
-    _, info = env.reset(seed=seed)
-    controller.reset()
     inner: Any = env.unwrapped
-    metadata = {**describe(inner.model), "seed": seed, **(about or {})}
-    recorder = Recorder(engine.cables(inner.model), metadata)
+    setup, wearer = inner.exo.setup, inner.exo.device.wearers[0]
+    cables = engine.from_mjcf(inner.model)
+    metadata = {
+        "scene": setup.scene,
+        **(about or {}),
+        "seed": seed,
+        "duration": inner.exo.steps * inner.exo.period,
+        "wearer": dataclasses.asdict(wearer),
+        RATIO: 1.0 / inner.drive.ratio,
+        "cables": {name: cable.to_config() for name, cable in cables.items()},
+        "versions": {name: importlib.metadata.version(name) for name in VERSIONED},
+        MODEL_XML: scene_path(setup.scene).read_text(encoding="utf-8"),
+    }
+    recorder = Recorder(cables, metadata)
+    controller.reset()
+    _, info = env.reset(seed=seed)
     recorder.record(info)
     over = False
     while not over:
@@ -68,8 +78,13 @@ def play(
         _, _, terminated, truncated, info = env.step(action)
         recorder.record(info)
         if progress is not None:
-            progress(info["time_s"])
-        over = terminated or truncated
+            progress(float(info["time_s"]))
+        if terminated:
+            raise CableError(
+                f"the simulation diverged at {info['time_s']:g} s; a softer cable, a "
+                "softer wearer or a smaller time step is stable."
+            )
+        over = truncated
     return recorder.log()
 
 
@@ -89,7 +104,9 @@ def write_episode(
     Returns:
         The metrics that were written.
     """
-    found = metrics(log)
+    from cc_mujoco.recording.rerun_file import write_recording
+
+    found = measure(log)
     with replacing_folder(folder) as partial:
         log.write(partial / "log.parquet")
         write_metrics(partial / "metrics.json", found)

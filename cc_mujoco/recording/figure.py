@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cc_mujoco.recording.columns import RATIO
 from cc_mujoco.recording.files import replacing
 from cc_mujoco.recording.log import EpisodeLog
-from cc_mujoco.recording.metrics import RATIO_KEY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -107,7 +107,7 @@ def _draw_torque(axes: Axes, log: EpisodeLog) -> None:
 def _draw_angle(axes: Axes, log: EpisodeLog) -> None:
     time = log["time_s"]
     axes.axhline(0, color=GREY, linewidth=0.6)
-    ratio = log.metadata.get(RATIO_KEY)
+    ratio = log.metadata.get(RATIO)
     motor = np.degrees(log["motor_angle_rad"]) * (1.0 if ratio is None else ratio)
     axes.plot(
         time,

@@ -1,6 +1,6 @@
 """Numbers that summarize an episode, computed from its log alone.
 
-    for metric in metrics(log):
+    for metric in measure(log):
         print(metric.name, metric.value, metric.unit)
 
 A number that an episode cannot give (the efficiency of a direction in which nothing
@@ -19,14 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.recording.columns import RATIO
 from cc_mujoco.recording.files import replacing
 from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.signals import lag, loop_width
 
 Array = NDArray[np.float64]
-
-RATIO_KEY = "ratio"
-"""Metadata key: joint angle per motor angle of an unstretched cable (signed)."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class Metric:
     meaning: str
 
 
-def metrics(log: EpisodeLog) -> tuple[Metric, ...]:
+def measure(log: EpisodeLog) -> tuple[Metric, ...]:
     """Return every metric of an episode, in a fixed order."""
     torque, time = log["joint_torque_nm"], log["time_s"]
     driven = efficiency(log)
@@ -163,7 +161,7 @@ def backlash_width(log: EpisodeLog) -> float:
     angle, the loop shows the transmission and not the virtual environment that the
     task displays. The width is `loop_width`; NaN without a ratio.
     """
-    ratio = log.metadata.get(RATIO_KEY)
+    ratio = log.metadata.get(RATIO)
     if ratio is None:
         return math.nan
     twist = ratio * log["motor_angle_rad"] - log["joint_angle_rad"]

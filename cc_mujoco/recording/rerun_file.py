@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rerun.error_utils import strict_mode
 
 from cc_mujoco import engine
+from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.recording.conduit3d import conduit_points, log_conduit
 from cc_mujoco.recording.files import replacing
 from cc_mujoco.recording.log import EpisodeLog
@@ -32,10 +33,9 @@ from cc_mujoco.recording.scene3d import (
     log_static,
     viewpoint,
 )
+from cc_mujoco.recording.tendon3d import log_tendons
 
 APPLICATION = "cc_mujoco"
-MODEL_KEY = "model_xml"
-"""Metadata key of the model's XML."""
 FRAMES_PER_SECOND = 60.0
 """Rate of what is drawn in space; the time series keep every sample."""
 
@@ -117,7 +117,7 @@ def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
 def _log_series(rec: rr.RecordingStream, log: EpisodeLog) -> None:
     index = [rr.TimeColumn(TIMELINE, duration=log["time_s"])]
 
-    def send(path: str, column: str, color: str) -> None:
+    def send(path: str, column: str, color: int) -> None:
         values = log[column]
         if column.endswith("_rad"):
             values = np.degrees(values)
@@ -140,13 +140,13 @@ def _log_states(rec: rr.RecordingStream, log: EpisodeLog) -> None:
     names = np.array(list(STATES))
     colors = np.array(list(STATES.values()), dtype=np.uint32)
     for cable in log.cables:
-        slack = log[f"slack_{cable}_m"] > 0
         slip = log[f"slip_{cable}_direction"]
-        for end, direction in (("motor end", slip[:, 0]), ("joint end", slip[:, -1])):
+        for end, place, segment in (("motor", "proximal", 0), ("joint", "distal", -1)):
+            slack = log[f"tension_{cable}_{place}_n"] <= 0
             # Directions 0, 1, -1 and slack are positions 0, 1, 2 and 3 in STATES.
-            state = np.where(slack, 3, direction % 3)
+            state = np.where(slack, 3, slip[:, segment] % 3)
             changed = np.flatnonzero(np.diff(state, prepend=-1))
-            path = rr.new_entity_path(["slip", cable, end])
+            path = rr.new_entity_path(["slip", cable, f"{end} end"])
             look = rr.StateConfiguration(
                 values=list(STATES), labels=list(STATES), colors=colors
             )
@@ -170,10 +170,14 @@ def _log_scene(
     tensions = {c: log[f"tension_{c}_nodes_n"][frames] for c in log.cables}
     highest = max((float(values.max()) for values in tensions.values()), default=0.0)
     cables = engine.from_mjcf(model)
-    for cable, tension in tensions.items():
-        if cable in cables and cables[cable].route:
-            points = conduit_points(model, cable, qpos, tension.shape[1])
-            log_conduit(rec, cable, time, points, tension, highest)
+    drawn = [cable for cable in tensions if cable in cables and cables[cable].route]
+    routes = {cable: engine.route_tendon(model, cable) for cable in drawn}
+    log_tendons(rec, model, time, qpos, routes.values())
+    for cable, tendon in routes.items():
+        tension = tensions[cable]
+        points = conduit_points(model, cable, qpos, tension.shape[1])
+        radius = float(model.tendon_width[tendon])
+        log_conduit(rec, cable, time, points, tension, highest, radius)
 
 
 def _log_nodes(
@@ -198,7 +202,7 @@ def _about(log: EpisodeLog, metrics: Iterable[Metric]) -> rr.TextDocument:
     """Describe the episode in Markdown, without the model's XML."""
     lines = ["# Episode", "| | |", "|---|---|"]
     for key, value in log.metadata.items():
-        if key == MODEL_KEY:
+        if key == MODEL_XML:
             continue
         if isinstance(value, dict):
             value = ", ".join(f"{name} {entry}" for name, entry in value.items())

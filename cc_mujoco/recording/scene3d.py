@@ -36,7 +36,7 @@ def log_static(rec: rr.RecordingStream, model: mujoco.MjModel) -> None:
     mujoco.mj_kinematics(model, data)
     rec.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for geom in range(model.ngeom):
-        rgba = _color(model, geom)
+        rgba = own_color(model, model.geom_rgba[geom], model.geom_matid[geom])
         if model.geom_group[geom] >= HIDDEN_GROUP or rgba[3] == 0:
             continue
         body = int(model.geom_bodyid[geom])
@@ -82,8 +82,17 @@ def log_motion(
 def viewpoint(model: mujoco.MjModel) -> tuple[Array, Array]:
     """Return where a first look at the model stands and what it looks at, in metres.
 
-    The direction is that of MuJoCo's free camera, as set in `<visual><global>`.
+    It is the model's first camera, or MuJoCo's free camera if it has none.
     """
+    if model.ncam:
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+        position = np.array(data.cam_xpos[0])
+        backward = data.cam_xmat[0].reshape(3, 3)[:, 2]
+        away = float((position - model.stat.center) @ backward)
+        return position, position - max(away, 0.1) * backward
     camera = mujoco.MjvCamera()
     mujoco.mjv_defaultFreeCamera(model, camera)
     azimuth, elevation = np.radians([camera.azimuth, camera.elevation])
@@ -113,13 +122,30 @@ def _transform(position: Array, quaternion: Array) -> rr.Transform3D:
     return rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=xyzw))
 
 
-def _color(model: mujoco.MjModel, geom: int) -> Array:
-    """Colour as MuJoCo draws it: a material counts unless the geom has its own."""
-    rgba = np.array(model.geom_rgba[geom], dtype=float)
-    material = model.geom_matid[geom]
-    if material >= 0 and np.allclose(rgba, _DEFAULT_RGBA):
-        rgba = np.array(model.mat_rgba[material], dtype=float)
-    return rgba
+def own_color(model: mujoco.MjModel, rgba: Array, material: int) -> Array:
+    """Return the colour that MuJoCo draws: the material's unless the thing has one.
+
+    Args:
+        model: Compiled model.
+        rgba: Colour of the geom or tendon (4,).
+        material: Its material, -1 for none.
+    """
+    if material < 0 or not np.allclose(rgba, _DEFAULT_RGBA):
+        return np.array(rgba, dtype=float)
+    color = np.array(model.mat_rgba[material], dtype=float)
+    texture = model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]
+    if texture >= 0:
+        color[:3] *= _mean_color(model, int(texture))
+    return color
+
+
+def _mean_color(model: mujoco.MjModel, texture: int) -> Array:
+    """Stand for a texture, which is not drawn, by its average."""
+    channels = int(model.tex_nchannel[texture])
+    size = int(model.tex_height[texture] * model.tex_width[texture]) * channels
+    start = int(model.tex_adr[texture])
+    pixels = model.tex_data[start : start + size].reshape(-1, channels)
+    return np.asarray(pixels.mean(axis=0)[:3] / 255.0, dtype=np.float64)
 
 
 def _shape(model: mujoco.MjModel, geom: int, rgba: Array) -> Any:

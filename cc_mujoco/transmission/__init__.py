@@ -1,0 +1,21 @@
+"""The physics of cables in conduits: parameters, friction, kernel, pulleys, replay."""
+
+from cc_mujoco.transmission.conduit import Conduit, Replay, replay, rest_state
+from cc_mujoco.transmission.friction import TERMS, Term
+from cc_mujoco.transmission.parameters import PARAMETERS, Cable, Parameter, Section
+from cc_mujoco.transmission.pulleys import Driven, Transmission
+
+__all__ = [
+    "PARAMETERS",
+    "TERMS",
+    "Cable",
+    "Conduit",
+    "Driven",
+    "Parameter",
+    "Replay",
+    "Section",
+    "Term",
+    "Transmission",
+    "replay",
+    "rest_state",
+]

@@ -7,17 +7,16 @@ that slips at speed v, tension grows in the direction of motion from T_behind to
 
 E = exp(mu a) with the segment's wrap angle a (thesis 2.10), B the drag that needs no
 tension, C that of viscosity. A segment that does not slip holds as long as neither of
-its tensions exceeds `H` times the other plus B. The solvers see only E, H, B and C, so a
-new term is a line in `TERMS`, its parameters, and its share in the functions below.
+its tensions exceeds `H` times the other plus B. The solvers see only E, H, B and C, so
+a new term is a line in `TERMS`, its parameters and its share in the functions below.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-import numpy as np
-
-from cc_mujoco.compiled import compiled
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.transmission.parameters import PARAMETERS
 
 INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
@@ -71,14 +70,14 @@ TERMS = (
 
 
 @compiled
-def ratio(coefficient, angle):
+def ratio(coefficient: float, angle: float) -> float:
     """Tension ratio exp(mu a) of one segment, cut at `MAX_EXPONENT`."""
-    return np.exp(min(coefficient * angle, MAX_EXPONENT))
+    return math.exp(min(coefficient * angle, MAX_EXPONENT))
 
 
 @compiled
-def plain(values):
-    """Whether coefficients are constant: no term depends on rate or on slip distance."""
+def plain(values: FloatArray) -> bool:
+    """Whether no term depends on rate or slip distance, so coefficients are constant."""
     return (
         values[_VISCOUS] == 0.0
         and values[_STRIBECK] == 0.0
@@ -87,25 +86,26 @@ def plain(values):
 
 
 @compiled
-def drag(values, length, growth):
+def drag(values: FloatArray, length: float, growth: float) -> float:
     """B of a segment: f_0 integrated with the capstan growth `growth` = E [N]."""
-    load_independent = values[_LOAD_INDEPENDENT]
+    load_independent: float = values[_LOAD_INDEPENDENT]
     if load_independent == 0.0:
         return 0.0
-    exponent = np.log(growth)
+    exponent = math.log(growth)
     if exponent < 1e-9:
         return load_independent * length
     return load_independent * length * (growth - 1.0) / exponent
 
 
 @compiled
-def viscosity(values, length, dt):
+def viscosity(values: FloatArray, length: float, dt: float) -> float:
     """C of a segment per displacement in one step [N/m]."""
-    return values[_VISCOUS] * length / dt
+    coefficient: float = values[_VISCOUS]
+    return coefficient * length / dt
 
 
 @compiled
-def kinetic_coefficient(values, slip, speed):
+def kinetic_coefficient(values: FloatArray, slip: float, speed: float) -> float:
     """Coefficient of a segment that slips.
 
     Args:
@@ -113,27 +113,27 @@ def kinetic_coefficient(values, slip, speed):
         slip: distance slipped since the segment last stuck or turned [m], >= 0.
         speed: remembered slip speed [m/s], >= 0.
     """
-    coefficient = values[_FRICTION]
+    coefficient: float = values[_FRICTION]
     if values[_STATIC] > 0.0 and values[_MEMORY] > 0.0:
         excess = values[_STATIC] - values[_FRICTION]
-        coefficient += excess * np.exp(-slip / values[_MEMORY])
+        coefficient += excess * math.exp(-slip / values[_MEMORY])
     if values[_STRIBECK] > 0.0:
         decay = (speed / values[_STRIBECK_SPEED]) ** values[_STRIBECK_EXPONENT]
-        coefficient += values[_STRIBECK] * np.exp(-decay)
+        coefficient += values[_STRIBECK] * math.exp(-decay)
     return coefficient
 
 
 @compiled
-def holding_coefficient(values):
+def holding_coefficient(values: FloatArray) -> float:
     """Coefficient that a segment at rest can hold."""
-    coefficient = max(values[_FRICTION], values[_STATIC])
+    coefficient: float = max(values[_FRICTION], values[_STATIC])
     if values[_STRIBECK] > 0.0:
         coefficient += values[_STRIBECK]
     return coefficient
 
 
 @compiled
-def remembered_speed(values, speed, slip, dt):
+def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -> float:
     """Slip speed that the Stribeck term sees in the next step [m/s].
 
     The memory follows the slip speed over `memory_length` of slip, or at once when that
@@ -144,4 +144,4 @@ def remembered_speed(values, speed, slip, dt):
     now = abs(slip) / dt
     if values[_MEMORY] == 0.0:
         return now
-    return now + (speed - now) * np.exp(-abs(slip) / values[_MEMORY])
+    return now + (speed - now) * math.exp(-abs(slip) / values[_MEMORY])

@@ -6,9 +6,9 @@ step is a chain of springs `k` and friction elements with unknown displacements 
 
     T_i = T_i,old + k_i (w_i - w_{i-1}),   w_{-1} and w_n the ends.
 
-Seen from a driven end, the slipping part is an affine relation T = p + q w at its front,
-q > 0; each segment that joins updates it in closed form (in pure Coulomb friction this
-is the geometric series of thesis 2.10 and 2.12). A front stops where friction holds a
+Seen from a driven end, the slipping part is an affine relation T = p + q w at its
+front, q > 0; each segment that joins updates it in closed form (in pure Coulomb
+friction this is the geometric series of thesis 2.10 and 2.12). A front stops where friction holds a
 segment (thesis 2.17), so a step costs O(front length). When the fronts meet, the last
 segment at rest is the null point of opposed motion; its tension ratio is free, which
 places the null point inside the segment instead of on a node.
@@ -20,14 +20,18 @@ cone, as it does while coefficients are constant. It says so when it fails, and
 
 from __future__ import annotations
 
-from cc_mujoco.compiled import compiled
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray, compiled
 
 TOLERANCE = 1e-13
 """Relative excess over the friction limit that counts as holding (rounding)."""
 
 
 @compiled
-def pushed(left, right, hold_right, hold_left, drag):
+def pushed(
+    left: float, right: float, hold_right: float, hold_left: float, drag: float
+) -> int:
     """Direction in which tensions `left` and `right` overcome a segment at rest, or 0.
 
     `hold_right`, `hold_left`: ratio held against motion to the right (+1), left (-1).
@@ -40,7 +44,9 @@ def pushed(left, right, hold_right, hold_left, drag):
 
 
 @compiled
-def _join(p, q, growth, drag, viscosity, inward):
+def _join(
+    p: float, q: float, growth: float, drag: float, viscosity: float, inward: bool
+) -> tuple[float, float]:
     """Carry T = p + q w of an end across a segment slipping inward or outward."""
     if inward:
         return growth * p + drag, growth * q + viscosity
@@ -48,54 +54,93 @@ def _join(p, q, growth, drag, viscosity, inward):
 
 
 @compiled
-def _spring(p, q, stiffness, tension):
+def _spring(
+    p: float, q: float, stiffness: float, tension: float
+) -> tuple[float, float]:
     """Carry that relation on across the spring of the next node."""
     whole = stiffness + q
     return (p * stiffness + q * tension) / whole, q * stiffness / whole
 
 
 @compiled
-def _null_slip(p, q, far_p, far_q, way, before, growth, drag, end_stiffness):
+def _null_slip(
+    p: float,
+    q: float,
+    far_p: float,
+    far_q: float,
+    way: float,
+    left: float,
+    right: float,
+    growth: float,
+    drag: float,
+    end_stiffness: float,
+) -> float:
     """Slip of the centre of the segment inside which the motion changes direction.
 
     With the null point at fraction (1 - z)/2 of the segment, net friction is z times
-    its limit and the centre slips z times half the segment's change in length. Both
-    follow from the tensions beside it, T_left = p + q w and T_right = far_p - far_q w.
-    Rounding the null point to the centre (z = 0) would cost first-order accuracy.
+    its limit and the centre slips by z times the lengthening, in this step, of the half
+    on whose side the null point lies. Both follow from the tensions beside the segment,
+    T_left = p + q w and T_right = far_p - far_q w. Rounding the null point to the
+    centre (z = 0) would cost first-order accuracy.
 
-    Args:
-        way: +1 where the ends are pulled apart, -1 where they are pushed together.
-        before: mean tension of the segment before the step.
-        end_stiffness: stiffness of half a segment length.
+    `way` is +1 where the ends are pulled apart, -1 where they are pushed together,
+    `left` and `right` the tensions before the step, `end_stiffness` that of half a
+    segment.
     """
-    slip = 0.0
+    slip, share = 0.0, 0.0
     per_tension = (growth - 1.0) / (growth + 1.0)
     constant = 2.0 * drag / (growth + 1.0)
-    for _ in range(4):
-        total = max(p + far_p + (q - far_q) * slip, 0.0)
-        reach = way * (0.5 * total - before) / end_stiffness
+    for _ in range(8):
+        low = p + q * slip
+        high = far_p - far_q * slip
+        # At the segment's edge the null point passes to its neighbour, for which the
+        # tension of the node between them counts; inside, the segment's mean.
+        mean = 0.5 * (low - left + high - right)
+        side = low - left if share * way > 0.0 else high - right
+        change = mean + (side - mean) * share**2
+        reach = way * change / end_stiffness
         if reach <= 0.0:
             return 0.0
-        limit = per_tension * total + constant
+        limit = per_tension * max(low + high, 0.0) + constant
         share = (far_p - p) / ((q + far_q) * reach + limit)
-        slip = min(max(share, -1.0), 1.0) * reach
+        share = min(max(share, -1.0), 1.0)
+        slip = share * reach
     return slip
 
 
 @compiled
 def march(
-    n, tension, stiffness, growth, hold_right, hold_left, drag, viscosity,
-    near_p, near_q, far_p, far_q, shift, node, work,
-):  # fmt: skip
+    n: int,
+    tension: FloatArray,
+    stiffness: FloatArray,
+    growth: FloatArray,
+    hold_right: FloatArray,
+    hold_left: FloatArray,
+    drag: FloatArray,
+    viscosity: FloatArray,
+    near_p: float,
+    near_q: float,
+    far_p: float,
+    far_q: float,
+    shift: FloatArray,
+    node: FloatArray,
+    work: FloatArray,
+) -> bool:
     """Solve one step by marching the two fronts.
 
     Args:
         n: number of segments.
         tension: node tensions before the step (n+1,) [N], negative where slack.
         stiffness: node stiffness (n+1,) [N/m].
-        growth, hold_right, hold_left, drag, viscosity: per segment (n,), `friction.py`.
-        near_p, near_q: the proximal end, T_0 = near_p + near_q w_0.
-        far_p, far_q: the distal end, T_n = far_p - far_q w_{n-1}.
+        growth: E of each segment (n,), see `friction.py`.
+        hold_right: ratio a segment holds against motion towards distal (n,).
+        hold_left: ratio a segment holds against motion towards proximal (n,).
+        drag: B of each segment (n,) [N].
+        viscosity: C of each segment per displacement of the step (n,) [N/m].
+        near_p: proximal end, T_0 = near_p + near_q w_0 [N].
+        near_q: its slope [N/m].
+        far_p: distal end, T_n = far_p - far_q w_{n-1} [N].
+        far_q: its slope [N/m].
         shift: out, slip of each segment in this step (n,) [m].
         node: out, node tensions (n+1,) [N].
         work: scratch (8 (n + 1),).
@@ -191,17 +236,58 @@ def march(
         return False
 
     at_null = 0.0
-    if left_way * right_way < 0 and i + 1 >= j:
+    near_way, far_way = 0.0, 0.0
+    if near_q > 0.0 and far_q > 0.0:
+        near_way, far_way = np.sign(tension[0] - near_p), np.sign(far_p - tension[n])
+    if i + 1 >= j and near_way * far_way < 0.0:
+        # The ends move opposite ways: find the segment in which the motion turns.
         if i == j:
-            if abs(inner) < abs(outer):
-                i -= 1
+            way = right_way if i == 0 else left_way
+            if 0 < i < n and left_way != right_way:
+                if abs(inner) < abs(outer):
+                    i -= 1
+            elif near_way == -way:
+                for s in range(j - 1, 0, -1):
+                    right_a[s], right_b[s] = _join(
+                        right_p[s + 1],
+                        right_q[s + 1],
+                        growth[s],
+                        drag[s],
+                        viscosity[s],
+                        way < 0,
+                    )
+                    right_p[s], right_q[s] = _spring(
+                        right_a[s], right_b[s], stiffness[s], tension[s]
+                    )
+                i = 0
             else:
-                j += 1
+                for s in range(i, n - 1):
+                    left_a[s], left_b[s] = _join(
+                        left_p[s],
+                        left_q[s],
+                        growth[s],
+                        drag[s],
+                        viscosity[s],
+                        way > 0,
+                    )
+                    left_p[s + 1], left_q[s + 1] = _spring(
+                        left_a[s], left_b[s], stiffness[s + 1], tension[s + 1]
+                    )
+                i = n - 1
+            j = i + 1
         if hold_right[i] == growth[i] and hold_left[i] == growth[i]:
             at_null = _null_slip(
-                left_p[i], left_q[i], right_p[j], right_q[j], -left_way,
-                0.5 * (tension[i] + tension[j]), growth[i], drag[i], stiffness[0],
-            )  # fmt: skip
+                left_p[i],
+                left_q[i],
+                right_p[j],
+                right_q[j],
+                far_way,
+                tension[i],
+                tension[j],
+                growth[i],
+                drag[i],
+                stiffness[0],
+            )
     for s in range(i, j):
         shift[s] = at_null
     for s in range(i + 1, j):

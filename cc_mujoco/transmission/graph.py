@@ -14,11 +14,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.compiled import compiled
+from cc_mujoco.compiled import FloatArray, compiled
 
 
 @compiled
-def _value(x, y, count, left, right, at):
+def _value(
+    x: FloatArray, y: FloatArray, count: int, left: float, right: float, at: float
+) -> float:
     """Value of the graph at `at`; knots (x, y), slopes `left`, `right` of the rays."""
     if at <= x[0]:
         return y[0] + left * (at - x[0]) if left > 0.0 else y[0]
@@ -39,7 +41,9 @@ def _value(x, y, count, left, right, at):
 
 
 @compiled
-def _inverse(x, y, count, left, right, value):
+def _inverse(
+    x: FloatArray, y: FloatArray, count: int, left: float, right: float, value: float
+) -> float:
     """Where the graph takes `value`; the point nearest to it if it never does."""
     if value <= y[0]:
         return x[0] - (y[0] - value) / left if left > 0.0 else x[0]
@@ -61,17 +65,34 @@ def _inverse(x, y, count, left, right, value):
 
 @compiled
 def sweep(
-    n, tension, stiffness, growth, hold_right, hold_left, drag, viscosity,
-    near_p, near_q, far_p, far_q, shift, node, work,
-):  # fmt: skip
+    n: int,
+    tension: FloatArray,
+    stiffness: FloatArray,
+    growth: FloatArray,
+    hold_right: FloatArray,
+    hold_left: FloatArray,
+    drag: FloatArray,
+    viscosity: FloatArray,
+    near_p: float,
+    near_q: float,
+    far_p: float,
+    far_q: float,
+    shift: FloatArray,
+    node: FloatArray,
+    work: FloatArray,
+) -> None:
     """Solve one step by carrying the graph; arguments as in `fronts.march`.
 
     `work` holds (8 (n + 1) + 8,). `hold_right` and `hold_left` are overwritten with
     `growth` where a segment breaks away.
     """
     x, y = work[: 2 * n + 6], work[2 * n + 6 : 4 * n + 12]
-    at_rest = work[4 * n + 12 : 5 * n + 12]  # node tension on the left of a held segment
-    zero_from = work[5 * n + 12 : 6 * n + 12]  # slip below which the node ahead is slack
+    at_rest = work[
+        4 * n + 12 : 5 * n + 12
+    ]  # node tension on the left of a held segment
+    zero_from = work[
+        5 * n + 12 : 6 * n + 12
+    ]  # slip below which the node ahead is slack
     for _ in range(n + 1):
         left, right = 0.0, near_q
         x[0], y[0] = 0.0, near_p

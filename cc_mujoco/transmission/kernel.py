@@ -13,7 +13,7 @@ State vector, `state_size(n)` floats:
 
     0, 1               displacement of the proximal and the distal end [m]
     2                  energy dissipated so far [J]
-    3                  stretch of the cable, negative when it is longer than its path [m]
+    3                  stretch of the cable, negative where it is slack [m]
     4 : 5 + n          tension of node i [N]; negative where slack, see `slack`
     5 + n : 5 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
     5 + 2 n : 5 + 3 n  remembered slip speed of segment j [m/s]
@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.compiled import compiled
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission.fronts import march
 from cc_mujoco.transmission.graph import sweep
@@ -52,25 +52,25 @@ _SCALARS = len(PARAMETERS)
 
 
 @compiled
-def state_size(n):
+def state_size(n: int) -> int:
     """Length of the state vector of a cable of n segments."""
     return STATE_HEADER + 1 + 3 * n
 
 
 @compiled
-def parameter_size(n):
+def parameter_size(n: int) -> int:
     """Length of the packed parameter vector of a cable of n segments."""
     return _HEADER + 6 * n + 1
 
 
 @compiled
-def work_size(n):
+def work_size(n: int) -> int:
     """Length of the scratch vector of a step of a cable of n segments."""
     return 8 * (n + 1) + 16 + 6 * n + 2
 
 
 @compiled
-def pack(values, sections, n, out):
+def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> None:
     """Prepare the parameters of a cable for the kernel.
 
     Args:
@@ -112,8 +112,10 @@ def pack(values, sections, n, out):
 
 
 @compiled
-def initialize(prm, n, u_proximal, u_distal, state):
-    """Set the state to rest with uniform pretension, the ends where they are now [m]."""
+def initialize(
+    prm: FloatArray, n: int, u_proximal: float, u_distal: float, state: FloatArray
+) -> None:
+    """Set the state to rest with uniform pretension, the ends where they are [m]."""
     state[:] = 0.0
     state[0] = u_proximal
     state[1] = u_distal
@@ -122,9 +124,21 @@ def initialize(prm, n, u_proximal, u_distal, state):
 
 
 @compiled
-def slack(prm, n, state):
+def segment_angles(prm: FloatArray, n: int) -> FloatArray:
+    """Wrap angle of every segment (n,) [rad], a view into `prm`."""
+    return prm[_HEADER : _HEADER + n]
+
+
+@compiled
+def node_stiffness(prm: FloatArray, n: int) -> FloatArray:
+    """Stiffness of every node (n+1,) [N/m], a view into `prm`."""
+    return prm[_HEADER + 5 * n : _HEADER + 6 * n + 1]
+
+
+@compiled
+def slack(prm: FloatArray, n: int, state: FloatArray) -> float:
     """Length of cable that lies slack in the conduit [m]."""
-    stiffness = prm[_HEADER + 5 * n : _HEADER + 6 * n + 1]
+    stiffness = node_stiffness(prm, n)
     total = 0.0
     for i in range(n + 1):
         total -= min(state[STATE_HEADER + i], 0.0) / stiffness[i]
@@ -132,9 +146,9 @@ def slack(prm, n, state):
 
 
 @compiled
-def stored(prm, n, state):
+def stored(prm: FloatArray, n: int, state: FloatArray) -> float:
     """Elastic energy of the cable [J]."""
-    stiffness = prm[_HEADER + 5 * n : _HEADER + 6 * n + 1]
+    stiffness = node_stiffness(prm, n)
     total = 0.0
     for i in range(n + 1):
         total += 0.5 * max(state[STATE_HEADER + i], 0.0) ** 2 / stiffness[i]
@@ -142,7 +156,16 @@ def stored(prm, n, state):
 
 
 @compiled
-def advance(prm, n, state, u_proximal, u_distal, dt, new_state, work):
+def advance(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    u_proximal: float,
+    u_distal: float,
+    dt: float,
+    new_state: FloatArray,
+    work: FloatArray,
+) -> int:
     """Position-position step: `step` with both ends driven by position [m]."""
     return step(
         prm, n, state, POSITION, u_proximal, POSITION, u_distal, dt, new_state, work
@@ -150,15 +173,28 @@ def advance(prm, n, state, u_proximal, u_distal, dt, new_state, work):
 
 
 @compiled
-def step(prm, n, state, near, near_value, far, far_value, dt, new_state, work):
+def step(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    near: int,
+    near_value: float,
+    far: int,
+    far_value: float,
+    dt: float,
+    new_state: FloatArray,
+    work: FloatArray,
+) -> int:
     """Advance a cable by one time step.
 
     Args:
         prm: packed parameters, `pack`.
         n: number of segments.
         state: state before the step; not written.
-        near, near_value: POSITION [m] or TENSION [N, >= 0] of the proximal end.
-        far, far_value: the same of the distal end; not both may be TENSION.
+        near: POSITION or TENSION, what is prescribed at the proximal end.
+        near_value: that displacement [m] or tension [N], >= 0.
+        far: the same of the distal end; not both may be TENSION.
+        far_value: that displacement [m] or tension [N], >= 0.
         dt: time step [s]; matters only to rate-dependent terms.
         new_state: out, state after the step; must not overlap `state`.
         work: scratch, `work_size(n)`.
@@ -175,7 +211,7 @@ def step(prm, n, state, near, near_value, far, far_value, dt, new_state, work):
     hold_left = growth
     drag = prm[a + 3 * n : a + 4 * n]
     viscosity = prm[a + 4 * n : a + 5 * n]
-    stiffness = prm[a + 5 * n : a + 6 * n + 1]
+    stiffness = node_stiffness(prm, n)
     t = STATE_HEADER
     tension = state[t : t + n + 1]
     slip = state[t + n + 1 : t + 2 * n + 1]
@@ -225,16 +261,22 @@ def step(prm, n, state, near, near_value, far, far_value, dt, new_state, work):
             n, tension, stiffness, growth, hold_right, hold_left, drag, viscosity,
             near_p, near_q, far_p, far_q, shift, node, work,
         )  # fmt: skip
-    _commit(
-        prm, n, state, near, near_value, far, far_value, dt, shift, new_state
-    )
+    _commit(prm, n, state, near, near_value, far, far_value, dt, shift, new_state)
     return OK
 
 
 @compiled
-def _slacken(prm, n, tension, moved, stretch, shift, node):
+def _slacken(
+    prm: FloatArray,
+    n: int,
+    tension: FloatArray,
+    moved: float,
+    stretch: float,
+    shift: FloatArray,
+    node: FloatArray,
+) -> None:
     """Lay the cable slack: without tension there is no friction, strain evens out."""
-    stiffness = prm[_HEADER + 5 * n : _HEADER + 6 * n + 1]
+    stiffness = node_stiffness(prm, n)
     strain = stretch * prm[_EA] / prm[_LENGTH]
     for i in range(n):
         moved += (strain - tension[i]) / stiffness[i]
@@ -244,7 +286,9 @@ def _slacken(prm, n, tension, moved, stretch, shift, node):
 
 
 @compiled
-def _end(kind, value, u, tension, stiffness, outward):
+def _end(
+    kind: int, value: float, u: float, tension: float, stiffness: float, outward: float
+) -> tuple[float, float]:
     """Relation T = p +- q w of an end to the slip of the segment beside it."""
     if kind == TENSION:
         return max(value, 0.0), 0.0
@@ -253,8 +297,18 @@ def _end(kind, value, u, tension, stiffness, outward):
 
 @compiled
 def _coefficients(
-    prm, n, slip, speed, dt, growth, hold_right, hold_left, drag, viscosity
-):
+    prm: FloatArray,
+    n: int,
+    slip: FloatArray,
+    speed: FloatArray,
+    dt: float,
+    growth: FloatArray,
+    hold_right: FloatArray,
+    hold_left: FloatArray,
+    drag: FloatArray,
+    viscosity: FloatArray,
+) -> None:
+    """Coefficients of every segment for this step, where a term makes them vary."""
     values = prm[:_SCALARS]
     angle = prm[_HEADER : _HEADER + n]
     hold = prm[_HEADER + 2 * n : _HEADER + 3 * n]
@@ -272,9 +326,20 @@ def _coefficients(
 
 
 @compiled
-def _commit(prm, n, state, near, near_value, far, far_value, dt, shift, new_state):
+def _commit(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    near: int,
+    near_value: float,
+    far: int,
+    far_value: float,
+    dt: float,
+    shift: FloatArray,
+    new_state: FloatArray,
+) -> None:
     """Write ends, slack, slip memory and dissipated energy of the step."""
-    stiffness = prm[_HEADER + 5 * n : _HEADER + 6 * n + 1]
+    stiffness = node_stiffness(prm, n)
     t = STATE_HEADER
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.

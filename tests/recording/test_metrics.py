@@ -14,7 +14,7 @@ from cc_mujoco.recording.metrics import (
     Metric,
     backlash_width,
     efficiency,
-    metrics,
+    measure,
     slack_time,
     write_metrics,
 )
@@ -169,7 +169,7 @@ def test_simple_numbers(make_log: Any) -> None:
         dissipated_one_j=0.5 + 0.2 * TIME,
         slack_one_m=np.where(TIME < 1.5, 0.01, 0.0),
     )
-    found = {metric.name: metric.value for metric in metrics(log)}
+    found = {metric.name: metric.value for metric in measure(log)}
     assert found["peak_joint_torque"] == pytest.approx(3.0)
     assert found["rms_joint_torque"] == pytest.approx(3.0 / math.sqrt(2), rel=1e-3)
     assert found["torque_tracking_error"] == pytest.approx(0.25)

@@ -16,7 +16,7 @@ from rerun.error_utils import strict_mode
 
 import cc_mujoco.engine  # noqa: F401  (registers the plugin)
 from cc_mujoco.recording.conduit3d import resample, tension_colors
-from cc_mujoco.recording.metrics import metrics
+from cc_mujoco.recording.metrics import measure
 from cc_mujoco.recording.rerun_file import recording_id, write_recording
 
 SCENE = """
@@ -28,6 +28,7 @@ SCENE = """
         <config key="conduit" value="1.0:0.2"/>
         <config key="axial_stiffness" value="4000"/>
         <config key="pretension" value="5"/>
+        <config key="friction" value="0.1"/>
         <config key="route" value="flexor_route"/>
       </instance>
     </plugin>
@@ -105,9 +106,9 @@ def test_verified_and_equal_for_equal_runs(
 ) -> None:
     log = make_log(cables=("flexor",))
     for name in ("one.rrd", "two.rrd"):
-        write_recording(tmp_path / name, log, model, metrics(log))
+        write_recording(tmp_path / name, log, model, measure(log))
     other = make_log(cables=("flexor",), motor_torque_nm=log["motor_torque_nm"] + 1e-9)
-    write_recording(tmp_path / "three.rrd", other, model, metrics(other))
+    write_recording(tmp_path / "three.rrd", other, model, measure(other))
 
     verified = rerun("verify", tmp_path / "one.rrd")
     assert verified.returncode == 0, verified.stderr
@@ -153,9 +154,13 @@ def test_slip_states_are_logged_when_they_change(
 ) -> None:
     slip = np.zeros((300, 8), dtype=np.int8)
     slip[50:100, 0], slip[100:, 0] = 1, -1
-    slack = np.zeros(300)
-    slack[200:250] = 0.01
-    log = make_log(cables=("flexor",), slip_flexor_direction=slip, slack_flexor_m=slack)
+    tension = np.ones(300)
+    tension[200:250] = 0.0
+    log = make_log(
+        cables=("flexor",),
+        slip_flexor_direction=slip,
+        tension_flexor_proximal_n=tension,
+    )
     write_recording(tmp_path / "run.rrd", log, model)
     times, rows = column(
         tmp_path / "run.rrd", "/slip/flexor/motor\\ end", "StateChange:state"
@@ -229,7 +234,7 @@ def test_about_shows_metadata_and_results(
 ) -> None:
     about = {"scene": "wrist", "versions": {"mujoco": "4"}, "model_xml": "<mujoco/>"}
     log = make_log(metadata=about)
-    write_recording(tmp_path / "run.rrd", log, model, metrics(log))
+    write_recording(tmp_path / "run.rrd", log, model, measure(log))
     text = static(tmp_path / "run.rrd", "/about")["TextDocument:text"][0][0]
     assert "| scene | wrist |" in text
     assert "| versions | mujoco 4 |" in text

@@ -1,0 +1,38 @@
+"""All controllers by name.
+
+    >>> from cc_mujoco.control import Drive, controller
+    >>> drive = Drive(ratio=5.2, low=-1.0, high=1.0, period=0.001)
+    >>> controller("none", drive).torque({"desired_torque_nm": 2.6})
+    0.5
+"""
+
+from __future__ import annotations
+
+from cc_mujoco.control.controller import Controller, Drive
+from cc_mujoco.control.feed_forward import FeedForward
+from cc_mujoco.control.proportional_integral import ProportionalIntegral
+from cc_mujoco.errors import CableError
+
+CONTROLLERS: dict[str, type[Controller]] = {
+    "none": FeedForward,
+    "pi": ProportionalIntegral,
+}
+"""Every controller with its default gains, to be called with a `Drive`."""
+
+
+def controller(name: str, drive: Drive) -> Controller:
+    """Make a controller.
+
+    Args:
+        name: A key of `CONTROLLERS`.
+        drive: The device to be driven; environments have it as `unwrapped.drive`.
+
+    Returns:
+        The controller, reset.
+
+    Raises:
+        CableError: If there is no such controller; names the nearest and all others.
+    """
+    if name not in CONTROLLERS:
+        raise CableError.unknown("controller", name, CONTROLLERS)
+    return CONTROLLERS[name](drive)

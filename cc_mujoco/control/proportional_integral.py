@@ -1,0 +1,71 @@
+"""Proportional-integral feedback of the joint torque, with feed-forward."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.control.controller import Controller, Drive
+from cc_mujoco.human.checks import number
+
+
+class ProportionalIntegral(Controller):
+    r"""Feedback of the joint torque, proportional and integral, and feed-forward.
+
+    \[ \tau_m = \frac{1}{\rho} \Bigl( f \tau_d + K_p e + K_i \int e \, dt \Bigr),
+       \qquad e = \tau_d - \tau_j \]
+
+    with the desired and the measured joint torque \(\tau_d, \tau_j\) [Nm], the ratio
+    \(\rho\) of the drive and \(f\) = 1 with feed-forward, 0 without. The gains are those
+    of the thesis, section 4.3.1: \(K_p\) = 1, \(K_i\) = 2 / s. Anti-windup by clamping:
+    while the motor is at a limit, the integral does not move further beyond it.
+    """
+
+    def __init__(
+        self,
+        drive: Drive,
+        proportional: float = 1.0,
+        integral: float = 2.0,
+        feed_forward: bool = True,
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device to be driven.
+            proportional: Kp [-].
+            integral: Ki [1/s].
+            feed_forward: Whether the desired torque is fed forward.
+
+        Raises:
+            CableError: If a gain is negative or not a number.
+        """
+        super().__init__(drive)
+        number("proportional", proportional, 0.0, 1e6, "")
+        number("integral", integral, 0.0, 1e6, "1/s")
+        self.proportional = proportional
+        self.integral = integral
+        self.feed_forward = feed_forward
+        self._sum: Any = 0.0
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Empty the integral; see `Controller.reset`."""
+        self._sum = 0.0 if where is None else np.where(where, 0.0, self._sum)
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Torque of the motor [Nm]; see `Controller.torque`."""
+        drive = self.drive
+        desired = observation["desired_torque_nm"]
+        error = desired - observation["joint_torque_nm"]
+        following = self._sum + self.integral * drive.period * error
+        wanted = self.proportional * error + following
+        if self.feed_forward:
+            wanted = wanted + desired
+        torque = wanted / drive.ratio
+        limited = np.clip(torque, drive.low, drive.high)
+        # Beyond a limit, and the error would push further.
+        winding = (torque - limited) * (error / drive.ratio) > 0.0
+        self._sum = np.where(winding, self._sum, following)
+        return limited if isinstance(limited, np.ndarray) else float(limited)

@@ -1,0 +1,378 @@
+"""The engine plugin's callbacks, compiled.
+
+An instance is one cable, shared by two plugin actuators. `compute` evaluates the cable
+from its last committed state and applies the end tensions; it never writes
+`plugin_state`. `advance` commits, once a time step, the configuration at which the step
+began. All state that matters to the simulation is in `plugin_state`: that of the kernel
+and, under RK4, the time of the committed configuration. `plugin_data` holds what
+follows from the configuration, scratch memory, and the result of the last evaluation
+with its inputs, which is used again only for bitwise equal inputs.
+
+Under RK4 the four stages are evaluated from the committed state too. The first stage is
+at the configuration where the step begins, one time step after the committed one; the
+later ones are half, half and one step further on, so that much time has passed for the
+rate-dependent friction terms. The first stage is what `advance` commits.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from numba import cfunc
+
+from cc_mujoco.engine import config, ends, fields
+from cc_mujoco.engine.config import PLUGIN, constant
+from cc_mujoco.engine.memory import (
+    CAPACITY,
+    allocate,
+    append,
+    clear,
+    copy,
+    export,
+    floats,
+    internal,
+    load_byte,
+    load_real,
+    load_word,
+    quote,
+    release,
+    store_real,
+    store_word,
+    types,
+    warn,
+)
+from cc_mujoco.transmission import kernel
+from cc_mujoco.transmission.parameters import MAX_SECTIONS
+
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+
+# Byte offsets in the memory block of an instance; after the header follow the packed
+# parameters, scratch, the state before and after the last evaluation, and a copy of the
+# configuration text.
+_SEGMENTS = 0
+_PROXIMAL = 8
+_DISTAL = 16
+_TEXT_SIZE = 24
+_KNOWN = 32
+_INPUTS = 40  # u_proximal, u_distal, dt
+_STAGES = 64  # u_proximal, u_distal, dt, time of the last four evaluations under RK4
+_STAGE = 32
+_HEADER = _STAGES + 4 * _STAGE
+_TEXT_CAPACITY = 4096
+
+_START = constant(f"plugin `{PLUGIN}`, instance ")
+_START_END = constant(": ")
+
+
+@internal
+def _parameters(block: int) -> int:
+    return block + _HEADER
+
+
+@internal
+def _work(block: int, n: int) -> int:
+    return _parameters(block) + 8 * kernel.parameter_size(n)
+
+
+@internal
+def _old(block: int, n: int) -> int:
+    return _work(block, n) + 8 * kernel.work_size(n)
+
+
+@internal
+def _new(block: int, n: int) -> int:
+    return _old(block, n) + 8 * kernel.state_size(n)
+
+
+@internal
+def _text(block: int, n: int) -> int:
+    return _new(block, n) + 8 * kernel.state_size(n)
+
+
+# The large functions are compiled once each and called by name; as Numba functions they
+# would be compiled again inside every callback that calls them.
+_REFUSED = types.int32(types.intp, types.int32)
+_PACK = types.int32(types.intp, types.intp)
+_ADVANCE = types.int32(types.intp, types.float64, types.float64, types.float64)
+_refused = types.ExternalFunction("cc_mujoco_refused", _REFUSED)
+_pack = types.ExternalFunction("cc_mujoco_pack", _PACK)
+_advance = types.ExternalFunction("cc_mujoco_advance", _ADVANCE)
+
+
+@internal
+def _up_to_date(block: int, model: int, instance: int) -> bool:
+    """Bring the packed parameters up to date with the configuration of the model.
+
+    They are unless a batch gives its simulations different models; then the text of the
+    configuration differs from the copy that was packed last.
+    """
+    attributes = fields.attributes(model, instance)
+    seen = _text(block, load_word(block + _SEGMENTS))
+    size = load_word(block + _TEXT_SIZE)
+    i = 0
+    while i < size and load_byte(seen + i) == load_byte(attributes + i):
+        i += 1
+    if size > 0 and i == size:
+        return True
+    packed: bool = _pack(block, attributes) == 1
+    return packed
+
+
+@internal
+def _elapsed(model: int, data: int, committed: float) -> float:
+    """Time between the committed configuration and the present one [s].
+
+    One time step; under RK4, at the later stages, up to two.
+    """
+    step = fields.timestep(model)
+    if fields.integrator(model) != _RK4:
+        return step
+    halves = np.rint(2.0 * (fields.time(data) - committed) / step)
+    return 0.5 * halves * step if 2.0 <= halves <= 4.0 else step
+
+
+@internal
+def _evaluate(
+    block: int, state: int, u_proximal: float, u_distal: float, dt: float
+) -> bool:
+    """Evaluate from the committed state at address `state`, unless that is known.
+
+    Returns:
+        Whether the new state, in the block, is finite.
+    """
+    n = load_word(block + _SEGMENTS)
+    old = _old(block, n)
+    size = 8 * kernel.state_size(n)
+    known = load_word(block + _KNOWN) == 1
+    previous = load_word(block + _INPUTS), load_word(block + _INPUTS + 8)
+    step = load_word(block + _INPUTS + 16)
+    store_real(block + _INPUTS, u_proximal)
+    store_real(block + _INPUTS + 8, u_distal)
+    store_real(block + _INPUTS + 16, dt)
+    known = known and previous[0] == load_word(block + _INPUTS)
+    known = known and previous[1] == load_word(block + _INPUTS + 8)
+    known = known and step == load_word(block + _INPUTS + 16)
+    i = 0
+    while known and i < size:
+        known = load_word(old + i) == load_word(state + i)
+        i += 8
+    if known:
+        return True
+    for i in range(0, size, 8):
+        store_word(old + i, load_word(state + i))
+    finite: bool = _advance(block, u_proximal, u_distal, dt) == kernel.OK
+    store_word(block + _KNOWN, 1 if finite else 0)
+    return finite
+
+
+@internal
+def _length(data: int, block: int, end: int) -> float:
+    """Displacement of an end at the last evaluated position [m]."""
+    return fields.real(data, fields.LENGTH, load_word(block + end))
+
+
+@internal
+def _committed_time(state: int, n: int) -> int:
+    """Address of the time of the committed configuration."""
+    return state + 8 * kernel.state_size(n)
+
+
+def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
+    """Compile the callbacks.
+
+    Args:
+        stamp: what their code depends on besides this file; part of their cache key.
+        cache: whether to keep the compiled code on disk.
+    """
+    options: Any = {"cache": cache, "error_model": "numpy"}
+
+    @cfunc(_REFUSED, **options)
+    def refused(model: int, instance: int) -> int:
+        """Whether the instance cannot be used; if so, MuJoCo has been told why."""
+        _ = stamp
+        message = np.zeros(CAPACITY, np.uint8)
+        used = append(message, 0, _START)
+        used = quote(message, used, fields.plugin_name(model, instance))
+        start = append(message, used, _START_END)
+        used = ends.explain(message, start, model, instance)
+        attributes = fields.attributes(model, instance)
+        if used == start:
+            values = np.empty(config.SCALARS)
+            sections = np.empty((MAX_SECTIONS, 2))
+            key, _ = config.read(attributes, values, sections)
+            route = config.value(attributes, config.ROUTE)
+            if (
+                key == config.VALID
+                and route.size > 0
+                and not ends.has_route(model, instance, route)
+            ):
+                key = config.ROUTE
+            if key != config.VALID:
+                used = config.explain(message, start, attributes, key)
+        if used > start:
+            warn(message, used)
+        return used > start
+
+    @cfunc(_PACK, **options)
+    def pack(block: int, attributes: int) -> int:
+        """Pack the parameters from the attribute block of the instance.
+
+        Returns:
+            Whether they can be used.
+        """
+        _ = stamp
+        n = load_word(block + _SEGMENTS)
+        values = np.empty(config.SCALARS)
+        sections = np.empty((MAX_SECTIONS, 2))
+        key, count = config.read(attributes, values, sections)
+        store_word(block + _KNOWN, 0)
+        store_word(block + _TEXT_SIZE, 0)
+        if key != config.VALID or config.segments(attributes) != n:
+            return 0
+        prm = floats(_parameters(block), kernel.parameter_size(n))
+        kernel.pack(values, sections[:count], n, prm)
+        size = config.block_size(attributes)
+        if size <= _TEXT_CAPACITY:
+            copy(attributes, _text(block, n), size)
+            store_word(block + _TEXT_SIZE, size)
+        return 1
+
+    @cfunc(_ADVANCE, **options)
+    def step(block: int, u_proximal: float, u_distal: float, dt: float) -> int:
+        """Step the kernel from the old to the new state in the block."""
+        _ = stamp
+        n = load_word(block + _SEGMENTS)
+        size = kernel.state_size(n)
+        return kernel.advance(
+            floats(_parameters(block), kernel.parameter_size(n)),
+            n,
+            floats(_old(block, n), size),
+            u_proximal,
+            u_distal,
+            dt,
+            floats(_new(block, n), size),
+            floats(_work(block, n), kernel.work_size(n)),
+        )
+
+    export("cc_mujoco_refused", refused.address)
+    export("cc_mujoco_pack", pack.address)
+    export("cc_mujoco_advance", step.address)
+    address = types.intp
+    integer = types.int32
+
+    @cfunc(integer(address, integer), **options)
+    def nstate(model: int, instance: int) -> int:
+        _ = stamp
+        n = max(config.segments(fields.attributes(model, instance)), 1)
+        return kernel.state_size(n) + 1
+
+    @cfunc(integer(address, address, integer), **options)
+    def init(model: int, data: int, instance: int) -> int:
+        _ = stamp
+        fields.set_block(data, instance, 0)
+        if _refused(model, instance) != 0:
+            return -1
+        attributes = fields.attributes(model, instance)
+        n = config.segments(attributes)
+        size = _text(0, n) + _TEXT_CAPACITY
+        block = allocate(size)
+        clear(block, size)
+        _, first, second = ends.find(model, instance)
+        store_word(block + _SEGMENTS, n)
+        store_word(block + _PROXIMAL, ends.output(model, first))
+        store_word(block + _DISTAL, ends.output(model, second))
+        _pack(block, attributes)
+        fields.set_block(data, instance, block)
+        return 0
+
+    @cfunc(types.void(address, integer), **options)
+    def destroy(data: int, instance: int) -> None:
+        _ = stamp
+        block = fields.block(data, instance)
+        if block != 0:
+            release(block)
+        fields.set_block(data, instance, 0)
+
+    @cfunc(types.void(address, address, address, integer), **options)
+    def reset(model: int, state: int, block: int, instance: int) -> None:
+        _ = stamp
+        if not _up_to_date(block, model, instance):
+            return
+        n = load_word(block + _SEGMENTS)
+        kernel.initialize(
+            floats(_parameters(block), kernel.parameter_size(n)),
+            n,
+            fields.real(model, fields.LENGTH0, load_word(block + _PROXIMAL)),
+            fields.real(model, fields.LENGTH0, load_word(block + _DISTAL)),
+            floats(state, kernel.state_size(n)),
+        )
+        start = -fields.timestep(model) if fields.integrator(model) == _RK4 else 0.0
+        store_real(_committed_time(state, n), start)
+
+    @cfunc(types.void(address, address, integer, integer), **options)
+    def compute(model: int, data: int, instance: int, capability: int) -> None:
+        _ = stamp
+        block = fields.block(data, instance)
+        state = fields.state(model, data, instance)
+        n = load_word(block + _SEGMENTS)
+        u_proximal = _length(data, block, _PROXIMAL)
+        u_distal = _length(data, block, _DISTAL)
+        dt = _elapsed(model, data, load_real(_committed_time(state, n)))
+        fits = _up_to_date(block, model, instance)
+        if fits and _evaluate(block, state, u_proximal, u_distal, dt):
+            tension = _new(block, n) + 8 * kernel.STATE_HEADER
+            proximal = max(load_real(tension), 0.0)
+            distal = max(load_real(tension + 8 * n), 0.0)
+        else:
+            # MuJoCo sees the bad acceleration, warns and resets, as for any other.
+            proximal, distal = np.nan, np.nan
+        fields.set_force(data, load_word(block + _PROXIMAL), proximal)
+        fields.set_force(data, load_word(block + _DISTAL), -distal)
+        if fields.integrator(model) == _RK4:
+            stages = block + _STAGES
+            copy(stages + _STAGE, stages, 3 * _STAGE)
+            store_real(stages + 3 * _STAGE, u_proximal)
+            store_real(stages + 3 * _STAGE + 8, u_distal)
+            store_real(stages + 3 * _STAGE + 16, dt)
+            store_real(stages + 3 * _STAGE + 24, fields.time(data))
+
+    @cfunc(types.void(address, address, integer), **options)
+    def advance(model: int, data: int, instance: int) -> None:
+        _ = stamp
+        block = fields.block(data, instance)
+        state = fields.state(model, data, instance)
+        n = load_word(block + _SEGMENTS)
+        u_proximal = _length(data, block, _PROXIMAL)
+        u_distal = _length(data, block, _DISTAL)
+        dt = fields.timestep(model)
+        time = 0.0
+        if fields.integrator(model) == _RK4:
+            # A step makes four evaluations; the first of them is committed. With
+            # actuation disabled there are none, and the last position counts.
+            time = fields.time(data) - dt
+            stages = block + _STAGES
+            if (
+                load_real(stages + 3 * _STAGE) == u_proximal
+                and load_real(stages + 3 * _STAGE + 8) == u_distal
+            ):
+                u_proximal = load_real(stages)
+                u_distal = load_real(stages + 8)
+                dt = load_real(stages + 16)
+                time = load_real(stages + 24)
+        fits = _up_to_date(block, model, instance)
+        if fits and _evaluate(block, state, u_proximal, u_distal, dt):
+            new = _new(block, n)
+            for i in range(0, 8 * kernel.state_size(n), 8):
+                store_word(state + i, load_word(new + i))
+            store_real(_committed_time(state, n), time)
+
+    return {
+        "nstate": nstate,
+        "init": init,
+        "destroy": destroy,
+        "reset": reset,
+        "compute": compute,
+        "advance": advance,
+    }

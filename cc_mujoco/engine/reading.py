@@ -1,0 +1,199 @@
+"""Tensions, slip, slack and route of the cables in a simulation.
+
+    reading = read(model, data, "flexor")
+    reading.tension_distal, reading.moving_fraction, reading.slack
+
+A reading is of the committed state: after `mj_step`, that of the configuration for
+which the step computed its forces, so it agrees with `data.actuator_force` and with
+MuJoCo's `actuatorfrc` sensors on the two actuators (+T_proximal and -T_distal).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.engine.mjcf import cable_of, instances
+from cc_mujoco.errors import CableError
+from cc_mujoco.transmission import kernel
+from cc_mujoco.transmission.conduit import packed
+from cc_mujoco.transmission.parameters import Cable
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CableReading:
+    """State of one cable, or of one cable in many simulations (leading axes).
+
+    Attributes:
+        tension: tension of the nodes from proximal to distal, (..., n + 1) [N].
+        slip: direction in which each segment slips, 0 where it rests, (..., n).
+        tension_proximal: tension at the motor's end [N].
+        tension_distal: tension at the joint's end [N].
+        moving_fraction: fraction of the segments that slip.
+        slack: length of cable that lies slack in the conduit [m].
+        dissipated: energy that friction has taken since reset [J].
+    """
+
+    tension: Floats
+    slip: NDArray[np.int8]
+    tension_proximal: float | Floats
+    tension_distal: float | Floats
+    moving_fraction: float | Floats
+    slack: float | Floats
+    dissipated: float | Floats
+
+
+def cables(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the cables of a model."""
+    return tuple(instances(model))
+
+
+def read(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> CableReading:
+    """The state of a cable now; its arrays are copies.
+
+    Raises:
+        CableError: the model has no cable of that name.
+    """
+    reading = read_state(model, name, data.plugin_state)
+    return CableReading(
+        reading.tension,
+        reading.slip,
+        float(reading.tension_proximal),
+        float(reading.tension_distal),
+        float(reading.moving_fraction),
+        float(reading.slack),
+        float(reading.dissipated),
+    )
+
+
+def read_state(model: mujoco.MjModel, name: str, plugin_state: Floats) -> CableReading:
+    """The state of a cable in arrays of plugin states, as those of a batch.
+
+    Args:
+        model: the model.
+        name: the cable.
+        plugin_state: `mjData.plugin_state` of any number of simulations, (..., m).
+
+    Raises:
+        CableError: the model has no cable of that name, or the array does not fit it.
+    """
+    index = _instance(model, name)
+    cable = cable_of(model, index, name)
+    n = cable.segments
+    if plugin_state.shape[-1] != model.npluginstate:
+        raise CableError(
+            f"plugin_state has {plugin_state.shape[-1]} numbers per simulation; this "
+            f"model has {model.npluginstate}"
+        )
+    start = model.plugin_stateadr[index]
+    state = plugin_state[..., start : start + kernel.state_size(n)]
+    node = state[..., kernel.STATE_HEADER : kernel.STATE_HEADER + n + 1]
+    slip = state[..., kernel.STATE_HEADER + n + 1 : kernel.STATE_HEADER + 2 * n + 1]
+    tension = np.maximum(node, 0.0)
+    moving = np.sign(slip).astype(np.int8)
+    return CableReading(
+        tension=tension,
+        slip=moving,
+        tension_proximal=tension[..., 0].copy(),
+        tension_distal=tension[..., n].copy(),
+        moving_fraction=np.abs(moving).mean(axis=-1),
+        slack=np.maximum(-node, 0.0) @ _compliance(cable),
+        dissipated=state[..., 2].copy(),
+    )
+
+
+def route(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
+    """The path of a cable's conduit in space, from its route tendon.
+
+    Returns:
+        (P, 3) points [m], proximal to distal: sites, and where the tendon touches and
+        leaves the geoms that it wraps. Needs `mj_tendon` (part of `mj_forward`).
+
+    Raises:
+        CableError: the model has no such cable, or the cable no route.
+    """
+    tendon = route_tendon(model, name)
+    start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
+    points = data.wrap_xpos.reshape(-1, 3)[start : start + count]
+    is_pulley = data.wrap_obj.reshape(-1)[start : start + count] == -2
+    return np.array(points[~is_pulley])
+
+
+def route_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
+    """Sum of the turning angles of a cable's route [rad].
+
+    Raises:
+        CableError: the model has no such cable, or the cable no route.
+    """
+    pieces = np.diff(route(model, data, name), axis=0)
+    length = np.linalg.norm(pieces, axis=1)
+    direction = pieces[length > 0.0] / length[length > 0.0, None]
+    before, after = direction[:-1], direction[1:]
+    sine = np.linalg.norm(np.cross(before, after), axis=1)
+    cosine = np.einsum("ij,ij->i", before, after)
+    return float(np.arctan2(sine, cosine).sum())
+
+
+def route_length(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
+    """Length of a cable's route, arcs around geoms included [m].
+
+    Raises:
+        CableError: the model has no such cable, or the cable no route.
+    """
+    return float(data.ten_length[route_tendon(model, name)])
+
+
+def route_tendon(model: mujoco.MjModel, name: str) -> int:
+    """Index of the spatial tendon that draws a cable's conduit.
+
+    `attach` renames tendons and instances, not the text of a configuration. So `route`
+    also stands for that name with a prefix and suffix of the instance's own name:
+    instance `left_flexor` with `route` = `path` means tendon `left_path`, if there is
+    one, else `path`. The longest match counts.
+
+    Raises:
+        CableError: the model has no such cable, or the cable no route.
+    """
+    index = _instance(model, name)
+    wanted = cable_of(model, index, name).route
+    if not wanted:
+        raise CableError(
+            f"cable {name!r} has no route; set its key `route` to a spatial tendon"
+        )
+    best, length = -1, -1
+    for tendon in range(model.ntendon):
+        candidate = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon) or ""
+        if _means(candidate, wanted, name) and len(candidate) > length:
+            best, length = tendon, len(candidate)
+    if best < 0:
+        raise CableError(f"cable {name!r}: the model has no tendon {wanted!r}")
+    return best
+
+
+def _means(candidate: str, wanted: str, name: str) -> bool:
+    extra = len(candidate) - len(wanted)
+    return 0 <= extra <= len(name) and any(
+        candidate[cut : cut + len(wanted)] == wanted
+        and name.startswith(candidate[:cut])
+        and name.endswith(candidate[cut + len(wanted) :])
+        for cut in range(extra + 1)
+    )
+
+
+def _instance(model: mujoco.MjModel, name: str) -> int:
+    found = instances(model)
+    if name not in found:
+        raise CableError.unknown("cable", name, found)
+    return found[name]
+
+
+@lru_cache(maxsize=256)
+def _compliance(cable: Cable) -> Floats:
+    """Compliance of the nodes [m/N]."""
+    return 1.0 / kernel.node_stiffness(packed(cable), cable.segments)

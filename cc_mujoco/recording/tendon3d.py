@@ -1,0 +1,66 @@
+"""Spatial tendons as plain lines: the free cable between a conduit and a pulley."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import mujoco
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from cc_mujoco.recording.scene3d import TIMELINE, WORLD, own_color
+
+Array = NDArray[np.float64]
+
+PULLEY = -2
+"""`wrap_obj` of a point that only separates the branches of a tendon."""
+
+
+def log_tendons(
+    rec: rr.RecordingStream,
+    model: mujoco.MjModel,
+    time: Array,
+    qpos: Array,
+    skipped: Collection[int],
+) -> None:
+    """Log every visible spatial tendon in its own colour.
+
+    Args:
+        rec: Open recording.
+        model: Compiled model.
+        time: Times of the frames (T,), s.
+        qpos: Generalized coordinates of the frames (T, nq).
+        skipped: Tendons that are drawn otherwise.
+    """
+    for tendon in range(model.ntendon):
+        kind = model.wrap_type[model.tendon_adr[tendon]]
+        rgba = own_color(model, model.tendon_rgba[tendon], model.tendon_matid[tendon])
+        spatial = kind != mujoco.mjtWrap.mjWRAP_JOINT
+        if tendon in skipped or not spatial or rgba[3] == 0:
+            continue
+        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)
+        path = rr.new_entity_path([WORLD, "tendon", name or str(tendon)])
+        radius = float(model.tendon_width[tendon])
+        look = rr.LineStrips3D.from_fields(radii=[radius], colors=[rgba])
+        rec.log(path, look, static=True)
+        strips = rr.LineStrips3D.columns(strips=_paths(model, tendon, qpos))
+        rec.send_columns(path, [rr.TimeColumn(TIMELINE, duration=time)], [*strips])
+
+
+def _paths(
+    model: mujoco.MjModel, tendon: int, qpos: Array
+) -> list[NDArray[np.float32]]:
+    """Return the points of a tendon in every frame, each (P, 3) in metres."""
+    data = mujoco.MjData(model)
+    paths = []
+    for coordinates in qpos:
+        data.qpos[:] = coordinates
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
+        part = slice(start, start + count)
+        real = data.wrap_obj.reshape(-1)[part] != PULLEY
+        paths.append(data.wrap_xpos.reshape(-1, 3)[part][real].astype(np.float32))
+    return paths

@@ -1,0 +1,366 @@
+"""One cable from Python: step by step, or a whole recorded motion in one call.
+
+>>> import numpy as np
+>>> from cc_mujoco.transmission import Cable, Section, replay
+>>> cable = Cable(friction=0.2, conduit=(Section(2.0, 0.28),))
+>>> pulled = -np.linspace(0.0, 0.02, 200)
+>>> motion = replay(cable, dt=0.001, u_proximal=pulled, u_distal=np.zeros(200))
+>>> bool(motion.tension_proximal[-1] > motion.tension_distal[-1])
+True
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.errors import CableError
+from cc_mujoco.transmission import kernel
+from cc_mujoco.transmission.friction import holding_coefficient, ratio
+from cc_mujoco.transmission.parameters import PARAMETERS, Cable
+
+Value = TypeVar("Value")
+
+
+def packed(cable: Cable) -> FloatArray:
+    """The cable's parameters as the kernel takes them, `kernel.pack`."""
+    prm = np.empty(kernel.parameter_size(cable.segments))
+    kernel.pack(
+        np.array([getattr(cable, p.name) for p in PARAMETERS]),
+        np.array(cable.conduit, dtype=np.float64),
+        cable.segments,
+        prm,
+    )
+    return prm
+
+
+def rest_state(cable: Cable, tension: ArrayLike | None = None) -> FloatArray:
+    """State at rest, both ends at displacement 0.
+
+    Args:
+        cable: the cable.
+        tension: initial node tensions (segments + 1,) [N], proximal to distal; default
+            the cable's uniform pretension.
+
+    Raises:
+        CableError: a wrong number of tensions, a negative one, or two neighbours that
+            static friction cannot hold apart (thesis 2.7).
+    """
+    n = cable.segments
+    prm = packed(cable)
+    state = np.empty(kernel.state_size(n))
+    kernel.initialize(prm, n, 0.0, 0.0, state)
+    if tension is not None:
+        node = np.asarray(tension, dtype=np.float64)
+        if node.shape != (n + 1,):
+            raise CableError(
+                f"initial tension has shape {node.shape}; a cable of {n} segments "
+                f"takes one value per node, ({n + 1},)"
+            )
+        if not np.all(np.isfinite(node)) or np.any(node < 0.0):
+            raise CableError("initial tension must be finite and not negative")
+        _require_held(cable, node)
+        state[kernel.STATE_HEADER : kernel.STATE_HEADER + n + 1] = node
+        state[3] = float(np.sum(node / kernel.node_stiffness(prm, n)))
+    return state
+
+
+def _require_held(cable: Cable, node: FloatArray) -> None:
+    n = cable.segments
+    prm = packed(cable)
+    hold = holding_coefficient(prm[: len(PARAMETERS)])
+    for j, angle in enumerate(kernel.segment_angles(prm, n)):
+        low, high = sorted((float(node[j]), float(node[j + 1])))
+        drag = cable.load_independent_friction * cable.length / n
+        if high > (ratio(hold, float(angle)) * low + drag) * (1.0 + 1e-9):
+            raise CableError(
+                f"initial tension jumps from {node[j]:g} N to {node[j + 1]:g} N between "
+                f"nodes {j} and {j + 1}, more than friction holds; make it smoother"
+            )
+
+
+class Conduit:
+    """One cable with its state, stepped by its ends.
+
+    Displacements are positive towards distal and count from the rest position.
+    """
+
+    def __init__(self, cable: Cable, tension: ArrayLike | None = None) -> None:
+        """Set the cable at rest; arguments as in `rest_state`."""
+        self.cable = cable
+        self._prm = packed(cable)
+        self._start = rest_state(cable, tension)
+        self._state = self._start.copy()
+        self._next = self._start.copy()
+        self._work = np.empty(kernel.work_size(cable.segments))
+
+    def reset(self) -> None:
+        """Return to the initial rest state."""
+        self._state[:] = self._start
+
+    def step(
+        self,
+        dt: float,
+        *,
+        u_proximal: float | None = None,
+        tension_proximal: float | None = None,
+        u_distal: float | None = None,
+        tension_distal: float | None = None,
+    ) -> None:
+        """Advance by `dt` seconds with one quantity prescribed at each end.
+
+        Args:
+            dt: time step [s], > 0.
+            u_proximal: displacement of the proximal end [m], or
+            tension_proximal: its tension [N], >= 0.
+            u_distal: displacement of the distal end [m], or
+            tension_distal: its tension [N], >= 0.
+
+        Raises:
+            CableError: not exactly one quantity per end, tension at both ends, or a
+                value that is not finite or negative.
+        """
+        near = _prescribed("proximal", u_proximal, tension_proximal)
+        far = _prescribed("distal", u_distal, tension_distal)
+        near_kind, near_value = near
+        far_kind, far_value = far
+        _check_ends(near_kind, far_kind, dt)
+        status = kernel.step(
+            self._prm,
+            self.cable.segments,
+            self._state,
+            near_kind,
+            float(near_value),
+            far_kind,
+            float(far_value),
+            float(dt),
+            self._next,
+            self._work,
+        )
+        if status != kernel.OK:
+            raise CableError(
+                f"ends of the cable are driven to {near_value!r} and {far_value!r}; "
+                "both must be finite"
+            )
+        self._state, self._next = self._next, self._state
+
+    @property
+    def tension(self) -> FloatArray:
+        """Tension of every node, proximal to distal (segments + 1,) [N]."""
+        t = kernel.STATE_HEADER
+        return np.maximum(self._state[t : t + self.cable.segments + 1], 0.0)
+
+    @property
+    def tension_proximal(self) -> float:
+        """Tension of the proximal end [N]."""
+        return float(self.tension[0])
+
+    @property
+    def tension_distal(self) -> float:
+        """Tension of the distal end [N]."""
+        return float(self.tension[-1])
+
+    @property
+    def u_proximal(self) -> float:
+        """Displacement of the proximal end [m]."""
+        return float(self._state[0])
+
+    @property
+    def u_distal(self) -> float:
+        """Displacement of the distal end [m]."""
+        return float(self._state[1])
+
+    @property
+    def direction(self) -> NDArray[np.int8]:
+        """Direction of slip of every segment in the last step (segments,), 0 = rest."""
+        n = self.cable.segments
+        t = kernel.STATE_HEADER + n + 1
+        return np.sign(self._state[t : t + n]).astype(np.int8)
+
+    @property
+    def moving_fraction(self) -> float:
+        """Share of the segments that slipped in the last step."""
+        return float(np.mean(self.direction != 0))
+
+    @property
+    def slack(self) -> float:
+        """Length of cable lying slack [m]."""
+        return kernel.slack(self._prm, self.cable.segments, self._state)
+
+    @property
+    def stored(self) -> float:
+        """Elastic energy [J]."""
+        return kernel.stored(self._prm, self.cable.segments, self._state)
+
+    @property
+    def dissipated(self) -> float:
+        """Energy lost to friction since the start [J], friction times slip."""
+        return float(self._state[2])
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A recorded motion played through a cable; arrays have one row per sample.
+
+    Attributes:
+        u_proximal: displacement of the proximal end [m].
+        u_distal: displacement of the distal end [m].
+        tension_proximal: [N].
+        tension_distal: [N].
+        moving_fraction: share of segments that slipped.
+        slack: length of slack cable [m].
+        stored: elastic energy [J].
+        dissipated: energy lost to friction so far [J].
+        tension: node tensions (samples, segments + 1) [N], where asked for.
+        direction: slip direction (samples, segments), where asked for.
+    """
+
+    u_proximal: FloatArray
+    u_distal: FloatArray
+    tension_proximal: FloatArray
+    tension_distal: FloatArray
+    moving_fraction: FloatArray
+    slack: FloatArray
+    stored: FloatArray
+    dissipated: FloatArray
+    tension: FloatArray | None
+    direction: NDArray[np.int8] | None
+
+
+def replay(
+    cable: Cable,
+    dt: float,
+    *,
+    u_proximal: ArrayLike | None = None,
+    tension_proximal: ArrayLike | None = None,
+    u_distal: ArrayLike | None = None,
+    tension_distal: ArrayLike | None = None,
+    initial_tension: ArrayLike | None = None,
+    profile: bool = False,
+) -> Replay:
+    """Play a recorded motion of both ends through a cable, in one compiled call.
+
+    The first sample is the rest state; only changes of displacement matter.
+
+    Args:
+        cable: the cable.
+        dt: time between samples [s].
+        u_proximal: displacement of the proximal end (samples,) [m], or
+        tension_proximal: its tension (samples,) [N].
+        u_distal: displacement of the distal end (samples,) [m], or
+        tension_distal: its tension (samples,) [N].
+        initial_tension: node tensions at the start, see `rest_state`.
+        profile: also return node tensions and slip directions of every sample.
+
+    Raises:
+        CableError: not exactly one quantity per end, tension at both, unequal lengths,
+            values that are not finite, or negative tensions.
+    """
+    near_kind, near_given = _prescribed("proximal", u_proximal, tension_proximal)
+    far_kind, far_given = _prescribed("distal", u_distal, tension_distal)
+    _check_ends(near_kind, far_kind, dt)
+    near = _series("proximal", near_kind, near_given)
+    far = _series("distal", far_kind, far_given)
+    if near.size != far.size:
+        raise CableError(
+            f"the proximal end has {near.size} samples and the distal end {far.size}; "
+            "both must have the same number"
+        )
+    n = cable.segments
+    prm = packed(cable)
+    state = rest_state(cable, initial_tension)
+    state[0] = near[0] if near_kind == kernel.POSITION else 0.0
+    state[1] = far[0] if far_kind == kernel.POSITION else 0.0
+    summary = np.empty((8, near.size))
+    rows = near.size if profile else 0
+    tension = np.empty((rows, n + 1))
+    direction = np.empty((rows, n), dtype=np.int8)
+    _play(
+        prm, n, state, near_kind, near, far_kind, far, dt, summary, tension, direction
+    )
+    return Replay(
+        *summary,
+        tension if profile else None,
+        direction if profile else None,
+    )
+
+
+@compiled
+def _play(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    near_kind: int,
+    near: FloatArray,
+    far_kind: int,
+    far: FloatArray,
+    dt: float,
+    summary: FloatArray,
+    tension: FloatArray,
+    direction: NDArray[np.int8],
+) -> None:
+    new_state = state.copy()
+    work = np.empty(kernel.work_size(n))
+    t = kernel.STATE_HEADER
+    for row in range(near.size):
+        # A prescribed position has nothing to say at the first sample; a tension does.
+        kernel.step(
+            prm, n, state, near_kind, near[row], far_kind, far[row], dt, new_state, work
+        )
+        state[:] = new_state
+        moving = 0
+        for j in range(n):
+            if state[t + n + 1 + j] != 0.0:
+                moving += 1
+        summary[0, row] = state[0]
+        summary[1, row] = state[1]
+        summary[2, row] = max(state[t], 0.0)
+        summary[3, row] = max(state[t + n], 0.0)
+        summary[4, row] = moving / n
+        summary[5, row] = kernel.slack(prm, n, state)
+        summary[6, row] = kernel.stored(prm, n, state)
+        summary[7, row] = state[2]
+        if tension.shape[0] > 0:
+            for i in range(n + 1):
+                tension[row, i] = max(state[t + i], 0.0)
+            for j in range(n):
+                direction[row, j] = np.int8(np.sign(state[t + n + 1 + j]))
+
+
+def _prescribed(end: str, u: Value | None, tension: Value | None) -> tuple[int, Value]:
+    if u is not None and tension is None:
+        return kernel.POSITION, u
+    if tension is not None and u is None:
+        return kernel.TENSION, tension
+    raise CableError(f"prescribe either u_{end} or tension_{end}, not both or neither")
+
+
+def _check_ends(near_kind: int, far_kind: int, dt: float) -> None:
+    if near_kind == far_kind == kernel.TENSION:
+        raise CableError(
+            "both ends are driven by tension; at least one must be driven by position"
+        )
+    if not (np.isfinite(dt) and dt > 0.0):
+        raise CableError(f"time step is {dt!r} s; it must be positive and finite")
+
+
+def _series(end: str, kind: int, given: ArrayLike | Sequence[float]) -> FloatArray:
+    values = np.ascontiguousarray(given, dtype=np.float64)
+    if values.ndim != 1 or values.size == 0:
+        raise CableError(
+            f"the motion of the {end} end has shape {values.shape}; it must be (samples,)"
+        )
+    if not np.all(np.isfinite(values)):
+        row = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise CableError(f"sample {row} of the {end} end is {values[row]!r}")
+    if kind == kernel.TENSION and np.any(values < 0.0):
+        row = int(np.flatnonzero(values < 0.0)[0])
+        raise CableError(
+            f"sample {row} of tension_{end} is {values[row]:g} N; tension is never negative"
+        )
+    return values

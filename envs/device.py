@@ -1,0 +1,238 @@
+"""A device in MuJoCo: where its parts are in the arrays, and what they read.
+
+Everything here works on the arrays of one simulation and, with a leading axis, of many;
+both give the same bits, because the arithmetic is elementwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import engine
+from cc_mujoco.assets import scene_path
+from cc_mujoco.control import Drive
+from cc_mujoco.engine.mjcf import instances
+from cc_mujoco.human import Wearer
+from cc_mujoco.transmission import Cable, kernel
+from cc_mujoco.transmission.conduit import packed
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What distinguishes one device from another."""
+
+    scene: str
+    """Name of the scene, for `scene_path`."""
+    joint: str
+    """Joint that the cables drive and the wearer moves through actuator `wearer`."""
+    reach: float
+    """Largest angle of named trajectories [rad]; leaves room before the stops."""
+    torque_scale: float
+    """Torque error that costs a reward of 1 [Nm]."""
+    bounds: Mapping[str, float]
+    """What is observed, by column name, and the range of its sensor, plus or minus."""
+    companions: Mapping[str, str] = field(default_factory=dict)
+    """Other joints that the wearer moves, and the actuators that do so."""
+    phase_observed: bool = False
+    """Whether sine and cosine of the gait phase are observed too."""
+
+
+class Physics(NamedTuple):
+    """Arrays of a simulation, or of several with a leading axis."""
+
+    qpos: Array
+    qvel: Array
+    plugin_state: Array
+    actuator_force: Array
+    qfrc_actuator: Array
+
+
+class Conduit(NamedTuple):
+    """Where the state of a cable is."""
+
+    name: str
+    start: int
+    """Of its state in `plugin_state`."""
+    segments: int
+    compliance: Array
+    """Stretch per tension at the nodes, (segments + 1,) [m/N]."""
+
+
+class Device:
+    """The model of a device and the places of its parts."""
+
+    def __init__(self, setup: Setup, wearer: Wearer | None) -> None:
+        """Load the scene.
+
+        Args:
+            setup: The device.
+            wearer: Impedance of the wearer at the joint; that of the scene by default.
+        """
+        self.setup = setup
+        self.model = model = mujoco.MjModel.from_xml_path(str(scene_path(setup.scene)))
+        mover = model.actuator("wearer")
+        if wearer is not None:
+            gains = wearer.gains()
+            mover.gainprm[0] = gains.gain
+            mover.biasprm[:3] = gains.bias
+        movers = ["wearer", *setup.companions.values()]
+        self.wearers = [_wearer(model, name) for name in movers]
+        """Impedances at the joint and at its companions."""
+        motor = model.actuator("motor")
+        self.motor_control = int(model.actuator_ctrladr[motor.id])
+        self.wearer_controls = [
+            int(model.actuator_ctrladr[model.actuator(name).id]) for name in movers
+        ]
+        self.wearer_ranges = np.array(
+            [model.actuator(name).ctrlrange for name in movers]
+        )
+        self.motor_scale = float(motor.ctrlrange[1])
+        """Control of the motor at an action of 1."""
+        self.torque_limit = float(self.motor_scale * motor.gear[0])
+        """Torque of the motor at an action of 1 [Nm]."""
+        self._motor_gear = float(motor.gear[0])
+        self._motor_out = int(model.actuator_outadr[motor.id])
+        self._wearer_out = int(model.actuator_outadr[mover.id])
+        self._motor_q = int(model.joint("motor").qposadr[0])
+        self._motor_v = int(model.joint("motor").dofadr[0])
+        self._joint_q = int(model.joint(setup.joint).qposadr[0])
+        self._joint_v = int(model.joint(setup.joint).dofadr[0])
+        self._companions_q = [
+            int(model.joint(name).qposadr[0]) for name in setup.companions
+        ]
+        self._conduits = [
+            _conduit(model, name, cable)
+            for name, cable in engine.from_mjcf(model).items()
+        ]
+        self._ends = [_ends(model, conduit.name) for conduit in self._conduits]
+        self.ratio = self._ratio()
+        """Joint torque per motor torque without friction in the neutral pose [-]."""
+
+    @property
+    def joint_range(self) -> tuple[float, float]:
+        """Stops of the joint [rad]."""
+        low, high = self.model.joint(self.setup.joint).range
+        return float(low), float(high)
+
+    def drive(self, period: float) -> Drive:
+        """What a controller called once a period [s] knows of the device."""
+        limit = self.torque_limit
+        return Drive(self.ratio, -limit, limit, period)
+
+    def start(self, data: mujoco.MjData, angles: Array, commands: Array) -> None:
+        """Bring a simulation to the start of an episode: at rest, cables at pretension.
+
+        The motor takes the angle at which the cables are as long as in the neutral
+        pose, and the cables are laid where they then are, without sliding there.
+
+        Args:
+            data: The simulation; nothing of its past remains.
+            angles: Of the joint and its companions [rad].
+            commands: Of the wearer, for the joint and its companions [rad].
+        """
+        model = self.model
+        mujoco.mj_resetData(model, data)
+        data.qpos[self._joint_q] = angles[0]
+        data.qpos[self._companions_q] = angles[1:]
+        data.ctrl[self.wearer_controls] = commands
+        mujoco.mj_fwdPosition(model, data)
+        near, far = self._ends[0]
+        payed_out = data.actuator_length[far] - model.actuator_length0[far]
+        data.qpos[self._motor_q] += payed_out / model.actuator_gear[near, 0]
+        mujoco.mj_fwdPosition(model, data)
+        for conduit, ends in zip(self._conduits, self._ends, strict=True):
+            data.plugin_state[conduit.start : conduit.start + 2] = (
+                data.actuator_length[list(ends)]
+            )
+        mujoco.mj_forward(model, data)
+
+    def read(self, physics: Physics) -> dict[str, Any]:
+        """Read what the device and its cables do.
+
+        Args:
+            physics: The simulation, or several.
+
+        Returns:
+            The columns of an episode log that are states of the device: numbers (or
+            arrays over simulations) and, for the list columns, arrays of their own.
+            Angles and velocities are those after the last physics step; torques,
+            tensions and slip are those that acted during it.
+        """
+        qpos, qvel = physics.qpos.T, physics.qvel.T
+        force = physics.actuator_force.T
+        wearer = force[self._wearer_out]
+        columns: dict[str, Any] = {
+            "motor_angle_rad": qpos[self._motor_q],
+            "motor_velocity_rad_s": qvel[self._motor_v],
+            "motor_torque_nm": force[self._motor_out] * self._motor_gear,
+            "joint_angle_rad": qpos[self._joint_q],
+            "joint_velocity_rad_s": qvel[self._joint_v],
+            # The wearer and the cables are all that acts on the joint.
+            "joint_torque_nm": physics.qfrc_actuator.T[self._joint_v] - wearer,
+            "wearer_torque_nm": wearer,
+            "qpos": physics.qpos.copy(),
+        }
+        for conduit in self._conduits:
+            columns |= _read_conduit(conduit, physics.plugin_state)
+        return columns
+
+    def _ratio(self) -> float:
+        data = mujoco.MjData(self.model)
+        data.qvel[self._joint_v] = 1.0
+        mujoco.mj_fwdPosition(self.model, data)
+        mujoco.mj_fwdVelocity(self.model, data)
+        near, far = self._ends[0]
+        arm = data.actuator_velocity[far]
+        return float(arm / self.model.actuator_gear[near, 0])
+
+
+def physics_of(data: mujoco.MjData) -> Physics:
+    """Views on the arrays of a simulation."""
+    return Physics(*(getattr(data, name) for name in Physics._fields))
+
+
+def _wearer(model: mujoco.MjModel, name: str) -> Wearer:
+    actuator = model.actuator(name)
+    return Wearer(float(actuator.gainprm[0]), -float(actuator.biasprm[2]))
+
+
+def _conduit(model: mujoco.MjModel, name: str, cable: Cable) -> Conduit:
+    n = cable.segments
+    compliance = 1.0 / kernel.node_stiffness(packed(cable), n)
+    start = int(model.plugin_stateadr[instances(model)[name]])
+    return Conduit(name, start, n, compliance)
+
+
+def _ends(model: mujoco.MjModel, name: str) -> tuple[int, int]:
+    """Indices of the proximal and the distal end in `actuator_length`."""
+    found = np.flatnonzero(model.actuator_plugin == instances(model)[name])
+    near, far = (int(model.actuator_outadr[actuator]) for actuator in found)
+    return near, far
+
+
+def _read_conduit(conduit: Conduit, plugin_state: Array) -> dict[str, Any]:
+    name, n = conduit.name, conduit.segments
+    nodes = conduit.start + kernel.STATE_HEADER
+    strained = plugin_state[..., nodes : nodes + n + 1]
+    slip = plugin_state[..., nodes + n + 1 : nodes + 2 * n + 1]
+    tension = np.maximum(strained, 0.0)
+    direction = np.sign(slip).astype(np.int8)
+    slack = (np.minimum(strained, 0.0) * conduit.compliance).sum(axis=-1)
+    return {
+        f"tension_{name}_proximal_n": tension.T[0],
+        f"tension_{name}_distal_n": tension.T[n],
+        f"moving_{name}_fraction": np.abs(direction).sum(axis=-1) / n,
+        # From 0.0, so that a taut cable has a slack of 0.0 and not of -0.0.
+        f"slack_{name}_m": 0.0 - slack,
+        f"dissipated_{name}_j": plugin_state.T[conduit.start + 2],
+        f"tension_{name}_nodes_n": tension,
+        f"slip_{name}_direction": direction,
+    }

@@ -1,0 +1,128 @@
+"""What a device's single environment and its vector form have in common.
+
+Both are thin: they advance MuJoCo, one simulation or a batch of them, and leave all else
+to an `Exo`, whose arithmetic is the same for numbers and arrays. So they agree bit for
+bit.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import TASKS, Task, Trajectory, Wearer
+from cc_mujoco.human import task as find_task
+
+from .device import Array, Device, Physics, Setup
+from .script import Author, find_trajectory
+
+EFFORT = 0.001
+"""Reward lost by full motor torque, per control step."""
+
+REWARDS = ("reward_tracking", "reward_effort")
+"""Keys of the terms of the reward in `info`; the reward is their sum."""
+
+
+class Exo:
+    """A device with a wearer, a trajectory and a task."""
+
+    def __init__(
+        self,
+        setup: Setup,
+        trajectory: str | Path | Trajectory,
+        task: str | Task,
+        duration: float,
+        frame_skip: int,
+        wearer: Wearer | None,
+    ) -> None:
+        """Load the scene and work out the spaces.
+
+        Args:
+            setup: The device.
+            trajectory: Name, CSV file or trajectory that the wearer follows.
+            task: Name of the virtual environment, or the environment itself.
+            duration: Length of an episode [s], rounded to whole control steps.
+            frame_skip: Physics steps in a control step.
+            wearer: Impedance of the wearer; that of the scene by default.
+
+        Raises:
+            CableError: If an argument cannot be used.
+        """
+        if not isinstance(task, (str, Task)):
+            raise CableError(
+                f"task must be a Task or one of {', '.join(sorted(TASKS))}, "
+                f"not {task!r}."
+            )
+        if not (isinstance(frame_skip, int) and frame_skip >= 1):
+            raise CableError(f"frame_skip must be an integer >= 1, not {frame_skip!r}.")
+        self.setup = setup
+        self.device = Device(setup, wearer)
+        self.task = find_task(task) if isinstance(task, str) else task
+        self.frame_skip = frame_skip
+        self.period = frame_skip * float(self.device.model.opt.timestep)
+        """Time between control steps [s]."""
+        steps = duration / self.period if math.isfinite(duration) else 0.0
+        if not steps >= 0.5:
+            raise CableError(
+                f"duration must be a number of seconds, at least one control step of "
+                f"{self.period:g} s, not {duration!r}."
+            )
+        self.steps = max(round(steps), 1)
+        """Control steps in an episode."""
+        source = find_trajectory(trajectory, setup.reach)
+        self.author = Author(self.device, source, self.steps, frame_skip)
+        self.drive = self.device.drive(self.period)
+        """What a controller may know of the device."""
+        bounds = [*setup.bounds.values()] + [1.0, 1.0] * setup.phase_observed
+        self._high = np.array(bounds)
+        self._low = -self._high
+        self.observation_space = Box(self._low, self._high, dtype=np.float64)
+        self.action_space = Box(-1.0, 1.0, (1,), dtype=np.float32)
+
+    def normalised(self, action: NDArray[Any]) -> Any:
+        """Actions (..., 1) as numbers in [-1, 1]."""
+        return np.clip(action.T[0].astype(np.float64), -1.0, 1.0)
+
+    def action(self, torque: Any) -> NDArray[np.float32]:
+        """The action, (..., 1), that makes the motor give a torque [Nm]."""
+        scaled = np.asarray(torque)[..., None] / self.device.torque_limit
+        return np.clip(scaled, -1.0, 1.0).astype(np.float32)
+
+    def sample(
+        self, physics: Physics, step: Any, marks: Array
+    ) -> tuple[Array, dict[str, Any]]:
+        """Read what the device measures and what a simulation knows beside.
+
+        Args:
+            physics: The simulation, or several.
+            step: Number of control steps since the reset.
+            marks: Row of `Script.marks` at that step.
+
+        Returns:
+            Observation; columns of an episode log.
+        """
+        reference, phase, sine, cosine = marks.T
+        columns = self.device.read(physics)
+        desired = self.task.torque(
+            columns["joint_angle_rad"], columns["joint_velocity_rad_s"], phase
+        )
+        columns["time_s"] = step * self.period
+        columns["desired_torque_nm"] = desired
+        columns["reference_angle_rad"] = reference
+        measured = [columns[name] for name in self.setup.bounds]
+        if self.setup.phase_observed:
+            measured += [sine, cosine]
+        observation = np.stack(measured, axis=-1)
+        return np.clip(observation, self._low, self._high), columns
+
+    def rewards(self, columns: dict[str, Any], action: Any) -> tuple[Any, Any]:
+        """Terms of the reward: for tracking the desired torque, and for the effort."""
+        error = columns["joint_torque_nm"] - columns["desired_torque_nm"]
+        error = error / self.setup.torque_scale
+        return -error * error, -EFFORT * action * action

@@ -1,0 +1,127 @@
+"""One device as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.utils import EzPickle
+from numpy.typing import NDArray
+
+from cc_mujoco.control import Drive
+from cc_mujoco.human import Task, Trajectory, Wearer
+
+from .device import Array, Setup, physics_of
+from .exo import REWARDS, Exo
+from .picture import Camera, check_mode
+from .script import Script
+
+
+class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
+    """Base of the environments of one device; subclasses give `SETUP` and defaults."""
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"]}
+    SETUP: ClassVar[Setup]
+
+    def __init__(
+        self,
+        trajectory: str | Path | Trajectory,
+        task: str | Task,
+        duration: float,
+        frame_skip: int,
+        wearer: Wearer | None,
+        render_mode: str | None,
+    ) -> None:
+        """Load the scene; arguments as the subclasses document them."""
+        EzPickle.__init__(
+            self, trajectory, task, duration, frame_skip, wearer, render_mode
+        )
+        check_mode(render_mode, self.metadata["render_modes"])
+        self.exo = Exo(self.SETUP, trajectory, task, duration, frame_skip, wearer)
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}  # type: ignore[misc]
+        self.render_mode = render_mode
+        self.observation_space = self.exo.observation_space
+        self.action_space = self.exo.action_space
+        self.model: mujoco.MjModel = self.exo.device.model
+        self.data = mujoco.MjData(self.model)
+        self._physics = physics_of(self.data)
+        self._step = 0
+        self._script: Script | None = None
+        self._camera: Camera | None = None
+
+    @property
+    def drive(self) -> Drive:
+        """What a controller may know of the device."""
+        return self.exo.drive
+
+    def action(self, torque: float) -> NDArray[np.float32]:
+        """The action that makes the motor give a torque [Nm]."""
+        return self.exo.action(torque)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start an episode; `options` are not used."""
+        super().reset(seed=seed)
+        self._script = self.exo.author.write(self.np_random)
+        self._step = 0
+        commands = self._script.commands[0]
+        self.exo.device.start(self.data, self._script.angles, commands)
+        observation, columns = self.exo.sample(self._physics, 0, self._script.marks[0])
+        return observation, _numbers(columns, (0.0, 0.0))
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Advance one control step with a motor torque."""
+        exo, script, data = self.exo, self._script, self.data
+        if script is None:
+            raise gymnasium.error.ResetNeeded("call reset() before the first step().")
+        normalised = exo.normalised(np.asarray(action))
+        data.ctrl[exo.device.motor_control] = normalised * exo.device.motor_scale
+        first = self._step * exo.frame_skip
+        for command in script.commands[first : first + exo.frame_skip]:
+            data.ctrl[exo.device.wearer_controls] = command
+            mujoco.mj_step(self.model, data)
+            diverged = bool(data.warning.number.any())
+            if diverged:
+                break
+        self._step += 1
+        observation, columns = exo.sample(
+            self._physics, self._step, script.marks[self._step]
+        )
+        terms = exo.rewards(columns, normalised)
+        return (
+            observation,
+            float(terms[0] + terms[1]),
+            diverged,
+            self._step >= exo.steps,
+            _numbers(columns, terms),
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """Picture of the device, (height, width, 3), in mode `rgb_array`."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
+            return None
+        if self._camera is None:
+            self._camera = Camera(self.model)
+        return self._camera.picture(self.data.qpos)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+
+def _numbers(columns: dict[str, Any], terms: tuple[Any, Any]) -> dict[str, Any]:
+    """A fresh `info`: floats, and arrays that nobody else holds."""
+    columns |= zip(REWARDS, terms, strict=True)
+    return {
+        name: value if isinstance(value, np.ndarray) else float(value)
+        for name, value in columns.items()
+    }

@@ -1,0 +1,186 @@
+"""What the wearer does in an episode, worked out before it begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import TRAJECTORIES, Motion, Trajectory, from_csv, trajectory
+
+from .device import Device
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Script:
+    """The wearer's part in an episode of n control steps and m physics steps."""
+
+    angles: Array
+    """First angle of the joint and of its companions [rad]."""
+    commands: Array
+    """Controls of the wearer's actuators before every physics step, (m + 1, joints).
+
+    One per physics step: a command that is held over a control period would be a
+    staircase, which a stiff wearer follows as one.
+    """
+    marks: Array
+    """At every control step, (n + 1, 4): reference angle [rad], phase of the cycle,
+    sine and cosine of that phase."""
+
+
+class Author:
+    """Writes a script for every episode.
+
+    A trajectory that draws no random numbers is the same in every episode, and so is
+    its script.
+    """
+
+    def __init__(
+        self, device: Device, source: Trajectory, steps: int, frame_skip: int
+    ) -> None:
+        """Prepare.
+
+        Args:
+            device: Whose joint is moved.
+            source: How it is moved.
+            steps: Control steps in an episode.
+            frame_skip: Physics steps in a control step.
+        """
+        self._device = device
+        self._source = source
+        self._steps = steps
+        self.frame_skip = frame_skip
+        self._only: Script | None = None
+
+    @property
+    def repeats(self) -> bool:
+        """Whether all episodes have the same script; known after the first."""
+        return self._only is not None
+
+    def write(self, rng: np.random.Generator) -> Script:
+        """Write the script of an episode.
+
+        Args:
+            rng: Source of all that is random about it.
+
+        Raises:
+            CableError: If the joint would have to leave its range.
+        """
+        if self._only is not None:
+            return self._only
+        before = repr(rng.bit_generator.state)
+        script = self._write(rng)
+        if repr(rng.bit_generator.state) == before:
+            self._only = script
+        return script
+
+    def _write(self, rng: np.random.Generator) -> Script:
+        device = self._device
+        dt = float(device.model.opt.timestep)
+        substeps = self._steps * self.frame_skip
+        motion = self._source.sample(substeps * dt, dt, rng)
+        self._check(motion)
+        motions = [motion.companions.get(name) for name in device.setup.companions]
+        played = [motion, *motions]
+        commands = np.zeros((substeps + 1, len(played)))
+        for place, part in enumerate(played):
+            if part is not None:
+                wearer = device.wearers[place]
+                commands[:, place] = wearer.command(part.angle, part.velocity)
+        phase = motion.phase[:: self.frame_skip]
+        turn = 2 * np.pi * phase
+        return Script(
+            np.array([0.0 if part is None else part.angle[0] for part in played]),
+            np.clip(commands, *device.wearer_ranges.T),
+            np.stack(
+                [motion.angle[:: self.frame_skip], phase, np.sin(turn), np.cos(turn)],
+                axis=-1,
+            ),
+        )
+
+    def _check(self, motion: Motion) -> None:
+        low, high = self._device.joint_range
+        least, most = float(motion.angle.min()), float(motion.angle.max())
+        if least < low or most > high:
+            raise CableError(
+                f"the trajectory moves joint {self._device.setup.joint!r} from "
+                f"{least:g} to {most:g} rad, but it must stay in "
+                f"[{low:g}, {high:g}] rad."
+            )
+
+
+class Scripts:
+    """The scripts of many environments, as arrays over environments."""
+
+    def __init__(self, author: Author, count: int) -> None:
+        """Prepare.
+
+        Args:
+            author: Writes the scripts.
+            count: Number of environments.
+        """
+        self._author = author
+        self._rows = np.arange(count)
+        self._commands = np.zeros((0, 0, 0))
+        self._marks = np.zeros((0, 0, 0))
+
+    def write(self, environment: int, rng: np.random.Generator) -> Script:
+        """Write the script of the next episode of an environment."""
+        script = self._author.write(rng)
+        if not self._commands.size:
+            # One row is enough for all where every episode is the same.
+            rows = 1 if self._author.repeats else len(self._rows)
+            self._rows %= rows
+            self._commands = np.zeros((rows, *script.commands.shape))
+            self._marks = np.zeros((rows, *script.marks.shape))
+        row = self._rows[environment]
+        self._commands[row] = script.commands
+        self._marks[row] = script.marks
+        return script
+
+    def marks(self, steps: NDArray[np.intp]) -> Array:
+        """Marks of every environment at its control step, (environments, 4)."""
+        marks: Array = self._marks[self._rows, steps]
+        return marks
+
+    def commands(self, steps: NDArray[np.intp]) -> Array:
+        """Commands of every environment during the control step that follows.
+
+        Returns:
+            Commands, (environments, physics steps, joints); where the episode is over,
+            the last one.
+        """
+        skip = self._author.frame_skip
+        places = steps[:, None] * skip + np.arange(skip)
+        last = self._commands.shape[1] - 1
+        commands: Array = self._commands[
+            self._rows[:, None], np.minimum(places, last)
+        ]
+        return commands
+
+
+def find_trajectory(given: str | Path | Trajectory, reach: float) -> Trajectory:
+    """Return the trajectory that an environment was asked for.
+
+    Args:
+        given: A name, a CSV file, or a trajectory.
+        reach: Largest angle of named trajectories [rad].
+
+    Raises:
+        CableError: If there is no such trajectory, or the file cannot be used.
+    """
+    if isinstance(given, Trajectory):
+        return given
+    if isinstance(given, Path) or (given not in TRAJECTORIES and _is_file(given)):
+        return from_csv(given)
+    return trajectory(given, reach)
+
+
+def _is_file(name: str) -> bool:
+    """Whether a string can only mean a file."""
+    return name.lower().endswith(".csv") or "/" in name

@@ -1,0 +1,245 @@
+"""Many devices as one Gymnasium vector environment, simulated on a thread pool."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.utils import EzPickle, seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from cc_mujoco.control import Drive
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Task, Trajectory, Wearer
+
+from .device import Array, Physics, Setup
+from .exo import REWARDS, Exo
+from .picture import Camera, check_mode
+from .script import Scripts
+
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle):
+    """Many devices of one kind, stepped together by `mujoco.batch.Batch`.
+
+    It equals, bit for bit and whatever the number of threads, a `SyncVectorEnv` of the
+    single environments with the same arguments: seeds count up from the first, and an
+    environment whose episode is over is reset by the next step, whose action it ignores
+    (`AutoresetMode.NEXT_STEP`).
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012, as in Gymnasium
+        "render_modes": ["rgb_array"],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+    SETUP: ClassVar[Setup]
+
+    def __init__(
+        self,
+        num_envs: int,
+        trajectory: str | Path | Trajectory,
+        task: str | Task,
+        duration: float,
+        frame_skip: int,
+        wearer: Wearer | None,
+        render_mode: str | None,
+        max_episode_steps: int | None,
+        threads: int,
+    ) -> None:
+        """Load the scene.
+
+        Args:
+            num_envs: Number of environments.
+            trajectory: As in the single environment, and so are those that follow.
+            task: See there.
+            duration: See there.
+            frame_skip: See there.
+            wearer: See there.
+            render_mode: See there.
+            max_episode_steps: Truncates episodes that are longer.
+            threads: Threads that simulate; 0 means one per processor.
+
+        Raises:
+            CableError: If an argument cannot be used.
+        """
+        EzPickle.__init__(
+            self,
+            num_envs,
+            trajectory,
+            task,
+            duration,
+            frame_skip,
+            wearer,
+            render_mode,
+            max_episode_steps,
+            threads,
+        )
+        for name, value, least in (("num_envs", num_envs, 1), ("threads", threads, 0)):
+            if not (isinstance(value, int) and value >= least):
+                raise CableError(f"{name} must be an integer >= {least}, not {value!r}.")
+        check_mode(render_mode, self.metadata["render_modes"])
+        self.exo = Exo(self.SETUP, trajectory, task, duration, frame_skip, wearer)
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
+        self.render_mode = render_mode
+        self.num_envs = num_envs
+        self.single_observation_space = self.exo.observation_space
+        self.single_action_space = self.exo.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.model: mujoco.MjModel = self.exo.device.model
+        self.batch = Batch(self.model, num_envs, threads)
+        self._last = self.exo.steps
+        if max_episode_steps is not None:
+            self._last = min(self._last, max_episode_steps)
+        self._bound = Physics(*(self.batch.bind(name) for name in Physics._fields))
+        # MuJoCo's results are one call behind where a reset followed it.
+        self._physics = self._bound._replace(
+            actuator_force=self._bound.actuator_force.copy(),
+            qfrc_actuator=self._bound.qfrc_actuator.copy(),
+        )
+        self._control = np.zeros((num_envs, frame_skip, self.model.nu))
+        self._start = mujoco.MjData(self.model)
+        self._scripts = Scripts(self.exo.author, num_envs)
+        self._random: list[np.random.Generator | None] = [None] * num_envs
+        self._steps = np.zeros(num_envs, dtype=np.intp)
+        self._over = np.ones(num_envs, dtype=np.bool_)
+        self._started = False
+        self._camera: Camera | None = None
+
+    @property
+    def drive(self) -> Drive:
+        """What a controller may know of the device."""
+        return self.exo.drive
+
+    def action(self, torque: Array) -> NDArray[np.float32]:
+        """Actions that make the motors give torques (num_envs,) [Nm]."""
+        return self.exo.action(torque)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start an episode in every environment.
+
+        Args:
+            seed: Of the first environment; the others count up from it. Or one each.
+            options: Not used; a `reset_mask` is refused, for environments are reset by
+                `step`.
+        """
+        if options and "reset_mask" in options:
+            raise CableError(
+                "options['reset_mask'] needs AutoresetMode.DISABLED; here step() resets "
+                "the environments whose episodes are over."
+            )
+        seeds: Sequence[int | None]
+        if seed is None or isinstance(seed, int):
+            seeds = [None if seed is None else seed + i for i in range(self.num_envs)]
+        else:
+            seeds = seed
+        if len(seeds) != self.num_envs:
+            raise CableError(
+                f"seed must have one entry for each of the {self.num_envs} "
+                f"environments, not {len(seeds)}."
+            )
+        for row, own in enumerate(seeds):
+            if own is not None:
+                self._random[row], _ = seeding.np_random(own)
+        self._begin(np.arange(self.num_envs))
+        self._over[:] = False
+        self._started = True
+        observation, columns = self._sample()
+        nothing = np.zeros(self.num_envs)
+        return observation, self._info(columns, (nothing, nothing))
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Advance every environment one control step, or reset it if it is over."""
+        if not self._started:
+            raise gymnasium.error.ResetNeeded("call reset() before the first step().")
+        exo, control, fresh = self.exo, self._control, self._over
+        going = ~fresh
+        normalised = np.where(going, exo.normalised(np.asarray(actions)), 0.0)
+        if going.any():
+            device = exo.device
+            control[:, :, device.motor_control] = (
+                normalised * device.motor_scale
+            )[:, None]
+            control[:, :, device.wearer_controls] = self._scripts.commands(self._steps)
+            chosen = control if going.all() else control[going]
+            self.batch.rollout(exo.frame_skip, chosen, record=(), ids=going)
+            self._physics.actuator_force[:] = self._bound.actuator_force
+            self._physics.qfrc_actuator[:] = self._bound.qfrc_actuator
+            self._steps[going] += 1
+        if fresh.any():
+            self._begin(np.flatnonzero(fresh))
+        observation, columns = self._sample()
+        terms = exo.rewards(columns, normalised)
+        for term in terms:
+            term[fresh] = 0.0
+        terminated = self.batch.warning[:, :, 1].any(axis=1)
+        truncated = self._steps >= self._last
+        self._over = terminated | truncated
+        return (
+            observation,
+            terms[0] + terms[1],
+            terminated,
+            truncated,
+            self._info(columns, terms),
+        )
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+        """Pictures of all devices, each (height, width, 3), in mode `rgb_array`."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
+            return None
+        if self._camera is None:
+            self._camera = Camera(self.model)
+        return tuple(self._camera.picture(qpos) for qpos in self._physics.qpos)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Free the renderer."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+    def _begin(self, rows: NDArray[np.intp]) -> None:
+        """Start an episode in some environments."""
+        data, device = self._start, self.exo.device
+        self.batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        for row in rows:
+            rng = self._random[row]
+            if rng is None:
+                rng, _ = seeding.np_random()
+                self._random[row] = rng
+            script = self._scripts.write(row, rng)
+            device.start(data, script.angles, script.commands[0])
+            mujoco.mj_getState(self.model, data, self.batch.state[row], _STATE)
+            self._physics.actuator_force[row] = data.actuator_force
+            self._physics.qfrc_actuator[row] = data.qfrc_actuator
+        self._steps[rows] = 0
+
+    def _sample(self) -> tuple[Array, dict[str, Any]]:
+        marks = self._scripts.marks(self._steps)
+        return self.exo.sample(self._physics, self._steps, marks)
+
+    def _info(
+        self, columns: dict[str, Any], terms: tuple[Array, Array]
+    ) -> dict[str, Any]:
+        """A fresh `info` as Gymnasium batches it: arrays and a mask for each."""
+        info: dict[str, Any] = {}
+        columns |= zip(REWARDS, terms, strict=True)
+        for name, value in columns.items():
+            info[name] = np.array(value)
+            info[f"_{name}"] = np.ones(self.num_envs, dtype=np.bool_)
+        return info

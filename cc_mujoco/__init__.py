@@ -15,6 +15,6 @@ if not (Path(__file__).parent / "envs").is_dir():
 from cc_mujoco import engine  # noqa: F401
 
 # From here on `gymnasium.make` knows the environments.
-from cc_mujoco.envs import register as _register  # noqa: E402
+from cc_mujoco.envs import register as _register
 
 _register()

@@ -147,7 +147,7 @@ class Listing:
 
         meanings = {
             "scenes": {
-                name: f"{scene.meaning} (plays {scene.trajectory}, {scene.task})"
+                name: f"{scene.meaning}; plays {scene.trajectory}, {scene.task}"
                 for name, scene in SCENES.items()
             },
             "trajectories": _meanings(TRAJECTORIES),
@@ -208,10 +208,15 @@ def _parse(arguments: Sequence[str]) -> Play | Listing:
 
 
 def _sentence(box: str) -> str:
-    """Make one sentence of the box that tyro draws around an error."""
-    lines = [line.strip("│ ") for line in box.splitlines() if line.startswith("│")]
-    paragraphs = " ".join("\n" if set(line) == {"─"} else line for line in lines)
-    what, *more = re.sub(r" +", " ", paragraphs).split("\n")
+    """Make one sentence of the box that tyro draws around an error.
+
+    The box has a title and paragraphs between rules. Where standard output can show
+    only ASCII, rules are of hyphens and one lies under the title.
+    """
+    lines = [line.strip("│ ") for line in box.splitlines() if line[:1] not in "╭╰"]
+    text = " ".join("\n" if line and not line.strip("─-") else line for line in lines)
+    paragraphs = re.sub(r" +", " ", text).split("\n")
+    what, *more = paragraphs if "╭" in box else paragraphs[1:]
     what = what.replace("(required)", "").strip(" .:,")
     near = re.search(r"Perhaps you meant:.*?(--[\w-]+)", more[0] if more else "")
     hint = f"did you mean {near[1]}? " if near else ""

@@ -34,10 +34,10 @@ class AnkleExo(ExoEnv):
     ## Description
 
     An off-board motor with a drum of 25 mm pulls a heel lever through the conduit
-    `plantarflexor`, past hip and knee. One cable only pulls: it plantarflexes the ankle,
-    and hangs slack when the motor has paid out enough. The wearer moves ankle, hip and
-    knee along a gait cycle, as springs and dampers pulling the joints to it. The device
-    should make the wearer feel the task: by default, help with push-off.
+    `plantarflexor`, past hip and knee. One cable only pulls: it plantarflexes the
+    ankle, and hangs slack when the motor has paid out enough. The wearer moves ankle,
+    hip and knee along a gait cycle, as springs and dampers pulling the joints to it.
+    The device should make the wearer feel the task: by default, help with push-off.
 
     ## Action space
 
@@ -61,8 +61,8 @@ class AnkleExo(ExoEnv):
     | 6 | sine of the phase of the gait cycle | +-1 | 1 |
     | 7 | cosine of the phase of the gait cycle | +-1 | 1 |
 
-    The phase is 0 at heel strike; of a trajectory other than `walk` it is that of its own
-    period. Where the wearer aims is for the wearer to know; it is in `info` only.
+    The phase is 0 at heel strike; of a trajectory other than `walk` it is that of its
+    own period. Where the wearer aims is for the wearer to know; it is in `info` only.
 
     ## Reward
 
@@ -78,8 +78,8 @@ class AnkleExo(ExoEnv):
     (`cc_mujoco.recording.columns`): time, angles, velocities, torques, the wearer's
     reference; the cable's true tensions at both ends and at the nodes, the part that
     slips and the direction of slip of every segment, slack, dissipated energy; and
-    `qpos`. Angles and velocities are those at that time, torques and tensions those that
-    acted in the physics step before it (0.5 ms).
+    `qpos`. Angles and velocities are those at that time, torques and tensions those
+    that acted in the physics step before it (0.5 ms).
 
     ## Start and end
 
@@ -92,17 +92,17 @@ class AnkleExo(ExoEnv):
 
     | argument | default | meaning |
     |----------|---------|---------|
-    | `trajectory` | `"walk"` | name in `cc_mujoco.human.TRAJECTORIES` (scaled to \
-0.3 rad where larger), path of a CSV file, or a `Trajectory`; hip and knee rest at 0 \
-unless it moves them |
-    | `task` | `"assist"` | name in `cc_mujoco.human.TASKS`, or a `Task` |
+    | `trajectory` | `"walk"` | what the wearer does: a name, CSV file or `Trajectory` |
+    | `task` | `"assist"` | what the wearer should feel: a name or a `Task` |
     | `duration` | 10 | length of an episode [s] |
     | `frame_skip` | 2 | physics steps of 0.5 ms in a control step: control at 1 kHz |
-    | `wearer` | `None` | a `Wearer` for the ankle; `None` is that of the scene, \
-2000 Nm/rad and 20 Nm s/rad |
+    | `wearer` | `None` | a `Wearer`; by default 2 kNm/rad and 20 Nm s/rad (scene) |
     | `render_mode` | `None` | `None` or `"rgb_array"` |
 
-    The wearer's command changes with every physics step.
+    Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down to 0.3 rad where
+    they go further, and `TASKS`. Hip and knee rest at 0 unless the trajectory moves
+    them. The wearer's command changes with every physics step; `wearer` is that of the
+    ankle.
 
     ## Version history
 

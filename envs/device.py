@@ -19,8 +19,6 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Drive
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.human import Wearer
-from cc_mujoco.transmission import Cable, kernel
-from cc_mujoco.transmission.conduit import packed
 
 Array = NDArray[np.float64]
 
@@ -53,17 +51,6 @@ class Physics(NamedTuple):
     plugin_state: Array
     actuator_force: Array
     qfrc_actuator: Array
-
-
-class Conduit(NamedTuple):
-    """Where the state of a cable is."""
-
-    name: str
-    start: int
-    """Of its state in `plugin_state`."""
-    segments: int
-    compliance: Array
-    """Stretch per tension at the nodes, (segments + 1,) [m/N]."""
 
 
 class Device:
@@ -108,11 +95,8 @@ class Device:
         self._companions_q = [
             int(model.joint(name).qposadr[0]) for name in setup.companions
         ]
-        self._conduits = [
-            _conduit(model, name, cable)
-            for name, cable in engine.from_mjcf(model).items()
-        ]
-        self._ends = [_ends(model, conduit.name) for conduit in self._conduits]
+        self._readers = [engine.Reader(model, name) for name in engine.cables(model)]
+        self._ends = [_ends(model, reader.name) for reader in self._readers]
         self.ratio = self._ratio()
         """Joint torque per motor torque without friction in the neutral pose [-]."""
 
@@ -125,7 +109,8 @@ class Device:
     def drive(self, period: float) -> Drive:
         """What a controller called once a period [s] knows of the device."""
         limit = self.torque_limit
-        return Drive(self.ratio, -limit, limit, period)
+        pulls = [self.model.actuator_gear[near, 0] < 0.0 for near, _ in self._ends]
+        return Drive(self.ratio, -limit, limit, period, one_way=all(pulls))
 
     def start(self, data: mujoco.MjData, angles: Array, commands: Array) -> None:
         """Bring a simulation to the start of an episode: at rest, cables at pretension.
@@ -148,10 +133,10 @@ class Device:
         payed_out = data.actuator_length[far] - model.actuator_length0[far]
         data.qpos[self._motor_q] += payed_out / model.actuator_gear[near, 0]
         mujoco.mj_fwdPosition(model, data)
-        for conduit, ends in zip(self._conduits, self._ends, strict=True):
-            data.plugin_state[conduit.start : conduit.start + 2] = (
-                data.actuator_length[list(ends)]
-            )
+        for reader, ends in zip(self._readers, self._ends, strict=True):
+            data.plugin_state[reader.start : reader.start + 2] = data.actuator_length[
+                list(ends)
+            ]
         mujoco.mj_forward(model, data)
 
     def read(self, physics: Physics) -> dict[str, Any]:
@@ -180,8 +165,8 @@ class Device:
             "wearer_torque_nm": wearer,
             "qpos": physics.qpos.copy(),
         }
-        for conduit in self._conduits:
-            columns |= _read_conduit(conduit, physics.plugin_state)
+        for reader in self._readers:
+            columns |= _columns(reader.name, reader.read(physics.plugin_state))
         return columns
 
     def _ratio(self) -> float:
@@ -204,13 +189,6 @@ def _wearer(model: mujoco.MjModel, name: str) -> Wearer:
     return Wearer(float(actuator.gainprm[0]), -float(actuator.biasprm[2]))
 
 
-def _conduit(model: mujoco.MjModel, name: str, cable: Cable) -> Conduit:
-    n = cable.segments
-    compliance = 1.0 / kernel.node_stiffness(packed(cable), n)
-    start = int(model.plugin_stateadr[instances(model)[name]])
-    return Conduit(name, start, n, compliance)
-
-
 def _ends(model: mujoco.MjModel, name: str) -> tuple[int, int]:
     """Indices of the proximal and the distal end in `actuator_length`."""
     found = np.flatnonzero(model.actuator_plugin == instances(model)[name])
@@ -218,21 +196,13 @@ def _ends(model: mujoco.MjModel, name: str) -> tuple[int, int]:
     return near, far
 
 
-def _read_conduit(conduit: Conduit, plugin_state: Array) -> dict[str, Any]:
-    name, n = conduit.name, conduit.segments
-    nodes = conduit.start + kernel.STATE_HEADER
-    strained = plugin_state[..., nodes : nodes + n + 1]
-    slip = plugin_state[..., nodes + n + 1 : nodes + 2 * n + 1]
-    tension = np.maximum(strained, 0.0)
-    direction = np.sign(slip).astype(np.int8)
-    slack = (np.minimum(strained, 0.0) * conduit.compliance).sum(axis=-1)
+def _columns(name: str, reading: engine.CableReading) -> dict[str, Any]:
     return {
-        f"tension_{name}_proximal_n": tension.T[0],
-        f"tension_{name}_distal_n": tension.T[n],
-        f"moving_{name}_fraction": np.abs(direction).sum(axis=-1) / n,
-        # From 0.0, so that a taut cable has a slack of 0.0 and not of -0.0.
-        f"slack_{name}_m": 0.0 - slack,
-        f"dissipated_{name}_j": plugin_state.T[conduit.start + 2],
-        f"tension_{name}_nodes_n": tension,
-        f"slip_{name}_direction": direction,
+        f"tension_{name}_proximal_n": reading.tension_proximal,
+        f"tension_{name}_distal_n": reading.tension_distal,
+        f"moving_{name}_fraction": reading.moving_fraction,
+        f"slack_{name}_m": reading.slack,
+        f"dissipated_{name}_j": reading.dissipated,
+        f"tension_{name}_nodes_n": reading.tension,
+        f"slip_{name}_direction": reading.slip,
     }

@@ -1,8 +1,8 @@
 """What a device's single environment and its vector form have in common.
 
-Both are thin: they advance MuJoCo, one simulation or a batch of them, and leave all else
-to an `Exo`, whose arithmetic is the same for numbers and arrays. So they agree bit for
-bit.
+Both are thin: they advance MuJoCo, one simulation or a batch of them, and leave all
+else to an `Exo`, whose arithmetic is the same for numbers and arrays. So they agree bit
+for bit.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Exo:
 
     def normalised(self, action: NDArray[Any]) -> Any:
         """Actions (..., 1) as numbers in [-1, 1]."""
-        return np.clip(action.T[0].astype(np.float64), -1.0, 1.0)
+        return _limited(action.T[0].astype(np.float64), -1.0, 1.0)
 
     def action(self, torque: Any) -> NDArray[np.float32]:
         """The action, (..., 1), that makes the motor give a torque [Nm]."""
@@ -118,11 +118,16 @@ class Exo:
         measured = [columns[name] for name in self.setup.bounds]
         if self.setup.phase_observed:
             measured += [sine, cosine]
-        observation = np.stack(measured, axis=-1)
-        return np.clip(observation, self._low, self._high), columns
+        observation = np.ascontiguousarray(np.array(measured).T)
+        return _limited(observation, self._low, self._high), columns
 
     def rewards(self, columns: dict[str, Any], action: Any) -> tuple[Any, Any]:
         """Terms of the reward: for tracking the desired torque, and for the effort."""
         error = columns["joint_torque_nm"] - columns["desired_torque_nm"]
         error = error / self.setup.torque_scale
         return -error * error, -EFFORT * action * action
+
+
+def _limited(value: Any, low: Any, high: Any) -> Any:
+    # `np.clip` takes several times as long for small arrays.
+    return np.minimum(np.maximum(value, low), high)

@@ -23,7 +23,7 @@ from .script import Script
 class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
     """Base of the environments of one device; subclasses give `SETUP` and defaults."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"]}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012
     SETUP: ClassVar[Setup]
 
     def __init__(
@@ -41,7 +41,7 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
         )
         check_mode(render_mode, self.metadata["render_modes"])
         self.exo = Exo(self.SETUP, trajectory, task, duration, frame_skip, wearer)
-        self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}  # type: ignore[misc]
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
         self.render_mode = render_mode
         self.observation_space = self.exo.observation_space
         self.action_space = self.exo.action_space
@@ -102,7 +102,7 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
             _numbers(columns, terms),
         )
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """Picture of the device, (height, width, 3), in mode `rgb_array`."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")

@@ -158,9 +158,7 @@ class Scripts:
         skip = self._author.frame_skip
         places = steps[:, None] * skip + np.arange(skip)
         last = self._commands.shape[1] - 1
-        commands: Array = self._commands[
-            self._rows[:, None], np.minimum(places, last)
-        ]
+        commands: Array = self._commands[self._rows[:, None], np.minimum(places, last)]
         return commands
 
 

@@ -84,7 +84,9 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         )
         for name, value, least in (("num_envs", num_envs, 1), ("threads", threads, 0)):
             if not (isinstance(value, int) and value >= least):
-                raise CableError(f"{name} must be an integer >= {least}, not {value!r}.")
+                raise CableError(
+                    f"{name} must be an integer >= {least}, not {value!r}."
+                )
         check_mode(render_mode, self.metadata["render_modes"])
         self.exo = Exo(self.SETUP, trajectory, task, duration, frame_skip, wearer)
         self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
@@ -138,8 +140,8 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         """
         if options and "reset_mask" in options:
             raise CableError(
-                "options['reset_mask'] needs AutoresetMode.DISABLED; here step() resets "
-                "the environments whose episodes are over."
+                "options['reset_mask'] needs AutoresetMode.DISABLED; here step() "
+                "resets the environments whose episodes are over."
             )
         seeds: Sequence[int | None]
         if seed is None or isinstance(seed, int):
@@ -172,9 +174,9 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         normalised = np.where(going, exo.normalised(np.asarray(actions)), 0.0)
         if going.any():
             device = exo.device
-            control[:, :, device.motor_control] = (
-                normalised * device.motor_scale
-            )[:, None]
+            control[:, :, device.motor_control] = (normalised * device.motor_scale)[
+                :, None
+            ]
             control[:, :, device.wearer_controls] = self._scripts.commands(self._steps)
             chosen = control if going.all() else control[going]
             self.batch.rollout(exo.frame_skip, chosen, record=(), ids=going)
@@ -198,7 +200,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             self._info(columns, terms),
         )
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Pictures of all devices, each (height, width, 3), in mode `rgb_array`."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")

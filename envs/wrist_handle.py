@@ -36,8 +36,8 @@ class WristHandle(ExoEnv):
     handle with a 104 mm pulley through two conduits of 2 m, `flexor` and `extensor`.
     The wearer moves the handle along a trajectory, as a spring and a damper pulling the
     wrist to it. The device should make the wearer feel a virtual environment: the task
-    maps the motion of the wrist to a desired torque, which the cables' friction, stretch
-    and slack stand in the way of.
+    maps the motion of the wrist to a desired torque. Friction, stretch and slack of the
+    cables stand in the way.
 
     ## Action space
 
@@ -74,8 +74,8 @@ class WristHandle(ExoEnv):
     (`cc_mujoco.recording.columns`): time, angles, velocities, torques, the wearer's
     reference; for each cable the true tensions at both ends and at the nodes, the part
     that slips and the direction of slip of every segment, slack, dissipated energy; and
-    `qpos`. Angles and velocities are those at that time, torques and tensions those that
-    acted in the physics step before it (0.5 ms).
+    `qpos`. Angles and velocities are those at that time, torques and tensions those
+    that acted in the physics step before it (0.5 ms).
 
     ## Start and end
 
@@ -88,16 +88,15 @@ class WristHandle(ExoEnv):
 
     | argument | default | meaning |
     |----------|---------|---------|
-    | `trajectory` | `"sweep"` | name in `cc_mujoco.human.TRAJECTORIES` (scaled to 1 rad \
-where larger), path of a CSV file, or a `Trajectory` |
-    | `task` | `"tunnel"` | name in `cc_mujoco.human.TASKS`, or a `Task` |
+    | `trajectory` | `"sweep"` | what the wearer does: a name, CSV file or `Trajectory` |
+    | `task` | `"tunnel"` | what the wearer should feel: a name or a `Task` |
     | `duration` | 10 | length of an episode [s] |
     | `frame_skip` | 2 | physics steps of 0.5 ms in a control step: control at 1 kHz |
-    | `wearer` | `None` | a `Wearer`; `None` is that of the scene, 50 Nm/rad and \
-0.8 Nm s/rad |
+    | `wearer` | `None` | a `Wearer`; by default 50 Nm/rad and 0.8 Nm s/rad (scene) |
     | `render_mode` | `None` | `None` or `"rgb_array"` |
 
-    The wearer's command changes with every physics step.
+    Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down to 1 rad where they
+    go further, and `TASKS`. The wearer's command changes with every physics step.
 
     ## Version history
 

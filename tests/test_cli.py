@@ -17,6 +17,9 @@ import pytest
 from cc_mujoco import cli, recording
 from cc_mujoco.recording import FILES, EpisodeLog
 
+# Where the package was imported from; tests run in another folder.
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
+
 
 @pytest.fixture(autouse=True)
 def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,12 +64,18 @@ def test_equal_seeds_give_equal_logs(tmp_path: Path) -> None:
     logs = [EpisodeLog.read(tmp_path / name / "log.parquet") for name in "abc"]
     assert logs[0] == logs[1]
     assert logs[0] != logs[2]
+    compare = [sys.executable, "-m", "rerun", "rrd", "compare", "--unordered"]
+    for other, differs in (("b", False), ("c", True)):
+        files = [tmp_path / name / "recording.rrd" for name in ("a", other)]
+        options = ["--ignore-chunks-without-components", *map(str, files)]
+        done = subprocess.run([*compare, *options], capture_output=True, check=False)
+        assert (done.returncode != 0) == differs
 
 
 def test_a_recorded_motion_can_be_played(tmp_path: Path) -> None:
     moment = np.linspace(0.0, 0.5, 251)
-    rows = [f"{t!r},{a!r}" for t, a in zip(moment, 0.2 * np.sin(moment), strict=True)]
-    Path("mine.csv").write_text("\n".join(["time_s,angle_rad", *map(str, rows)]) + "\n")
+    rows = [f"{t},{0.2 * np.sin(t)}" for t in moment]
+    Path("mine.csv").write_text("\n".join(["time_s,angle_rad", *rows]) + "\n")
     words = ["play", "wrist", "--csv", "mine.csv", "--duration", "0.3"]
     assert cli.main(words) == 0
     log = EpisodeLog.read(tmp_path / "runs" / "wrist-mine-0" / "log.parquet")
@@ -102,17 +111,41 @@ def test_old_results_stay_until_new_ones_are_complete(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
 )
 def test_signals_leave_nothing(number: int, code: int, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "cc_mujoco.cli", "play", "wrist"]
-    process = subprocess.Popen(
-        [*command, "--duration", "600"], stderr=subprocess.PIPE, text=True
+    program = (
+        "import sys; from cc_mujoco import cli, recording; play = recording.play\n"
+        "def told(*a, **k): print('playing', flush=True); return play(*a, **k)\n"
+        "recording.play = told\n"
+        "sys.exit(cli.main(['play', 'wrist', '--duration', '600']))"
     )
-    time.sleep(6.0)
-    assert process.poll() is None, process.stderr and process.stderr.read()
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=ENVIRONMENT,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "playing\n"
+    time.sleep(0.5)
     process.send_signal(number)
     _, said = process.communicate(timeout=20)
     assert process.returncode == code
     assert "Traceback" not in said
     assert list(tmp_path.iterdir()) == []
+
+
+def test_sentences_where_only_ascii_can_be_shown() -> None:
+    program = "import sys; from cc_mujoco import cli; sys.exit(cli.main(sys.argv[1:]))"
+    done = subprocess.run(
+        [sys.executable, "-c", program, "play", "wrist", "--trajectry", "sine"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=ENVIRONMENT | {"PYTHONIOENCODING": "ascii"},
+    )
+    assert done.returncode == 2
+    assert "--trajectry, sine; did you mean --trajectory?" in done.stderr
+    assert done.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -165,15 +198,14 @@ def test_help_does_not_load_what_only_playing_needs() -> None:
         "import sys; from cc_mujoco import cli\n"
         "try: cli.main(['play', '--help'])\n"
         "except SystemExit as stop: assert not stop.code\n"
-        "assert not {'rerun', 'matplotlib', 'pyarrow', 'scipy'} & set(sys.modules)"
+        "assert not {'rerun', 'matplotlib', 'pyarrow', 'tqdm'} & set(sys.modules)"
     )
-    environment = {**os.environ, "PYTHONWARNINGS": "ignore"}
     done = subprocess.run(
         [sys.executable, "-c", program],
         capture_output=True,
         text=True,
         check=False,
-        env=environment,
+        env=ENVIRONMENT,
     )
     assert done.returncode == 0, done.stderr
     assert "--trajectory" in done.stdout

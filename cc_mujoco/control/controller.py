@@ -49,6 +49,9 @@ class Drive:
     """Greatest torque of the motor [Nm]."""
     period: float
     """Time between two calls of a controller [s]."""
+    one_way: bool = False
+    """Whether the cables only transmit positive motor torque: one cable pulls, none
+    pulls back."""
 
     def __post_init__(self) -> None:
         """Refuse a drive that cannot be controlled."""

@@ -1,9 +1,9 @@
 """All controllers by name.
 
-    >>> from cc_mujoco.control import Drive, controller
-    >>> drive = Drive(ratio=5.2, low=-1.0, high=1.0, period=0.001)
-    >>> controller("none", drive).torque({"desired_torque_nm": 2.6})
-    0.5
+>>> from cc_mujoco.control import Drive, controller
+>>> drive = Drive(ratio=5.2, low=-1.0, high=1.0, period=0.001)
+>>> controller("none", drive).torque({"desired_torque_nm": 2.6})
+0.5
 """
 
 from __future__ import annotations

@@ -19,9 +19,14 @@ class ProportionalIntegral(Controller):
        \qquad e = \tau_d - \tau_j \]
 
     with the desired and the measured joint torque \(\tau_d, \tau_j\) [Nm], the ratio
-    \(\rho\) of the drive and \(f\) = 1 with feed-forward, 0 without. The gains are those
-    of the thesis, section 4.3.1: \(K_p\) = 1, \(K_i\) = 2 / s. Anti-windup by clamping:
-    while the motor is at a limit, the integral does not move further beyond it.
+    \(\rho\) of the drive and \(f\) = 1 with feed-forward, 0 without. The gains are
+    those of the thesis, section 4.3.1: \(K_p\) = 1, \(K_i\) = 2 / s; with them both
+    devices of this package are stable at 1 kHz, inertia and stretch included.
+
+    Anti-windup by clamping: while the motor is at a limit, the integral does not move
+    further beyond; and where cables only pull, the integral never asks for less than no
+    torque. It would pay out cable for as long as friction holds back some tension, and
+    the motor would then have to catch the slack at speed.
     """
 
     def __init__(
@@ -59,11 +64,13 @@ class ProportionalIntegral(Controller):
         drive = self.drive
         desired = observation["desired_torque_nm"]
         error = desired - observation["joint_torque_nm"]
-        following = self._sum + self.integral * drive.period * error
-        wanted = self.proportional * error + following
+        following = self._sum + self.integral * drive.period * error / drive.ratio
+        if drive.one_way:
+            following = np.maximum(following, 0.0)
+        wanted = self.proportional * error
         if self.feed_forward:
             wanted = wanted + desired
-        torque = wanted / drive.ratio
+        torque = wanted / drive.ratio + following
         limited = np.clip(torque, drive.low, drive.high)
         # Beyond a limit, and the error would push further.
         winding = (torque - limited) * (error / drive.ratio) > 0.0

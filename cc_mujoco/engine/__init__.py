@@ -8,6 +8,7 @@ from cc_mujoco.engine.mjcf import from_mjcf, to_mjcf
 from cc_mujoco.engine.plugin import register
 from cc_mujoco.engine.reading import (
     CableReading,
+    Reader,
     cables,
     read,
     read_state,
@@ -22,6 +23,7 @@ register()
 __all__ = [
     "PLUGIN",
     "CableReading",
+    "Reader",
     "cables",
     "from_mjcf",
     "read",

@@ -112,6 +112,8 @@ def _up_to_date(block: int, model: int, instance: int) -> bool:
     seen = _text(block, load_word(block + _SEGMENTS))
     size = load_word(block + _TEXT_SIZE)
     i = 0
+    while i + 8 <= size and load_word(seen + i) == load_word(attributes + i):
+        i += 8
     while i < size and load_byte(seen + i) == load_byte(attributes + i):
         i += 1
     if size > 0 and i == size:
@@ -138,6 +140,8 @@ def _evaluate(
     block: int, state: int, u_proximal: float, u_distal: float, dt: float
 ) -> bool:
     """Evaluate from the committed state at address `state`, unless that is known.
+
+    The parameters must be up to date.
 
     Returns:
         Whether the new state, in the block, is finite.
@@ -361,8 +365,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 u_distal = load_real(stages + 8)
                 dt = load_real(stages + 16)
                 time = load_real(stages + 24)
-        fits = _up_to_date(block, model, instance)
-        if fits and _evaluate(block, state, u_proximal, u_distal, dt):
+        if _evaluate(block, state, u_proximal, u_distal, dt):
             new = _new(block, n)
             for i in range(0, 8 * kernel.state_size(n), 8):
                 store_word(state + i, load_word(new + i))

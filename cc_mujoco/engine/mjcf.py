@@ -15,7 +15,6 @@ True
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -43,22 +42,26 @@ def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, 
         CableError: a configuration cannot be used.
     """
     if isinstance(source, mujoco.MjModel):
-        return {name: parse(config, name) for name, config in _compiled(source).items()}
+        return {
+            name: cable_of(source, index, name)
+            for name, index in instances(source).items()
+        }
     if isinstance(source, Path) or (isinstance(source, str) and "<" not in source):
         source = mujoco.MjSpec.from_file(str(source))
     elif isinstance(source, str):
         source = mujoco.MjSpec.from_string(source)
-    cables = {}
-    for plugin in source.plugins:
-        if plugin.plugin_name != PLUGIN:
-            continue
-        if not plugin.name:
+    for actuator in source.actuators:
+        if actuator.plugin.plugin_name == PLUGIN and not actuator.plugin.name:
             raise CableError(
-                f"plugin `{PLUGIN}`: a configuration inside an actuator has no partner "
-                "end; declare an `instance` that two actuators share"
+                f"plugin `{PLUGIN}`: the configuration inside actuator "
+                f"{actuator.name!r} has no partner end; declare an `instance` that two "
+                "actuators share"
             )
-        cables[plugin.name] = _parse(tuple(dict(plugin.config).items()), plugin.name)
-    return cables
+    return {
+        plugin.name: _parse(tuple(dict(plugin.config).items()), plugin.name)
+        for plugin in source.plugins
+        if plugin.plugin_name == PLUGIN
+    }
 
 
 def to_mjcf(
@@ -133,23 +136,10 @@ def cable_of(model: mujoco.MjModel, instance: int, name: str) -> Cable:
     return _parse(tuple(_config(model, instance).items()), name)
 
 
-def _compiled(model: mujoco.MjModel) -> dict[str, dict[str, str]]:
-    return {name: _config(model, index) for name, index in instances(model).items()}
-
-
 def _config(model: mujoco.MjModel, instance: int) -> dict[str, str]:
     start = model.plugin_attradr[instance]
     texts = bytes(model.plugin_attr[start:]).split(b"\0", len(KEYS))
     return {key: text.decode() for key, text in zip(KEYS, texts, strict=False) if text}
-
-
-def parse(config: Mapping[str, str], name: str) -> Cable:
-    """The cable that a configuration describes.
-
-    Raises:
-        CableError: it cannot be used; the message names plugin, instance and key.
-    """
-    return _parse(tuple(config.items()), name)
 
 
 @lru_cache(maxsize=256)

@@ -83,29 +83,57 @@ def read_state(model: mujoco.MjModel, name: str, plugin_state: Floats) -> CableR
     Raises:
         CableError: the model has no cable of that name, or the array does not fit it.
     """
-    index = _instance(model, name)
-    cable = cable_of(model, index, name)
-    n = cable.segments
-    if plugin_state.shape[-1] != model.npluginstate:
-        raise CableError(
-            f"plugin_state has {plugin_state.shape[-1]} numbers per simulation; this "
-            f"model has {model.npluginstate}"
+    return Reader(model, name).read(plugin_state)
+
+
+class Reader:
+    """Reads one cable of a model, again and again: what it needs is looked up once.
+
+    Each number is computed alike for one simulation and for many, so it has the same
+    bits in both.
+    """
+
+    def __init__(self, model: mujoco.MjModel, name: str) -> None:
+        """Look the cable up.
+
+        Raises:
+            CableError: the model has no cable of that name.
+        """
+        index = _instance(model, name)
+        cable = cable_of(model, index, name)
+        self.name = name
+        self.start = int(model.plugin_stateadr[index])
+        """Where the cable's state begins in `plugin_state`."""
+        self._segments = cable.segments
+        self._compliance = _compliance(cable)
+        self._total = int(model.npluginstate)
+
+    def read(self, plugin_state: Floats) -> CableReading:
+        """The state of the cable in arrays of plugin states, (..., m).
+
+        Raises:
+            CableError: the array does not fit the model.
+        """
+        if plugin_state.shape[-1] != self._total:
+            raise CableError(
+                f"plugin_state has {plugin_state.shape[-1]} numbers per simulation; "
+                f"this model has {self._total}"
+            )
+        n, first = self._segments, self.start + kernel.STATE_HEADER
+        node = plugin_state[..., first : first + n + 1]
+        slip = plugin_state[..., first + n + 1 : first + 2 * n + 1]
+        tension = np.maximum(node, 0.0)
+        moving = np.sign(slip).astype(np.int8)
+        return CableReading(
+            tension=tension,
+            slip=moving,
+            tension_proximal=tension[..., 0].copy(),
+            tension_distal=tension[..., n].copy(),
+            moving_fraction=np.abs(moving).sum(axis=-1) / n,
+            # A product of matrices would round differently for one and for many.
+            slack=(np.maximum(-node, 0.0) * self._compliance).sum(axis=-1),
+            dissipated=plugin_state[..., self.start + 2].copy(),
         )
-    start = model.plugin_stateadr[index]
-    state = plugin_state[..., start : start + kernel.state_size(n)]
-    node = state[..., kernel.STATE_HEADER : kernel.STATE_HEADER + n + 1]
-    slip = state[..., kernel.STATE_HEADER + n + 1 : kernel.STATE_HEADER + 2 * n + 1]
-    tension = np.maximum(node, 0.0)
-    moving = np.sign(slip).astype(np.int8)
-    return CableReading(
-        tension=tension,
-        slip=moving,
-        tension_proximal=tension[..., 0].copy(),
-        tension_distal=tension[..., n].copy(),
-        moving_fraction=np.abs(moving).mean(axis=-1),
-        slack=np.maximum(-node, 0.0) @ _compliance(cable),
-        dissipated=state[..., 2].copy(),
-    )
 
 
 def route(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:

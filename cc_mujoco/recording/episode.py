@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
+import importlib
 import os
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -65,7 +65,9 @@ def play(
         "wearer": dataclasses.asdict(wearer),
         RATIO: 1.0 / inner.drive.ratio,
         "cables": {name: cable.to_config() for name, cable in cables.items()},
-        "versions": {name: importlib.metadata.version(name) for name in VERSIONED},
+        "versions": {
+            name: importlib.import_module(name).__version__ for name in VERSIONED
+        },
         MODEL_XML: scene_path(setup.scene).read_text(encoding="utf-8"),
     }
     recorder = Recorder(cables, metadata)

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#6E6E6E"
 DASH = (4, 2)
 TENSION_COLORS = "viridis"
-MAX_COLUMNS = 1200
-"""Time samples in a heat map; more cannot be seen."""
+MAX_COLUMNS = 600
+"""Columns of a heat map; of more samples, means are shown."""
 
 STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
@@ -154,7 +154,9 @@ def _draw_tensions(figure: Any, log: EpisodeLog) -> None:
     every = max(1, len(time) // MAX_COLUMNS)
     panels = figure.subplots(len(nodes), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (cable, values) in zip(panels, nodes.items(), strict=True):
-        shown = np.ma.masked_less_equal(values[::every].T, 0.0)
+        whole = len(values) // every * every
+        means = values[:whole].reshape(-1, every, values.shape[1]).mean(axis=1)
+        shown = np.ma.masked_less_equal(means.T, 0.0)
         image = axes.imshow(
             shown,
             aspect="auto",

@@ -43,6 +43,12 @@ def measure(log: EpisodeLog) -> tuple[Metric, ...]:
     driven = efficiency(log)
     found = [
         Metric(
+            "efficiency",
+            driven.overall,
+            "1",
+            "work delivered at either side per work delivered or lost",
+        ),
+        Metric(
             "efficiency_motor_drives",
             driven.motor_drives,
             "1",
@@ -109,6 +115,8 @@ def measure(log: EpisodeLog) -> tuple[Metric, ...]:
 class Efficiency:
     """Efficiency of a transmission that either side may drive; NaN where undefined."""
 
+    overall: float
+    """Both directions together, in [0, 1]."""
     motor_drives: float
     """Motor to joint, in [0, 1]."""
     wearer_drives: float
@@ -143,12 +151,13 @@ def efficiency(log: EpisodeLog) -> Efficiency:
     motor_in = float(np.maximum(motor, 0).sum())
     wearer_in = float(np.maximum(-joint, 0).sum())
 
-    def ratio(delivered: float, lost: float) -> float:
-        return _divide(max(delivered, 0.0), max(delivered, 0.0) + lost)
-
+    to_joint = max(float(joint[forward].sum()), 0.0)
+    to_motor = max(float(-motor[backward].sum()), 0.0)
+    delivered = to_joint + to_motor
     return Efficiency(
-        motor_drives=ratio(joint[forward].sum(), lost[forward].sum()),
-        wearer_drives=ratio(-motor[backward].sum(), lost[backward].sum()),
+        overall=_divide(delivered, delivered + float(lost.sum())),
+        motor_drives=_divide(to_joint, to_joint + float(lost[forward].sum())),
+        wearer_drives=_divide(to_motor, to_motor + float(lost[backward].sum())),
         motor_share=_divide(motor_in, motor_in + wearer_in),
     )
 

@@ -54,38 +54,39 @@ def loop_width(angle: Array, torque: Array) -> float:
 def lag(time: Array, desired: Array, actual: Array) -> float:
     """Return the delay of one signal after another, in seconds.
 
-    It is the shift, at most a quarter of the episode and at most 1 s either way, that
-    gives the largest correlation coefficient, refined by a parabola. Negative when the
-    actual signal leads; NaN when a signal is constant or they never correlate.
+    It is the shift, at most a quarter of the episode and at most 1 s, at which the
+    correlation coefficient peaks, refined by a parabola; of several peaks within 5 %,
+    as a periodic signal has, the first. It is 0 if the actual signal leads.
 
     Args:
         time: Equally spaced times (T,), s.
         desired: Signal that should be followed (T,).
         actual: Signal that follows (T,).
+
+    Returns:
+        Delay in seconds; NaN if the best coefficient is below 0.5 or at the largest
+        shift, for then the one signal does not follow the other.
     """
     count = len(time)
     if count < 8:
         return math.nan
     step = float(time[-1] - time[0]) / (count - 1)
     reach = max(1, min(count // 4, round(1.0 / step)))
-    shifts = np.arange(-reach, reach + 1)
     score = np.array(
-        [
-            _correlation(desired[: count - k], actual[k:])
-            if k >= 0
-            else _correlation(desired[-k:], actual[: count + k])
-            for k in shifts
-        ]
+        [_correlation(desired[: count - k], actual[k:]) for k in range(reach + 1)]
     )
-    best = int(np.argmax(score))
-    if not score[best] > 0:
+    before = np.concatenate([[-1.0], score[:-1]])
+    rising = score >= before
+    falling = np.concatenate([score[:-1] >= score[1:], [True]])
+    best = int(np.argmax(rising & falling & (score >= 0.95 * score.max())))
+    if best == reach or score[best] < 0.5:
         return math.nan
-    offset = 0.0
-    if 0 < best < len(score) - 1:
-        left, middle, right = score[best - 1 : best + 2]
-        bend = left - 2 * middle + right
-        offset = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    return float((shifts[best] + offset) * step)
+    if best == 0:
+        return 0.0
+    left, middle, right = score[best - 1 : best + 2]
+    bend = left - 2 * middle + right
+    offset = 0.5 * (left - right) / bend if bend < 0 else 0.0
+    return float((best + offset) * step)
 
 
 def _correlation(one: Array, other: Array) -> float:

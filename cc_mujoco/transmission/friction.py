@@ -86,22 +86,30 @@ def plain(values: FloatArray) -> bool:
 
 
 @compiled
-def drag(values: FloatArray, length: float, growth: float) -> float:
-    """B of a segment: f_0 integrated with the capstan growth `growth` = E [N]."""
-    load_independent: float = values[_LOAD_INDEPENDENT]
-    if load_independent == 0.0:
-        return 0.0
+def _grown(length: float, growth: float) -> float:
+    """Length of a segment, each part weighted by the capstan growth ahead of it [m]."""
     exponent = math.log(growth)
     if exponent < 1e-9:
-        return load_independent * length
-    return load_independent * length * (growth - 1.0) / exponent
+        return length
+    return length * (growth - 1.0) / exponent
 
 
 @compiled
-def viscosity(values: FloatArray, length: float, dt: float) -> float:
-    """C of a segment per displacement in one step [N/m]."""
-    coefficient: float = values[_VISCOUS]
-    return coefficient * length / dt
+def drag(values: FloatArray, length: float, growth: float) -> float:
+    """B of a segment of `length` [m] with E = `growth` [N]."""
+    load_independent: float = values[_LOAD_INDEPENDENT]
+    if load_independent == 0.0:
+        return 0.0
+    return load_independent * _grown(length, growth)
+
+
+@compiled
+def viscosity(values: FloatArray, length: float, growth: float, dt: float) -> float:
+    """C of a segment per displacement in one step of `dt` [N/m]."""
+    viscous: float = values[_VISCOUS]
+    if viscous == 0.0:
+        return 0.0
+    return viscous * _grown(length, growth) / dt
 
 
 @compiled

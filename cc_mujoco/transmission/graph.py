@@ -83,7 +83,7 @@ def sweep(
 ) -> None:
     """Solve one step by carrying the graph; arguments as in `fronts.march`.
 
-    `work` holds (8 (n + 1) + 8,). `hold_right` and `hold_left` are overwritten with
+    `work` holds (8 (n + 1) + 16,). `hold_right` and `hold_left` are overwritten with
     `growth` where a segment breaks away.
     """
     x, y = work[: 2 * n + 6], work[2 * n + 6 : 4 * n + 12]
@@ -93,6 +93,7 @@ def sweep(
     zero_from = work[
         5 * n + 12 : 6 * n + 12
     ]  # slip below which the node ahead is slack
+    slack_until = work[6 * n + 12 : 7 * n + 12]  # slip up to which node s is slack
     for _ in range(n + 1):
         left, right = 0.0, near_q
         x[0], y[0] = 0.0, near_p
@@ -102,6 +103,7 @@ def sweep(
         for s in range(n):
             rest = max(_value(x, y, count, left, right, 0.0), 0.0)
             at_rest[s] = rest
+            slack_until[s] = x[0] if y[0] == 0.0 and left == 0.0 else -np.inf
             # Knots left of zero, the gap of friction at zero, knots right of it.
             split = 0
             while split < count and x[split] < 0.0:
@@ -162,7 +164,10 @@ def sweep(
                 if right > 0.0:
                     right = right * k / (k + right)
         # The distal end closes the graph: f(w) = far_p - far_q w.
-        if far_q > 0.0:
+        if far_q > 0.0 and y[0] == 0.0 and left == 0.0 and far_p <= far_q * x[0]:
+            w = far_p / far_q
+            ahead = 0.0
+        elif far_q > 0.0:
             for c in range(count):
                 y[c] += far_q * x[c]
             w = _inverse(x, y, count, left + far_q, right + far_q, far_p)
@@ -177,23 +182,25 @@ def sweep(
             rest = at_rest[s]
             low = (rest - drag[s]) / hold_left[s]
             high = hold_right[s] * rest + drag[s]
-            if ahead == 0.0:
+            dragged = drag[s] > 0.0 or viscosity[s] > 0.0
+            if ahead == 0.0 and zero_from[s] > -np.inf:
                 # With drag the segment stops there and the slack gathers at its node.
-                dragged = drag[s] > 0.0 or viscosity[s] > 0.0
                 w = zero_from[s] if dragged else min(w, zero_from[s])
-            if ahead == 0.0 and rest == 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
-                shift[s] = w
-                ahead = 0.0
-            elif low <= ahead <= high:
-                shift[s] = 0.0
-                ahead = rest
-            elif ahead > high:
+            if ahead == 0.0 and rest == 0.0 and not dragged:
+                shift[s], node[s] = w, 0.0
+                continue
+            # Where the graph is flat only the displacement tells slip from rest.
+            margin = 1e-12 * (ahead + drag[s])
+            if ahead > high or (ahead >= high - margin and w > 0.0):
                 shift[s] = max(w, 0.0)
                 ahead = (ahead - drag[s] - viscosity[s] * shift[s]) / hold_right[s]
-            else:
+            elif ahead < low or (ahead <= low + margin and w < 0.0):
                 shift[s] = min(w, 0.0)
                 ahead = hold_left[s] * ahead + drag[s] - viscosity[s] * shift[s]
-            ahead = max(ahead, 0.0)
+            else:
+                shift[s] = 0.0
+                ahead = rest
+            ahead = max(ahead, 0.0) if shift[s] > slack_until[s] else 0.0
             node[s] = ahead
         # A segment that breaks away follows the kinetic law: solve again with it.
         broke = False

@@ -319,7 +319,7 @@ def _coefficients(
             coefficient = law.kinetic_coefficient(values, abs(slip[j]), speed[j])
             growth[j] = law.ratio(coefficient, angle[j])
             drag[j] = law.drag(values, length, growth[j])
-            viscosity[j] = law.viscosity(values, length, dt)
+            viscosity[j] = law.viscosity(values, length, growth[j], dt)
         # A segment that goes on slipping the same way has already broken away.
         hold_right[j] = growth[j] if slip[j] > 0.0 else hold[j]
         hold_left[j] = growth[j] if slip[j] < 0.0 else hold[j]
@@ -367,9 +367,12 @@ def _commit(
     values = prm[:_SCALARS]
     for j in range(n):
         moved = shift[j]
-        low = max(new_state[t + j], 0.0)
-        high = max(new_state[t + j + 1], 0.0)
-        work += max((high - low) * moved, 0.0)
+        force = max(new_state[t + j + 1], 0.0) - max(new_state[t + j], 0.0)
+        before = max(state[t + j + 1], 0.0) - max(state[t + j], 0.0)
+        # Mean friction over the slip; after a reversal slip begins at the new friction.
+        if before * moved > 0.0:
+            force = 0.5 * (force + before)
+        work += max(force * moved, 0.0)
         old = state[t + n + 1 + j]
         same = moved * old > 0.0
         new_state[t + n + 1 + j] = moved + old if same else moved

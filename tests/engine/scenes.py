@@ -28,11 +28,17 @@ def end(name: str, cable: str, target: str, gear: float) -> str:
     return f'<plugin name="{name}" instance="{cable}" {target} gear="{gear}"/>'
 
 
-def model(instances: str, actuators: str, option: str = "", extra: str = "") -> str:
+def model(
+    instances: str,
+    actuators: str,
+    option: str = "",
+    extra: str = "",
+    timestep: float = 0.0005,
+) -> str:
     """A motor and a wrist on hinges, a sledge on a slide, a ball, and tendons."""
     return f"""
 <mujoco>
-  <option timestep="0.0005" {option}/>
+  <option timestep="{timestep}" {option}/>
   <extension><plugin plugin="cc_mujoco.cable">{instances}</plugin></extension>
   <worldbody>
     <site name="anchor" pos="0 0 1"/>
@@ -62,7 +68,10 @@ def model(instances: str, actuators: str, option: str = "", extra: str = "") -> 
 
 
 def pull_pull(
-    config: Mapping[str, str] = CONFIG, option: str = "", extra: str = ""
+    config: Mapping[str, str] = CONFIG,
+    option: str = "",
+    extra: str = "",
+    timestep: float = 0.0005,
 ) -> str:
     """Two cables from the motor to the wrist."""
     return model(
@@ -73,6 +82,7 @@ def pull_pull(
         + end("extensor_distal", "extensor", 'joint="wrist"', 0.05),
         option,
         extra,
+        timestep,
     )
 
 

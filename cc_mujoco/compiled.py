@@ -1,6 +1,6 @@
 """The decorator of every compiled function, and the guard of its cache.
 
-Numba keeps compiled code beside the source and drops it when that very file changes, but
+Numba keeps compiled code beside the source and drops it when that file changes, but
 not when a function that it calls, in another file, does. So compiled code older than
 any source of the package's compiled parts is removed at import.
 """

@@ -20,8 +20,8 @@ SETUP = Setup(
         "motor_velocity_rad_s": 500.0,
         "joint_angle_rad": 1.0,
         "joint_velocity_rad_s": 20.0,
-        "joint_torque_nm": 300.0,
-        "desired_torque_nm": 300.0,
+        "joint_torque_nm": 1000.0,
+        "desired_torque_nm": 1000.0,
     },
     companions={"hip": "wearer_hip", "knee": "wearer_knee"},
     phase_observed=True,
@@ -56,8 +56,8 @@ class AnkleExo(ExoEnv):
     | 1 | velocity of the motor | +-500 | rad/s |
     | 2 | angle of the ankle, dorsiflexion positive | +-1 | rad |
     | 3 | velocity of the ankle | +-20 | rad/s |
-    | 4 | torque of the cable on the ankle, plantarflexion negative | +-300 | Nm |
-    | 5 | desired torque | +-300 | Nm |
+    | 4 | torque of the cable on the ankle, plantarflexion negative | +-1000 | Nm |
+    | 5 | desired torque | +-1000 | Nm |
     | 6 | sine of the phase of the gait cycle | +-1 | 1 |
     | 7 | cosine of the phase of the gait cycle | +-1 | 1 |
 
@@ -86,13 +86,13 @@ class AnkleExo(ExoEnv):
     An episode starts at rest at the first pose of the trajectory, the cable at
     pretension. Random trajectories are drawn from `np_random`, so a seed determines an
     episode. It is truncated after `duration`, and terminated only if MuJoCo warns that
-    the simulation has become unstable or was given an action that is not a number.
+    the simulation has become unstable. Actions that are not finite are a `CableError`.
 
     ## Arguments
 
     | argument | default | meaning |
     |----------|---------|---------|
-    | `trajectory` | `"walk"` | what the wearer does: a name, CSV file or `Trajectory` |
+    | `trajectory` | `"walk"` | the wearer's motion: a name, CSV file or `Trajectory` |
     | `task` | `"assist"` | what the wearer should feel: a name or a `Task` |
     | `duration` | 10 | length of an episode [s] |
     | `frame_skip` | 2 | physics steps of 0.5 ms in a control step: control at 1 kHz |

@@ -7,7 +7,6 @@ for bit.
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Task, Trajectory, Wearer
 from cc_mujoco.human import task as find_task
+from cc_mujoco.human.checks import number
 
 from .device import Array, Device, Physics, Setup
 from .script import Author, find_trajectory
@@ -59,6 +59,8 @@ class Exo:
                 f"task must be a Task or one of {', '.join(sorted(TASKS))}, "
                 f"not {task!r}."
             )
+        if not (wearer is None or isinstance(wearer, Wearer)):
+            raise CableError(f"wearer must be a Wearer or None, not {wearer!r}.")
         if not (isinstance(frame_skip, int) and frame_skip >= 1):
             raise CableError(f"frame_skip must be an integer >= 1, not {frame_skip!r}.")
         self.setup = setup
@@ -67,13 +69,8 @@ class Exo:
         self.frame_skip = frame_skip
         self.period = frame_skip * float(self.device.model.opt.timestep)
         """Time between control steps [s]."""
-        steps = duration / self.period if math.isfinite(duration) else 0.0
-        if not steps >= 0.5:
-            raise CableError(
-                f"duration must be a number of seconds, at least one control step of "
-                f"{self.period:g} s, not {duration!r}."
-            )
-        self.steps = max(round(steps), 1)
+        number("duration", duration, self.period, 1e6, "s")
+        self.steps = round(duration / self.period)
         """Control steps in an episode."""
         source = find_trajectory(trajectory, setup.reach)
         self.author = Author(self.device, source, self.steps, frame_skip)
@@ -86,8 +83,15 @@ class Exo:
         self.action_space = Box(-1.0, 1.0, (1,), dtype=np.float32)
 
     def normalised(self, action: NDArray[Any]) -> Any:
-        """Actions (..., 1) as numbers in [-1, 1]."""
-        return _limited(action.T[0].astype(np.float64), -1.0, 1.0)
+        """Actions (..., 1) as numbers in [-1, 1].
+
+        Raises:
+            CableError: If an action is not finite.
+        """
+        numbers = action.T[0].astype(np.float64)
+        if not np.isfinite(numbers).all():
+            raise CableError(f"actions must be finite numbers, not {action!r}.")
+        return _limited(numbers, -1.0, 1.0)
 
     def action(self, torque: Any) -> NDArray[np.float32]:
         """The action, (..., 1), that makes the motor give a torque [Nm]."""

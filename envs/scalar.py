@@ -122,6 +122,6 @@ def _numbers(columns: dict[str, Any], terms: tuple[Any, Any]) -> dict[str, Any]:
     """A fresh `info`: floats, and arrays that nobody else holds."""
     columns |= zip(REWARDS, terms, strict=True)
     return {
-        name: value if isinstance(value, np.ndarray) else float(value)
+        name: value if isinstance(value, np.ndarray) and value.ndim else float(value)
         for name, value in columns.items()
     }

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TRAJECTORIES, Motion, Trajectory, from_csv, trajectory
+from cc_mujoco.human import Motion, Trajectory, from_csv, trajectory
 
 from .device import Device
 
@@ -166,7 +166,8 @@ def find_trajectory(given: str | Path | Trajectory, reach: float) -> Trajectory:
     """Return the trajectory that an environment was asked for.
 
     Args:
-        given: A name, a CSV file, or a trajectory.
+        given: A name, a CSV file (a string ending in `.csv`, or any `Path`), or a
+            trajectory.
         reach: Largest angle of named trajectories [rad].
 
     Raises:
@@ -174,11 +175,11 @@ def find_trajectory(given: str | Path | Trajectory, reach: float) -> Trajectory:
     """
     if isinstance(given, Trajectory):
         return given
-    if isinstance(given, Path) or (given not in TRAJECTORIES and _is_file(given)):
+    if not isinstance(given, (str, Path)):
+        raise CableError(
+            f"trajectory must be a name, the path of a CSV file or a Trajectory, "
+            f"not {given!r}."
+        )
+    if isinstance(given, Path) or given.lower().endswith(".csv"):
         return from_csv(given)
     return trajectory(given, reach)
-
-
-def _is_file(name: str) -> bool:
-    """Whether a string can only mean a file."""
-    return name.lower().endswith(".csv") or "/" in name

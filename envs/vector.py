@@ -171,7 +171,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             raise gymnasium.error.ResetNeeded("call reset() before the first step().")
         exo, control, fresh = self.exo, self._control, self._over
         going = ~fresh
-        normalised = np.where(going, exo.normalised(np.asarray(actions)), 0.0)
+        normalised = exo.normalised(np.where(going[:, None], actions, 0.0))
         if going.any():
             device = exo.device
             control[:, :, device.motor_control] = (normalised * device.motor_scale)[

@@ -20,8 +20,8 @@ SETUP = Setup(
         "motor_velocity_rad_s": 500.0,
         "joint_angle_rad": 1.5,
         "joint_velocity_rad_s": 20.0,
-        "joint_torque_nm": 10.0,
-        "desired_torque_nm": 10.0,
+        "joint_torque_nm": 50.0,
+        "desired_torque_nm": 50.0,
     },
 )
 
@@ -55,8 +55,8 @@ class WristHandle(ExoEnv):
     | 1 | velocity of the motor | +-500 | rad/s |
     | 2 | angle of the wrist, flexion positive | +-1.5 | rad |
     | 3 | velocity of the wrist | +-20 | rad/s |
-    | 4 | torque of the cables on the wrist | +-10 | Nm |
-    | 5 | desired torque | +-10 | Nm |
+    | 4 | torque of the cables on the wrist | +-50 | Nm |
+    | 5 | desired torque | +-50 | Nm |
 
     Where the wearer aims is for the wearer to know; it is in `info` only.
 
@@ -82,21 +82,21 @@ class WristHandle(ExoEnv):
     An episode starts at rest at the first angle of the trajectory, both cables at
     pretension. Random trajectories are drawn from `np_random`, so a seed determines an
     episode. It is truncated after `duration`, and terminated only if MuJoCo warns that
-    the simulation has become unstable or was given an action that is not a number.
+    the simulation has become unstable. Actions that are not finite are a `CableError`.
 
     ## Arguments
 
     | argument | default | meaning |
     |----------|---------|---------|
-    | `trajectory` | `"sweep"` | what the wearer does: a name, CSV file or `Trajectory` |
+    | `trajectory` | `"sweep"` | the wearer's motion: a name, CSV file or `Trajectory` |
     | `task` | `"tunnel"` | what the wearer should feel: a name or a `Task` |
     | `duration` | 10 | length of an episode [s] |
     | `frame_skip` | 2 | physics steps of 0.5 ms in a control step: control at 1 kHz |
     | `wearer` | `None` | a `Wearer`; by default 50 Nm/rad and 0.8 Nm s/rad (scene) |
     | `render_mode` | `None` | `None` or `"rgb_array"` |
 
-    Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down to 1 rad where they
-    go further, and `TASKS`. The wearer's command changes with every physics step.
+    Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down to 1 rad where
+    they go further, and `TASKS`. The wearer's command changes with every physics step.
 
     ## Version history
 

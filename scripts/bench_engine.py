@@ -23,14 +23,14 @@ from mujoco.batch import Batch
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
 
-ROUNDS = 15
+ROUNDS = 101
 """Turns that each contestant takes."""
 
 
 def main() -> None:
     """Print the ratios."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=4000, help="steps per turn")
+    parser.add_argument("--steps", type=int, default=1000, help="steps per turn")
     parser.add_argument("--simulations", type=int, default=64, help="in a batch")
     arguments = parser.parse_args()
     steps, count = arguments.steps, arguments.simulations
@@ -41,26 +41,29 @@ def main() -> None:
     rates = compare({name: single(m, steps) for name, m in rivals.items()})
     print(f"wrist scene, cables of {segments} segments, steps per second:")
     for name, rate in rates.items():
-        print(f"  {name:10} {rate:10.0f}")
-    print(
-        f"cables / ideal         {rates['cables'] / rates['ideal']:.2f}   (goal 0.75)"
-    )
-    print(f"cables / equality      {rates['cables'] / rates['equality']:.2f}")
+        print(f"  {name:10} {np.median(rate):10.0f}")
+    for name in ("ideal", "equality"):
+        goal = "   (goal 0.75)" if name == "ideal" else ""
+        print(f"cables / {name:20} {ratio(rates['cables'], rates[name]):.2f}{goal}")
 
-    batches = {
-        f"{threads} threads": batched(cables, count, threads, max(steps // count, 1))
-        for threads in (1, 2)
-    }
-    rates = compare(batches)
-    ratio = rates["2 threads"] / rates["1 threads"]
-    print(f"batch of {count}, 2 / 1 threads   {ratio:.2f}   (goal 1.8)")
+    for name in ("cables", "ideal"):
+        batches = {
+            str(threads): batched(rivals[name], count, threads, steps)
+            for threads in (1, 2)
+        }
+        rates = compare(batches)
+        goal = "   (goal 1.8)" if name == "cables" else ""
+        print(
+            f"batch of {count}, {name}, threads 2 / 1  "
+            f"{ratio(rates['2'], rates['1']):.2f}{goal}"
+        )
 
 
 def ideal(equality: bool) -> mujoco.MjModel:
     """The wrist scene without cables: an ideal gear, or an equality constraint."""
     spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
     gears = {a.name: a.gear[0] for a in spec.actuators}
-    ratio = gears["flexor_distal"] / gears["flexor_proximal"]
+    gear = gears["flexor_distal"] / gears["flexor_proximal"]
     for sensor in spec.sensors:
         if sensor.objname.startswith(("flexor_", "extensor_")):
             sensor.objname = "motor"
@@ -72,13 +75,13 @@ def ideal(equality: bool) -> mujoco.MjModel:
             type=mujoco.mjtEq.mjEQ_JOINT,
             name1="motor",
             name2="wrist",
-            data=[0.0, ratio] + [0.0] * 10,
+            data=[0.0, gear] + [0.0] * 10,
             objtype=mujoco.mjtObj.mjOBJ_JOINT,
         )
     else:
-        gear = spec.add_tendon(name="ideal")
-        gear.wrap_joint("motor", 1.0)
-        gear.wrap_joint("wrist", ratio)
+        tendon = spec.add_tendon(name="ideal")
+        tendon.wrap_joint("motor", 1.0)
+        tendon.wrap_joint("wrist", gear)
         motor = spec.actuator("motor")
         motor.trntype = mujoco.mjtTrn.mjTRN_TENDON
         motor.target = "ideal"
@@ -112,24 +115,30 @@ def batched(
     motor = model.actuator("motor").id
     phase = np.linspace(0.0, 6.0, count)
 
+    each = max(4 * steps // count, 1)
+
     def turn() -> float:
+        phase[:] += 0.05
+        ctrl[:, motor] = 0.8 * np.sin(phase)
         start = time.perf_counter()
-        for _ in range(steps):
-            phase[:] += 0.02
-            ctrl[:, motor] = 0.8 * np.sin(phase)
-            batch.step(nstep=10)
-        return 10 * count * steps / (time.perf_counter() - start)
+        batch.step(nstep=each)
+        return count * each / (time.perf_counter() - start)
 
     return turn
 
 
-def compare(contestants: dict[str, Callable[[], float]]) -> dict[str, float]:
-    """Steps per second of each: the median of its turns, the first one left out."""
+def compare(contestants: dict[str, Callable[[], float]]) -> dict[str, np.ndarray]:
+    """Steps per second of each in every round but the first."""
     rates: dict[str, list[float]] = {name: [] for name in contestants}
     for _ in range(ROUNDS + 1):
         for name, turn in contestants.items():
             rates[name].append(turn())
-    return {name: float(np.median(found[1:])) for name, found in rates.items()}
+    return {name: np.array(found[1:]) for name, found in rates.items()}
+
+
+def ratio(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Median over the rounds of the ratio of two turns of the same round."""
+    return float(np.median(ours / theirs))
 
 
 if __name__ == "__main__":

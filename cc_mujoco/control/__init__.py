@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cc_mujoco.control.controller import MEASURED, Controller, Drive, measured
+from cc_mujoco.control.controller import MEASURED, Controller, Drive
 from cc_mujoco.control.controllers import CONTROLLERS, controller
 from cc_mujoco.control.feed_forward import FeedForward
 from cc_mujoco.control.proportional_integral import ProportionalIntegral
@@ -15,5 +15,4 @@ __all__ = [
     "FeedForward",
     "ProportionalIntegral",
     "controller",
-    "measured",
 ]

@@ -101,8 +101,3 @@ class Controller(ABC):
         Returns:
             A float for numbers, an array for arrays.
         """
-
-
-def measured(observation: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the part of an observation that a real device could measure."""
-    return {name: observation[name] for name in MEASURED}

@@ -11,9 +11,7 @@ True
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +21,6 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import kernel
 from cc_mujoco.transmission.friction import holding_coefficient, ratio
 from cc_mujoco.transmission.parameters import PARAMETERS, Cable
-
-Value = TypeVar("Value")
 
 
 def packed(cable: Cable) -> FloatArray:
@@ -79,8 +75,8 @@ def _require_held(cable: Cable, node: FloatArray) -> None:
         drag = cable.load_independent_friction * cable.length / n
         if high > (ratio(hold, float(angle)) * low + drag) * (1.0 + 1e-9):
             raise CableError(
-                f"initial tension jumps from {node[j]:g} N to {node[j + 1]:g} N between "
-                f"nodes {j} and {j + 1}, more than friction holds; make it smoother"
+                f"initial tension jumps from {node[j]:g} N to {node[j + 1]:g} N "
+                f"between nodes {j} and {j + 1}, more than friction holds"
             )
 
 
@@ -125,10 +121,8 @@ class Conduit:
             CableError: not exactly one quantity per end, tension at both ends, or a
                 value that is not finite or negative.
         """
-        near = _prescribed("proximal", u_proximal, tension_proximal)
-        far = _prescribed("distal", u_distal, tension_distal)
-        near_kind, near_value = near
-        far_kind, far_value = far
+        near_kind, near_value = _prescribed("proximal", u_proximal, tension_proximal)
+        far_kind, far_value = _prescribed("distal", u_distal, tension_distal)
         _check_ends(near_kind, far_kind, dt)
         status = kernel.step(
             self._prm,
@@ -284,9 +278,16 @@ def replay(
         prm, n, state, near_kind, near, far_kind, far, dt, summary, tension, direction
     )
     return Replay(
-        *summary,
-        tension if profile else None,
-        direction if profile else None,
+        u_proximal=summary[0],
+        u_distal=summary[1],
+        tension_proximal=summary[2],
+        tension_distal=summary[3],
+        moving_fraction=summary[4],
+        slack=summary[5],
+        stored=summary[6],
+        dissipated=summary[7],
+        tension=tension if profile else None,
+        direction=direction if profile else None,
     )
 
 
@@ -332,11 +333,14 @@ def _play(
                 direction[row, j] = np.int8(np.sign(state[t + n + 1 + j]))
 
 
-def _prescribed(end: str, u: Value | None, tension: Value | None) -> tuple[int, Value]:
+def _prescribed(
+    end: str, u: ArrayLike | None, tension: ArrayLike | None
+) -> tuple[int, FloatArray]:
+    """What is prescribed at an end, POSITION or TENSION, and its values."""
     if u is not None and tension is None:
-        return kernel.POSITION, u
+        return kernel.POSITION, np.asarray(u, dtype=np.float64)
     if tension is not None and u is None:
-        return kernel.TENSION, tension
+        return kernel.TENSION, np.asarray(tension, dtype=np.float64)
     raise CableError(f"prescribe either u_{end} or tension_{end}, not both or neither")
 
 
@@ -349,11 +353,11 @@ def _check_ends(near_kind: int, far_kind: int, dt: float) -> None:
         raise CableError(f"time step is {dt!r} s; it must be positive and finite")
 
 
-def _series(end: str, kind: int, given: ArrayLike | Sequence[float]) -> FloatArray:
-    values = np.ascontiguousarray(given, dtype=np.float64)
+def _series(end: str, kind: int, given: FloatArray) -> FloatArray:
+    values = np.ascontiguousarray(given)
     if values.ndim != 1 or values.size == 0:
         raise CableError(
-            f"the motion of the {end} end has shape {values.shape}; it must be (samples,)"
+            f"the motion of the {end} end has shape {values.shape}, not (samples,)"
         )
     if not np.all(np.isfinite(values)):
         row = int(np.flatnonzero(~np.isfinite(values))[0])
@@ -361,6 +365,7 @@ def _series(end: str, kind: int, given: ArrayLike | Sequence[float]) -> FloatArr
     if kind == kernel.TENSION and np.any(values < 0.0):
         row = int(np.flatnonzero(values < 0.0)[0])
         raise CableError(
-            f"sample {row} of tension_{end} is {values[row]:g} N; tension is never negative"
+            f"sample {row} of tension_{end} is {values[row]:g} N; "
+            "tension is never negative"
         )
     return values

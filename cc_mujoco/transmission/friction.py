@@ -77,8 +77,8 @@ def ratio(coefficient: float, angle: float) -> float:
 
 @compiled
 def plain(values: FloatArray) -> bool:
-    """Whether no term depends on rate or slip distance, so coefficients are constant."""
-    return (
+    """Whether coefficients are constant: no term depends on rate or slip distance."""
+    return bool(
         values[_VISCOUS] == 0.0
         and values[_STRIBECK] == 0.0
         and (values[_STATIC] == 0.0 or values[_MEMORY] == 0.0)
@@ -142,14 +142,14 @@ def holding_coefficient(values: FloatArray) -> float:
 
 @compiled
 def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -> float:
-    """Slip speed that the Stribeck term sees in the next step [m/s].
+    """Slip speed that the Stribeck term sees in the next step [m/s]; 0 at rest.
 
     The memory follows the slip speed over `memory_length` of slip, or at once when that
     is 0; a segment that sticks forgets.
     """
-    if values[_STRIBECK] == 0.0 or slip == 0.0:
+    if slip == 0.0:
         return 0.0
-    now = abs(slip) / dt
+    now: float = abs(slip) / dt
     if values[_MEMORY] == 0.0:
         return now
     return now + (speed - now) * math.exp(-abs(slip) / values[_MEMORY])

@@ -8,10 +8,9 @@ step is a chain of springs `k` and friction elements with unknown displacements 
 
 Seen from a driven end, the slipping part is an affine relation T = p + q w at its
 front, q > 0; each segment that joins updates it in closed form (in pure Coulomb
-friction this is the geometric series of thesis 2.10 and 2.12). A front stops where friction holds a
-segment (thesis 2.17), so a step costs O(front length). When the fronts meet, the last
-segment at rest is the null point of opposed motion; its tension ratio is free, which
-places the null point inside the segment instead of on a node.
+friction this is the geometric series of thesis 2.10 and 2.12). A front stops where
+friction holds a segment (thesis 2.17), so a step costs O(front length). When opposed
+fronts meet, the null point is carried as a real position inside its segment.
 
 The march presumes that the tension profile before the step lies inside the friction
 cone, as it does while coefficients are constant. It says so when it fails, and
@@ -50,16 +49,21 @@ def _join(
     """Carry T = p + q w of an end across a segment slipping inward or outward."""
     if inward:
         return growth * p + drag, growth * q + viscosity
-    return (p - drag) / growth, (q + viscosity) / growth
+    share = 1.0 / growth
+    return (p - drag) * share, (q + viscosity) * share
 
 
 @compiled
 def _spring(
     p: float, q: float, stiffness: float, tension: float
-) -> tuple[float, float]:
-    """Carry that relation on across the spring of the next node."""
-    whole = stiffness + q
-    return (p * stiffness + q * tension) / whole, q * stiffness / whole
+) -> tuple[float, float, float]:
+    """Carry that relation on across the next node's spring; also its compliance."""
+    compliance = 1.0 / (stiffness + q)
+    return (
+        (p * stiffness + q * tension) * compliance,
+        q * stiffness * compliance,
+        compliance,
+    )
 
 
 @compiled
@@ -143,17 +147,19 @@ def march(
         far_q: its slope [N/m].
         shift: out, slip of each segment in this step (n,) [m].
         node: out, node tensions (n+1,) [N].
-        work: scratch (8 (n + 1),).
+        work: scratch (10 (n + 1),).
 
     Returns:
         True, or False where the march does not apply; outputs are then undefined.
     """
     m = n + 1
-    # Relations after (`_p`, `_q`) and before (`_a`, `_b`) a node's spring.
+    # Relations after (`_p`, `_q`) and before (`_a`, `_b`) a node's spring, and the
+    # compliance `_c` of that node with what lies behind it.
     left_p, left_q = work[:m], work[m : 2 * m]
     left_a, left_b = work[2 * m : 3 * m], work[3 * m : 4 * m]
     right_p, right_q = work[4 * m : 5 * m], work[5 * m : 6 * m]
     right_a, right_b = work[6 * m : 7 * m], work[7 * m : 8 * m]
+    left_c, right_c = work[8 * m : 9 * m], work[9 * m : 10 * m]
     left_p[0], left_q[0] = near_p, near_q
     right_p[n], right_q[n] = far_p, far_q
     i, j = 0, n  # segments < i belong to the proximal front, >= j to the distal one
@@ -166,9 +172,8 @@ def march(
                 slope = left_q[i] + right_b[i]
                 outer = (right_a[i] - left_p[i]) / slope
                 if i > 0:
-                    whole = stiffness[i] + left_b[i - 1]
                     spring = tension[i] + stiffness[i] * outer
-                    inner = (spring - left_a[i - 1]) / whole
+                    inner = (spring - left_a[i - 1]) * left_c[i]
             else:
                 slope = left_b[n - 1] + right_q[n]
                 inner = (right_p[n] - left_a[n - 1]) / slope
@@ -217,7 +222,7 @@ def march(
             )
             i += 1
             if i < n:
-                left_p[i], left_q[i] = _spring(
+                left_p[i], left_q[i], left_c[i] = _spring(
                     left_a[s], left_b[s], stiffness[i], tension[i]
                 )
         else:
@@ -229,7 +234,7 @@ def march(
             )
             j -= 1
             if j > 0:
-                right_p[j], right_q[j] = _spring(
+                right_p[j], right_q[j], right_c[j] = _spring(
                     right_a[s], right_b[s], stiffness[j], tension[j]
                 )
     if not settled:
@@ -256,7 +261,7 @@ def march(
                         viscosity[s],
                         way < 0,
                     )
-                    right_p[s], right_q[s] = _spring(
+                    right_p[s], right_q[s], right_c[s] = _spring(
                         right_a[s], right_b[s], stiffness[s], tension[s]
                     )
                 i = 0
@@ -270,7 +275,7 @@ def march(
                         viscosity[s],
                         way > 0,
                     )
-                    left_p[s + 1], left_q[s + 1] = _spring(
+                    left_p[s + 1], left_q[s + 1], left_c[s + 1] = _spring(
                         left_a[s], left_b[s], stiffness[s + 1], tension[s + 1]
                     )
                 i = n - 1
@@ -306,13 +311,13 @@ def march(
     for s in range(i - 1, -1, -1):
         if s < i - 1 or i < j:
             after = shift[s + 1]
-            whole = stiffness[s + 1] + left_b[s]
-            shift[s] = (tension[s + 1] + stiffness[s + 1] * after - left_a[s]) / whole
+            spring = tension[s + 1] + stiffness[s + 1] * after
+            shift[s] = (spring - left_a[s]) * left_c[s + 1]
         node[s] = left_p[s] + left_q[s] * shift[s]
     for s in range(j, n):
         if s > j or i < j:
             before = shift[s - 1]
-            whole = stiffness[s] + right_b[s]
-            shift[s] = (right_a[s] + stiffness[s] * before - tension[s]) / whole
+            spring = tension[s] - stiffness[s] * before
+            shift[s] = (right_a[s] - spring) * right_c[s]
         node[s + 1] = right_p[s + 1] - right_q[s + 1] * shift[s]
     return True

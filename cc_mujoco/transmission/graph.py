@@ -18,15 +18,15 @@ from cc_mujoco.compiled import FloatArray, compiled
 
 
 @compiled
-def _value(
+def _read(
     x: FloatArray, y: FloatArray, count: int, left: float, right: float, at: float
 ) -> float:
-    """Value of the graph at `at`; knots (x, y), slopes `left`, `right` of the rays."""
-    if at <= x[0]:
-        return y[0] + left * (at - x[0]) if left > 0.0 else y[0]
+    """Value at `at` of the graph of knots (x, y) and rays of slope `left`, `right`."""
     last = count - 1
+    if at <= x[0]:
+        return float(y[0] + left * (at - x[0]))
     if at >= x[last]:
-        return y[last] + right * (at - x[last]) if right > 0.0 else y[last]
+        return float(y[last] + right * (at - x[last]))
     a, b = 0, last
     while b - a > 1:
         c = (a + b) // 2
@@ -35,32 +35,14 @@ def _value(
         else:
             b = c
     width = x[b] - x[a]
-    if width <= 0.0:
-        return y[b]
-    return y[a] + (y[b] - y[a]) * ((at - x[a]) / width)
+    share = (at - x[a]) / width if width > 0.0 else 0.0
+    return float(y[a] + (y[b] - y[a]) * share)
 
 
 @compiled
-def _inverse(
-    x: FloatArray, y: FloatArray, count: int, left: float, right: float, value: float
-) -> float:
-    """Where the graph takes `value`; the point nearest to it if it never does."""
-    if value <= y[0]:
-        return x[0] - (y[0] - value) / left if left > 0.0 else x[0]
-    last = count - 1
-    if value >= y[last]:
-        return x[last] + (value - y[last]) / right if right > 0.0 else x[last]
-    a, b = 0, last
-    while b - a > 1:
-        c = (a + b) // 2
-        if y[c] <= value:
-            a = c
-        else:
-            b = c
-    height = y[b] - y[a]
-    if height <= 0.0:
-        return x[a]
-    return x[a] + (x[b] - x[a]) * ((value - y[a]) / height)
+def _inverse(slope: float) -> float:
+    """Slope of a ray with its axes exchanged; a flat ray ends where it begins."""
+    return 1.0 / slope if slope > 0.0 else 0.0
 
 
 @compiled
@@ -83,7 +65,7 @@ def sweep(
 ) -> None:
     """Solve one step by carrying the graph; arguments as in `fronts.march`.
 
-    `work` holds (8 (n + 1) + 16,). `hold_right` and `hold_left` are overwritten with
+    `work` holds (7 n + 12,). `hold_right` and `hold_left` are overwritten with
     `growth` where a segment breaks away.
     """
     x, y = work[: 2 * n + 6], work[2 * n + 6 : 4 * n + 12]
@@ -101,7 +83,7 @@ def sweep(
             x[0], y[0] = -near_p / near_q, 0.0
         count = 1
         for s in range(n):
-            rest = max(_value(x, y, count, left, right, 0.0), 0.0)
+            rest = max(_read(x, y, count, left, right, 0.0), 0.0)
             at_rest[s] = rest
             slack_until[s] = x[0] if y[0] == 0.0 and left == 0.0 else -np.inf
             # Knots left of zero, the gap of friction at zero, knots right of it.
@@ -170,11 +152,12 @@ def sweep(
         elif far_q > 0.0:
             for c in range(count):
                 y[c] += far_q * x[c]
-            w = _inverse(x, y, count, left + far_q, right + far_q, far_p)
+            left, right = 1.0 / (left + far_q), 1.0 / (right + far_q)
+            w = _read(y, x, count, left, right, far_p)
             ahead = max(far_p - far_q * w, 0.0)
         else:
             ahead = far_p
-            w = _inverse(x, y, count, left, right, far_p)
+            w = _read(y, x, count, _inverse(left), _inverse(right), far_p)
         node[n] = ahead
         for s in range(n - 1, -1, -1):
             if s < n - 1:

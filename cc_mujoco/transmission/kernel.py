@@ -47,6 +47,7 @@ _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _FRICTION = law.INDEX["friction"]
 _LOAD_INDEPENDENT = law.INDEX["load_independent_friction"]
+_STRIBECK = law.INDEX["stribeck_friction"]
 _STATIC = law.INDEX["static_friction"]
 _SCALARS = len(PARAMETERS)
 
@@ -66,7 +67,7 @@ def parameter_size(n: int) -> int:
 @compiled
 def work_size(n: int) -> int:
     """Length of the scratch vector of a step of a cable of n segments."""
-    return 8 * (n + 1) + 16 + 6 * n + 2
+    return 10 * (n + 1) + 16 + 6 * n
 
 
 @compiled
@@ -217,7 +218,7 @@ def step(
     slip = state[t + n + 1 : t + 2 * n + 1]
     speed = state[t + 2 * n + 1 : t + 3 * n + 1]
     node = new_state[t : t + n + 1]
-    w = 8 * (n + 1) + 16
+    w = 10 * (n + 1) + 16
     shift = work[w : w + n]
 
     is_plain = prm[_PLAIN] != 0.0
@@ -343,16 +344,16 @@ def _commit(
     t = STATE_HEADER
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.
+    left = near_value - state[0]
     for i in range(n + 1):
         right = shift[i] if i < n else far_value - state[1]
-        left = shift[i - 1] if i > 0 else near_value - state[0]
-        if (i == 0 and near == TENSION) or (i == n and far == TENSION):
-            new_state[t + i] = max(new_state[t + i], 0.0)
-            continue
         strained = state[t + i] + stiffness[i] * (right - left)
         if new_state[t + i] <= 0.0:
             strained = min(strained, 0.0)
+        if (i == 0 and near == TENSION) or (i == n and far == TENSION):
+            strained = max(new_state[t + i], 0.0)
         new_state[t + i] = strained
+        left = right
     if near == POSITION:
         new_state[0] = near_value
     else:
@@ -365,10 +366,13 @@ def _commit(
         new_state[1] = state[1] + shift[n - 1] + stretch
     work = 0.0
     values = prm[:_SCALARS]
+    remembers = prm[_STRIBECK] > 0.0
+    low, low_before = max(new_state[t], 0.0), max(state[t], 0.0)
     for j in range(n):
         moved = shift[j]
-        force = max(new_state[t + j + 1], 0.0) - max(new_state[t + j], 0.0)
-        before = max(state[t + j + 1], 0.0) - max(state[t + j], 0.0)
+        high, high_before = max(new_state[t + j + 1], 0.0), max(state[t + j + 1], 0.0)
+        force, before = high - low, high_before - low_before
+        low, low_before = high, high_before
         # Mean friction over the slip; after a reversal slip begins at the new friction.
         if before * moved > 0.0:
             force = 0.5 * (force + before)
@@ -376,9 +380,10 @@ def _commit(
         old = state[t + n + 1 + j]
         same = moved * old > 0.0
         new_state[t + n + 1 + j] = moved + old if same else moved
-        remembered = state[t + 2 * n + 1 + j] if same else 0.0
-        new_state[t + 2 * n + 1 + j] = law.remembered_speed(
-            values, remembered, moved, dt
-        )
+        if remembers:
+            speed = state[t + 2 * n + 1 + j] if same else 0.0
+            new_state[t + 2 * n + 1 + j] = law.remembered_speed(
+                values, speed, moved, dt
+            )
     new_state[2] = state[2] + work
     new_state[3] = state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])

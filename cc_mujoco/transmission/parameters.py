@@ -138,7 +138,7 @@ KEYS = (*(p.name for p in PARAMETERS), "segments", "conduit", "route")
 
 
 class Section(NamedTuple):
-    """A stretch of conduit of constant bend: length [m] and radius [m] (inf: straight)."""
+    """Conduit of constant bend: length [m] and bend radius [m], inf where straight."""
 
     length: float
     radius: float
@@ -242,7 +242,7 @@ class Cable:
                     )
                 values[parameter.name] = number
         if "segments" in config:
-            text = config["segments"].strip()
+            text = config["segments"]
             if not (text.isascii() and text.isdigit()):
                 raise CableError(
                     f"{where}: key `segments` is {text!r}; it must be "
@@ -293,4 +293,8 @@ def _sections(text: str, where: str) -> tuple[Section, ...]:
                 f"{where}: key `conduit` is {text!r}; it must be {CONDUIT_ALLOWED}"
             )
         sections.append(Section(number, bend))
+    if not sections:
+        raise CableError(
+            f"{where}: key `conduit` is {text!r}; it must be {CONDUIT_ALLOWED}"
+        )
     return tuple(sections)

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import kernel
-from cc_mujoco.transmission.conduit import Value, packed, rest_state
+from cc_mujoco.transmission.conduit import packed, rest_state
 from cc_mujoco.transmission.parameters import Cable
 
 ANGLE, TORQUE = 0, 1
@@ -73,7 +73,7 @@ class Transmission:
     def __post_init__(self) -> None:
         if len(self.cables) not in (1, 2):
             raise CableError(
-                f"a transmission has 1 or 2 cables, agonist first; got {len(self.cables)}"
+                f"a transmission has 1 or 2 cables, got {len(self.cables)}"
             )
         for name in ("motor_radius", "joint_radius", "gear_ratio"):
             value = getattr(self, name)
@@ -142,8 +142,8 @@ class Transmission:
             )
         if near.size != far.size:
             raise CableError(
-                f"the motor side has {near.size} samples and the joint side {far.size}; "
-                "both must have the same number"
+                f"the motor side has {near.size} samples and the joint side "
+                f"{far.size}; both must have the same number"
             )
         if not (math.isfinite(dt) and dt > 0.0):
             raise CableError(f"time step is {dt!r} s; it must be positive and finite")
@@ -185,16 +185,14 @@ class Transmission:
 def _side(
     side: str, angle: ArrayLike | None, torque: ArrayLike | None
 ) -> tuple[int, FloatArray]:
-    given: Value | ArrayLike | None
     if angle is not None and torque is None:
-        kind, given = ANGLE, angle
+        kind, values = ANGLE, np.ascontiguousarray(angle, dtype=np.float64)
     elif torque is not None and angle is None:
-        kind, given = TORQUE, torque
+        kind, values = TORQUE, np.ascontiguousarray(torque, dtype=np.float64)
     else:
         raise CableError(
             f"prescribe either {side}_angle or {side}_torque, not both or neither"
         )
-    values = np.ascontiguousarray(given, dtype=np.float64)
     if values.ndim != 1 or values.size == 0 or not np.all(np.isfinite(values)):
         raise CableError(f"the motion of the {side} must be (samples,) finite numbers")
     return kind, values
@@ -251,8 +249,8 @@ def _balance(
     """Rim displacement of the side driven by torque at which the net force is `wanted`.
 
     The net force grows with the motor's displacement and falls with the joint's, and is
-    piecewise linear: bracket from where the side is, then regula falsi with the Illinois
-    rule. `new`, `new_2` are left at the answer.
+    piecewise linear: bracket from where the side is, then regula falsi with the
+    Illinois rule. `new`, `new_2` are left at the answer.
     """
     t = kernel.STATE_HEADER
     sign = -1.0 if at_far else 1.0

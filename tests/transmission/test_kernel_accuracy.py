@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +79,7 @@ def test_error_falls_with_at_least_first_order_in_segments(name):
     tensions = continuum(cable, ends)
     errors = [rms_error(cable, n, ends, tensions) for n in (25, 50, 100, 200)]
     assert errors[3] < errors[0] / 8.0
-    assert all(fine < coarse for coarse, fine in zip(errors, errors[1:], strict=False))
+    assert all(fine < coarse for coarse, fine in pairwise(errors))
 
 
 @pytest.mark.parametrize("name", MOTIONS)

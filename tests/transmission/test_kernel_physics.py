@@ -1,4 +1,4 @@
-"""Laws that hold for every cable: closed forms, energy, slack, independence of terms."""
+"""Laws that hold for every cable: closed forms, energy, slack, friction terms."""
 
 from __future__ import annotations
 

@@ -1,0 +1,151 @@
+"""The controllers: their formulas, what they read, scalars and arrays, anti-windup."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cc_mujoco.control import (
+    CONTROLLERS,
+    MEASURED,
+    Controller,
+    Drive,
+    ProportionalIntegral,
+    controller,
+)
+from cc_mujoco.errors import CableError
+
+WRIST = Drive(ratio=5.2, low=-1.0, high=1.0, period=0.001)
+ANKLE = Drive(ratio=-4.8, low=-50.0, high=50.0, period=0.001, one_way=True)
+
+
+def reading(desired: Any, torque: Any) -> dict[str, Any]:
+    """Everything that may be measured, and nothing else."""
+    everything: dict[str, Any] = dict.fromkeys(MEASURED, 0.0 * desired)
+    return everything | {"desired_torque_nm": desired, "joint_torque_nm": torque}
+
+
+def test_none_is_the_desired_torque_through_the_ideal_ratio() -> None:
+    law = controller("none", WRIST)
+    assert law.torque(reading(2.6, 99.0)) == 0.5
+    assert law.torque(reading(-26.0, 99.0)) == -1.0
+    assert controller("none", ANKLE).torque(reading(-48.0, 0.0)) == 10.0
+
+
+def test_pi_follows_its_formula_step_by_step() -> None:
+    law = ProportionalIntegral(WRIST, proportional=0.5, integral=3.0)
+    integral = 0.0
+    for step in range(50):
+        desired, torque = math.sin(step / 9), math.sin(step / 9 - 0.4)
+        error = desired - torque
+        integral += 3.0 * 0.001 * error
+        expected = (desired + 0.5 * error + integral) / 5.2
+        assert law.torque(reading(desired, torque)) == pytest.approx(
+            expected, rel=1e-12
+        )
+
+
+def test_the_default_gains_are_those_of_the_thesis() -> None:
+    law = ProportionalIntegral(WRIST)
+    assert (law.proportional, law.integral, law.feed_forward) == (1.0, 2.0, True)
+
+
+def test_feed_forward_can_be_left_out() -> None:
+    law = ProportionalIntegral(WRIST, feed_forward=False)
+    assert law.torque(reading(2.0, 2.0)) == 0.0
+    assert ProportionalIntegral(WRIST).torque(reading(2.0, 2.0)) == 2.0 / 5.2
+
+
+def test_the_integral_removes_a_constant_loss() -> None:
+    law = ProportionalIntegral(WRIST)
+    torque = 0.0
+    for _ in range(20_000):  # 20 s with a plant that delivers 60 %
+        torque = 0.6 * 5.2 * law.torque(reading(1.0, torque))
+    assert torque == pytest.approx(1.0, rel=1e-3)
+
+
+def test_reset_forgets() -> None:
+    law = controller("pi", WRIST)
+    fresh = law.torque(reading(0.3, 0.1))
+    for _ in range(10):
+        assert law.torque(reading(0.3, 0.1)) > fresh
+    law.reset()
+    assert law.torque(reading(0.3, 0.1)) == fresh
+
+
+def test_the_integral_does_not_wind_up_at_a_limit() -> None:
+    law = ProportionalIntegral(WRIST)
+    for _ in range(5_000):
+        assert law.torque(reading(50.0, 0.0)) == 1.0
+    # As soon as the error turns, the torque leaves the limit.
+    assert law.torque(reading(0.0, 1.0)) < 0.0
+
+
+def test_where_cables_only_pull_the_integral_pays_nothing_out() -> None:
+    law = ProportionalIntegral(ANKLE)
+    for _ in range(5_000):
+        law.torque(reading(0.0, -2.0))
+    assert law.torque(reading(-10.0, -10.0)) == 10.0 / 4.8
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("drive", [WRIST, ANKLE])
+def test_scalars_and_arrays_give_the_same_bits(name: str, drive: Drive) -> None:
+    random = np.random.default_rng(1)
+    desired, torque = random.normal(scale=4.0, size=(2, 300, 5))
+    many = controller(name, drive)
+    single = [controller(name, drive) for _ in range(5)]
+    for step in range(300):
+        if step == 120:
+            where = np.array([True, False, False, True, False])
+            many.reset(where)
+            for law, ended in zip(single, where, strict=True):
+                if ended:
+                    law.reset()
+        together = many.torque(reading(desired[step], torque[step]))
+        apart = [
+            law.torque(reading(float(desired[step, i]), float(torque[step, i])))
+            for i, law in enumerate(single)
+        ]
+        assert all(type(value) is float for value in apart)
+        assert np.array_equal(together, apart)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_every_controller_is_made_from_a_drive_and_documented(name: str) -> None:
+    law = CONTROLLERS[name](WRIST)
+    assert isinstance(law, Controller)
+    assert type(law).__doc__
+
+
+def test_unknown_names_are_refused_with_the_nearest() -> None:
+    with pytest.raises(CableError, match=r"did you mean 'pi'\?"):
+        controller("pid", WRIST)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("ratio", 0.0),
+        ("ratio", math.nan),
+        ("low", 1.0),
+        ("high", math.nan),
+        ("period", 0.0),
+        ("period", math.inf),
+    ],
+)
+def test_a_drive_that_cannot_be_is_refused(field: str, value: float) -> None:
+    given = {"ratio": 5.2, "low": -1.0, "high": 1.0, "period": 0.001, field: value}
+    with pytest.raises(CableError, match="Drive"):
+        Drive(**given)
+
+
+@pytest.mark.parametrize("gain", [-1.0, math.nan, math.inf])
+def test_gains_that_cannot_be_are_refused(gain: float) -> None:
+    with pytest.raises(CableError, match="proportional"):
+        ProportionalIntegral(WRIST, proportional=gain)
+    with pytest.raises(CableError, match="integral"):
+        ProportionalIntegral(WRIST, integral=gain)

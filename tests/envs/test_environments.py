@@ -1,0 +1,428 @@
+"""The single environments: Gymnasium's contract, documented numbers, repeatability."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from cc_mujoco import engine
+from cc_mujoco.control import CONTROLLERS, MEASURED
+from cc_mujoco.envs import AnkleExo, WristHandle
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import TASKS, TRAJECTORIES, Sine, Spring, Wearer
+from cc_mujoco.recording.columns import columns_for
+
+WRIST, ANKLE = "cc_mujoco/WristHandle-v0", "cc_mujoco/AnkleExo-v0"
+CABLES = {WRIST: ("flexor", "extensor"), ANKLE: ("plantarflexor",)}
+
+
+def roll(env: gymnasium.Env[Any, Any], steps: int, seed: int = 0) -> list[Any]:
+    """Reset, then step with random actions; all that came back."""
+    random = np.random.default_rng(9)
+    seen: list[Any] = [env.reset(seed=seed)]
+    for _ in range(steps):
+        seen.append(env.step(random.uniform(-1, 1, 1).astype(np.float32)))
+    return seen
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equality to the bit of whatever environments return."""
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, (list, tuple)):
+        return len(a) == len(b) and all(map(same, a, b))
+    return type(a) is type(b) and np.array_equal(a, b)
+
+
+def test_gymnasium_has_nothing_to_complain_about(name: str) -> None:
+    env = gymnasium.make(name, duration=0.5)
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+@pytest.mark.usefixtures("gl")
+def test_gymnasium_has_nothing_to_complain_about_rendering(name: str) -> None:
+    env = gymnasium.make(name, duration=0.5, render_mode="rgb_array")
+    check_env(env.unwrapped)
+    env.close()
+
+
+@pytest.mark.usefixtures("gl")
+def test_rendering_shows_the_pose_and_does_not_touch_the_simulation(name: str) -> None:
+    drawn = gymnasium.make(name, duration=1.0, render_mode="rgb_array")
+    plain = gymnasium.make(name, duration=1.0)
+    drawn.reset(seed=0)
+    plain.reset(seed=0)
+    first = drawn.render()
+    assert first.dtype == np.uint8
+    assert first.shape[2] == 3
+    assert first.std() > 10
+    action = np.ones(1, dtype=np.float32)
+    for _ in range(300):
+        a, b = drawn.step(action), plain.step(action)
+        if drawn.unwrapped.data.time < 0.002:
+            drawn.render()
+        assert same(a, b)
+    assert not np.array_equal(first, drawn.render())
+    drawn.close()
+
+
+def test_random_actions_stay_finite_and_inside_the_spaces(name: str) -> None:
+    env = gymnasium.make(name, duration=3.0)
+    random = np.random.default_rng(2)
+    env.reset(seed=0)
+    for _ in range(10_000):
+        action = random.uniform(-1, 1, 1).astype(np.float32)
+        observation, reward, terminated, truncated, info = env.step(action)
+        assert observation in env.observation_space
+        assert np.isfinite(observation).all()
+        assert np.isfinite(reward)
+        assert all(np.isfinite(value).all() for value in info.values())
+        assert not terminated
+        if truncated:
+            env.reset()
+
+
+@pytest.mark.parametrize("action", [-1.0, 1.0])
+def test_full_torque_reaches_no_end_of_a_sensor(name: str, action: float) -> None:
+    env = gymnasium.make(name, duration=1.0)
+    env.reset(seed=0)
+    high = env.observation_space.high[:6]
+    truncated = False
+    while not truncated:
+        observation, _, terminated, truncated, _ = env.step(
+            np.full(1, action, np.float32)
+        )
+        assert not terminated
+        assert (np.abs(observation[:6]) < high).all(), observation
+
+
+def test_info_is_a_fresh_log_row_of_floats_and_own_arrays(name: str) -> None:
+    env = gymnasium.make(name, duration=0.1)
+    rows = [row[-1] for row in roll(env, 20)]
+    columns = columns_for(CABLES[name])
+    for row in rows:
+        assert {column.name for column in columns} | {
+            "reward_tracking",
+            "reward_effort",
+        } == row.keys()
+        for column in columns:
+            value = row[column.name]
+            if column.listed:
+                assert value.dtype == column.dtype
+                assert not np.shares_memory(value, env.unwrapped.data.plugin_state)
+                assert not np.shares_memory(value, env.unwrapped.data.qpos)
+            else:
+                assert type(value) is float
+    assert len({id(row) for row in rows}) == len(rows)
+    assert rows[0]["time_s"] == 0.0
+    assert rows[20]["time_s"] == pytest.approx(0.02)
+
+
+def test_info_agrees_with_the_engine(name: str) -> None:
+    env = gymnasium.make(name, duration=0.4)
+    model, data = env.unwrapped.model, env.unwrapped.data
+    info = roll(env, 300)[-1][-1]
+    for cable in CABLES[name]:
+        reading = engine.read(model, data, cable)
+        assert info[f"tension_{cable}_proximal_n"] == reading.tension_proximal
+        assert info[f"tension_{cable}_distal_n"] == reading.tension_distal
+        assert info[f"moving_{cable}_fraction"] == reading.moving_fraction
+        assert info[f"slack_{cable}_m"] == reading.slack
+        assert info[f"dissipated_{cable}_j"] == reading.dissipated > 0.0
+        assert np.array_equal(info[f"tension_{cable}_nodes_n"], reading.tension)
+        assert np.array_equal(info[f"slip_{cable}_direction"], reading.slip)
+    assert np.array_equal(info["qpos"], data.qpos)
+    assert info["motor_torque_nm"] == data.actuator("motor").force[0]
+    assert info["wearer_torque_nm"] == data.actuator("wearer").force[0]
+
+
+def test_joint_torque_of_the_wrist_is_radius_times_tension_difference() -> None:
+    for row in roll(gymnasium.make(WRIST, duration=0.4), 300):
+        info = row[-1]
+        pull = info["tension_flexor_distal_n"] - info["tension_extensor_distal_n"]
+        assert info["joint_torque_nm"] == pytest.approx(0.104 * pull, abs=1e-12)
+
+
+def test_a_taut_ankle_cable_pulls_into_plantarflexion() -> None:
+    env = gymnasium.make(ANKLE, duration=0.5)
+    env.reset(seed=0)
+    for _ in range(300):
+        *_, info = env.step(env.unwrapped.action(20.0))
+    lever = -info["joint_torque_nm"] / info["tension_plantarflexor_distal_n"]
+    assert 0.1 < lever < 0.14
+    assert info["joint_torque_nm"] < -20.0
+
+
+def test_rewards_are_the_documented_sum() -> None:
+    for name, scale in ((WRIST, 0.1), (ANKLE, 10.0)):
+        env = gymnasium.make(name, duration=0.2)
+        env.reset(seed=0)
+        for action in (-3.0, -0.4, 0.0, 0.7):
+            _, reward, _, _, info = env.step(np.full(1, action, np.float32))
+            error = info["joint_torque_nm"] - info["desired_torque_nm"]
+            used = float(np.float32(min(max(action, -1.0), 1.0)))
+            assert info["reward_tracking"] == pytest.approx(-((error / scale) ** 2))
+            assert info["reward_effort"] == pytest.approx(-0.001 * used**2)
+            assert reward == info["reward_tracking"] + info["reward_effort"]
+
+
+def test_observations_are_the_documented_columns(name: str) -> None:
+    env = gymnasium.make(name, duration=0.2)
+    columns = [
+        "motor_angle_rad",
+        "motor_velocity_rad_s",
+        "joint_angle_rad",
+        "joint_velocity_rad_s",
+        "joint_torque_nm",
+        "desired_torque_nm",
+    ]
+    for row in roll(env, 100):
+        observation, info = row[0], row[-1]
+        assert observation[:6].tolist() == [info[column] for column in columns]
+        if name == ANKLE:
+            assert np.hypot(*observation[6:]) == pytest.approx(1.0)
+    assert env.observation_space.shape == observation.shape
+
+
+def test_the_gait_phase_of_the_ankle_runs_with_the_walk() -> None:
+    env = gymnasium.make(ANKLE, duration=3.0)
+    unwrapped = env.unwrapped
+    steps = 2500
+    seen = np.array([row[0][6:] for row in roll(env, steps)])
+    angle = np.unwrap(np.arctan2(seen[:, 0], seen[:, 1]))
+    period = TRAJECTORIES["walk"].period  # type: ignore[attr-defined]
+    late = angle[-1] - angle[-501]
+    assert late == pytest.approx(2 * np.pi * 500 * unwrapped.exo.period / period)
+
+
+def test_an_action_is_a_torque_of_the_motor(name: str) -> None:
+    env = gymnasium.make(name, duration=0.2)
+    env.reset(seed=0)
+    drive = env.unwrapped.drive
+    for share in (-2.0, -0.5, 0.25, 1.0):
+        wanted = share * drive.high
+        *_, info = env.step(env.unwrapped.action(wanted))
+        limited = min(max(wanted, drive.low), drive.high)
+        assert info["motor_torque_nm"] == pytest.approx(limited, rel=1e-6)
+
+
+def test_the_drive_tells_the_ideal_ratio() -> None:
+    wrist = gymnasium.make(WRIST).unwrapped.drive
+    assert (wrist.ratio, wrist.low, wrist.high) == (pytest.approx(5.2), -1.0, 1.0)
+    assert (wrist.period, wrist.one_way) == (0.001, False)
+    ankle = gymnasium.make(ANKLE).unwrapped.drive
+    assert ankle.ratio == pytest.approx(-4.8, rel=0.05)
+    assert ankle.one_way
+
+
+def test_an_episode_starts_at_rest_with_every_cable_at_pretension(name: str) -> None:
+    shifted = Sine(amplitude=0.2)
+    for trajectory in (None, shifted, "reach"):
+        chosen = {} if trajectory is None else {"trajectory": trajectory}
+        env = gymnasium.make(name, duration=1.0, **chosen)
+        _, info = env.reset(seed=0)
+        model = env.unwrapped.model
+        for cable, config in engine.from_mjcf(model).items():
+            nodes = info[f"tension_{cable}_nodes_n"]
+            assert np.array_equal(nodes, np.full_like(nodes, config.pretension))
+            assert info[f"moving_{cable}_fraction"] == 0.0
+            assert info[f"dissipated_{cable}_j"] == 0.0
+        assert info["joint_angle_rad"] == info["reference_angle_rad"]
+        assert info["joint_velocity_rad_s"] == info["motor_velocity_rad_s"] == 0.0
+
+
+def test_a_start_away_from_the_middle_strains_no_cable(tmp_path: Path) -> None:
+    file = tmp_path / "held.csv"
+    lines = [f"{time},{0.25}" for time in range(6)]
+    file.write_text("time_s,angle_rad\n" + "\n".join(lines) + "\n")
+    for name in CABLES:
+        env = gymnasium.make(name, trajectory=str(file), duration=0.2)
+        _, info = env.reset(seed=0)
+        assert info["joint_angle_rad"] == 0.25
+        assert abs(info["motor_angle_rad"]) > 1.0
+        still = env.unwrapped.action(0.0)
+        if name == WRIST:
+            for _ in range(100):
+                *_, info = env.step(still)
+            assert info["joint_angle_rad"] == pytest.approx(0.25, abs=1e-6)
+            assert info["tension_flexor_distal_n"] == pytest.approx(10.0, abs=1e-3)
+            assert info["dissipated_flexor_j"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_equal_seeds_give_equal_episodes_and_others_do_not(name: str) -> None:
+    make = {"trajectory": "multisine", "duration": 0.3}
+    a, b = gymnasium.make(name, **make), gymnasium.make(name, **make)
+    first = roll(a, 300, seed=4)
+    assert same(first, roll(b, 300, seed=4))
+    assert same(first, roll(a, 300, seed=4)), "something of the first episode stayed"
+    other = roll(b, 300, seed=5)
+    assert not same(first, other)
+
+
+def test_episodes_of_one_seed_differ_where_the_trajectory_is_random() -> None:
+    env = gymnasium.make(WRIST, trajectory="multisine", duration=2.0)
+    ends = []
+    for seed in (4, None, None):
+        env.reset(seed=seed)
+        truncated = False
+        while not truncated:
+            *_, truncated, info = env.step(np.zeros(1, np.float32))
+        ends.append(info["reference_angle_rad"])
+    assert len(set(ends)) == 3
+
+
+def test_pickled_environments_continue_the_line(name: str) -> None:
+    env = gymnasium.make(name, duration=0.1, task=Spring(2.0)).unwrapped
+    copy = pickle.loads(pickle.dumps(env))
+    assert same(roll(env, 50), roll(copy, 50))
+
+
+def test_the_specification_is_json_and_makes_the_same_environment(name: str) -> None:
+    env = gymnasium.make(name, duration=0.2, trajectory="chirp")
+    text = env.spec.to_json()
+    json.loads(text)
+    again = gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(text))
+    assert same(roll(env, 50), roll(again, 50))
+
+
+@pytest.mark.parametrize("frame_skip", [1, 2, 5])
+def test_the_frame_skip_is_the_control_period(name: str, frame_skip: int) -> None:
+    env = gymnasium.make(name, duration=0.1, frame_skip=frame_skip)
+    env.reset(seed=0)
+    steps, truncated = 0, False
+    while not truncated:
+        *_, truncated, info = env.step(np.zeros(1, np.float32))
+        steps += 1
+    assert steps == round(0.1 / (0.0005 * frame_skip))
+    assert info["time_s"] == pytest.approx(0.1)
+    assert env.unwrapped.data.time == pytest.approx(0.1)
+    assert env.unwrapped.metadata["render_fps"] == round(2000 / frame_skip)
+
+
+@pytest.mark.parametrize("trajectory", TRAJECTORIES)
+@pytest.mark.parametrize("task", TASKS)
+def test_every_trajectory_plays_with_every_task(
+    name: str, trajectory: str, task: str
+) -> None:
+    env = gymnasium.make(name, trajectory=trajectory, task=task, duration=0.3)
+    law = CONTROLLERS["pi"](env.unwrapped.drive)
+    _, info = env.reset(seed=1)
+    truncated = False
+    while not truncated:
+        measured = {column: info[column] for column in MEASURED}
+        action = env.unwrapped.action(law.torque(measured))
+        observation, _, terminated, truncated, info = env.step(action)
+        assert not terminated
+        assert observation in env.observation_space
+
+
+def test_the_wearer_follows_the_reference_the_stiffer_the_closer() -> None:
+    errors = []
+    for wearer in (None, Wearer(500.0, 4.0), Wearer(5000.0, 10.0)):
+        env = gymnasium.make(WRIST, trajectory="sweep", duration=1.2, wearer=wearer)
+        rows = [row[-1] for row in roll(env, 1200)]
+        errors.append(
+            max(
+                abs(row["joint_angle_rad"] - row["reference_angle_rad"]) for row in rows
+            )
+        )
+    assert errors[0] > 5 * errors[1] > 25 * errors[2]
+    assert errors[2] < 0.003
+
+
+def test_hip_and_knee_walk_along() -> None:
+    env = gymnasium.make(ANKLE, duration=3.0)
+    qpos = np.array([row[-1]["qpos"] for row in roll(env, 2500)])
+    model = env.unwrapped.model
+    hip, knee = (qpos[:, model.joint(name).qposadr[0]] for name in ("hip", "knee"))
+    assert np.ptp(hip) > 0.5
+    assert np.ptp(knee) > 0.8
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high"), [(WRIST, 0.1, 1.0), (ANKLE, 1.0, 6.0)]
+)
+def test_feedback_tracks_better_than_none(name: str, low: float, high: float) -> None:
+    errors = {}
+    for law in ("none", "pi"):
+        env = gymnasium.make(name, task="transparent", duration=2.0)
+        drive = CONTROLLERS[law](env.unwrapped.drive)
+        _, info = env.reset(seed=0)
+        squares, truncated = [], False
+        while not truncated:
+            action = env.unwrapped.action(drive.torque(info))
+            *_, truncated, info = env.step(action)
+            squares.append(info["joint_torque_nm"] ** 2)
+        errors[law] = np.sqrt(np.mean(squares))
+    assert errors["pi"] < 0.7 * errors["none"]
+
+
+UNSTABLE = Wearer(stiffness=1e9, damping=0.0)
+"""Far stiffer than the time step allows."""
+
+
+def test_an_unstable_simulation_ends_the_episode(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo logs its warning to a file
+    env = gymnasium.make(name, trajectory="sine", wearer=UNSTABLE).unwrapped
+    clean = env.reset(seed=0)
+    terminated = False
+    while not terminated:
+        result = env.step(np.ones(1, np.float32))
+        observation, reward, terminated, truncated, _ = result
+        assert np.isfinite(observation).all()
+        assert np.isfinite(reward)
+        assert not truncated
+    assert same(clean, env.reset(seed=0))
+    *_, terminated, _, _ = env.step(np.zeros(1, np.float32))
+    assert not terminated, "a trace of the instability"
+
+
+def test_an_action_that_is_no_number_is_refused(name: str) -> None:
+    env = gymnasium.make(name, duration=0.1).unwrapped
+    env.reset(seed=0)
+    for bad in (np.nan, np.inf):
+        with pytest.raises(CableError, match="finite"):
+            env.step(np.full(1, bad, np.float32))
+
+
+@pytest.mark.parametrize(
+    ("argument", "value", "message"),
+    [
+        ("trajectory", "sweeep", "did you mean 'sweep'"),
+        ("trajectory", "missing.csv", r"cannot read .*missing\.csv"),
+        ("trajectory", Sine(amplitude=3.0), "must stay in"),
+        ("trajectory", 3, "trajectory must be"),
+        ("task", "tunel", "did you mean 'tunnel'"),
+        ("task", 3, "task must be"),
+        ("duration", 0.0, "duration must be"),
+        ("duration", -1.0, "duration must be"),
+        ("duration", float("nan"), "duration must be"),
+        ("duration", float("inf"), "duration must be"),
+        ("duration", "long", "duration must be"),
+        ("frame_skip", 0, "frame_skip must be"),
+        ("frame_skip", 1.5, "frame_skip must be"),
+        ("wearer", "strong", "wearer must be"),
+        ("render_mode", "human", "rgb_array"),
+    ],
+)
+@pytest.mark.parametrize("kind", [WristHandle, AnkleExo])
+def test_bad_arguments_are_one_sentence(
+    kind: Any, argument: str, value: Any, message: str
+) -> None:
+    with pytest.raises(CableError, match=message) as raised:
+        kind(**{argument: value}).reset(seed=0)
+    assert str(raised.value).endswith(".")
+
+
+def test_stepping_before_reset_is_refused() -> None:
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        WristHandle().step(np.zeros(1, np.float32))

@@ -1,0 +1,103 @@
+"""The table of parameters and the cable that reads and writes it."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cc_mujoco.transmission import PARAMETERS, TERMS, Cable, Section
+from cc_mujoco.transmission.parameters import KEYS
+
+BAD_NUMBERS = [
+    "abc",
+    "4o",
+    "nan",
+    "inf",
+    "-inf",
+    "1e400",
+    "",
+    " ",
+    "1_0",
+    "0x10",
+    "1 2",
+]
+
+
+def cables():
+    scalars = {
+        p.name: st.floats(p.low, p.high, exclude_min=p.low_open)
+        for p in PARAMETERS
+        if p.name != "static_friction"
+    }
+    length = st.floats(1e-6, 1e3)
+    radius = st.one_of(st.floats(1e-6, 1e6), st.just(math.inf))
+    return st.builds(
+        Cable,
+        **scalars,
+        segments=st.integers(1, 1000),
+        conduit=st.lists(
+            st.builds(Section, length, radius), min_size=1, max_size=5
+        ).map(tuple),
+        route=st.sampled_from(["", "route"]),
+    )
+
+
+@given(cables())
+def test_configuration_text_gives_the_same_cable_back(cable):
+    assert Cable.from_config(cable.to_config()) == cable
+
+
+def test_every_key_is_a_field_and_every_term_has_its_switch():
+    assert set(KEYS) == set(Cable.__dataclass_fields__)
+    assert {term.switch for term in TERMS} <= {p.name for p in PARAMETERS}
+    assert all(p.admits(p.default) for p in PARAMETERS)
+
+
+def test_length_and_wrap_are_those_of_the_sections():
+    cable = Cable.from_config({"conduit": "0.8:0.15 0.6:inf 0.6:0.4"})
+    assert cable.length == pytest.approx(2.0)
+    assert cable.wrap == pytest.approx(0.8 / 0.15 + 0.6 / 0.4)
+
+
+@pytest.mark.parametrize("text", BAD_NUMBERS)
+@pytest.mark.parametrize("key", [p.name for p in PARAMETERS] + ["segments", "conduit"])
+def test_a_bad_value_is_named_with_its_key_and_what_is_allowed(key, text):
+    with pytest.raises(ValueError) as caught:
+        Cable.from_config({key: text}, where="plugin `c` instance `flexor`")
+    message = str(caught.value)
+    assert message.startswith("plugin `c` instance `flexor`: ")
+    assert f"`{key}` is {text!r}" in message
+    assert "must be" in message
+
+
+@pytest.mark.parametrize("parameter", PARAMETERS, ids=lambda p: p.name)
+def test_out_of_range_values_are_refused_with_the_range(parameter):
+    low = parameter.low if parameter.low_open else parameter.low - 1.0
+    for value in (low, parameter.high * 1.01 + 1.0):
+        with pytest.raises(ValueError, match=r"a number in [\[(]"):
+            Cable.from_config({parameter.name: repr(value)})
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["2", "2:", ":0.3", "2:0", "-1:0.3", "0:0.3", "2:-inf", "inf:1", "2:0.3,1:1"],
+)
+def test_a_bad_conduit_is_refused(text):
+    with pytest.raises(ValueError, match=r"`conduit` .*length:radius"):
+        Cable.from_config({"conduit": text})
+
+
+def test_an_unknown_key_names_its_nearest_match():
+    with pytest.raises(ValueError, match="unknown key `stifness`; did you mean"):
+        Cable.from_config({"stifness": "1"})
+    with pytest.raises(ValueError, match="did you mean `friction`"):
+        Cable.from_config({"frictoin": "0.1"})
+
+
+def test_static_friction_below_the_kinetic_one_is_refused():
+    with pytest.raises(ValueError, match=r"at least `friction` = 0\.2"):
+        Cable(friction=0.2, static_friction=0.1)
+    assert Cable(friction=0.2, static_friction=0.0).static_friction == 0.0

@@ -1,0 +1,103 @@
+"""Transmissions with pulleys: who feels what."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cc_mujoco.transmission import Cable, Section, Transmission, replay
+
+CABLE = Cable(friction=0.05, pretension=20.0, conduit=(Section(2.0, 0.28),))
+DRIVE = Transmission.pull_pull(CABLE, motor_radius=0.02, joint_radius=0.104)
+TIME = np.arange(0.0, 4.0, 2e-3)
+
+
+def test_pull_pull_is_two_cables_driven_opposite_ways():
+    motor, joint = 2.0 * np.sin(3.0 * TIME), 0.3 * np.sin(2.0 * TIME)
+    motion = DRIVE.replay(2e-3, motor_angle=motor, joint_angle=joint)
+    one = replay(CABLE, 2e-3, u_proximal=-0.02 * motor, u_distal=-0.104 * joint)
+    other = replay(CABLE, 2e-3, u_proximal=0.02 * motor, u_distal=0.104 * joint)
+    pull = one.tension_distal - other.tension_distal
+    hold = one.tension_proximal - other.tension_proximal
+    assert motion.joint_torque == pytest.approx(0.104 * pull, abs=1e-12)
+    assert motion.motor_torque == pytest.approx(0.02 * hold, abs=1e-12)
+
+
+def test_torque_on_the_motor_side_is_met_and_gives_back_the_angle():
+    torque = 0.3 * np.sin(2.0 * TIME)
+    joint = 0.2 * np.sin(1.3 * TIME)
+    motion = DRIVE.replay(2e-3, motor_torque=torque, joint_angle=joint)
+    wrong = np.abs(motion.motor_torque - torque) > 1e-9
+    # Where the two fronts meet within one step the force may jump past the torque.
+    assert np.mean(wrong) < 0.005
+    assert np.max(np.abs(motion.motor_torque - torque)) < 5e-3
+    again = DRIVE.replay(2e-3, motor_angle=motion.motor_angle, joint_angle=joint)
+    assert again.joint_torque == pytest.approx(motion.joint_torque, abs=1e-9)
+
+
+def test_torque_on_the_joint_side_is_met():
+    torque = 1.0 * np.sin(2.0 * TIME)
+    motion = DRIVE.replay(2e-3, motor_angle=np.zeros_like(TIME), joint_torque=torque)
+    assert np.mean(np.abs(motion.joint_torque - torque) > 1e-8) < 0.005
+
+
+def test_without_friction_the_pair_is_a_spring_and_a_ratio():
+    smooth = CABLE.replace(friction=0.0, pretension=200.0)
+    drive = Transmission.pull_pull(smooth, 0.02, 0.104)
+    torque = 0.5 * np.sin(2.0 * TIME)
+    motion = drive.replay(2e-3, motor_torque=torque, joint_angle=np.zeros_like(TIME))
+    assert motion.joint_torque == pytest.approx(torque * drive.ratio, abs=1e-9)
+    stiffness = 2.0 * 4000.0 / 2.0 * 0.02**2
+    assert motion.motor_angle == pytest.approx(torque / stiffness, abs=1e-9)
+
+
+def test_a_single_cable_pulls_and_never_pushes():
+    drive = Transmission.single(CABLE, 0.02, 0.104)
+    torque = 0.8 * np.sin(2.0 * TIME)
+    motion = drive.replay(2e-3, motor_torque=torque, joint_angle=np.zeros_like(TIME))
+    assert motion.motor_torque == pytest.approx(np.maximum(torque, 0.0), abs=1e-12)
+    assert motion.joint_torque.min() >= 0.0
+    assert motion.joint_torque.max() == pytest.approx(
+        0.8 * drive.ratio * math.exp(-0.05 * CABLE.wrap), rel=1e-6
+    )
+
+
+def test_a_gear_divides_torque_and_multiplies_angle():
+    geared = Transmission.pull_pull(CABLE, 0.02, 0.104, gear_ratio=10.0)
+    joint = 0.3 * np.sin(2.0 * TIME)
+    plain = DRIVE.replay(2e-3, motor_angle=np.sin(TIME), joint_angle=joint)
+    motion = geared.replay(2e-3, motor_angle=10.0 * np.sin(TIME), joint_angle=joint)
+    assert motion.joint_torque == pytest.approx(plain.joint_torque, abs=1e-9)
+    assert motion.motor_torque == pytest.approx(plain.motor_torque / 10.0, abs=1e-10)
+    assert geared.ratio == pytest.approx(10.0 * DRIVE.ratio)
+
+
+def test_more_friction_and_pretension_widen_the_loop_of_a_locked_joint():
+    """The trends of thesis Experiment 1, with a torque that gets through."""
+    torque = 0.6 * np.sin(np.linspace(0.0, 4.0 * np.pi, 3000))
+    delivered = []
+    for pretension, radius in ((20.0, 0.5), (40.0, 0.5), (40.0, 0.25)):
+        cable = CABLE.replace(pretension=pretension, conduit=(Section(2.0, radius),))
+        motion = Transmission.pull_pull(cable, 0.02, 0.104).replay(
+            1e-3, motor_torque=torque, joint_angle=np.zeros(3000)
+        )
+        delivered.append(float(np.ptp(motion.joint_torque)))
+    assert delivered[0] > delivered[1] > delivered[2]
+
+
+def test_what_is_prescribed_is_checked():
+    zero = np.zeros(5)
+    for given, said in (
+        ({"motor_angle": zero}, "joint_angle or joint_torque"),
+        ({"motor_torque": zero, "joint_torque": zero}, "driven by torque"),
+        ({"motor_angle": zero, "joint_angle": np.zeros(4)}, "same number"),
+        ({"motor_angle": np.full(5, np.nan), "joint_angle": zero}, "finite"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            DRIVE.replay(1e-3, **given)
+    with pytest.raises(ValueError, match="time step is 0"):
+        DRIVE.replay(0, motor_angle=zero, joint_angle=zero)
+    with pytest.raises(ValueError, match="motor_radius is -1"):
+        Transmission.pull_pull(CABLE, -1.0, 0.1)

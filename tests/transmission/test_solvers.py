@@ -1,0 +1,75 @@
+"""The two ways of finding which segments slip give one answer."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cc_mujoco.transmission.fronts import march
+from cc_mujoco.transmission.graph import sweep
+
+
+def chain(rng, n, drag):
+    """A cable at some state inside its friction cone, and motion of its ends."""
+    growth = np.exp(rng.uniform(0.0, 0.1, n))
+    tension = np.empty(n + 1)
+    tension[0] = rng.uniform(1.0, 50.0)
+    for j in range(n):
+        tension[j + 1] = tension[j] * growth[j] ** rng.uniform(-0.99, 0.99)
+    stiffness = rng.uniform(0.5, 2.0, n + 1) * 1e5
+    ends = rng.uniform(-1e-3, 1e-3, 2) * rng.choice([1.0, 1e-2], 2)
+    return tension, stiffness, growth, np.full(n, drag), ends
+
+
+def solve(method, n, tension, stiffness, growth, drag, near, far):
+    shift, node = np.empty(n), np.empty(n + 1)
+    work = np.zeros(10 * (n + 1) + 16)
+    none = np.zeros(n)
+    ok = method(
+        n, tension, stiffness, growth, growth.copy(), growth.copy(), drag, none,
+        *near, *far, shift, node, work,
+    )  # fmt: skip
+    return ok, shift, node
+
+
+@given(
+    seed=st.integers(0, 2**31), n=st.integers(1, 40), drag=st.sampled_from([0.0, 0.3])
+)
+@settings(max_examples=300)
+def test_marching_and_sweeping_agree(seed, n, drag):
+    rng = np.random.default_rng(seed)
+    tension, stiffness, growth, drags, (du, dv) = chain(rng, n, drag)
+    near = (tension[0] - stiffness[0] * du, stiffness[0])
+    far = (tension[n] + stiffness[n] * dv, stiffness[n])
+    ok, shift, node = solve(march, n, tension, stiffness, growth, drags, near, far)
+    _, shift_2, node_2 = solve(sweep, n, tension, stiffness, growth, drags, near, far)
+    # The march refines the null point of opposed motion; a cable about to go slack is
+    # left to the sweep.
+    if not ok or du * dv < 0.0 or np.any(node <= 0.0):
+        return
+    assert np.allclose(node, node_2, rtol=1e-8, atol=1e-8)
+    assert np.allclose(shift, shift_2, atol=1e-12)
+
+
+@given(seed=st.integers(0, 2**31), n=st.integers(1, 30))
+@settings(max_examples=200)
+def test_the_sweep_solves_any_state(seed, n):
+    """Equations and friction limits hold, also from far outside the friction cone."""
+    rng = np.random.default_rng(seed)
+    _, stiffness, growth, drag, (du, dv) = chain(rng, n, rng.choice([0.0, 0.5]))
+    tension = rng.uniform(0.0, 60.0, n + 1)
+    near = (tension[0] - stiffness[0] * du, stiffness[0])
+    far = (tension[n] + stiffness[n] * dv, stiffness[n])
+    _, shift, node = solve(sweep, n, tension, stiffness, growth, drag, near, far)
+    moved = np.concatenate([[du], shift, [dv]])
+    strained = tension + stiffness * np.diff(moved)
+    assert np.all(node >= 0.0)
+    assert np.allclose(node, np.maximum(strained, 0.0), atol=1e-7)
+    low, high = node[:-1], node[1:]
+    limit = 1e-7
+    right, left = shift > 1e-13, shift < -1e-13
+    assert np.allclose(high[right], (growth * low + drag)[right], atol=limit)
+    assert np.allclose(low[left], (growth * high + drag)[left], atol=limit)
+    assert np.all(high <= growth * low + drag + limit)
+    assert np.all(low <= growth * high + drag + limit)

@@ -7,7 +7,9 @@ any source of the package's compiled parts is removed at import.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -15,6 +17,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 """What compiled functions take; one-dimensional and contiguous unless said."""
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 _PARTS = ("transmission", "engine")
 
@@ -36,5 +40,11 @@ def _drop_stale_code() -> None:
 
 _drop_stale_code()
 
-compiled = njit(cache=True, nogil=True, error_model="numpy")
-"""Compile for use from Python and from other compiled code, without the GIL."""
+
+def compiled(function: Function) -> Function:
+    """Compile for use from Python and from other compiled code, without the GIL."""
+    options = {"nogil": True, "error_model": "numpy"}
+    try:
+        return cast("Function", njit(cache=True, **options)(function))
+    except RuntimeError:  # Numba finds no folder that it may write its cache to
+        return cast("Function", njit(**options)(function))

@@ -94,7 +94,7 @@ def _null_slip(
     slip, share = 0.0, 0.0
     per_tension = (growth - 1.0) / (growth + 1.0)
     constant = 2.0 * drag / (growth + 1.0)
-    for _ in range(8):
+    for _ in range(4):
         low = p + q * slip
         high = far_p - far_q * slip
         # At the segment's edge the null point passes to its neighbour, for which the

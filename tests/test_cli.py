@@ -112,6 +112,8 @@ def test_old_results_stay_until_new_ones_are_complete(
 )
 def test_signals_leave_nothing(number: int, code: int, tmp_path: Path) -> None:
     program = (
+        # A test run started in the background hands down an ignored SIGINT.
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "import sys; from cc_mujoco import cli, recording; play = recording.play\n"
         "def told(*a, **k): print('playing', flush=True); return play(*a, **k)\n"
         "recording.play = told\n"

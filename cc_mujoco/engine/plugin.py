@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import sys
+import threading
 from pathlib import Path
 
 import mujoco
@@ -14,6 +16,9 @@ from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.engine.memory import LIBRARY
 from cc_mujoco.transmission import kernel
 from cc_mujoco.transmission.parameters import KEYS
+
+
+_NOTICE = "cc_mujoco: compiling the cable plugin; this happens once, ~30 s\n"
 
 
 def _stamp() -> str:
@@ -69,10 +74,15 @@ def register() -> None:
         return
     layout.verify()
     stamp = _stamp()
+    notice = threading.Timer(2.0, sys.stderr.write, (_NOTICE,))
+    notice.daemon = True
+    notice.start()
     try:
         callbacks = compile_callbacks(stamp, cache=True)
     except RuntimeError:  # Numba finds no folder that it may write its cache to.
         callbacks = compile_callbacks(stamp, cache=False)
+    finally:
+        notice.cancel()
     plugin = _Plugin()
     LIBRARY.mjp_defaultPlugin(ctypes.byref(plugin))
     plugin.name = PLUGIN.encode()

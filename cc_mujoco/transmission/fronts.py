@@ -23,7 +23,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
 
-TOLERANCE = 1e-13
+TOLERANCE = 1e-11
 """Relative excess over the friction limit that counts as holding (rounding)."""
 
 

@@ -80,8 +80,8 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
         n: number of segments.
         out: packed vector, `parameter_size(n)`.
     """
-    out[:_HEADER] = 0.0
-    out[:_SCALARS] = values
+    for i in range(_HEADER):
+        out[i] = values[i] if i < _SCALARS else 0.0
     total = 0.0
     for s in range(sections.shape[0]):
         total += sections[s, 0]
@@ -107,7 +107,8 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
         out[a + 3 * n + j] = law.drag(values, step, growth)
         out[a + 4 * n + j] = 0.0
     stiffness = out[a + 5 * n : a + 6 * n + 1]
-    stiffness[:] = values[_EA] / step
+    for i in range(n + 1):
+        stiffness[i] = values[_EA] / step
     stiffness[0] *= 2.0
     stiffness[n] *= 2.0
 
@@ -117,11 +118,13 @@ def initialize(
     prm: FloatArray, n: int, u_proximal: float, u_distal: float, state: FloatArray
 ) -> None:
     """Set the state to rest with uniform pretension, the ends where they are [m]."""
-    state[:] = 0.0
+    for i in range(STATE_HEADER + 1 + 3 * n):
+        state[i] = 0.0
     state[0] = u_proximal
     state[1] = u_distal
     state[3] = prm[_PRETENSION] * prm[_LENGTH] / prm[_EA]
-    state[STATE_HEADER : STATE_HEADER + n + 1] = prm[_PRETENSION]
+    for i in range(n + 1):
+        state[STATE_HEADER + i] = prm[_PRETENSION]
 
 
 @compiled
@@ -203,7 +206,8 @@ def step(
     Returns:
         OK or NOT_FINITE.
     """
-    new_state[:] = state
+    for i in range(STATE_HEADER + 1 + 3 * n):
+        new_state[i] = state[i]
     if not (np.isfinite(near_value) and np.isfinite(far_value)):
         return NOT_FINITE
     a = _HEADER
@@ -236,7 +240,8 @@ def step(
     at_rest = near == POSITION and far == POSITION
     at_rest = at_rest and near_value == state[0] and far_value == state[1]
     if is_plain and at_rest:
-        new_state[t + n + 1 : t + 3 * n + 1] = 0.0
+        for j in range(2 * n):
+            new_state[t + n + 1 + j] = 0.0
         return OK
     stretch = state[3] + (far_value - state[1]) - (near_value - state[0])
     done = False
@@ -256,8 +261,8 @@ def step(
         if is_plain and prm[_STATIC] == 0.0:
             hold_right = work[w + 4 * n : w + 5 * n]
             hold_left = work[w + 5 * n : w + 6 * n]
-            hold_right[:] = growth
-            hold_left[:] = growth
+            for j in range(n):
+                hold_right[j] = hold_left[j] = growth[j]
         sweep(
             n, tension, stiffness, growth, hold_right, hold_left, drag, viscosity,
             near_p, near_q, far_p, far_q, shift, node, work,

@@ -43,7 +43,7 @@ _drop_stale_code()
 
 def compiled(function: Function) -> Function:
     """Compile for use from Python and from other compiled code, without the GIL."""
-    options = {"nogil": True, "error_model": "numpy"}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
     try:
         return cast("Function", njit(cache=True, **options)(function))
     except RuntimeError:  # Numba finds no folder that it may write its cache to

@@ -17,7 +17,6 @@ from cc_mujoco.engine.memory import LIBRARY
 from cc_mujoco.transmission import kernel
 from cc_mujoco.transmission.parameters import KEYS
 
-
 _NOTICE = "cc_mujoco: compiling the cable plugin; this happens once, ~30 s\n"
 
 

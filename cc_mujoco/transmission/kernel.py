@@ -41,6 +41,7 @@ OK, NOT_FINITE = 0, 1
 
 STATE_HEADER = 4
 _HEADER = 16
+_SOLVER_WORK = 10  # per node, for `march` and `sweep`
 _PLAIN = 14
 _LENGTH = 15
 _EA = law.INDEX["axial_stiffness"]
@@ -61,13 +62,13 @@ def state_size(n: int) -> int:
 @compiled
 def parameter_size(n: int) -> int:
     """Length of the packed parameter vector of a cable of n segments."""
-    return _HEADER + 6 * n + 1
+    return _HEADER + 6 * n + 2
 
 
 @compiled
 def work_size(n: int) -> int:
     """Length of the scratch vector of a step of a cable of n segments."""
-    return 10 * (n + 1) + 16 + 6 * n
+    return _SOLVER_WORK * (n + 1) + 6 * n
 
 
 @compiled
@@ -105,12 +106,12 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
         out[a + n + j] = growth
         out[a + 2 * n + j] = law.ratio(hold, angle)
         out[a + 3 * n + j] = law.drag(values, step, growth)
-        out[a + 4 * n + j] = 0.0
-    stiffness = out[a + 5 * n : a + 6 * n + 1]
+    stiffness = node_stiffness(out, n)
     for i in range(n + 1):
-        stiffness[i] = values[_EA] / step
-    stiffness[0] *= 2.0
-    stiffness[n] *= 2.0
+        # The end nodes stand for half a segment.
+        share = 2.0 if i in (0, n) else 1.0
+        stiffness[i] = share * values[_EA] / step
+        out[a + 4 * n + i] = 1.0 / stiffness[i]
 
 
 @compiled
@@ -136,7 +137,7 @@ def segment_angles(prm: FloatArray, n: int) -> FloatArray:
 @compiled
 def node_stiffness(prm: FloatArray, n: int) -> FloatArray:
     """Stiffness of every node (n+1,) [N/m], a view into `prm`."""
-    return prm[_HEADER + 5 * n : _HEADER + 6 * n + 1]
+    return prm[_HEADER + 5 * n + 1 : _HEADER + 6 * n + 2]
 
 
 @compiled
@@ -210,59 +211,46 @@ def step(
         new_state[i] = state[i]
     if not (np.isfinite(near_value) and np.isfinite(far_value)):
         return NOT_FINITE
-    a = _HEADER
-    growth = prm[a + n : a + 2 * n]
-    hold_right = growth
-    hold_left = growth
-    drag = prm[a + 3 * n : a + 4 * n]
-    viscosity = prm[a + 4 * n : a + 5 * n]
-    stiffness = node_stiffness(prm, n)
     t = STATE_HEADER
-    tension = state[t : t + n + 1]
-    slip = state[t + n + 1 : t + 2 * n + 1]
-    speed = state[t + 2 * n + 1 : t + 3 * n + 1]
-    node = new_state[t : t + n + 1]
-    w = 10 * (n + 1) + 16
-    shift = work[w : w + n]
-
-    is_plain = prm[_PLAIN] != 0.0
-    if prm[_STATIC] > 0.0 or not is_plain:
-        if not is_plain:
-            growth = work[w + n : w + 2 * n]
-            drag = work[w + 2 * n : w + 3 * n]
-            viscosity = work[w + 3 * n : w + 4 * n]
-        hold_right = work[w + 4 * n : w + 5 * n]
-        hold_left = work[w + 5 * n : w + 6 * n]
-        _coefficients(
-            prm, n, slip, speed, dt, growth, hold_right, hold_left, drag, viscosity
-        )
-
-    at_rest = near == POSITION and far == POSITION
-    at_rest = at_rest and near_value == state[0] and far_value == state[1]
-    if is_plain and at_rest:
+    plain = prm[_PLAIN] != 0.0
+    by_position = near == POSITION and far == POSITION
+    near_moved, far_moved = near_value - state[0], far_value - state[1]
+    if plain and by_position and near_moved == 0.0 and far_moved == 0.0:
         for j in range(2 * n):
             new_state[t + n + 1 + j] = 0.0
         return OK
-    stretch = state[3] + (far_value - state[1]) - (near_value - state[0])
-    done = False
-    if is_plain and near == POSITION and far == POSITION and stretch <= 0.0:
-        done = prm[_LOAD_INDEPENDENT] == 0.0
-        if done:
-            _slacken(prm, n, tension, near_value - state[0], stretch, shift, node)
-    near_p, near_q = _end(near, near_value, state[0], tension[0], stiffness[0], -1.0)
-    far_p, far_q = _end(far, far_value, state[1], tension[n], stiffness[n], 1.0)
-    if is_plain and not done:
-        done = march(
-            n, tension, stiffness, growth, hold_right, hold_left, drag, viscosity,
-            near_p, near_q, far_p, far_q, shift, node, work,
-        )  # fmt: skip
-        done = done and node[0] >= 0.0 and node[n] >= 0.0
-    if not done:
-        if is_plain and prm[_STATIC] == 0.0:
-            hold_right = work[w + 4 * n : w + 5 * n]
-            hold_left = work[w + 5 * n : w + 6 * n]
-            for j in range(n):
-                hold_right[j] = hold_left[j] = growth[j]
+    a = _HEADER
+    growth = prm[a + n : a + 2 * n]
+    hold_right, hold_left = growth, growth
+    drag = prm[a + 3 * n : a + 4 * n]
+    compliance = prm[a + 4 * n : a + 5 * n + 1]
+    tension = state[t : t + n + 1]
+    node = new_state[t : t + n + 1]
+    w = _SOLVER_WORK * (n + 1)
+    shift = work[w : w + n]
+    varying = not plain or prm[_STATIC] > 0.0
+    if varying:
+        growth, hold_right, hold_left, drag, _ = _coefficients(prm, n, state, dt, work)
+
+    solved = False
+    if plain and by_position:
+        stretch = state[3] + far_moved - near_moved
+        if stretch <= 0.0 and prm[_LOAD_INDEPENDENT] == 0.0:
+            _slacken(prm, n, tension, near_moved, stretch, shift, node)
+            solved = True
+        else:
+            solved = march(
+                n, tension, compliance, growth, hold_right, hold_left, drag,
+                near_moved, far_moved, shift, node, work,
+            )  # fmt: skip
+            solved = solved and node[0] >= 0.0 and node[n] >= 0.0
+    if not solved:
+        growth, hold_right, hold_left, drag, viscosity = _coefficients(
+            prm, n, state, dt, work
+        )
+        stiffness = node_stiffness(prm, n)
+        near_p, near_q = _end(near, near_value, -near_moved, tension[0], stiffness[0])
+        far_p, far_q = _end(far, far_value, far_moved, tension[n], stiffness[n])
         sweep(
             n, tension, stiffness, growth, hold_right, hold_left, drag, viscosity,
             near_p, near_q, far_p, far_q, shift, node, work,
@@ -293,42 +281,52 @@ def _slacken(
 
 @compiled
 def _end(
-    kind: int, value: float, u: float, tension: float, stiffness: float, outward: float
+    kind: int, value: float, pulled: float, tension: float, stiffness: float
 ) -> tuple[float, float]:
-    """Relation T = p +- q w of an end to the slip of the segment beside it."""
+    """Relation T = p +- q w of an end to the slip of the segment beside it.
+
+    `pulled` is the outward motion of an end driven by position [m].
+    """
     if kind == TENSION:
         return max(value, 0.0), 0.0
-    return tension + outward * stiffness * (value - u), stiffness
+    return tension + stiffness * pulled, stiffness
 
 
 @compiled
 def _coefficients(
-    prm: FloatArray,
-    n: int,
-    slip: FloatArray,
-    speed: FloatArray,
-    dt: float,
-    growth: FloatArray,
-    hold_right: FloatArray,
-    hold_left: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
-) -> None:
-    """Coefficients of every segment for this step, where a term makes them vary."""
+    prm: FloatArray, n: int, state: FloatArray, dt: float, work: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Coefficients of every segment for this step, see `friction.py`.
+
+    Returns growth, the ratios held against motion to the right and to the left, drag
+    and viscosity, (n,) each, as views into `work` behind the solver's part.
+    """
     values = prm[:_SCALARS]
-    angle = prm[_HEADER : _HEADER + n]
-    hold = prm[_HEADER + 2 * n : _HEADER + 3 * n]
-    is_plain = prm[_PLAIN] != 0.0
+    a = _HEADER
+    plain = prm[_PLAIN] != 0.0
     length = prm[_LENGTH] / n
+    w = _SOLVER_WORK * (n + 1) + n
+    growth, hold_right = work[w : w + n], work[w + n : w + 2 * n]
+    hold_left, drag = work[w + 2 * n : w + 3 * n], work[w + 3 * n : w + 4 * n]
+    viscosity = work[w + 4 * n : w + 5 * n]
+    first = STATE_HEADER + n + 1
     for j in range(n):
-        if not is_plain:
-            coefficient = law.kinetic_coefficient(values, abs(slip[j]), speed[j])
-            growth[j] = law.ratio(coefficient, angle[j])
+        slip = state[first + j]
+        if plain:
+            growth[j] = prm[a + n + j]
+            drag[j] = prm[a + 3 * n + j]
+            viscosity[j] = 0.0
+        else:
+            speed = state[first + n + j]
+            coefficient = law.kinetic_coefficient(values, abs(slip), speed)
+            growth[j] = law.ratio(coefficient, prm[a + j])
             drag[j] = law.drag(values, length, growth[j])
             viscosity[j] = law.viscosity(values, length, growth[j], dt)
         # A segment that goes on slipping the same way has already broken away.
-        hold_right[j] = growth[j] if slip[j] > 0.0 else hold[j]
-        hold_left[j] = growth[j] if slip[j] < 0.0 else hold[j]
+        hold = prm[a + 2 * n + j]
+        hold_right[j] = growth[j] if slip > 0.0 else hold
+        hold_left[j] = growth[j] if slip < 0.0 else hold
+    return growth, hold_right, hold_left, drag, viscosity
 
 
 @compiled

@@ -22,15 +22,23 @@ def chain(rng, n, drag):
     return tension, stiffness, growth, np.full(n, drag), ends
 
 
-def solve(method, n, tension, stiffness, growth, drag, near, far):
-    shift, node = np.empty(n), np.empty(n + 1)
-    work = np.zeros(10 * (n + 1) + 16)
-    none = np.zeros(n)
-    ok = method(
-        n, tension, stiffness, growth, growth.copy(), growth.copy(), drag, none,
-        *near, *far, shift, node, work,
+def by_march(n, tension, stiffness, growth, drag, near, far):
+    shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(10 * (n + 1))
+    ok = march(
+        n, tension, 1.0 / stiffness, growth, growth, growth, drag, near, far,
+        shift, node, work,
     )  # fmt: skip
     return ok, shift, node
+
+
+def by_sweep(n, tension, stiffness, growth, drag, near, far):
+    shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(10 * (n + 1))
+    sweep(
+        n, tension, stiffness, growth, growth.copy(), growth.copy(), drag, np.zeros(n),
+        tension[0] - stiffness[0] * near, stiffness[0],
+        tension[n] + stiffness[n] * far, stiffness[n], shift, node, work,
+    )  # fmt: skip
+    return shift, node
 
 
 @given(
@@ -40,10 +48,8 @@ def solve(method, n, tension, stiffness, growth, drag, near, far):
 def test_marching_and_sweeping_agree(seed, n, drag):
     rng = np.random.default_rng(seed)
     tension, stiffness, growth, drags, (du, dv) = chain(rng, n, drag)
-    near = (tension[0] - stiffness[0] * du, stiffness[0])
-    far = (tension[n] + stiffness[n] * dv, stiffness[n])
-    ok, shift, node = solve(march, n, tension, stiffness, growth, drags, near, far)
-    _, shift_2, node_2 = solve(sweep, n, tension, stiffness, growth, drags, near, far)
+    ok, shift, node = by_march(n, tension, stiffness, growth, drags, du, dv)
+    shift_2, node_2 = by_sweep(n, tension, stiffness, growth, drags, du, dv)
     # The march refines the null point of opposed motion; a cable about to go slack is
     # left to the sweep.
     if not ok or du * dv < 0.0 or np.any(node <= 0.0):
@@ -59,9 +65,7 @@ def test_the_sweep_solves_any_state(seed, n):
     rng = np.random.default_rng(seed)
     _, stiffness, growth, drag, (du, dv) = chain(rng, n, rng.choice([0.0, 0.5]))
     tension = rng.uniform(0.0, 60.0, n + 1)
-    near = (tension[0] - stiffness[0] * du, stiffness[0])
-    far = (tension[n] + stiffness[n] * dv, stiffness[n])
-    _, shift, node = solve(sweep, n, tension, stiffness, growth, drag, near, far)
+    shift, node = by_sweep(n, tension, stiffness, growth, drag, du, dv)
     moved = np.concatenate([[du], shift, [dv]])
     strained = tension + stiffness * np.diff(moved)
     assert np.all(node >= 0.0)

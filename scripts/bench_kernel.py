@@ -19,10 +19,10 @@ import time
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import fsolve
 
-from cc_mujoco.compiled import compiled
 from cc_mujoco.transmission import Cable, Section
 from cc_mujoco.transmission import kernel as K
 from cc_mujoco.transmission.conduit import packed, rest_state
@@ -105,7 +105,7 @@ def by_enumeration(
     raise RuntimeError("no sign pattern is consistent")
 
 
-@compiled
+@njit(nogil=True)
 def play(
     prm: Array, n: int, state: Array, near: Array, far: Array, new: Array, work: Array
 ) -> None:

@@ -7,7 +7,7 @@ Carrying the graph through the cable, closing it with the distal end, and readin
 backwards gives the one solution of the step, with slip starting anywhere. This is the
 dynamic programming of fused-lasso problems (Johnson, J. Comput. Graph. Stat. 22, 2013)
 on a friction chain. It costs O(n) to O(n^2) and is needed where coefficients change
-while the cable is loaded or an end is driven by tension; otherwise `fronts.py` gives the
+while the cable is loaded or an end is driven by tension; else `fronts.py` gives the
 same answer faster. Here a null point is resolved to a segment, not within it.
 """
 

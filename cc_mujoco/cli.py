@@ -105,6 +105,9 @@ class Play:
 
         from cc_mujoco.control import controller
         from cc_mujoco.recording import play, write_episode
+        from cc_mujoco.recording.files import require_writable
+
+        require_writable(out)
 
         env = gymnasium.make(
             scene.environment,

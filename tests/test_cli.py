@@ -211,3 +211,15 @@ def test_help_does_not_load_what_only_playing_needs() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "--trajectory" in done.stdout
+
+
+def test_an_unwritable_folder_is_refused_before_the_simulation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    out = blocked / "run"
+    assert cli.main(["play", "wrist", "--duration", "100000", "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"cc-mujoco: cannot write {out}: ")
+    assert said.count("\n") == 1

@@ -4,9 +4,30 @@ from __future__ import annotations
 
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from cc_mujoco.errors import CableError
+
+
+def require_writable(folder: str | os.PathLike[str]) -> None:
+    """Find out, before long work, whether a folder can be written or made.
+
+    Raises:
+        CableError: If it cannot.
+    """
+    there = Path(folder).absolute()
+    while not there.exists():
+        there = there.parent
+    try:
+        with tempfile.TemporaryDirectory(prefix=".cc-mujoco-", dir=there):
+            pass
+    except OSError as error:
+        raise CableError(
+            f"cannot write {folder}: {there}: {error.strerror}; choose another folder."
+        ) from None
 
 
 @contextmanager

@@ -104,8 +104,8 @@ class Play:
         from tqdm import tqdm
 
         from cc_mujoco.control import controller
+        from cc_mujoco.files import require_writable
         from cc_mujoco.recording import play, write_episode
-        from cc_mujoco.recording.files import require_writable
 
         require_writable(out)
 

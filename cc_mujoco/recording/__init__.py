@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from cc_mujoco.recording.columns import CABLE, DEVICE, Column, columns_for
 from cc_mujoco.recording.episode import FILES, play, write_episode
-from cc_mujoco.recording.figure import draw_summary, write_summary
 from cc_mujoco.recording.log import EpisodeLog, Recorder
 from cc_mujoco.recording.metrics import Metric, measure, write_metrics
+from cc_mujoco.recording.summary import draw_summary, write_summary
 
 __all__ = [
     "CABLE",

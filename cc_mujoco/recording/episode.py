@@ -14,11 +14,11 @@ from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Controller
 from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing_folder
 from cc_mujoco.recording.columns import MODEL_XML, RATIO
-from cc_mujoco.recording.figure import write_summary
-from cc_mujoco.recording.files import replacing_folder
 from cc_mujoco.recording.log import EpisodeLog, Recorder
 from cc_mujoco.recording.metrics import Metric, measure, write_metrics
+from cc_mujoco.recording.summary import write_summary
 
 if TYPE_CHECKING:
     import gymnasium

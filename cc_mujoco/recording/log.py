@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing
 from cc_mujoco.recording.columns import Column, cables_in, columns_for
-from cc_mujoco.recording.files import replacing
 
 METADATA_KEY = b"cc_mujoco"
 """Key of the Parquet schema metadata that holds the log's metadata as JSON."""

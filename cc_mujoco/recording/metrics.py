@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.files import replacing
 from cc_mujoco.recording.columns import RATIO
-from cc_mujoco.recording.files import replacing
 from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.signals import lag, loop_width
 

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from rerun.error_utils import strict_mode
 
 from cc_mujoco import engine
+from cc_mujoco.files import replacing
 from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.recording.conduit3d import conduit_points, log_conduit
-from cc_mujoco.recording.files import replacing
 from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.metrics import Metric
 from cc_mujoco.recording.scene3d import (

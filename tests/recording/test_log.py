@@ -10,8 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing, replacing_folder
 from cc_mujoco.recording.columns import columns_for
-from cc_mujoco.recording.files import replacing, replacing_folder
 from cc_mujoco.recording.log import EpisodeLog, Recorder
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from cc_mujoco.recording.figure import draw_summary, write_summary
+from cc_mujoco.recording.summary import draw_summary, write_summary
 
 
 @pytest.mark.parametrize("cables", [("one",), ("flexor", "extensor")])

@@ -1,8 +1,4 @@
-"""The summary figure of an episode: torque, angle, their loop, and the cable's inside.
-
-Drawn with Matplotlib's objects on the Agg canvas, so it needs no display and touches
-no global state.
-"""
+"""The summary figure of an episode: torque, angle, their loop, tension in the cable."""
 
 from __future__ import annotations
 
@@ -11,43 +7,31 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cc_mujoco.figures import (
+    BLUE,
+    DASH,
+    GREEN,
+    GREY,
+    ORANGE,
+    TENSION_COLORS,
+    figure,
+    save,
+    style,
+)
 from cc_mujoco.recording.columns import RATIO
-from cc_mujoco.recording.files import replacing
 from cc_mujoco.recording.log import EpisodeLog
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's colours, which stay apart for every kind of colour vision.
-BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#6E6E6E"
-DASH = (4, 2)
-TENSION_COLORS = "viridis"
 MAX_COLUMNS = 600
 """Columns of a heat map; of more samples, means are shown."""
-
-STYLE: dict[Any, Any] = {
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 10,
-    "axes.titleweight": "bold",
-    "axes.labelsize": 9,
-    "grid.color": "#E4E4E4",
-    "grid.linewidth": 0.6,
-    "legend.fontsize": 8,
-    "legend.frameon": False,
-    "lines.linewidth": 1.3,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-}
 
 
 def write_summary(path: str | os.PathLike[str], log: EpisodeLog) -> None:
     """Draw the summary of an episode into a PNG file."""
-    with replacing(path) as partial:
-        draw_summary(log).savefig(partial, format="png", dpi=130)
+    save(path, draw_summary(log))
 
 
 def draw_summary(log: EpisodeLog) -> Figure:
@@ -56,16 +40,11 @@ def draw_summary(log: EpisodeLog) -> Figure:
     Torque and angle over time, the torque-angle loop, and for each cable the tension
     along it over time, on one colour scale; grey is a slack cable.
     """
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with matplotlib.rc_context(STYLE):
+    with style():
         rows = len(log.cables)
-        figure = Figure(figsize=(11, 5.2 + 2.1 * rows), layout="constrained")
-        FigureCanvasAgg(figure)
+        drawing = figure(11, 5.2 + 2.1 * rows)
         heights = [5.0, 0.3 + 2.1 * rows]
-        top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[
+        top, bottom = drawing.subfigures(2, 1, squeeze=False, height_ratios=heights)[
             :, 0
         ]
         grid = top.add_gridspec(2, 2, width_ratios=[3, 2])
@@ -75,8 +54,8 @@ def draw_summary(log: EpisodeLog) -> Figure:
         _draw_angle(angle, log)
         _draw_loop(top.add_subplot(grid[:, 1]), log)
         _draw_tensions(bottom, log)
-        figure.suptitle(_title(log), x=0.012, ha="left", fontsize=13)
-    return figure
+        drawing.suptitle(_title(log), x=0.012, ha="left", fontsize=13)
+    return drawing
 
 
 def _title(log: EpisodeLog) -> str:
@@ -143,7 +122,7 @@ def _draw_loop(axes: Axes, log: EpisodeLog) -> None:
     axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98))
 
 
-def _draw_tensions(figure: Any, log: EpisodeLog) -> None:
+def _draw_tensions(part: Any, log: EpisodeLog) -> None:
     """Draw one heat map per cable, place on the cable upwards, time to the right."""
     import matplotlib
 
@@ -152,7 +131,7 @@ def _draw_tensions(figure: Any, log: EpisodeLog) -> None:
     highest = max(float(values.max()) for values in nodes.values())
     colors = matplotlib.colormaps[TENSION_COLORS].with_extremes(bad="#BDBDBD")
     every = max(1, len(time) // MAX_COLUMNS)
-    panels = figure.subplots(len(nodes), 1, sharex=True, squeeze=False)[:, 0]
+    panels = part.subplots(len(nodes), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (cable, values) in zip(panels, nodes.items(), strict=True):
         whole = len(values) // every * every
         means = values[:whole].reshape(-1, every, values.shape[1]).mean(axis=1)
@@ -171,6 +150,4 @@ def _draw_tensions(figure: Any, log: EpisodeLog) -> None:
         axes.set_yticks([0, 1], ["motor end", "joint end"])
         axes.set_title(f"Tension along cable {cable}")
     panels[-1].set_xlabel("time [s]")
-    figure.colorbar(
-        image, ax=list(panels), label="tension [N]  (grey: slack)", pad=0.01
-    )
+    part.colorbar(image, ax=list(panels), label="tension [N]  (grey: slack)", pad=0.01)

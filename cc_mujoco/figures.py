@@ -1,0 +1,69 @@
+"""How every figure of this package looks: Matplotlib's objects on the Agg canvas.
+
+    with style():
+        drawing = figure(8.0, 4.0)
+        axes = drawing.add_subplot()
+        axes.plot(time, torque, color=BLUE)
+        axes.set(title="Torque", xlabel="time [s]", ylabel="torque [N m]")
+
+No display is needed and no global state is touched. Axes take their looks when they are
+made, so making and drawing both belong inside `style`.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any
+
+from cc_mujoco.files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, which stay apart for every kind of colour vision.
+BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#6E6E6E"
+PINK, YELLOW, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
+COLORS = (BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, BLACK, GREY)
+DASH = (4, 2)
+TENSION_COLORS = "viridis"
+
+_STYLE: dict[Any, Any] = {
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.labelsize": 9,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+}
+
+
+def style() -> AbstractContextManager[None]:
+    """Context in which axes are made and drawn in this package's style."""
+    import matplotlib
+
+    return matplotlib.rc_context(_STYLE)
+
+
+def figure(width: float, height: float) -> Figure:
+    """Return an empty figure of this size [inch], laid out by constraints."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    drawing = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(drawing)
+    return drawing
+
+
+def save(path: str | os.PathLike[str], drawing: Figure) -> None:
+    """Write a figure as PNG, whole or not at all."""
+    with replacing(path) as partial:
+        drawing.savefig(partial, format="png", dpi=130)

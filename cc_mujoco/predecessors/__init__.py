@@ -1,0 +1,1 @@
+"""Cable models that came before, behind one interface."""

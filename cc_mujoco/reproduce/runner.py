@@ -1,0 +1,169 @@
+"""Running experiments one after another, keeping what is done.
+
+Each experiment has a folder with its figures, data and `result.json`, which appears
+whole when it is done. A second run passes over experiments whose folder was written by
+the same code.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib
+import json
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+
+import cc_mujoco
+from cc_mujoco.errors import CableError
+from cc_mujoco.figures import save, style
+from cc_mujoco.files import replacing, replacing_folder
+from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress
+
+EXPERIMENTS: dict[str, str] = {
+    "solver": "Fig. 2.4: time of a solution against the number of segments",
+    "rules": "2.1-2.2: the rules as printed, where they depend on the mesh or fail",
+    "pretension": "Experiment 1a: locked output, four pretensions",
+    "loops": "Experiment 1b: locked output, one to three loops",
+    "magnitudes": "Table 2.2 against Experiment 1, and what would reconcile them",
+    "tunnel": "Experiment 2: virtual tunnel, residual against velocity",
+    "follower": "Experiment 3: position-position follower, ideal and real",
+    "parameters": "2.4.2: stiffness and friction from tests, with intervals",
+    "kalman": "3.1: why a Kalman filter has nothing to work with",
+    "sensors": "3.2.1: redundant tension sensors, direction of motion known",
+    "directions": "3.2.2: redundant tension sensors, direction of motion unknown",
+    "noise": "3.2.2: noise of every sensor from data, and weights",
+    "online": "3.2.3: friction, bend and stiffness estimated while running",
+    "predecessors": "Chapter 1: the models that came before, and what each can show",
+}
+"""Names that `reproduce` takes, in the order of the thesis, with what they are.
+
+The module `cc_mujoco.reproduce.NAME` has `run(progress) -> Outcome`.
+"""
+
+RESULT = "result.json"
+SUMMARY = "summary.md"
+
+
+@dataclass(frozen=True)
+class Record:
+    """A finished experiment: its name, its claims and whether it was run just now."""
+
+    name: str
+    claims: tuple[Claim, ...]
+    fresh: bool
+
+
+def reproduce(
+    names: Iterable[str],
+    out: str | os.PathLike[str],
+    *,
+    again: bool = False,
+    progress: Callable[[str, float], None] = lambda name, share: None,
+) -> list[Record]:
+    """Run experiments and write figures, data and the summary table.
+
+    Args:
+        names: keys of `EXPERIMENTS`; none is all.
+        out: folder; each experiment has its own inside, the summary of all that are
+            there is `summary.md`.
+        again: run also what is done already.
+        progress: called with the experiment and the share of it that is done.
+
+    Returns:
+        One record per name, in the order of `EXPERIMENTS`.
+
+    Raises:
+        CableError: an unknown name.
+    """
+    wanted = set(names) or set(EXPERIMENTS)
+    for name in sorted(wanted):
+        if name not in EXPERIMENTS:
+            raise CableError.unknown("experiment", name, EXPERIMENTS)
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    records = []
+    for name in (name for name in EXPERIMENTS if name in wanted):
+        progress(name, 0.0)
+        claims = None if again else _finished(out / name)
+        if fresh := claims is None:
+            outcome = run(name, partial(progress, name))
+            _write(out / name, outcome)
+            claims = outcome.claims
+        progress(name, 1.0)
+        records.append(Record(name, claims, fresh))
+        _summarize(out)
+    return records
+
+
+def run(name: str, progress: Progress = lambda share: None) -> Outcome:
+    """Run one experiment and return what it gives; nothing is written."""
+    module = importlib.import_module(f"cc_mujoco.reproduce.{name}")
+    with style():
+        outcome: Outcome = module.run(progress)
+    return outcome
+
+
+def table(claims: Iterable[Claim]) -> str:
+    """Claims as a Markdown table."""
+    rows = ["| where | printed | ours | verdict | why |", "|---|---|---|---|---|"]
+    for c in claims:
+        cells = (c.where, c.printed, c.ours, c.verdict, c.why)
+        rows.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
+    return "\n".join(rows)
+
+
+def _write(folder: Path, outcome: Outcome) -> None:
+    with replacing_folder(folder) as place, style():
+        for stem, drawing in outcome.figures.items():
+            save(place / f"{stem}.png", drawing)
+        for stem, columns in outcome.tables.items():
+            arrays = {name: np.asarray(values) for name, values in columns.items()}
+            pa_csv.write_csv(pa.table(arrays), place / f"{stem}.csv")
+        claims = [dataclasses.asdict(claim) for claim in outcome.claims]
+        text = json.dumps({"code": _code(), "claims": claims}, indent=1)
+        (place / RESULT).write_text(text, encoding="utf-8")
+
+
+def _finished(folder: Path) -> tuple[Claim, ...] | None:
+    """Claims of a finished experiment of the same code, or None."""
+    found = _read(folder)
+    return None if found is None or found[0] != _code() else found[1]
+
+
+def _read(folder: Path) -> tuple[str, tuple[Claim, ...]] | None:
+    try:
+        found = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        return found["code"], tuple(Claim(**claim) for claim in found["claims"])
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _summarize(out: Path) -> None:
+    done = {name: _read(out / name) for name in EXPERIMENTS}
+    parts = ["# The thesis, reproduced"]
+    for name, found in done.items():
+        if found is not None:
+            heading = f"## {name}\n\n{EXPERIMENTS[name]}."
+            stale = "" if found[0] == _code() else "\n\nWritten by other code."
+            parts.append(f"{heading}{stale}\n\n{table(found[1])}")
+    with replacing(out / SUMMARY) as place:
+        place.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+@cache
+def _code() -> str:
+    """Digest of the package's own sources."""
+    root = Path(cc_mujoco.__file__).parent
+    digest = hashlib.sha256()
+    for source in sorted(root.rglob("*.py")):
+        digest.update(source.relative_to(root).as_posix().encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]

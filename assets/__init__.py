@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import look_up
 
 __all__ = ["SCENES", "scene_path"]
 
@@ -36,6 +36,4 @@ def scene_path(name: str) -> Path:
     Raises:
         CableError: If there is no scene of that name.
     """
-    if name not in SCENES:
-        raise CableError.unknown("scene", name, SCENES)
-    return Path(__file__).resolve().parent / SCENES[name]
+    return Path(__file__).resolve().parent / look_up("scene", name, SCENES)

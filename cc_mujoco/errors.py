@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import TypeVar
+
+Entry = TypeVar("Entry")
 
 
 class CableError(ValueError):
@@ -28,3 +31,10 @@ class CableError(ValueError):
         near = difflib.get_close_matches(name, names, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
         return cls(f"unknown {kind} {name!r}: {hint}Available: {', '.join(names)}.")
+
+
+def look_up(kind: str, name: str, registry: Mapping[str, Entry]) -> Entry:
+    """Return the entry of a registry, or raise `CableError.unknown`."""
+    if name not in registry:
+        raise CableError.unknown(kind, name, registry)
+    return registry[name]

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco import cli, recording
+from cc_mujoco.commands.play import SCENES
 from cc_mujoco.recording import FILES, EpisodeLog
 
 # Where the package was imported from; tests run in another folder.
@@ -32,7 +33,7 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
 ) -> None:
     assert cli.main(["play", scene, "--duration", "0.3", "--seed", "4"]) == 0
     said = capsys.readouterr()
-    trajectory = cli.SCENES[scene].trajectory
+    trajectory = SCENES[scene].trajectory
     out = tmp_path / "runs" / f"{scene}-{trajectory}-4"
     assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     assert [path.name for path in out.parent.iterdir()] == [out.name]
@@ -167,7 +168,7 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
         (["play", "wrist", "--csv", "x.csv", "--trajectory", "sine"], "not both"),
         (["play", "wrist", "--out", "taken"], "is a file"),
         (["play"], "SCENE"),
-        ([], "play, list"),
+        ([], "play, reproduce, list"),
     ],
 )
 def test_bad_input_is_one_sentence(
@@ -188,11 +189,12 @@ def test_list_shows_every_name_with_a_meaning(
 ) -> None:
     from cc_mujoco.control import CONTROLLERS
     from cc_mujoco.human import TASKS, TRAJECTORIES
+    from cc_mujoco.reproduce import EXPERIMENTS
 
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     entries = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
-    assert {*cli.SCENES, *TRAJECTORIES, *TASKS, *CONTROLLERS} == set(entries)
+    assert {*SCENES, *EXPERIMENTS, *TRAJECTORIES, *TASKS, *CONTROLLERS} == set(entries)
 
 
 def test_help_does_not_load_what_only_playing_needs() -> None:

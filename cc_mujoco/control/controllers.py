@@ -11,7 +11,7 @@ from __future__ import annotations
 from cc_mujoco.control.controller import Controller, Drive
 from cc_mujoco.control.feed_forward import FeedForward
 from cc_mujoco.control.proportional_integral import ProportionalIntegral
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import look_up
 
 CONTROLLERS: dict[str, type[Controller]] = {
     "none": FeedForward,
@@ -33,6 +33,4 @@ def controller(name: str, drive: Drive) -> Controller:
     Raises:
         CableError: If there is no such controller; names the nearest and all others.
     """
-    if name not in CONTROLLERS:
-        raise CableError.unknown("controller", name, CONTROLLERS)
-    return CONTROLLERS[name](drive)
+    return look_up("controller", name, CONTROLLERS)(drive)

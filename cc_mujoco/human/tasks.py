@@ -18,7 +18,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import look_up
 from cc_mujoco.human import gait
 from cc_mujoco.human.checks import parameter
 
@@ -131,9 +131,7 @@ def task(name: str) -> Task:
     Raises:
         CableError: If there is no such task; names the nearest and all others.
     """
-    if name not in TASKS:
-        raise CableError.unknown("task", name, TASKS)
-    return TASKS[name]
+    return look_up("task", name, TASKS)
 
 
 def _clamp(value: Real, low: float, high: float) -> Real:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import look_up
 from cc_mujoco.human.motion import Scripted
 from cc_mujoco.human.moves import Ramp, Reach, Reversals, Sweep
 from cc_mujoco.human.walking import Walk
@@ -46,9 +46,7 @@ def trajectory(name: str, limit: float | None = None) -> Scripted:
     Raises:
         CableError: If there is no such trajectory; names the nearest and all others.
     """
-    if name not in TRAJECTORIES:
-        raise CableError.unknown("trajectory", name, TRAJECTORIES)
-    found = TRAJECTORIES[name]
+    found = look_up("trajectory", name, TRAJECTORIES)
     if limit is None or found.amplitude <= limit:
         return found
     return replace(found, amplitude=limit)

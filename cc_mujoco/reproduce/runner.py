@@ -67,6 +67,7 @@ def reproduce(
     *,
     again: bool = False,
     progress: Callable[[str, float], None] = lambda name, share: None,
+    finished: Callable[[Record], None] = lambda record: None,
 ) -> list[Record]:
     """Run experiments and write figures, data and the summary table.
 
@@ -76,6 +77,7 @@ def reproduce(
             there is `summary.md`.
         again: run also what is done already.
         progress: called with the experiment and the share of it that is done.
+        finished: called with every record as it comes.
 
     Returns:
         One record per name, in the order of `EXPERIMENTS`.
@@ -98,8 +100,9 @@ def reproduce(
             _write(out / name, outcome)
             claims = outcome.claims
         progress(name, 1.0)
-        records.append(Record(name, claims, fresh))
         _summarize(out)
+        records.append(Record(name, claims, fresh))
+        finished(records[-1])
     return records
 
 

@@ -1,0 +1,124 @@
+"""`cc-mujoco play`: an episode, and all that remains of it."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import tyro
+
+from cc_mujoco.errors import CableError, look_up
+
+Name = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+Place = Annotated[Path | None, tyro.conf.arg(metavar="PATH")]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene of the command line and what it plays unless told otherwise."""
+
+    environment: str
+    """Gymnasium id."""
+    trajectory: str
+    task: str
+    meaning: str
+
+
+SCENES = {
+    "wrist": Scene(
+        "cc_mujoco/WristHandle-v0",
+        "sweep",
+        "tunnel",
+        "wrist handle pulled both ways by two Bowden cables",
+    ),
+    "ankle": Scene(
+        "cc_mujoco/AnkleExo-v0",
+        "walk",
+        "assist",
+        "ankle exoskeleton pulled by one Bowden cable past hip and knee",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Play:
+    """Play an episode; write its recording, log, metrics and figure."""
+
+    interrupted: ClassVar[str] = "nothing was written"
+
+    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+    """wrist or ankle."""
+    trajectory: Name = None
+    """How the wearer moves; the default depends on the scene, see `list`."""
+    csv: Place = None
+    """CSV file with columns time_s and angle_rad to play instead of --trajectory."""
+    task: Name = None
+    """What the device should make the wearer feel; see `list`."""
+    controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
+    """What drives the motor; see `list`."""
+    duration: float = 10.0
+    """Length of the episode in seconds."""
+    seed: int = 0
+    """Seed of everything random; equal seeds give equal recordings."""
+    out: Place = None
+    """Folder for the results; runs/SCENE-TRAJECTORY-SEED unless given."""
+
+    def run(self) -> None:
+        """Play and write; print a table and how to open the recording."""
+        scene = look_up("scene", self.scene, SCENES)
+        if self.csv is not None and self.trajectory is not None:
+            raise CableError("give --trajectory or --csv, not both.")
+        if self.seed < 0:
+            raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
+        names = {
+            "trajectory": self.csv.stem
+            if self.csv
+            else self.trajectory or scene.trajectory,
+            "task": self.task or scene.task,
+            "controller": self.controller,
+        }
+        name = f"{self.scene}-{names['trajectory']}-{self.seed}"
+        out = self.out or Path("runs", name)
+        if out.exists() and not out.is_dir():
+            raise CableError(f"--out {out} is a file; it must be a folder or be free.")
+
+        import gymnasium
+        from tqdm import tqdm
+
+        from cc_mujoco.control import controller
+        from cc_mujoco.files import require_writable
+        from cc_mujoco.recording import play, write_episode
+
+        require_writable(out)
+
+        env = gymnasium.make(
+            scene.environment,
+            disable_env_checker=True,
+            trajectory=self.csv or names["trajectory"],
+            task=names["task"],
+            duration=self.duration,
+        )
+        inner: Any = env.unwrapped
+        law = controller(self.controller, inner.drive)
+        with tqdm(
+            total=self.duration,
+            unit="s",
+            bar_format="{l_bar}{bar}| {n:.1f} of {total:.1f} s",
+            disable=not sys.stderr.isatty(),
+        ) as bar:
+            log = play(
+                env,
+                law,
+                seed=self.seed,
+                about=names,
+                progress=lambda time: bar.update(time - bar.n),
+            )
+        found = write_episode(out, log, inner.model)
+        env.close()
+        for metric in found:
+            value = f"{metric.value:.4g}" if math.isfinite(metric.value) else "-"
+            print(f"{metric.name:32} {value:>10} {metric.unit}")
+        print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")

@@ -100,11 +100,27 @@ class Whole:
                 break
         return self.route.angle[edge]
 
-    def _balance_in(self, bend: int, share: float, low: float, high: float) -> float:
-        """The same inside part of a bend that is known to hold it."""
-        return float(
-            brentq(lambda angle: self.lack(bend, angle, share), low, high, xtol=1e-15)
-        )
+    def _balance_in(self, bend: int, share: float, start: float, end: float) -> float:
+        """First place on the way from `start` to `end` in a bend where g is `share`.
+
+        In x = e^(sign (angle - low)) that is a quadratic; on releasing it may have two
+        roots in the bend, since a straight cable beyond it weighs the more the nearer
+        the null point is. `end` where there is none.
+        """
+        low, high = self.route.angle[bend], self.route.angle[bend + 1]
+        base = self.sign * self.route.density[bend]
+        left = self.left[bend] + self.route.lump[bend] + base
+        right = self.right[bend + 1] + self.route.lump[bend + 1] + base
+        square = (1.0 - share) * left
+        linear = (2.0 * share - 1.0) * base
+        constant = -share * right * math.exp(self.sign * (high - low))
+        places = [
+            low + self.sign * math.log(root.real)
+            for root in np.roots([square, linear, constant])
+            if root.imag == 0.0 and root.real > 0.0
+        ]
+        between = [p for p in places if min(start, end) <= p <= max(start, end)]
+        return min(between, key=lambda place: abs(place - start), default=end)
 
     def drift(self, null: float, share: float, time: float) -> float:
         """Null point after |ln S| has changed by `time`."""
@@ -121,11 +137,9 @@ class Whole:
             if abs(lack) < _ROUNDING * sum(self.sides(bend, null)):
                 return null
             rising = lack > 0.0
-            target = angle[bend + 1] if rising else angle[bend]
-            settles = (self.lack(bend, target, share) > 0.0) != rising
-            if settles:
-                bracket = (null, target) if rising else (target, null)
-                target = self._balance_in(bend, share, *bracket)
+            edge = angle[bend + 1] if rising else angle[bend]
+            target = self._balance_in(bend, share, null, edge)
+            settles = target != edge
             null, time = self._approach(bend, null, target, share, time)
             if settles or time <= 0.0:
                 return null

@@ -234,3 +234,16 @@ def test_nominal_motions_are_the_recorded_ones(name: str) -> None:
     file = REFERENCE / f"wrist__{name}.csv"
     recorded = np.loadtxt(file, delimiter=",", skiprows=1, usecols=(0, 1)).T
     np.testing.assert_allclose(motion(name, 0.005), recorded, atol=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.15, 0.2, 0.25])
+def test_release_beside_a_long_straight_end_makes_no_jump(share: float) -> None:
+    """The share of compliance on one side of the null point is not monotone there."""
+    pulled, released = np.linspace(0.0, 1e-3, 200), np.linspace(0.0, 5e-4, 200)
+    distal = np.concatenate([pulled, 1e-3 - released * (1.0 - share) / share])
+    proximal = -np.concatenate([pulled, 1e-3 - released])
+    sections = [(0.315, 0.087), (0.65, np.inf)]
+    friction = 1.55 * 0.087 / 0.315
+    tensions = solve(sections, friction, 4e3, 10.0, proximal, distal)
+    for tension in tensions:
+        assert np.max(np.abs(np.diff(tension[205:]))) < 0.7

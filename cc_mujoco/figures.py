@@ -13,12 +13,14 @@ made, so making and drawing both belong inside `style`.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
 from cc_mujoco.files import replacing
 
 if TYPE_CHECKING:
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 # Okabe and Ito's colours, which stay apart for every kind of colour vision.
@@ -29,6 +31,7 @@ DASH = (4, 2)
 TENSION_COLORS = "viridis"
 
 _STYLE: dict[Any, Any] = {
+    "axes.axisbelow": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -61,6 +64,13 @@ def figure(width: float, height: float) -> Figure:
     drawing = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(drawing)
     return drawing
+
+
+def mark(axis: Axis, values: Iterable[float]) -> None:
+    """Mark just these values on an axis, as plain numbers even if it is logarithmic."""
+    values = list(values)
+    axis.set_ticks(values, [f"{value:g}" for value in values])
+    axis.set_ticks([], minor=True)
 
 
 def save(path: str | os.PathLike[str], drawing: Figure) -> None:

@@ -108,7 +108,12 @@ def _null_slip(
         share = (far_p - p) / ((q + far_q) * reach + limit)
         share = min(max(share, -1.0), 1.0)
         slip = share * reach
-    return slip
+    # Where the four rounds have not settled, net friction would exceed its limit.
+    both, tilt = q + far_q, per_tension * (q - far_q)
+    limit = per_tension * (p + far_p) + constant
+    least = (far_p - p - limit) / (both + tilt)
+    most = (far_p - p + limit) / (both - tilt)
+    return min(max(slip, least), most)
 
 
 @compiled

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cc_mujoco.transmission import Cable, Conduit, Section, replay
@@ -183,6 +183,7 @@ def test_stretch_of_the_nodes_adds_up_to_that_of_the_ends(seed, segments):
 
 @given(seed=st.integers(0, 2**31))
 @settings(max_examples=30)
+@example(seed=130)  # a null point in the last half segment of a cable let go
 def test_friction_stays_within_its_cone(seed):
     rng = np.random.default_rng(seed)
     near, far = wander(rng, 400, 0.02), wander(rng, 400, 0.02)

@@ -11,6 +11,8 @@ True
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +22,7 @@ from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import kernel
 from cc_mujoco.transmission.friction import holding_coefficient, ratio
-from cc_mujoco.transmission.parameters import PARAMETERS, Cable
+from cc_mujoco.transmission.parameters import PARAMETERS, Cable, Section
 
 
 def packed(cable: Cable) -> FloatArray:
@@ -94,10 +96,36 @@ class Conduit:
         self._state = self._start.copy()
         self._next = self._start.copy()
         self._work = np.empty(kernel.work_size(cable.segments))
+        self._bent = False
 
     def reset(self) -> None:
-        """Return to the initial rest state."""
+        """Return to the initial rest state, in the conduit it was made with."""
         self._state[:] = self._start
+        if self._bent:
+            self._prm[:] = packed(self.cable)
+            self._bent = False
+
+    def rebend(self, conduit: Sequence[Section]) -> None:
+        """Lay the conduit in another path of the same length, at once.
+
+        The cable stays where it is until the next step. There it slips wherever
+        friction no longer holds it, even inside, and even if both ends stand still.
+
+        Args:
+            conduit: sections of the new path, proximal to distal.
+
+        Raises:
+            CableError: a section that is none, or another total length.
+        """
+        bent = self.cable.replace(conduit=tuple(conduit))
+        if not math.isclose(bent.length, self.cable.length, rel_tol=1e-9):
+            raise CableError(
+                f"the new path of the conduit is {bent.length:g} m long; it must be "
+                f"{self.cable.length:g} m as before"
+            )
+        self._prm[:] = packed(bent)
+        kernel.expect_change(self._prm)
+        self._bent = True
 
     def step(
         self,

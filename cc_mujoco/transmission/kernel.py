@@ -117,6 +117,15 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
 
 
 @compiled
+def expect_change(prm: FloatArray) -> None:
+    """Have every step of a packed cable allow that its bends changed before it.
+
+    Tensions may then lie beyond what friction holds, so slip may begin anywhere.
+    """
+    prm[_PLAIN] = 0.0
+
+
+@compiled
 def initialize(
     prm: FloatArray, n: int, u_proximal: float, u_distal: float, state: FloatArray
 ) -> None:

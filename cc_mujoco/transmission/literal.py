@@ -144,8 +144,9 @@ class Mesh:
 def sign_patterns(n: int) -> list[FloatArray]:
     """Admissible directions of n segments, in the order of Listing 2.2.
 
-    4 (n - 1) patterns for n >= 2: both uniform ones, then stretching (+ before -) and
-    compressing, then each with a single segment that stands still between.
+    4 (n - 1) patterns for n >= 2: both uniform ones, then compressing (+ before -) and
+    stretching, then each with a single segment that stands still between. The listing
+    exchanges the names of the two, against the sign of (2.10).
     """
     whole = [np.full(n, -1.0), np.full(n, 1.0)]
     meeting = [_opposed(n, k, k) for k in range(1, n)]

@@ -108,7 +108,12 @@ def _null_slip(
         share = (far_p - p) / ((q + far_q) * reach + limit)
         share = min(max(share, -1.0), 1.0)
         slip = share * reach
-    # Where the four rounds have not settled, net friction would exceed its limit.
+    # Both halves give way alike, so the centre stays between its neighbours. That also
+    # holds it where the fronts have come near but not met.
+    with_left, with_right = (left - p) / q, (far_p - right) / far_q
+    slip = max(slip, min(with_left, with_right, 0.0))
+    slip = min(slip, max(with_left, with_right, 0.0))
+    # Where the rounds have not settled, net friction would exceed its limit.
     both, tilt = q + far_q, per_tension * (q - far_q)
     limit = per_tension * (p + far_p) + constant
     least = (far_p - p - limit) / (both + tilt)

@@ -1,0 +1,134 @@
+"""Kaneko's lumped masses, springs and dampers in series (thesis 1.5, Fig. 1.5).
+
+Friction is not a force here but a change of stiffness: k = k_cable l/(e^l - 1) with
+l = mu theta, of the sign of the motion, gives the stretch that friction causes for a
+tension at the output, which at the input is e^l times larger (Kaneko, Yamashita and
+Tanie 1991; Kaneko, Wada, Maekawa and Tanie 1991; as in the thesis's account). The
+system is linear between reversals: no part of the cable can stand still, tension may be
+negative, and where the direction changes the stiffness jumps.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.predecessors.model import (
+    Answer,
+    Environment,
+    Model,
+    Moved,
+    springs,
+)
+from cc_mujoco.transmission import Cable
+
+
+class LumpedMasses(Model):
+    """Mass-spring-damper chain with direction-dependent apparent stiffness."""
+
+    name: ClassVar[str] = "Kaneko, lumped masses"
+
+    def __init__(
+        self, cable: Cable, masses: int = 10, line_density: float = 2.5e-3
+    ) -> None:
+        """Choose the number of masses.
+
+        Args:
+            cable: length, stiffness, wrap, friction and pretension.
+            masses: elements in series.
+            line_density: mass per length [kg/m]; a steel rope of 0.75 mm has 2.5e-3.
+        """
+        super().__init__(cable)
+        self.masses, self.line_density = masses, line_density
+
+    def replay(
+        self,
+        dt: float,
+        u_proximal: ArrayLike,
+        environment: Environment,
+        *,
+        initial_tension: ArrayLike | None = None,
+        wrap_scale: ArrayLike | None = None,
+    ) -> Answer:
+        """See `Model.replay`; takes a spring or a lock, one pretension, fixed bends."""
+        if isinstance(environment, Moved):
+            raise self.refuse("a moved output", "its environment must be a spring")
+        if initial_tension is not None:
+            raise self.refuse("a tension profile", "pretension is one number")
+        if wrap_scale is not None:
+            raise self.refuse("bends that change", "its stiffness is set once")
+        near = np.ascontiguousarray(u_proximal, dtype=np.float64)
+        stiffness, _ = springs(environment, near.size)
+        steps, gains = zip(
+            *(self._system(dt, sign, stiffness) for sign in (-1.0, 1.0)), strict=True
+        )
+        stretch = _step_through(near, np.array(steps), np.array(gains))
+        angle = self.cable.friction * self.cable.wrap
+        direction = np.sign(np.diff(near, prepend=0.0))
+        last = np.maximum.accumulate(np.where(direction != 0, np.arange(near.size), 0))
+        ratio = np.exp(-angle * direction[last])
+        spring = np.array([self._spring(sign) for sign in (-1.0, 1.0)])
+        now = np.where(direction[last] > 0, spring[1], spring[0])
+        far = stretch[:, 1] if np.isfinite(stiffness) else np.zeros(near.size)
+        tension = self.cable.pretension + now * stretch[:, 0]
+        return Answer(tension * ratio, tension, far)
+
+    def _spring(self, sign: float) -> float:
+        """Stiffness of one element for motion of this sign, positive to distal."""
+        angle = -sign * self.cable.friction * self.cable.wrap
+        own = self.cable.axial_stiffness / self.cable.length * self.masses
+        return own * angle / math.expm1(angle) if angle else own
+
+    def _system(
+        self, dt: float, sign: float, stiffness: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Implicit Euler of the chain: new state = A old state + b u_proximal.
+
+        Masses 1 ... n at the nodes beyond the motor's; where the output is locked the
+        last one is held. State: displacements, then velocities.
+        """
+        n = self.masses
+        k = self._spring(sign)
+        mass = self.line_density * self.cable.length / n
+        damping = 2.0 * math.sqrt(k * mass)  # critical for one element
+        chain = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+        chain[-1, -1] = 1.0
+        pull = np.zeros(n)
+        pull[0] = k
+        load = np.zeros((n, n))
+        load[-1, -1] = 1e9 * k if math.isinf(stiffness) else stiffness
+        whole = k * chain + load
+        matrix = mass * np.eye(n) + dt * damping * chain + dt**2 * whole
+        inverse = np.linalg.inv(matrix)
+        by_velocity = inverse * mass
+        by_place = -dt * inverse @ whole
+        by_input = dt * inverse @ pull
+        step = np.block(
+            [
+                [np.eye(n) + dt * by_place, dt * by_velocity],
+                [by_place, by_velocity],
+            ]
+        )
+        return step, np.concatenate([dt * by_input, by_input])
+
+
+@njit(nogil=True)
+def _step_through(near: FloatArray, steps: FloatArray, gains: FloatArray) -> FloatArray:
+    """Stretch of the last element and place of the last mass, (samples, 2) [m]."""
+    n = steps.shape[1] // 2
+    state = np.zeros(2 * n)
+    out = np.empty((near.size, 2))
+    which = 0
+    for row in range(near.size):
+        if row > 0 and near[row] != near[row - 1]:
+            which = 1 if near[row] > near[row - 1] else 0
+        state = steps[which] @ state + gains[which] * near[row]
+        before = state[n - 2] if n > 1 else near[row]
+        out[row, 0] = state[n - 1] - before
+        out[row, 1] = state[n - 1]
+    return out

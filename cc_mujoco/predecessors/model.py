@@ -1,0 +1,145 @@
+"""What a cable model is asked here: a recorded motion in, both end tensions out.
+
+    model = Distributed(cable)                     # ours, or one of those before
+    answer = model.replay(1e-3, u_proximal, Spring(stiffness=500.0, preload=10.0))
+    answer.tension_proximal, answer.tension_distal
+
+Every model is made from the same `Cable`. Displacements are positive towards distal and
+count from rest in the pretension. A model that cannot be asked something raises
+`CableError` and says why.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.errors import CableError
+from cc_mujoco.transmission import Cable
+
+
+@dataclass(frozen=True)
+class Locked:
+    """The distal end does not move."""
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring pulls the distal end, which rests at the preload.
+
+    Attributes:
+        stiffness: [N/m].
+    """
+
+    stiffness: float
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Someone moves the distal end, whatever the tension.
+
+    Attributes:
+        displacement: recorded (samples,) [m].
+    """
+
+    displacement: FloatArray
+
+
+Environment = Locked | Spring | Moved
+
+
+class Answer(NamedTuple):
+    """What a model says, (samples,) each.
+
+    Attributes:
+        tension_proximal: [N].
+        tension_distal: [N].
+        u_distal: displacement of the distal end [m].
+    """
+
+    tension_proximal: FloatArray
+    tension_distal: FloatArray
+    u_distal: FloatArray
+
+
+class Model(ABC):
+    """A model of one cable; subclasses are one published model each."""
+
+    name: ClassVar[str]
+
+    def __init__(self, cable: Cable) -> None:
+        """Take length, stiffness, bends, friction and pretension from a cable."""
+        self.cable = cable
+
+    @abstractmethod
+    def replay(
+        self,
+        dt: float,
+        u_proximal: ArrayLike,
+        environment: Environment,
+        *,
+        initial_tension: ArrayLike | None = None,
+        wrap_scale: ArrayLike | None = None,
+    ) -> Answer:
+        """Play a recorded motion of the proximal end, from rest.
+
+        Args:
+            dt: time between samples [s].
+            u_proximal: displacement of the proximal end (samples,) [m]; 0 at first.
+            environment: what the distal end meets.
+            initial_tension: tension at the nodes (segments + 1,) [N]; default the
+                uniform pretension.
+            wrap_scale: factor of all wrap angles over time (samples,); default 1.
+
+        Raises:
+            CableError: the model cannot take what is given.
+        """
+
+    def refuse(self, what: str, why: str) -> CableError:
+        """The error of a model that cannot take something."""
+        return CableError(f"{self.name} cannot take {what}: {why}")
+
+
+def springs(environment: Environment, samples: int) -> tuple[float, FloatArray]:
+    """Stiffness of the environment, infinite where it is no spring, and its motion."""
+    if isinstance(environment, Spring):
+        if not environment.stiffness > 0.0:
+            raise CableError(
+                f"spring stiffness is {environment.stiffness!r} N/m; "
+                "it must be greater than 0"
+            )
+        return environment.stiffness, np.zeros(samples)
+    if isinstance(environment, Moved):
+        moved = np.asarray(environment.displacement, dtype=np.float64)
+        if moved.shape != (samples,):
+            raise CableError(
+                f"the distal motion has shape {moved.shape}; the proximal one has "
+                f"{samples} samples"
+            )
+        return np.inf, moved
+    return np.inf, np.zeros(samples)
+
+
+def profile(cable: Cable, initial_tension: ArrayLike | None) -> FloatArray:
+    """Node tensions at the start (segments + 1,) [N]."""
+    if initial_tension is None:
+        return np.full(cable.segments + 1, cable.pretension)
+    given = np.asarray(initial_tension, dtype=np.float64)
+    if given.shape != (cable.segments + 1,):
+        raise CableError(
+            f"initial tension has shape {given.shape}; a cable of {cable.segments} "
+            f"segments takes ({cable.segments + 1},)"
+        )
+    return given.copy()
+
+
+def scales(wrap_scale: ArrayLike | None, samples: int) -> FloatArray:
+    """Factor of the wrap angles over time (samples,)."""
+    if wrap_scale is None:
+        return np.ones(samples)
+    return np.ascontiguousarray(wrap_scale, dtype=np.float64)

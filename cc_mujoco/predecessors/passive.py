@@ -1,0 +1,137 @@
+"""Agrawal's distributed cable, moved by the motor alone (thesis 1.5, Fig. 1.6).
+
+A massless elastic cable under Coulomb friction, as in chapter 2 of the thesis, with two
+restrictions (Agrawal, Peine and Yao 2010; Agrawal et al. 2010): slip enters at the
+motor's end only, and the output must be a known function of its tension, T_O = f(x_O).
+Then one number decides a step, the tension at the motor: behind the front the capstan
+law holds, ahead of it nothing has moved, and the front is where the two profiles meet.
+A slack cable has no tension and no friction.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.predecessors.model import (
+    Answer,
+    Environment,
+    Model,
+    Moved,
+    profile,
+    scales,
+    springs,
+)
+from cc_mujoco.transmission.conduit import packed
+from cc_mujoco.transmission.kernel import segment_angles
+
+
+class PassiveDistributed(Model):
+    """Distributed Coulomb friction, motion entering from the motor only."""
+
+    name: ClassVar[str] = "Agrawal, one-directional"
+
+    def replay(
+        self,
+        dt: float,
+        u_proximal: ArrayLike,
+        environment: Environment,
+        *,
+        initial_tension: ArrayLike | None = None,
+        wrap_scale: ArrayLike | None = None,
+    ) -> Answer:
+        """See `Model.replay`; takes no output that someone moves."""
+        if isinstance(environment, Moved):
+            raise self.refuse(
+                "a moved output", "its tension must be a function of its place"
+            )
+        near = np.ascontiguousarray(u_proximal, dtype=np.float64)
+        stiffness, _ = springs(environment, near.size)
+        cable = self.cable
+        n = cable.segments
+        angle = np.zeros(n + 1)
+        angle[1:] = np.cumsum(segment_angles(packed(cable), n))
+        share = np.full(n + 1, cable.length / (n * cable.axial_stiffness))
+        share[[0, n]] *= 0.5
+        compliance = 0.0 if np.isinf(stiffness) else 1.0 / stiffness
+        share[n] += compliance  # the spring follows the last node
+        start = profile(cable, initial_tension)
+        return Answer(
+            *_play(
+                near,
+                cable.friction * angle,
+                share,
+                start,
+                compliance,
+                scales(wrap_scale, near.size),
+            )
+        )
+
+
+@njit(nogil=True)
+def _play(
+    near: FloatArray,
+    angle: FloatArray,
+    share: FloatArray,
+    tension: FloatArray,
+    compliance: float,
+    factor: FloatArray,
+) -> FloatArray:
+    """Tension of both ends and place of the distal one, (3, samples)."""
+    n = angle.size - 1
+    rest = tension[n]
+    out = np.empty((3, near.size))
+    trial = tension.copy()
+    stretch, before = float(share @ tension), 0.0
+    for row in range(near.size):
+        moved = near[row] - before
+        before = near[row]
+        stretch -= moved
+        way = 1.0 if moved > 0.0 else -1.0
+        if stretch <= 0.0:
+            tension[:] = 0.0
+        elif moved != 0.0:
+            # The tension at the motor lies between what the cable has and what a front
+            # of no length would give; a pull raises it, a push lowers it.
+            low = high = tension[0]
+            if way > 0.0:
+                low = 0.0
+            else:
+                high -= moved / share[0]
+            while True:
+                middle = 0.5 * (low + high)
+                _front(tension, angle, factor[row], way, middle, trial)
+                if middle <= low or middle >= high:
+                    break
+                if share @ trial < stretch:
+                    low = middle
+                else:
+                    high = middle
+            tension[:] = trial
+        out[0, row] = tension[0]
+        out[1, row] = tension[n]
+        out[2, row] = compliance * (rest - tension[n])
+    return out
+
+
+@njit(nogil=True)
+def _front(
+    tension: FloatArray,
+    angle: FloatArray,
+    factor: float,
+    way: float,
+    at_motor: float,
+    out: FloatArray,
+) -> None:
+    """Capstan line from the motor until it meets the tension that was there."""
+    out[:] = tension
+    for i in range(angle.size):
+        line = at_motor * np.exp(way * factor * angle[i])
+        # A pull (way -1) raises tension, a push lowers it; the front is where not.
+        if i > 0 and way * (tension[i] - line) <= 0.0:
+            break
+        out[i] = line

@@ -142,4 +142,10 @@ def scales(wrap_scale: ArrayLike | None, samples: int) -> FloatArray:
     """Factor of the wrap angles over time (samples,)."""
     if wrap_scale is None:
         return np.ones(samples)
-    return np.ascontiguousarray(wrap_scale, dtype=np.float64)
+    given = np.ascontiguousarray(wrap_scale, dtype=np.float64)
+    if given.shape != (samples,) or not np.all(given >= 0.0):
+        raise CableError(
+            f"the factor of the wrap angles has shape {given.shape}; it must be "
+            f"({samples},), 0 or more"
+        )
+    return given

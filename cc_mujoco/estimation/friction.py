@@ -1,0 +1,230 @@
+r"""Friction of a cable while it runs, from tension sensors along it (3.2.3).
+
+    estimator = FrictionEstimator(cable, sensors, start=0.3)
+    reading = engine.read(model, data, "flexor")      # in an environment step
+    estimator.update(measured, reading.slip)
+    estimator.friction, estimator.deviation
+
+    found = estimator.over(measured, log["slip_flexor_direction"])    # of a recording
+
+Where the cable slips, :math:`\ln T` grows by :math:`s\mu` per radian of wrap: exactly,
+at any friction, whatever the stiffness and the level of tension. So friction is the
+slope of :math:`\ln T` against wrap angle, found by recursive least squares (`slope`,
+`recursive`). Samples without a moving part that holds two sensors change nothing.
+
+`SlopeLaw` is the update law that the thesis proposes for the same purpose.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation.recursive import RecursiveLeastSquares
+from cc_mujoco.estimation.samples import Track, checked_sample, rows, wrap_angles
+from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.estimation.slope import SlopeFit
+from cc_mujoco.transmission.parameters import PARAMETERS, Cable
+
+_BOUNDS = next(p for p in PARAMETERS if p.name == "friction")
+
+
+class FrictionEstimator:
+    """Kinetic friction coefficient mu_d, followed while the cable runs."""
+
+    def __init__(
+        self,
+        cable: Cable,
+        sensors: Sensors,
+        *,
+        start: float | None = None,
+        spread: float = 0.2,
+        memory: float = 500.0,
+        drift: float = 0.0,
+    ) -> None:
+        """Start from a guess.
+
+        Args:
+            cable: the cable; only its wrap angles count. Viscous and load-independent
+                friction must be off.
+            sensors: at least two.
+            start: the guess; default the cable's friction.
+            spread: standard deviation of the guess.
+            memory: moving samples after which one has faded to 1/e. Noise goes down
+                with its root; a drift lags by this many samples.
+            drift: standard deviation of the rate of drift, per moving sample; it widens
+                `deviation` by the lag.
+
+        Raises:
+            CableError: sensors or a cable that cannot tell, or a start, a spread or a
+                memory that is none.
+        """
+        guess = cable.friction if start is None else start
+        if not (np.isfinite(guess) and guess >= 0.0):
+            raise CableError(f"start is {start!r}; friction must be 0 or more")
+        angle = wrap_angles(cable)
+        if len(set(sensors.nodes)) > 1 and np.ptp(angle[sensors.on(cable)]) == 0.0:
+            raise CableError(
+                "the conduit is straight between the sensors; friction shows only "
+                "where it bends"
+            )
+        fit = RecursiveLeastSquares([guess], [spread], memory, [drift])
+        self._slope = SlopeFit(cable, sensors, angle[:, None], fit, memory)
+
+    def reset(self) -> None:
+        """Return to the guess; the noise stays."""
+        self._slope.reset()
+
+    @property
+    def friction(self) -> float:
+        """The estimate."""
+        return float(self._slope.fit.value[0])
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of its error, by noise and by lag behind the drift."""
+        return float(self._slope.fit.deviation[0])
+
+    @property
+    def misfit(self) -> float:
+        """RMS residual over the stated noise; near 1 where law and noise are right."""
+        return self._slope.misfit
+
+    @property
+    def noise(self) -> FloatArray:
+        """Standard deviation of the sensors (m,) [N]; may be set at any time."""
+        return self._slope.noise
+
+    @noise.setter
+    def noise(self, deviation: ArrayLike) -> None:
+        self._slope.noise = deviation
+
+    def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
+        """Take the readings of the next instant.
+
+        Args:
+            reading: of every sensor (m,) [N].
+            direction: slip of every segment, -1, 0 or 1, (n,).
+
+        Returns:
+            The estimate.
+
+        Raises:
+            CableError: shapes that fit neither the sensors nor the cable, or values
+                that are not finite.
+        """
+        self._slope.update(reading, direction)
+        return self.friction
+
+    def over(self, reading: ArrayLike, direction: ArrayLike) -> Track:
+        """Run over a recording, from the present estimate on.
+
+        Args:
+            reading: (samples, m) [N].
+            direction: (samples, n).
+
+        Raises:
+            CableError: unequal numbers of samples, or as `update`.
+        """
+        found = [
+            (self.update(*row), self.deviation)
+            for row in rows(reading=reading, direction=direction)
+        ]
+        return Track(*np.reshape(found, (-1, 2)).T)
+
+
+class SlopeLaw:
+    r"""The update law that the thesis proposes, literally (3.2.3).
+
+    :math:`\mu = \mu_0 + k\,\mathrm{mean}((T_1 - T_N)_{extrap} - (T_1 - T_N)_{fit})`:
+    every sensor's reading is carried to both ends by the model with the present
+    :math:`\mu`, the fit is a straight line through the readings. It acts while the
+    whole cable moves one way.
+
+    As printed its sign suits one direction of motion only, since :math:`T_1 - T_N`
+    changes sign with it; and it returns to :math:`\mu_0` where the slopes agree, so it
+    keeps an error of at least half of the first one: with a larger gain it oscillates
+    and diverges. `signed` turns the sign with the motion, `integrated` takes the value
+    before for :math:`\mu_0`. What then remains is that a straight line is not the
+    profile. Estimates are kept within the bounds of the cable's parameter.
+
+    Attributes:
+        friction: the estimate.
+    """
+
+    def __init__(
+        self,
+        cable: Cable,
+        sensors: Sensors,
+        gain: float,
+        *,
+        start: float | None = None,
+        signed: bool = False,
+        integrated: bool = False,
+    ) -> None:
+        """Start from mu_0.
+
+        Args:
+            cable: the cable; only its wrap angles count.
+            sensors: at least two.
+            gain: k [1/N].
+            start: mu_0; default the cable's friction.
+            signed: multiply the gain by the direction of motion.
+            integrated: add to the last value instead of to mu_0.
+
+        Raises:
+            CableError: fewer than two sensors, a gain that is not finite, or a start
+                out of bounds.
+        """
+        if len(set(sensors.nodes)) < 2 or not np.isfinite(gain):
+            raise CableError(
+                f"gain is {gain!r} with {len(set(sensors.nodes))} sensors; "
+                "it must be finite, with at least 2 sensors"
+            )
+        self._start = cable.friction if start is None else start
+        if not _BOUNDS.low <= self._start <= _BOUNDS.high:
+            raise CableError(
+                f"start is {start!r}; friction must be {_BOUNDS.low:g} to "
+                f"{_BOUNDS.high:g}"
+            )
+        self._nodes, self._gain = sensors.on(cable), gain
+        self._signed, self._integrated = signed, integrated
+        angle = wrap_angles(cable)
+        self._segments = cable.segments
+        self._before = angle[self._nodes]
+        self._after = float(angle[-1]) - self._before
+        along = self._nodes / cable.segments
+        centred = along - np.mean(along)
+        self._slope = centred / float(centred @ centred)
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to mu_0."""
+        self.friction = self._start
+
+    def discrepancy(self, reading: ArrayLike, way: float) -> float:
+        """Difference between the ends, by the model less by the line [N].
+
+        Args:
+            reading: of every sensor (m,) [N].
+            way: direction of motion of the whole cable.
+        """
+        told = np.asarray(reading, dtype=float)
+        sign = way * self.friction
+        ends = np.exp(-sign * self._before) - np.exp(sign * self._after)
+        return float(np.mean(told * ends)) + float(self._slope @ told)
+
+    def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
+        """As `FrictionEstimator.update`."""
+        told, sign = checked_sample(
+            reading, direction, self._nodes.size, self._segments
+        )
+        way = float(sign[0])
+        if way != 0.0 and np.all(sign == way):
+            base = self.friction if self._integrated else self._start
+            turn = way if self._signed else 1.0
+            step = turn * self._gain * self.discrepancy(told, way)
+            self.friction = min(max(base + step, _BOUNDS.low), _BOUNDS.high)
+        return self.friction

@@ -1,0 +1,74 @@
+"""Cables replayed for the online estimators, also with a parameter that drifts."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.transmission import Cable, Section, replay
+
+DT = 0.01
+CABLE = Cable(
+    friction=0.21,
+    axial_stiffness=4000.0,
+    pretension=40.0,
+    conduit=(Section(2.0, 0.28),),
+    segments=10,
+)
+
+
+class Run(NamedTuple):
+    """A replay: displacements of the ends, tensions of nodes, slip of segments."""
+
+    near: np.ndarray
+    far: np.ndarray
+    tension: np.ndarray
+    direction: np.ndarray
+
+
+def strokes(seconds: float, near: float = 0.03, far: float = 0.02) -> np.ndarray:
+    """Both ends to and fro in 4 s, (2, samples) [m]."""
+    time = np.arange(0.0, seconds, DT)
+    return np.outer([near, far], -np.sin(0.5 * np.pi * time))
+
+
+def pulls(seconds: float, depth: float = 0.012) -> np.ndarray:
+    """Proximal end pulled and let go in 4 s, distal end locked, (2, samples) [m]."""
+    time = np.arange(0.0, seconds, DT)
+    return np.outer([-depth, 0.0], 0.5 * (1.0 - np.cos(0.5 * np.pi * time)))
+
+
+def played(cable: Cable, motion: np.ndarray) -> Run:
+    """A cable whose parameters stay."""
+    near, far = motion
+    run = replay(cable, DT, u_proximal=near, u_distal=far, profile=True)
+    assert run.tension is not None and run.direction is not None
+    return Run(near, far, run.tension, run.direction)
+
+
+def drifting(cable: Cable, motion: np.ndarray, name: str, values: np.ndarray) -> Run:
+    """The same while a parameter takes these values in turn, in equal spells."""
+    tension, direction = [], []
+    last: np.ndarray | None = None
+    edges = np.linspace(0, motion.shape[1], values.size + 1).astype(int)
+    for first, end, value in zip(edges[:-1], edges[1:], values, strict=True):
+        before = max(first - 1, 0)
+        run = replay(
+            cable.replace(**{name: float(value)}),
+            DT,
+            u_proximal=motion[0, before:end],
+            u_distal=motion[1, before:end],
+            initial_tension=last,
+            profile=True,
+        )
+        assert run.tension is not None and run.direction is not None
+        tension.append(run.tension[first - before :])
+        direction.append(run.direction[first - before :])
+        last = run.tension[-1]
+    return Run(*motion, np.concatenate(tension), np.concatenate(direction))
+
+
+def rms(values: np.ndarray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))

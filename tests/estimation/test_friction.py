@@ -1,0 +1,215 @@
+"""Friction from tension sensors along a cable that runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation.friction import FrictionEstimator, SlopeLaw
+from cc_mujoco.estimation.recursive import RecursiveLeastSquares
+from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.estimation.slope import moving_runs
+from cc_mujoco.transmission import Cable
+from estimation.runs import CABLE, Run, drifting, played, rms, strokes
+
+EVERY = Sensors.everywhere(CABLE, 1.0)
+MU = CABLE.friction
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return played(CABLE, strokes(6.0))
+
+
+def noisy(run: Run, seed: int, noise: float = 1.0) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    return run.tension + noise * random.normal(size=run.tension.shape)
+
+
+@pytest.mark.parametrize("factor", [0.3, 2.0, 5.0])
+def test_converges_from_a_wrong_start(run: Run, factor: float) -> None:
+    estimator = FrictionEstimator(CABLE, EVERY, start=factor * MU, spread=1.0)
+    found = estimator.over(noisy(run, 1), run.direction)
+    assert abs(found.value[0] - MU) > 0.1  # at rest in the first sample
+    assert found.value[-1] == pytest.approx(MU, rel=0.005)
+    assert abs(found.value[-1] - MU) < 3.0 * found.deviation[-1]
+
+
+def test_is_exact_without_noise_whatever_stiffness_and_pretension() -> None:
+    cable = CABLE.replace(axial_stiffness=900.0, pretension=25.0, static_friction=0.3)
+    run = played(cable, strokes(4.0, 0.08, 0.06))
+    estimator = FrictionEstimator(CABLE, Sensors.everywhere(CABLE, 1e-5), start=0.4)
+    estimator.over(run.tension, run.direction)
+    assert estimator.friction == pytest.approx(MU, rel=1e-6)
+
+
+@pytest.mark.parametrize("nodes", [(0, 10), (1, 4, 5, 9)])
+def test_error_has_the_stated_size(run: Run, nodes: tuple[int, ...]) -> None:
+    """Spread over runs with new noise, from the truth so that only noise counts."""
+    sensors = Sensors(nodes, (1.0,) * len(nodes))
+    score = []
+    for seed in range(30):
+        estimator = FrictionEstimator(CABLE, sensors, memory=50.0)
+        reading = noisy(run, seed)[:600:6, nodes]
+        for row in zip(reading, run.direction[:600:6], strict=True):
+            estimator.update(*row)
+        score.append((estimator.friction - MU) / estimator.deviation)
+    # The standard error of an RMS of 30 is 0.13, of their mean 0.18.
+    assert rms(np.array(score)) == pytest.approx(1.0, abs=0.35)
+    assert abs(np.mean(score)) < 0.5
+
+
+def test_nothing_is_learnt_at_rest_or_by_a_lone_sensor(run: Run) -> None:
+    estimator = FrictionEstimator(CABLE, EVERY, start=0.5, spread=0.1)
+    estimator.over(noisy(run, 2), np.zeros_like(run.direction))
+    assert (estimator.friction, estimator.deviation) == (0.5, 0.1)
+    assert np.isnan(estimator.misfit)
+    ends = FrictionEstimator(CABLE, Sensors((0, 10), (1.0, 1.0)), start=0.5, spread=0.1)
+    partial = run.direction.copy()
+    partial[:, 5:] = 0
+    ends.over(noisy(run, 2)[:, [0, 10]], partial)
+    assert (ends.friction, ends.deviation) == (0.5, 0.1)
+
+
+def test_slack_cable_teaches_nothing() -> None:
+    estimator = FrictionEstimator(CABLE, EVERY, start=0.5)
+    reading = np.random.default_rng(3).normal(size=(200, 11))
+    estimator.over(reading, np.ones((200, 10)))
+    assert estimator.friction == 0.5
+
+
+def test_drift_is_followed_to_within_what_is_stated() -> None:
+    """Friction grows by 40 %; an estimator told of no drift believes too much."""
+    truth = MU * np.linspace(1.0, 1.4, 120)
+    run = drifting(CABLE, strokes(12.0), "friction", truth)
+    each = np.repeat(truth, 10)
+    rate = float(truth[1] - truth[0]) / 10.0
+    settings = {"start": 2.0 * MU, "memory": 150.0}
+    told = FrictionEstimator(CABLE, EVERY, drift=rate, **settings)
+    found = told.over(noisy(run, 4), run.direction)
+    error = (found.value - each)[400:]
+    assert rms(error / each[400:]) < 0.05
+    assert rms(error) == pytest.approx(rms(found.deviation[400:]), rel=0.3)
+    naive = FrictionEstimator(CABLE, EVERY, **settings)
+    stated = naive.over(noisy(run, 4), run.direction).deviation[400:]
+    assert rms(error) > 3.0 * rms(stated)
+
+
+def test_misfit_tells_wrong_noise(run: Run) -> None:
+    estimator = FrictionEstimator(CABLE, EVERY)
+    estimator.over(noisy(run, 5), run.direction)
+    assert estimator.misfit == pytest.approx(1.0, abs=0.1)
+    estimator.reset()
+    estimator.noise = np.full(11, 0.5)
+    estimator.over(noisy(run, 5), run.direction)
+    assert estimator.misfit == pytest.approx(2.0, abs=0.2)
+
+
+def test_reset_and_empty_recording(run: Run) -> None:
+    estimator = FrictionEstimator(CABLE, EVERY, start=0.4)
+    first = estimator.over(noisy(run, 6), run.direction)
+    estimator.reset()
+    assert estimator.friction == 0.4
+    assert estimator.over(np.empty((0, 11)), np.empty((0, 10))).value.shape == (0,)
+    again = estimator.over(noisy(run, 6), run.direction)
+    assert np.array_equal(first.value, again.value)
+
+
+@given(st.lists(st.sampled_from([-1, 0, 1]), min_size=1, max_size=20))
+def test_moving_runs_leave_out_rest_and_both_sides_of_a_turn(signs: list[int]) -> None:
+    taken = np.zeros(len(signs), dtype=int)
+    for part in moving_runs(signs):
+        assert set(signs[part.first : part.last]) == {int(part.sign)}
+        taken[part.first : part.last] += 1
+    for i, sign in enumerate(signs):
+        beside = [*signs[max(i - 1, 0) : i], *signs[i + 1 : i + 2]]
+        assert taken[i] == int(sign != 0 and -sign not in beside)
+
+
+def test_endless_memory_is_bayesian_least_squares() -> None:
+    random = np.random.default_rng(7)
+    rows, right = random.normal(size=(30, 3)), random.normal(size=30)
+    start, spread = np.array([1.0, -2.0, 0.5]), np.array([0.5, 1.0, 3.0])
+    fit = RecursiveLeastSquares(start, spread, np.inf)
+    for row, y in zip(rows, right, strict=True):
+        fit.update(np.outer(row, row), row * y)
+    weight = np.diag(spread**-2.0)
+    precision = weight + rows.T @ rows
+    assert fit.value == pytest.approx(
+        np.linalg.solve(precision, weight @ start + rows.T @ right)
+    )
+    assert fit.covariance == pytest.approx(np.linalg.inv(precision))
+
+
+def test_silent_direction_is_not_forgotten() -> None:
+    fit = RecursiveLeastSquares([0.0, 0.0], [1.0, 1.0], 20.0)
+    for _ in range(100):
+        fit.update(np.eye(2), np.array([3.0, 4.0]))
+    before = fit.value[1], fit.deviation[1]
+    for _ in range(1000):
+        fit.update(np.diag([1.0, 0.0]), np.array([5.0, 0.0]))
+    assert fit.value[0] == pytest.approx(5.0, rel=0.01)
+    assert (fit.value[1], fit.deviation[1]) == pytest.approx(before)
+
+
+def steps(law: SlopeLaw, run: Run, way: int) -> np.ndarray:
+    """What the law adds to mu_0 in every sample of mass motion this way."""
+    whole = np.all(run.direction == way, axis=1)
+    found = [
+        law.update(*row)
+        for row in zip(run.tension[whole], run.direction[whole], strict=True)
+    ]
+    return np.array(found) - 2.0 * MU
+
+
+def test_printed_law_corrects_one_way_and_spoils_the_other(run: Run) -> None:
+    printed = SlopeLaw(CABLE, EVERY, -1e-4, start=2.0 * MU)
+    way = [np.sign(np.mean(steps(printed, run, w))) for w in (-1, 1)]
+    assert way[0] == -way[1] != 0.0
+    turned = SlopeLaw(CABLE, EVERY, 1e-4, start=2.0 * MU, signed=True)
+    assert np.all(steps(turned, run, -1) <= 0.0)
+    assert np.all(steps(turned, run, 1) <= 0.0)
+
+
+def test_signed_and_integrated_law_ends_near_the_truth(run: Run) -> None:
+    law = SlopeLaw(CABLE, EVERY, 3e-5, start=2.0 * MU, signed=True, integrated=True)
+    for row in zip(run.tension, run.direction, strict=True):
+        law.update(*row)
+    assert law.friction == pytest.approx(MU, rel=0.06)
+    law.reset()
+    law.update(run.tension[0], np.zeros(10))
+    assert law.friction == 2.0 * MU
+
+
+def test_bad_input_is_refused() -> None:
+    with pytest.raises(CableError, match="at least two different"):
+        FrictionEstimator(CABLE, Sensors((3, 3), (1.0, 1.0)))
+    with pytest.raises(CableError, match="straight between the sensors"):
+        FrictionEstimator(Cable(), Sensors((0, 1), (1.0, 1.0)))
+    with pytest.raises(CableError, match="`viscous_friction` is 1"):
+        FrictionEstimator(CABLE.replace(viscous_friction=1.0), EVERY)
+    with pytest.raises(CableError, match="start is -1"):
+        FrictionEstimator(CABLE, EVERY, start=-1.0)
+    for settings in ({"spread": -0.1}, {"memory": 0.5}, {"drift": np.nan}):
+        with pytest.raises(CableError, match=r"must be|at least 1"):
+            FrictionEstimator(CABLE, EVERY, **settings)
+    estimator = FrictionEstimator(CABLE, EVERY)
+    with pytest.raises(CableError, match=r"reading has shape \(2,\)"):
+        estimator.update([1.0, 2.0], np.ones(10))
+    with pytest.raises(CableError, match=r"direction has shape \(3,\)"):
+        estimator.update(np.ones(11), np.ones(3))
+    with pytest.raises(CableError, match="must be finite"):
+        estimator.update(np.full(11, np.nan), np.ones(10))
+    with pytest.raises(CableError, match="direction is"):
+        estimator.update(np.ones(11), np.full(10, np.nan))
+    with pytest.raises(CableError, match="reading 5, direction 4"):
+        estimator.over(np.ones((5, 11)), np.ones((4, 10)))
+    with pytest.raises(CableError, match="noise is"):
+        estimator.noise = np.zeros(11)
+    with pytest.raises(CableError, match="gain is nan"):
+        SlopeLaw(CABLE, EVERY, np.nan)
+    with pytest.raises(CableError, match="friction must be 0 to 5"):
+        SlopeLaw(CABLE, EVERY, 1.0, start=-0.1)

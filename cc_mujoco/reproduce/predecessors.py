@@ -158,7 +158,7 @@ def _claims(found: dict[type[Model], Judged]) -> tuple[Claim, ...]:
         Claim(
             "1.5",
             "Agrawal: distributed, but passive environment and motion from one end",
-            f"output tension within {same:.3f} N of ours on a spring; takes no output "
+            f"output tension within {same:.1g} N of ours on a spring; takes no output "
             "that someone moves, and does not slip where bends open",
             "agrees" if passive and refused and same < 0.1 else "disagrees",
             "its front comes from the motor only; where that is enough it is our model",

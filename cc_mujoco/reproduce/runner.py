@@ -150,9 +150,9 @@ def _read(folder: Path) -> tuple[str, tuple[Claim, ...]] | None:
 
 
 def _summarize(out: Path) -> None:
-    done = {name: _read(out / name) for name in EXPERIMENTS}
     parts = ["# The thesis, reproduced"]
-    for name, found in done.items():
+    for name in EXPERIMENTS:
+        found = _read(out / name)
         if found is not None:
             heading = f"## {name}\n\n{EXPERIMENTS[name]}."
             stale = "" if found[0] == _code() else "\n\nWritten by other code."

@@ -1,0 +1,52 @@
+"""The README's claims are those that the experiments make today."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cc_mujoco.reproduce import EXPERIMENTS, Claim, run, table
+
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+FAST = ("pretension", "loops", "magnitudes", "follower", "kalman")
+NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
+
+
+def printed(name: str) -> list[str]:
+    """Rows of one experiment's table in the README."""
+    start = README.index(f"**{name}**: {EXPERIMENTS[name]}")
+    rows = README[start:].partition("|---|---|---|---|---|\n")[2]
+    return rows.partition("\n\n")[0].splitlines()
+
+
+def same(row: str, claim: Claim) -> bool:
+    """Whether a row says this: the same words, and the same numbers within 5 %."""
+    now = table([claim]).splitlines()[-1]
+    if NUMBER.sub("#", row) != NUMBER.sub("#", now):
+        return False
+    old, new = (np.array(NUMBER.findall(text), dtype=float) for text in (row, now))
+    return claim.timed or np.allclose(old, new, rtol=0.05, atol=0.02)
+
+
+def test_every_experiment_has_its_table() -> None:
+    assert all(len(printed(name)) > 0 for name in EXPERIMENTS)
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_claims_are_those_of_a_run(name: str) -> None:
+    claims = run(name).claims
+    rows = printed(name)
+    assert len(rows) == len(claims)
+    for row, claim in zip(rows, claims, strict=True):
+        assert same(row, claim), f"run scripts/fill_readme.py: {row}\nnow {claim.ours}"
+
+
+def test_a_changed_number_or_verdict_is_noticed() -> None:
+    claim = Claim("Fig. 0", "two", "2.0 Nm", "agrees", "so")
+    row = table([claim]).splitlines()[-1]
+    assert same(row, claim)
+    assert not same(row.replace("2.0", "2.3"), claim)
+    assert not same(row.replace("agrees", "disagrees"), claim)

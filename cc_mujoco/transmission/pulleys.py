@@ -63,12 +63,15 @@ class Transmission:
         motor_radius: radius of the motor's pulley [m].
         joint_radius: radius of the joint's pulley, or lever arm [m].
         gear_ratio: turns of the motor per turn of its pulley.
+        backlash: play between the joint's pulley and the joint [rad]; counts only
+            where both sides are driven by angle, and starts in its middle.
     """
 
     cables: tuple[Cable, ...]
     motor_radius: float
     joint_radius: float
     gear_ratio: float = 1.0
+    backlash: float = 0.0
 
     def __post_init__(self) -> None:
         if len(self.cables) not in (1, 2):
@@ -79,6 +82,8 @@ class Transmission:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise CableError(f"{name} is {value!r}; it must be positive and finite")
+        if not (math.isfinite(self.backlash) and self.backlash >= 0.0):
+            raise CableError(f"backlash is {self.backlash!r} rad; it must be 0 or more")
 
     @classmethod
     def pull_pull(
@@ -140,6 +145,11 @@ class Transmission:
             raise CableError(
                 "both sides are driven by torque; at least one must be driven by angle"
             )
+        if self.backlash > 0.0 and TORQUE in (near_kind, far_kind):
+            raise CableError(
+                "a transmission with backlash is played only from both angles; give "
+                "motor_angle and joint_angle"
+            )
         if near.size != far.size:
             raise CableError(
                 f"the motor side has {near.size} samples and the joint side "
@@ -168,6 +178,7 @@ class Transmission:
             near,
             far_kind,
             far,
+            0.5 * self.backlash * far_arm,
             dt,
             out,
         )
@@ -293,6 +304,51 @@ def _balance(
 
 
 @compiled
+def _within(
+    prm: FloatArray,
+    prm_2: FloatArray,
+    n: int,
+    n_2: int,
+    state: FloatArray,
+    state_2: FloatArray,
+    count: int,
+    near: float,
+    low: float,
+    high: float,
+    dt: float,
+    new: FloatArray,
+    new_2: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Rim displacement of the joint's pulley between its stops, `low` and `high`.
+
+    Between them the net force is 0; it falls as the pulley advances. The pulley leans on
+    the stop to which the cables pull it.
+    """
+    if _net(
+        prm, prm_2, n, n_2, state, state_2, count, near, high, dt, new, new_2, work, True
+    ) >= 0.0:  # fmt: skip
+        return high
+    if _net(
+        prm, prm_2, n, n_2, state, state_2, count, near, low, dt, new, new_2, work, True
+    ) <= 0.0:  # fmt: skip
+        return low
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if middle in (low, high):
+            break
+        force = _net(
+            prm, prm_2, n, n_2, state, state_2, count, near, middle, dt, new, new_2,
+            work, True,
+        )  # fmt: skip
+        if force > 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@compiled
 def _drive(
     prm: FloatArray,
     prm_2: FloatArray,
@@ -305,6 +361,7 @@ def _drive(
     near: FloatArray,
     far_kind: int,
     far: FloatArray,
+    play: float,
     dt: float,
     out: FloatArray,
 ) -> None:
@@ -320,9 +377,16 @@ def _drive(
         if far_kind == ANGLE:
             y = far[row]
         if near_kind == ANGLE and far_kind == ANGLE:
+            if play > 0.0:
+                pulley = _within(
+                    prm, prm_2, n, n_2, state, state_2, count, x, y - play, y + play,
+                    dt, new, new_2, work,
+                )  # fmt: skip
+            else:
+                pulley = y
             _net(
-                prm, prm_2, n, n_2, state, state_2, count, x, y, dt, new, new_2, work,
-                False,
+                prm, prm_2, n, n_2, state, state_2, count, x, pulley, dt, new, new_2,
+                work, False,
             )  # fmt: skip
         elif count == 1:
             # A torque on a single cable is a tension: the kernel solves for the motion.

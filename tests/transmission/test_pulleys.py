@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
+from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import Cable, Section, Transmission, replay
 
 CABLE = Cable(friction=0.05, pretension=20.0, conduit=(Section(2.0, 0.28),))
@@ -101,3 +103,36 @@ def test_what_is_prescribed_is_checked():
         DRIVE.replay(0, motor_angle=zero, joint_angle=zero)
     with pytest.raises(ValueError, match="motor_radius is -1"):
         Transmission.pull_pull(CABLE, -1.0, 0.1)
+
+
+@pytest.mark.parametrize("cables", [1, 2])
+def test_backlash_is_lost_motion_without_torque(cables):
+    cable = Cable(pretension=20.0, friction=0.02, conduit=(Section(1.0, 0.5),))
+    drive = Transmission((cable,) * cables, 0.03, 0.05, backlash=0.04)
+    ideal = Transmission((cable,) * cables, 0.03, 0.05)
+    swing = 0.1 * np.sin(np.linspace(0.0, 12.0, 1500))
+    still = np.zeros(1500)
+    played = drive.replay(1e-3, motor_angle=swing, joint_angle=still)
+    tight = ideal.replay(1e-3, motor_angle=swing, joint_angle=still)
+    if cables == 2:
+        # Between the stops nothing reaches the joint, beyond them the stop is felt.
+        free = np.abs(played.joint_torque) < 1e-6
+        assert 0.1 < np.mean(free) < 0.6
+        assert np.abs(played.joint_torque).max() < np.abs(tight.joint_torque).max()
+    else:
+        # One cable always leans on the same stop: 0.02 rad slack in its way.
+        assert np.all(played.joint_torque >= 0.0)
+        leaning = still + np.where(np.arange(1500) > 0, 0.02, 0.0)
+        late = ideal.replay(1e-3, motor_angle=swing, joint_angle=leaning)
+        assert played.joint_torque[200:] == pytest.approx(
+            late.joint_torque[200:], abs=1e-6
+        )
+
+
+def test_backlash_needs_both_angles():
+    drive = Transmission.pull_pull(Cable(), 0.03, 0.05)
+    loose = dataclasses.replace(drive, backlash=0.1)
+    with pytest.raises(CableError, match="only from both angles"):
+        loose.replay(1e-3, motor_torque=np.zeros(3), joint_angle=np.zeros(3))
+    with pytest.raises(CableError, match="0 or more"):
+        dataclasses.replace(drive, backlash=-1.0)

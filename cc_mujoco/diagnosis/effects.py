@@ -1,0 +1,533 @@
+"""The effects that a diagnosis can name: one entry each.
+
+An entry says what the effect is, where it acts, what its parameters are, and how it
+changes a simulation: through the cables (`cables`), or through what the sensors of
+motor and joint show (`torques`). A parameter that is 0 is off, bit for bit. To add an
+effect, write its entry, and how MuJoCo realises it in `realisation` where it is not in
+the cable.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.transmission import Cable
+
+Values = Mapping[str, float]
+
+
+class Knob(NamedTuple):
+    """One parameter of an effect; 0 is off.
+
+    Attributes:
+        name: of the parameter.
+        unit: its unit.
+        typical: size that is plausible on a rig; the scale of fits.
+        low: lower bound.
+        high: upper bound.
+    """
+
+    name: str
+    unit: str
+    typical: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Torques:
+    """Signals of one record (samples,): motion given, torques simulated [SI].
+
+    Attributes:
+        dt: time between samples.
+        time: since the start of the trial.
+        motor_angle: of the motor.
+        joint_angle: of the joint.
+        motor: torque that the motor puts into its pulley.
+        joint: torque that the transmission puts into the joint.
+    """
+
+    dt: float
+    time: FloatArray
+    motor_angle: FloatArray
+    joint_angle: FloatArray
+    motor: FloatArray
+    joint: FloatArray
+
+    def added(
+        self, motor: FloatArray | float = 0.0, joint: FloatArray | float = 0.0
+    ) -> Torques:
+        """With something added to the torques [Nm]."""
+        return replace(self, motor=self.motor + motor, joint=self.joint + joint)
+
+
+class Rig(NamedTuple):
+    """What an effect may need to know of the rig."""
+
+    motor_radius: float
+    joint_radius: float
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One physical effect.
+
+    Attributes:
+        id: its name in `verdict.json`.
+        title: what a person calls it.
+        equation: what it adds.
+        where: the part of the rig it sits in.
+        knobs: its parameters.
+        starts: values from which it is screened and fitted; several where the answer
+            depends on a scale that the data must tell.
+        shows: what a recording needs to show it.
+        alike: ids that it is easily confused with.
+        mujoco: how a scene has it.
+        source: publication.
+        cables: the cables with the effect, agonist first.
+        torques: the signals with the effect, in the order motor, joint, sensors.
+        sensor: whether it belongs to a sensor and so comes after the mechanical ones.
+    """
+
+    id: str
+    title: str
+    equation: str
+    where: Literal["conduit", "motor", "joint", "sensor"]
+    knobs: tuple[Knob, ...]
+    starts: tuple[Values, ...]
+    shows: str
+    alike: tuple[str, ...]
+    mujoco: str
+    source: str
+    cables: Callable[[tuple[Cable, ...], Values, Rig], tuple[Cable, ...]] | None = None
+    torques: Callable[[Torques, Values], Torques] | None = None
+    sensor: bool = False
+
+
+def _on_both(*names: str, **fixed: float) -> Callable[..., tuple[Cable, ...]]:
+    """The same parameters on every cable."""
+
+    def cables(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+        changes = {name: values[name] for name in names} | fixed
+        return tuple(cable.replace(**changes) for cable in given)
+
+    return cables
+
+
+def _opposed(
+    name: str, knob: str, scale: float = 1.0
+) -> Callable[..., tuple[Cable, ...]]:
+    """One parameter with opposite signs on agonist and antagonist."""
+
+    def cables(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+        signs = (1.0, -1.0)
+        return tuple(
+            cable.replace(**{name: sign * scale * values[knob]})
+            for cable, sign in zip(given, signs, strict=False)
+        )
+
+    return cables
+
+
+def _wrap(given: tuple[Cable, ...], values: Values, rig: Rig) -> tuple[Cable, ...]:
+    # The distal end of the agonist moves by minus the joint's rim.
+    growth = values["wrap_per_angle"] / rig.joint_radius
+    signs = (-1.0, 1.0)
+    return tuple(
+        cable.replace(wrap_growth=sign * growth)
+        for cable, sign in zip(given, signs, strict=False)
+    )
+
+
+def _eccentric(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+    cosine, sine = values["eccentricity_cosine"], values["eccentricity_sine"]
+    size, phase = math.hypot(cosine, sine), math.atan2(sine, cosine)
+    return tuple(
+        cable.replace(eccentricity=size, eccentricity_phase=phase) for cable in given
+    )
+
+
+def acceleration(angle: FloatArray, dt: float) -> FloatArray:
+    """Second derivative (samples,) [rad/s^2]."""
+    found: FloatArray = np.gradient(np.gradient(angle, dt), dt)
+    return found
+
+
+def delayed(signal: FloatArray, by: float, dt: float) -> FloatArray:
+    """The signal later by this time (samples,), held before it begins."""
+    at = np.arange(signal.size) * dt
+    found: FloatArray = np.interp(at - by, at, signal)
+    return found
+
+
+def _cogging(s: Torques, v: Values) -> Torques:
+    at = v["cogging_order"] * s.motor_angle
+    wave = v["cogging_cosine"] * np.cos(at) + v["cogging_sine"] * np.sin(at)
+    return s.added(motor=wave)
+
+
+def _gravity(s: Torques, v: Values) -> Torques:
+    q = s.joint_angle
+    return s.added(
+        joint=-(v["gravity_sine"] * np.sin(q) + v["gravity_cosine"] * np.cos(q))
+    )
+
+
+def _gain(s: Torques, v: Values) -> Torques:
+    motor, joint = v["motor_torque_gain"], v["joint_torque_gain"]
+    return replace(s, motor=s.motor * (1.0 + motor), joint=s.joint * (1.0 + joint))
+
+
+def _delay(s: Torques, v: Values) -> Torques:
+    return replace(
+        s,
+        motor=delayed(s.motor, v["motor_torque_delay"], s.dt),
+        joint=delayed(s.joint, v["joint_torque_delay"], s.dt),
+    )
+
+
+_PLUGIN = "keys of the cable plugin"
+
+EFFECTS: dict[str, Effect] = {
+    effect.id: effect
+    for effect in (
+        Effect(
+            "viscous_friction",
+            "viscous friction in the conduit",
+            "dT/dx += c v",
+            "conduit",
+            (Knob("viscous_friction", "N s/m^2", 50.0, 0.0, 1e5),),
+            ({"viscous_friction": 50.0},),
+            "speeds over a decade",
+            ("sensor_delay", "stribeck_friction"),
+            _PLUGIN,
+            "thesis 2.4.4, Fig. 2.13",
+            cables=_on_both("viscous_friction"),
+        ),
+        Effect(
+            "stribeck_friction",
+            "Stribeck friction: more friction at low speed",
+            "mu += mu_b exp(-|v|/v_b)",
+            "conduit",
+            (
+                Knob("stribeck_friction", "1", 0.05, 0.0, 2.0),
+                Knob("stribeck_speed", "m/s", 0.02, 5e-4, 0.5),
+            ),
+            tuple(
+                {"stribeck_friction": 0.05, "stribeck_speed": speed}
+                for speed in (0.003, 0.01, 0.04)
+            ),
+            "slow motion and reversals",
+            ("viscous_friction", "presliding", "dwell_dependent_stiction"),
+            _PLUGIN,
+            "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
+            cables=_on_both("stribeck_friction", "stribeck_speed", memory_length=2e-4),
+        ),
+        Effect(
+            "presliding",
+            "presliding: friction builds up over a distance",
+            "f = clip(f + sigma du, capstan cone), sigma = mu theta T/z",
+            "conduit",
+            (Knob("bristle_length", "m", 1e-4, 0.0, 0.01),),
+            ({"bristle_length": 5e-5}, {"bristle_length": 5e-4}),
+            "small reversals",
+            ("end_compliance", "backlash", "cable_stiffening"),
+            _PLUGIN,
+            "Dahl 1968; Palli and Melchiorri 2014; thesis (1.2)",
+            cables=_on_both("bristle_length"),
+        ),
+        Effect(
+            "load_independent_friction",
+            "friction that needs no tension",
+            "dT/dx += s f_0",
+            "conduit",
+            (Knob("load_independent_friction", "N/m", 1.0, 0.0, 1e4),),
+            ({"load_independent_friction": 1.0},),
+            "two levels of load or pretension",
+            ("tension_dependent_friction",),
+            _PLUGIN,
+            "Palli and Melchiorri, Mechatronics 24, 2014",
+            cables=_on_both("load_independent_friction"),
+        ),
+        Effect(
+            "asymmetric_friction",
+            "friction that depends on the direction of motion",
+            "mu (1 + s a)",
+            "conduit",
+            (Knob("friction_asymmetry", "1", 0.1, -0.9, 0.9),),
+            ({"friction_asymmetry": 0.1},),
+            "motion in both directions at several loads",
+            ("torque_sensor_offset",),
+            _PLUGIN,
+            "Duclusaud et al., arXiv 2410.08650 (directional friction)",
+            cables=_opposed("friction_asymmetry", "friction_asymmetry"),
+        ),
+        Effect(
+            "tension_dependent_friction",
+            "friction coefficient that changes with tension",
+            "mu (T/T0)^e",
+            "conduit",
+            (Knob("tension_exponent", "1", 0.1, -1.0, 1.0),),
+            ({"tension_exponent": -0.1},),
+            "tension over a factor of 2",
+            ("load_independent_friction", "configuration_dependent_wrap"),
+            _PLUGIN,
+            "Jung, Pan, Kang, Tribology International 41, 2008",
+            cables=_on_both("tension_exponent"),
+        ),
+        Effect(
+            "dwell_dependent_stiction",
+            "break-away friction that grows with rest",
+            "mu_s = mu + b ln(1 + t/1 s)",
+            "conduit",
+            (
+                Knob("ageing_friction", "1", 0.05, 0.0, 2.0),
+                Knob("memory_length", "m", 1e-3, 1e-5, 0.02),
+            ),
+            (
+                {"ageing_friction": 0.05, "memory_length": 3e-4},
+                {"ageing_friction": 0.05, "memory_length": 3e-3},
+            ),
+            "pauses of different length",
+            ("stribeck_friction",),
+            _PLUGIN,
+            "Dieterich, Pure and Applied Geophysics 116, 1978",
+            cables=_on_both("ageing_friction", "memory_length"),
+        ),
+        Effect(
+            "configuration_dependent_wrap",
+            "wrap that changes with the joint angle",
+            "theta (1 + k q)",
+            "conduit",
+            (Knob("wrap_per_angle", "1/rad", 0.1, -5.0, 5.0),),
+            ({"wrap_per_angle": 0.1},),
+            "motion at different joint angles",
+            ("joint_gravity", "pulley_eccentricity", "tension_dependent_friction"),
+            _PLUGIN,
+            "thesis 2.4.3, Experiment 1b",
+            cables=_wrap,
+        ),
+        Effect(
+            "pretension_loss",
+            "pretension that is lost during a trial",
+            "T0 (1 - c (1 - exp(-t/t_c)))",
+            "conduit",
+            (
+                Knob("creep", "1", 0.1, 0.0, 1.0),
+                Knob("creep_time", "s", 10.0, 0.5, 1e4),
+            ),
+            ({"creep": 0.1, "creep_time": 2.0}, {"creep": 0.1, "creep_time": 20.0}),
+            "trials much longer than a cycle",
+            ("friction_drift",),
+            _PLUGIN,
+            "standard linear solid",
+            cables=_on_both("creep", "creep_time"),
+        ),
+        Effect(
+            "friction_drift",
+            "friction that drifts during a trial",
+            "mu (1 + d t)",
+            "conduit",
+            (Knob("friction_drift", "1/s", 0.01, -1.0, 1.0),),
+            ({"friction_drift": 0.01},),
+            "trials much longer than a cycle",
+            ("pretension_loss",),
+            _PLUGIN,
+            "thesis 3.2.3",
+            cables=_on_both("friction_drift"),
+        ),
+        Effect(
+            "backlash",
+            "play between pulley and joint",
+            "|q_pulley - q| <= b/2",
+            "joint",
+            (Knob("backlash", "rad", 0.02, 0.0, 0.5),),
+            ({"backlash": 0.01}, {"backlash": 0.05}),
+            "reversals of torque at several loads",
+            ("presliding", "end_compliance"),
+            "pulley on its own hinge, limited fixed tendon",
+            "Nordin and Gutman, Automatica 38, 2002",
+        ),
+        Effect(
+            "pulley_eccentricity",
+            "eccentric motor pulley",
+            "r (1 + e/r cos(q_m - p))",
+            "motor",
+            (
+                Knob("eccentricity_cosine", "m", 5e-4, -0.05, 0.05),
+                Knob("eccentricity_sine", "m", 5e-4, -0.05, 0.05),
+            ),
+            ({"eccentricity_cosine": 5e-4, "eccentricity_sine": 5e-4},),
+            "half a turn of the motor pulley or more",
+            ("torque_sensor_gain", "joint_gravity", "motor_cogging"),
+            _PLUGIN,
+            "geometry",
+            cables=_eccentric,
+        ),
+        Effect(
+            "motor_cogging",
+            "torque ripple of the motor",
+            "tau_m += a cos(n q_m - p)",
+            "motor",
+            (
+                Knob("cogging_cosine", "Nm", 0.02, -100.0, 100.0),
+                Knob("cogging_sine", "Nm", 0.02, -100.0, 100.0),
+                Knob("cogging_order", "1", 1.0, 2.0, 200.0),
+            ),
+            tuple(
+                {"cogging_cosine": 0.02, "cogging_sine": 0.02, "cogging_order": order}
+                for order in (4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 18.0, 24.0, 36.0, 48.0)
+            ),
+            "slow motion over several poles",
+            ("pulley_eccentricity",),
+            "applied where the motor's torque is read",
+            "MuJoCo dcmotor cogging",
+            torques=_cogging,
+        ),
+        Effect(
+            "cable_stiffening",
+            "cable that stiffens under tension",
+            "EA (1 + s T)",
+            "conduit",
+            (Knob("stiffening", "1/N", 2e-3, 0.0, 1.0),),
+            ({"stiffening": 2e-3},),
+            "large and small loads, slack, or two pretensions",
+            ("end_compliance", "presliding"),
+            _PLUGIN,
+            "machine design practice: bedding in of strands",
+            cables=_on_both("stiffening"),
+        ),
+        Effect(
+            "end_compliance",
+            "compliance of the distal end fitting",
+            "u_d += C T_d",
+            "joint",
+            (Knob("end_compliance", "m/N", 1e-5, 0.0, 0.01),),
+            ({"end_compliance": 1e-5},),
+            "reversals at several loads",
+            ("presliding", "backlash", "cable_stiffening"),
+            _PLUGIN,
+            "series springs",
+            cables=_on_both("end_compliance"),
+        ),
+        Effect(
+            "joint_gravity",
+            "gravity on the joint",
+            "tau_j -= a sin q + b cos q",
+            "joint",
+            (
+                Knob("gravity_sine", "Nm", 0.1, -1e3, 1e3),
+                Knob("gravity_cosine", "Nm", 0.1, -1e3, 1e3),
+            ),
+            ({"gravity_sine": 0.1, "gravity_cosine": 0.1},),
+            "joint angles over half a radian",
+            ("joint_stiffness", "torque_sensor_gain", "torque_sensor_offset"),
+            "torque of the joint",
+            "statics",
+            torques=_gravity,
+        ),
+        Effect(
+            "joint_stiffness",
+            "a spring on the joint",
+            "tau_j -= k q",
+            "joint",
+            (Knob("joint_stiffness", "Nm/rad", 0.2, -1e4, 1e4),),
+            ({"joint_stiffness": 0.2},),
+            "joint angles over half a radian",
+            ("joint_gravity", "torque_sensor_gain"),
+            "joint stiffness",
+            "statics",
+            torques=lambda s, v: s.added(joint=-v["joint_stiffness"] * s.joint_angle),
+        ),
+        Effect(
+            "joint_inertia",
+            "inertia between transmission and joint sensor",
+            "tau_j -= J q''",
+            "joint",
+            (Knob("joint_inertia", "kg m^2", 1e-3, -10.0, 10.0),),
+            ({"joint_inertia": 1e-3},),
+            "accelerations over a decade",
+            ("sensor_delay", "joint_stiffness"),
+            "joint armature",
+            "dynamics",
+            torques=lambda s, v: s.added(
+                joint=-v["joint_inertia"] * acceleration(s.joint_angle, s.dt)
+            ),
+        ),
+        Effect(
+            "motor_inertia",
+            "inertia between motor sensor and pulley",
+            "tau_m += J q_m''",
+            "motor",
+            (Knob("motor_inertia", "kg m^2", 1e-4, -1.0, 1.0),),
+            ({"motor_inertia": 1e-4},),
+            "accelerations over a decade",
+            ("sensor_delay", "viscous_friction"),
+            "joint armature",
+            "dynamics",
+            torques=lambda s, v: s.added(
+                motor=v["motor_inertia"] * acceleration(s.motor_angle, s.dt)
+            ),
+        ),
+        Effect(
+            "torque_sensor_gain",
+            "gain of a torque sensor",
+            "tau (1 + g)",
+            "sensor",
+            (
+                Knob("motor_torque_gain", "1", 0.05, -0.9, 9.0),
+                Knob("joint_torque_gain", "1", 0.05, -0.9, 9.0),
+            ),
+            ({"motor_torque_gain": 0.05, "joint_torque_gain": 0.05},),
+            "loads that hold still",
+            ("joint_gravity", "joint_stiffness"),
+            "applied where the sensor is read",
+            "calibration",
+            torques=_gain,
+            sensor=True,
+        ),
+        Effect(
+            "torque_sensor_offset",
+            "offset of a torque sensor that drifts",
+            "tau + d t",
+            "sensor",
+            (
+                Knob("motor_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
+                Knob("joint_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
+            ),
+            ({"motor_torque_drift": 0.01, "joint_torque_drift": 0.01},),
+            "trials much longer than a cycle",
+            ("asymmetric_friction", "joint_gravity"),
+            "applied where the sensor is read",
+            "calibration",
+            torques=lambda s, v: s.added(
+                v["motor_torque_drift"] * s.time, v["joint_torque_drift"] * s.time
+            ),
+            sensor=True,
+        ),
+        Effect(
+            "sensor_delay",
+            "torque that is recorded late",
+            "tau(t - d)",
+            "sensor",
+            (
+                Knob("motor_torque_delay", "s", 0.005, -0.2, 0.2),
+                Knob("joint_torque_delay", "s", 0.005, -0.2, 0.2),
+            ),
+            ({"motor_torque_delay": 0.005, "joint_torque_delay": 0.005},),
+            "fast and slow motion",
+            ("viscous_friction", "joint_inertia", "motor_inertia"),
+            "applied where the sensor is read",
+            "signal chain",
+            torques=_delay,
+            sensor=True,
+        ),
+    )
+}
+"""Every effect of the library by its id."""

@@ -1,0 +1,178 @@
+"""Parameters of the simulated rig from records, by least squares in the loop.
+
+Residuals are divided by the noise floor of their channel and weighted by how many of
+them are independent, so that priors and intervals count for what they are worth.
+Friction makes simulations piecewise smooth: derivatives are differences over steps that
+are large enough to cross the pieces.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.effects import EFFECTS, Knob
+from cc_mujoco.diagnosis.plant import Plant, Tuned
+
+Masks = Sequence[NDArray[np.bool_]]
+"""For every record the samples that take part."""
+
+_STEPS = {"clock_offset": 0.05, "joint_angle_offset": 0.02, "pretension": 0.03}
+_FACTOR_STEP, _STEP = 3e-3, 0.05
+_EVALUATIONS = 20
+WILD = 3.0
+"""Errors beyond this many deviations of noise count less than their squares."""
+THREADS = max(1, min(os.cpu_count() or 1, 8))
+
+
+def knob_as_tuned(knob: Knob, start: float) -> Tuned:
+    """A parameter of an effect as one of the fit."""
+    if knob.low > 0.0:
+        low, high = math.log(knob.low / start), math.log(knob.high / start)
+        return Tuned(knob.name, knob.unit, start, 1.0, low, high, True)
+    size = knob.typical
+    return Tuned(
+        knob.name, knob.unit, 0.0, size, knob.low / size, knob.high / size, False
+    )
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is fitted to what.
+
+    Attributes:
+        plant: simulates.
+        tuned: every free parameter, baseline first.
+        effects: ids that are present.
+        floor: (2, samples) of every record, standard deviation of noise [Nm].
+        weight: of a residual over its floor; below 1 where neighbours are not
+            independent or where the model is known not to reach the floor.
+    """
+
+    plant: Plant
+    tuned: tuple[Tuned, ...]
+    effects: tuple[str, ...]
+    floor: tuple[FloatArray, ...]
+    weight: float = 1.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(parameter.name for parameter in self.tuned)
+
+    def values(self, at: FloatArray) -> dict[str, float]:
+        """Parameters at a place of the fit."""
+        return {
+            parameter.name: parameter.value(float(place))
+            for parameter, place in zip(self.tuned, at, strict=True)
+        }
+
+    def with_effect(self, name: str, start: dict[str, float]) -> Problem:
+        """The same with an effect more, its shape parameters from `start`."""
+        more = tuple(
+            knob_as_tuned(knob, start.get(knob.name, knob.typical))
+            for knob in EFFECTS[name].knobs
+        )
+        return replace(self, tuned=(*self.tuned, *more), effects=(*self.effects, name))
+
+    def without(self, name: str) -> Problem:
+        """The same without an effect."""
+        gone = {knob.name for knob in EFFECTS[name].knobs}
+        return replace(
+            self,
+            tuned=tuple(p for p in self.tuned if p.name not in gone),
+            effects=tuple(e for e in self.effects if e != name),
+        )
+
+    def errors(self, at: FloatArray) -> list[FloatArray]:
+        """Simulated less measured, over the floor, tamed; (2, samples) of each record."""
+        played = self.plant.simulate(self.values(at), self.effects)
+        return [
+            tamed((torque - record.measured) / floor)
+            for torque, record, floor in zip(
+                played, self.plant.records, self.floor, strict=True
+            )
+        ]
+
+    def residual(self, at: FloatArray, masks: Masks) -> FloatArray:
+        """Weighted errors where the masks are set, then priors."""
+        parts = [
+            self.weight * error[:, mask].ravel()
+            for error, mask in zip(self.errors(at), masks, strict=True)
+        ]
+        known = [
+            place / parameter.prior
+            for parameter, place in zip(self.tuned, at, strict=True)
+            if math.isfinite(parameter.prior)
+        ]
+        return np.concatenate([*parts, np.array(known)])
+
+    def jacobian(self, at: FloatArray, masks: Masks) -> FloatArray:
+        """Derivative of `residual` (residuals, parameters), by differences."""
+        here = self.residual(at, masks)
+
+        def column(index: int) -> FloatArray:
+            parameter = self.tuned[index]
+            step = _STEPS.get(
+                parameter.name, _FACTOR_STEP if parameter.factor else _STEP
+            )
+            if at[index] + step > parameter.high:
+                step = -step
+            moved = at.copy()
+            moved[index] += step
+            return (self.residual(moved, masks) - here) / step
+
+        with ThreadPoolExecutor(THREADS) as pool:
+            columns = list(pool.map(column, range(at.size)))
+        return np.column_stack(columns)
+
+
+def tamed(error: FloatArray) -> FloatArray:
+    """Errors whose squares grow linearly beyond `WILD` (Huber): few must not rule."""
+    size = np.abs(error)
+    root = np.sqrt(np.maximum(2.0 * WILD * size - WILD**2, 0.0))
+    found: FloatArray = np.where(size <= WILD, error, np.sign(error) * root)
+    return found
+
+
+class Fit(NamedTuple):
+    """Where a fit ended.
+
+    Attributes:
+        at: place of the parameters.
+        cost: half the sum of squares there.
+    """
+
+    at: FloatArray
+    cost: float
+
+
+def fit(
+    problem: Problem,
+    start: FloatArray,
+    masks: Masks,
+    evaluations: int = _EVALUATIONS,
+) -> Fit:
+    """Least squares from a start."""
+    low = np.array([parameter.low for parameter in problem.tuned])
+    high = np.array([parameter.high for parameter in problem.tuned])
+    found = least_squares(
+        lambda at: problem.residual(at, masks),
+        np.clip(start, low, high),
+        jac=lambda at: problem.jacobian(at, masks),
+        bounds=(low - 1e-9, high + 1e-9),
+        x_scale="jac",
+        ftol=1e-4,
+        xtol=1e-4,
+        max_nfev=evaluations,
+    )
+    return Fit(found.x, float(found.cost))

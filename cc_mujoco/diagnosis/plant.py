@@ -1,0 +1,262 @@
+"""The rig as simulated: baseline parameters, effects, and what its sensors would show.
+
+Both angles of a record go in, both torques come out. The baseline holds everything a
+careful experimenter tunes before blaming physics: friction (times wrap), stiffness,
+pretension, the balance of two cables, offsets, the clocks' offset and, where the rig's
+file says they are uncertain, the pulleys.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.bench import Bench
+from cc_mujoco.diagnosis.effects import EFFECTS, Rig, Torques
+from cc_mujoco.diagnosis.records import RAMP, Record
+from cc_mujoco.diagnosis.trials import Constant
+from cc_mujoco.transmission import Cable, Transmission
+
+Values = Mapping[str, float]
+
+
+class Tuned(NamedTuple):
+    """A parameter that the baseline fits.
+
+    Attributes:
+        name: of it.
+        unit: of its value.
+        start: value from the scene or the rig's file.
+        scale: of one unit of the fit; relative where `factor`.
+        low: lower bound of the fit, in scales from the start.
+        high: upper bound.
+        factor: whether it is fitted as a logarithm.
+        prior: standard deviation in scales; infinite where only data count.
+    """
+
+    name: str
+    unit: str
+    start: float
+    scale: float
+    low: float
+    high: float
+    factor: bool
+    prior: float = math.inf
+
+    def value(self, at: float) -> float:
+        """Value at this place of the fit."""
+        if self.factor:
+            return self.start * math.exp(self.scale * at)
+        return self.start + self.scale * at
+
+
+PRETENSION_KNOWN = 0.15
+"""Relative standard deviation of a pretension that nobody measured."""
+OFFSET_KNOWN = 0.02
+"""Standard deviation of a torque sensor's offset, over the RMS of its readings."""
+RATIO_KNOWN = 0.003
+"""Relative standard deviation of the ratio of two pulleys of nominal size."""
+BALANCE_KNOWN = 0.05
+"""Standard deviation of the difference of two cables' friction, relative."""
+
+
+def tuned(
+    bench: Bench, records: Sequence[Record], constants: Mapping[str, Constant]
+) -> tuple[Tuned, ...]:
+    """The baseline's parameters for these data."""
+    cable = bench.cables[0]
+    step = records[0].dt
+    centre = _angle_offset(bench, records, constants)
+    pretension = constants.get("pretension", Constant(cable.pretension))
+    known = pretension.uncertainty / max(pretension.value, 1e-9) or PRETENSION_KNOWN
+    wide = math.log(100.0)
+    whole = np.concatenate([record.measured for record in records], axis=1)
+    sizes = np.maximum(OFFSET_KNOWN * np.std(whole, axis=1), 1e-6).tolist()
+    found = [
+        Tuned("friction", "1", max(cable.friction, 1e-3), 1.0, -wide, wide, True),
+        Tuned("axial_stiffness", "N", cable.axial_stiffness, 1.0, -wide, wide, True),
+        Tuned("pretension", "N", pretension.value, known, -10.0, 10.0, True, 1.0),
+        Tuned("motor_torque_offset", "Nm", 0.0, sizes[0], -100.0, 100.0, False, 1.0),
+        Tuned("joint_torque_offset", "Nm", 0.0, sizes[1], -100.0, 100.0, False, 1.0),
+        Tuned("joint_angle_offset", "rad", centre, 0.01, -1e3, 1e3, False),
+        Tuned("clock_offset", "s", 0.0, step, -1.5, 1.5, False, 0.5),
+    ]
+    if len(bench.cables) == 2:
+        found.append(
+            Tuned("friction_balance", "1", 0.0, BALANCE_KNOWN, -10.0, 10.0, False, 1.0)
+        )
+    for name, given in zip(
+        ("motor_radius", "joint_radius"), radii(bench, constants), strict=True
+    ):
+        relative = constants.get(name, Constant(given)).uncertainty / given
+        if name == "joint_radius" and relative == 0.0:
+            relative = RATIO_KNOWN  # a stiff cable shows the least error of the ratio
+        if relative > 0.0:
+            found.append(Tuned(name, "m", given, relative, -10.0, 10.0, True, 1.0))
+    return tuple(found)
+
+
+def _angle_offset(
+    bench: Bench, records: Sequence[Record], constants: Mapping[str, Constant]
+) -> float:
+    """Joint angle at which the motor at zero pulls neither way, roughly [rad]."""
+    near, far = radii(bench, constants)
+    gaps = [np.median(near / far * r.motor_angle - r.joint_angle) for r in records]
+    return float(np.median(gaps))
+
+
+def radii(bench: Bench, constants: Mapping[str, Constant]) -> tuple[float, float]:
+    """Radii of the motor's and the joint's pulley [m]."""
+    near = constants.get("motor_radius", Constant(bench.motor_radius)).value
+    far = constants.get("joint_radius", Constant(bench.joint_radius)).value
+    return near, far
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Simulates records.
+
+    Attributes:
+        bench: of the scene.
+        records: to simulate.
+        near: radius of the motor's pulley unless tuned [m].
+        far: radius of the joint's pulley unless tuned [m].
+        segments: of each cable.
+        substeps: simulation steps per sample.
+    """
+
+    bench: Bench
+    records: tuple[Record, ...]
+    near: float
+    far: float
+    segments: int
+    substeps: int = 1
+
+    def simulate(
+        self, values: Values, effects: Sequence[str] = (), only: int | None = None
+    ) -> list[FloatArray]:
+        """Motor and joint torque (2, samples) of every record, as sensors show them.
+
+        Args:
+            values: baseline and effect parameters by name.
+            effects: ids of the effects that are present.
+            only: index of a single record.
+        """
+        chosen = self.records if only is None else self.records[only : only + 1]
+        return [self._one(record, values, effects) for record in chosen]
+
+    def cables(
+        self, values: Values, effects: Sequence[str], pretension: float | None = None
+    ) -> tuple[Cable, ...]:
+        """The cables with these values.
+
+        Args:
+            values: baseline and effect parameters by name.
+            effects: ids of the effects that are present.
+            pretension: of a trial, in place of the scene's [N]; scaled alike.
+        """
+        start = self.bench.cables[0].pretension
+        tension = values.get("pretension", start)
+        if pretension is not None and start > 0.0:
+            tension *= pretension / start
+        balance = values.get("friction_balance", 0.0)
+        made = tuple(
+            cable.replace(
+                friction=max(
+                    values.get("friction", cable.friction) * (1.0 + side), 0.0
+                ),
+                axial_stiffness=values.get("axial_stiffness", cable.axial_stiffness),
+                pretension=max(tension, 0.0),
+                segments=self.segments,
+                static_friction=0.0,
+            )
+            for cable, side in zip(self.bench.cables, (balance, -balance), strict=False)
+        )
+        rig = Rig(
+            values.get("motor_radius", self.near), values.get("joint_radius", self.far)
+        )
+        for name in effects:
+            change = EFFECTS[name].cables
+            if change is not None:
+                made = change(made, values, rig)
+        return made
+
+    def _one(
+        self, record: Record, values: Values, effects: Sequence[str]
+    ) -> FloatArray:
+        near = values.get("motor_radius", self.near)
+        far = values.get("joint_radius", self.far)
+        transmission = Transmission(
+            self.cables(values, effects, record.pretension),
+            near,
+            far,
+            backlash=values.get("backlash", 0.0) if "backlash" in effects else 0.0,
+        )
+        offset = values.get("joint_angle_offset", 0.0)
+        late = values.get("clock_offset", 0.0)
+        joint = _shifted(record.joint_angle, late / record.dt) + offset
+        motor = record.motor_angle
+        # From rest in pretension to the first sample.
+        rest = joint[0] * far / near
+        dt = record.dt / self.substeps
+        played = transmission.replay(
+            dt,
+            motor_angle=_led(rest, motor, self.substeps),
+            joint_angle=_led(joint[0], joint, self.substeps),
+        )
+        keep = slice(RAMP * self.substeps, None, self.substeps)
+        shown = Torques(
+            record.dt,
+            record.start + record.dt * np.arange(motor.size),
+            motor,
+            joint - offset,
+            played.motor_torque[keep],
+            played.joint_torque[keep],
+        )
+        for sensor in (False, True):
+            for name in effects:
+                effect = EFFECTS[name]
+                if effect.torques is not None and effect.sensor is sensor:
+                    shown = effect.torques(shown, values)
+        return np.array(
+            [
+                shown.motor + values.get("motor_torque_offset", 0.0),
+                _shifted(shown.joint, -late / record.dt)
+                + values.get("joint_torque_offset", 0.0),
+            ]
+        )
+
+    def finer(self, segments: int = 1, substeps: int = 1) -> Plant:
+        """The same with more segments or smaller steps, by these factors."""
+        return replace(
+            self, segments=self.segments * segments, substeps=self.substeps * substeps
+        )
+
+    def limited(self, records: Sequence[Record]) -> Plant:
+        """The same plant for other records."""
+        return replace(self, records=tuple(records))
+
+
+def _led(rest: float, angle: FloatArray, substeps: int) -> FloatArray:
+    """The angle after a ramp from rest, refined to `substeps` per sample."""
+    ramp = np.linspace(rest, angle[0], RAMP + 1)[:-1]
+    whole = np.concatenate([ramp, angle])
+    if substeps == 1:
+        return whole
+    at = np.arange(whole.size * substeps - substeps + 1) / substeps
+    refined: FloatArray = np.interp(at, np.arange(whole.size), whole)
+    return refined
+
+
+def _shifted(signal: FloatArray, samples: float) -> FloatArray:
+    """The signal as it was `samples` samples later (samples,), linear between."""
+    if samples == 0.0:
+        return signal
+    at = np.arange(signal.size)
+    found: FloatArray = np.interp(at + samples, at, signal)
+    return found

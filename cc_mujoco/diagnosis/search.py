@@ -1,0 +1,250 @@
+"""Which effects to add, one after another, by what they do for held-out data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.folds import Crossed, Fold, blocks, cross
+from cc_mujoco.diagnosis.screen import Signature, alike, screen
+from cc_mujoco.errors import CableError
+
+REFITTED = 6
+"""Most candidates that are refitted by simulation in one round."""
+PROMISING = 0.15
+"""Share of the leader's explained error that a candidate needs to be refitted."""
+LOOKALIKE = 0.9
+"""Cosine beyond which two signatures cannot be told apart by screening."""
+MOST = 4
+"""Most effects that are added."""
+DRAWS = 400
+"""Block bootstraps."""
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """When an effect is named; calibrated on rigs without any, see the README.
+
+    Attributes:
+        reduction: least relative reduction of the held-out squared error.
+        misfit: RMS held-out error over the floor below which nothing is missing.
+        certainty: least reduction over its standard error.
+        agreement: largest spread of the amplitude between the folds over its mean.
+        rival: a rival within this many standard errors of the winner is a tie.
+    """
+
+    reduction: float = 0.10
+    misfit: float = 1.5
+    certainty: float = 3.0
+    agreement: float = 1.0
+    rival: float = 2.0
+
+
+class Candidate(NamedTuple):
+    """An effect refitted on top of the model so far.
+
+    Attributes:
+        id: of the effect.
+        crossed: the wider model.
+        reduction: of the held-out squared error, relative.
+        certainty: the reduction over its standard error.
+        reason: why it may not be named, or empty.
+    """
+
+    id: str
+    crossed: Crossed
+    reduction: float
+    certainty: float
+    reason: str
+
+
+class Round(NamedTuple):
+    """One step of the search.
+
+    Attributes:
+        candidates: refitted, the best first.
+        added: the one that was added, or None.
+        rivals: ids that do as well as the one added, itself first.
+        confidence: share of bootstraps that the added one wins.
+    """
+
+    candidates: tuple[Candidate, ...]
+    added: str | None
+    rivals: tuple[str, ...]
+    confidence: float
+
+
+class Search(NamedTuple):
+    """How the search went.
+
+    Attributes:
+        before: the baseline.
+        after: the model with all effects that were added.
+        rounds: steps.
+        signatures: of every effect, on top of the baseline.
+    """
+
+    before: Crossed
+    after: Crossed
+    rounds: tuple[Round, ...]
+    signatures: tuple[Signature, ...]
+
+
+def search(
+    baseline: Crossed,
+    division: Sequence[Fold],
+    ids: Sequence[str],
+    thresholds: Thresholds,
+    progress: Callable[[float, str], None] = lambda share, doing: None,
+) -> Search:
+    """Add effects while each passes, then drop those that later ones made useless."""
+    now, rounds = baseline, []
+    first: tuple[Signature, ...] = ()
+    for count in range(MOST):
+        left = [name for name in ids if name not in now.problem.effects]
+        progress(count / MOST, f"screening {len(left)} effects")
+        signatures = _screened(now, division, left)
+        first = first or tuple(signatures)
+        if count > 0 and now.squares <= thresholds.misfit**2:
+            break
+        chosen = _chosen(signatures)
+        candidates = []
+        for place, signature in enumerate(chosen):
+            share = (count + place / max(len(chosen), 1)) / MOST
+            progress(share, f"refitting {signature.id}")
+            candidates.append(_refit(now, division, signature, thresholds))
+        step = _decided(now, candidates, thresholds)
+        rounds.append(step)
+        if step.added is None:
+            break
+        now = next(c.crossed for c in candidates if c.id == step.added)
+    now = _pruned(now, division, thresholds)
+    return Search(baseline, now, tuple(rounds), first)
+
+
+def _screened(
+    now: Crossed, division: Sequence[Fold], ids: Sequence[str]
+) -> list[Signature]:
+    """Signatures on all samples that count, at the mean of the folds' fits."""
+    masks = [record.counts for record in now.problem.plant.records]
+    at = np.mean([fit.at for fit in now.fits], axis=0)
+    return screen(now.problem, at, masks, ids)
+
+
+def _chosen(signatures: Sequence[Signature]) -> list[Signature]:
+    if not signatures or signatures[0].explained <= 0.0:
+        return []
+    least = PROMISING * signatures[0].explained
+    kept = [s for s in signatures if s.explained >= least][:REFITTED]
+    mates = [
+        s
+        for s in signatures
+        if s not in kept
+        and s.explained > 0.0
+        and (alike(s, kept[0]) > LOOKALIKE or s.id in EFFECTS[kept[0].id].alike)
+        and s.explained >= 0.5 * least
+    ]
+    return kept + mates[:2]
+
+
+def _refit(
+    now: Crossed, division: Sequence[Fold], signature: Signature, thresholds: Thresholds
+) -> Candidate:
+    wider = now.problem.with_effect(signature.id, signature.start)
+    new = [
+        0.0 if parameter.factor else signature.start[parameter.name] / parameter.scale
+        for parameter in wider.tuned[len(now.problem.tuned) :]
+    ]
+    starts = [np.concatenate([fit.at, new]) for fit in now.fits]
+    try:
+        crossed = cross(wider, division, starts)
+    except CableError as error:
+        return Candidate(signature.id, now, 0.0, 0.0, str(error))
+    old, better = blocks(now).sum(axis=1), blocks(crossed).sum(axis=1)
+    gain = old - better
+    reduction = float(gain.sum() / old.sum())
+    error = float(np.std(gain) * np.sqrt(gain.size) / old.sum())
+    certainty = reduction / max(error, 1e-12)
+    reason = _objection(crossed, signature.id, reduction, certainty, thresholds)
+    return Candidate(signature.id, crossed, reduction, certainty, reason)
+
+
+def _objection(
+    crossed: Crossed,
+    name: str,
+    reduction: float,
+    certainty: float,
+    thresholds: Thresholds,
+) -> str:
+    if reduction < thresholds.reduction:
+        return (
+            f"takes {reduction:.0%} of the error, less than {thresholds.reduction:.0%}"
+        )
+    if certainty < thresholds.certainty:
+        return f"its gain is {certainty:.1f} standard errors"
+    spread, mean = amplitude(crossed, name)
+    if spread > thresholds.agreement * mean:
+        return "its size differs between the halves of the data"
+    knobs = {knob.name: knob for knob in EFFECTS[name].knobs}
+    for parameter, place in zip(crossed.problem.tuned, crossed.fits[0].at, strict=True):
+        if parameter.name in knobs and knobs[parameter.name].low <= 0.0:
+            if place >= parameter.high * 0.999:
+                return f"{parameter.name} runs to its bound"
+    return ""
+
+
+def amplitude(crossed: Crossed, name: str) -> tuple[float, float]:
+    """Spread between the folds and mean size of an effect's amplitude, in scales."""
+    knobs = {knob.name for knob in EFFECTS[name].knobs if knob.low <= 0.0}
+    index = [i for i, p in enumerate(crossed.problem.tuned) if p.name in knobs]
+    found = np.array([fit.at[index] for fit in crossed.fits])
+    if found.shape[0] < 2:
+        return 0.0, float(np.linalg.norm(found[0]))
+    spread = float(np.linalg.norm(found[0] - found[1]))
+    return spread, float(np.linalg.norm(found.mean(axis=0)))
+
+
+def _decided(
+    now: Crossed, candidates: list[Candidate], thresholds: Thresholds
+) -> Round:
+    candidates.sort(key=lambda candidate: -candidate.reduction)
+    able = [candidate for candidate in candidates if not candidate.reason]
+    if not able or now.squares <= thresholds.misfit**2:
+        return Round(tuple(candidates), None, (), 0.0)
+    sums = {c.id: blocks(c.crossed).sum(axis=1) for c in able}
+    leader = able[0]
+    rivals = [leader.id]
+    for other in able[1:]:
+        apart = sums[other.id] - sums[leader.id]
+        error = np.std(apart) * np.sqrt(apart.size)
+        if apart.sum() < thresholds.rival * error:
+            rivals.append(other.id)
+    return Round(
+        tuple(candidates), leader.id, tuple(rivals), confidence(sums, leader.id)
+    )
+
+
+def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:
+    """Share of block bootstraps in which this candidate is the best."""
+    random = np.random.default_rng(seed)
+    table = np.array(list(sums.values()))
+    place = list(sums).index(name)
+    draws = random.integers(0, table.shape[1], (DRAWS, table.shape[1]))
+    totals = table[:, draws].sum(axis=2)
+    return float(np.mean(np.argmin(totals, axis=0) == place))
+
+
+def _pruned(now: Crossed, division: Sequence[Fold], thresholds: Thresholds) -> Crossed:
+    """Without the effects that the others have made useless."""
+    for name in now.problem.effects[:-1]:
+        slim = now.problem.without(name)
+        kept = [i for i, p in enumerate(now.problem.tuned) if p in slim.tuned]
+        crossed = cross(slim, division, [fit.at[kept] for fit in now.fits])
+        if crossed.squares <= now.squares * (1.0 + 0.5 * thresholds.reduction):
+            now = crossed
+    return now

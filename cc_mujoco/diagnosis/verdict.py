@@ -1,0 +1,187 @@
+"""What a diagnosis says: the contract of `verdict.json`, schema 1."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from cc_mujoco.files import replacing
+
+SCHEMA = 1
+
+Verdict = Literal["named", "none", "unknown", "tie", "fix-data", "fix-numerics"]
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted number with its 95 % confidence interval."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Found:
+    """An effect that was named.
+
+    Attributes:
+        id: of the library.
+        parameters: fitted values by name.
+        confidence: share of block bootstraps of the held-out data in which this effect
+            is the best of all candidates, 0 to 1.
+    """
+
+    id: str
+    parameters: Mapping[str, Value]
+    confidence: float
+
+
+@dataclass(frozen=True)
+class NotTestable:
+    """An effect that these data could not show even if it were there."""
+
+    id: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """What to record in order to tell rivals apart.
+
+    Attributes:
+        description: what to do on the rig.
+        separates: ids of the rivals.
+        predicted_difference: by which their predictions would differ, in words with
+            numbers and units.
+    """
+
+    description: str
+    separates: tuple[str, ...]
+    predicted_difference: str
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where the error of the baseline lies.
+
+    Attributes:
+        channel: `motor_torque_nm` or `joint_torque_nm`.
+        axis: quantity along which it lies.
+        share_of_error: of the error's variance that the axis explains, 0 to 1.
+        statement: one plain sentence.
+    """
+
+    channel: str
+    axis: str
+    share_of_error: float
+    statement: str
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Error of one channel on held-out data, before and after.
+
+    Attributes:
+        rmse_before: of the baseline.
+        rmse_after: of the model with the named effects.
+        noise_floor: RMS that no model could avoid.
+        gap_closed: 1 - (MSE after - floor^2)/(MSE before - floor^2).
+        ci95: of `gap_closed`, block bootstrap.
+    """
+
+    rmse_before: float
+    rmse_after: float
+    noise_floor: float
+    gap_closed: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The model without any effect, as well as it can be tuned.
+
+    Attributes:
+        parameters: fitted values by name.
+        not_identifiable: one sentence for each combination the data do not tell.
+    """
+
+    parameters: Mapping[str, Value]
+    not_identifiable: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RunnerUp:
+    """A candidate that was refitted, and how well it did.
+
+    Attributes:
+        id: of the library.
+        reduction: of the held-out error, sum of squares relative to before.
+        accepted: whether it would have been named by itself.
+        reason: why not, or empty.
+        parameters: fitted values by name.
+    """
+
+    id: str
+    reduction: float
+    accepted: bool
+    reason: str
+    parameters: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that `verdict.json` holds, and the evidence of the report.
+
+    Attributes:
+        verdict: in one word.
+        statement: the same in one or two sentences.
+        effects: named ones, in the order in which they were added.
+        ties: groups of ids that these data cannot tell apart.
+        not_testable: effects that these data cannot show.
+        next_experiment: what would separate the tie, or None.
+        where: ranked.
+        gap: by channel.
+        baseline: parameters.
+        provenance: hashes, versions, seed, command.
+        runner_ups: candidates of every round, first to last.
+        problems: sentences about the data or the numerics.
+    """
+
+    verdict: Verdict
+    statement: str
+    effects: tuple[Found, ...] = ()
+    ties: tuple[tuple[str, ...], ...] = ()
+    not_testable: tuple[NotTestable, ...] = ()
+    next_experiment: NextExperiment | None = None
+    where: tuple[Where, ...] = ()
+    gap: Mapping[str, Gap] = field(default_factory=dict)
+    baseline: Baseline = field(default_factory=lambda: Baseline({}, ()))
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    runner_ups: tuple[tuple[RunnerUp, ...], ...] = ()
+    problems: tuple[str, ...] = ()
+
+    def to_json(self) -> str:
+        """Text of `verdict.json`; numbers that are not finite are null."""
+        content = {"schema": SCHEMA, **dataclasses.asdict(self)}
+        return json.dumps(_plain(content), indent=1, allow_nan=False)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write `verdict.json`, whole or not at all."""
+        with replacing(path) as partial:
+            partial.write_text(self.to_json() + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

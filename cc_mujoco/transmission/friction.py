@@ -30,6 +30,7 @@ _STRIBECK = INDEX["stribeck_friction"]
 _STRIBECK_SPEED = INDEX["stribeck_speed"]
 _STRIBECK_EXPONENT = INDEX["stribeck_exponent"]
 _LOAD_INDEPENDENT = INDEX["load_independent_friction"]
+_ASYMMETRY = INDEX["friction_asymmetry"]
 
 MAX_EXPONENT = 30.0
 """Largest mu times wrap angle of one segment; beyond it (a ratio of 1e13) it is cut."""
@@ -65,6 +66,13 @@ TERMS = (
         "dT/dx = s f_0",
         "capstan intercept; Palli and Melchiorri, Mechatronics 24, 2014",
     ),
+    Term(
+        "asymmetric",
+        "friction_asymmetry",
+        "mu *= 1 + a towards proximal, 1 - a towards distal",
+        "direction-dependent efficiency, e.g. the drive and backdrive friction of "
+        "Duclusaud et al., arXiv 2410.08650, 2024",
+    ),
 )
 """The friction terms that exist."""
 
@@ -77,11 +85,12 @@ def ratio(coefficient: float, angle: float) -> float:
 
 @compiled
 def plain(values: FloatArray) -> bool:
-    """Whether coefficients are constant: no term depends on rate or slip distance."""
+    """Whether coefficients are constant: of no rate, history, direction or load."""
     return bool(
         values[_VISCOUS] == 0.0
         and values[_STRIBECK] == 0.0
         and (values[_STATIC] == 0.0 or values[_MEMORY] == 0.0)
+        and values[_ASYMMETRY] == 0.0
     )
 
 

@@ -51,7 +51,8 @@ def sweep(
     n: int,
     tension: FloatArray,
     stiffness: FloatArray,
-    growth: FloatArray,
+    growth_right: FloatArray,
+    growth_left: FloatArray,
     hold_right: FloatArray,
     hold_left: FloatArray,
     drag: FloatArray,
@@ -66,8 +67,8 @@ def sweep(
 ) -> None:
     """Solve one step by carrying the graph; arguments as in `fronts.march`.
 
-    `work` holds (7 n + 12,). `hold_right` and `hold_left` are overwritten with
-    `growth` where a segment breaks away.
+    `growth_right` and `growth_left` are E of slip that way. `work` holds (7 n + 12,).
+    `hold_right` and `hold_left` are overwritten with them where a segment breaks away.
     """
     x, y = work[: 2 * n + 6], work[2 * n + 6 : 4 * n + 12]
     at_rest = work[
@@ -189,13 +190,13 @@ def sweep(
         # A segment that breaks away follows the kinetic law: solve again with it.
         broke = False
         for s in range(n):
-            if shift[s] > 0.0 and hold_right[s] != growth[s]:
-                hold_right[s] = growth[s]
-                hold_left[s] = min(hold_left[s], growth[s])
+            if shift[s] > 0.0 and hold_right[s] != growth_right[s]:
+                hold_right[s] = growth_right[s]
+                hold_left[s] = min(hold_left[s], growth_left[s])
                 broke = True
-            elif shift[s] < 0.0 and hold_left[s] != growth[s]:
-                hold_left[s] = growth[s]
-                hold_right[s] = min(hold_right[s], growth[s])
+            elif shift[s] < 0.0 and hold_left[s] != growth_left[s]:
+                hold_left[s] = growth_left[s]
+                hold_right[s] = min(hold_right[s], growth_right[s])
                 broke = True
         if not broke:
             break

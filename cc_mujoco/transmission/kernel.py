@@ -42,16 +42,19 @@ OK, NOT_FINITE = 0, 1
 """Status of a step; on NOT_FINITE the new state is the old one."""
 
 STATE_HEADER = 4
-_HEADER = 16
+_HEADER = 40
 _SOLVER_WORK = 10  # per node, for `march` and `sweep`
-_PLAIN = 14
-_LENGTH = 15
+_STEP_WORK = 7  # per segment, behind it: slip and coefficients
+_PLAIN = _HEADER - 2
+_LENGTH = _HEADER - 1
 _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _FRICTION = law.INDEX["friction"]
 _LOAD_INDEPENDENT = law.INDEX["load_independent_friction"]
 _STRIBECK = law.INDEX["stribeck_friction"]
 _STATIC = law.INDEX["static_friction"]
+_ASYMMETRY = law.INDEX["friction_asymmetry"]
+_END_COMPLIANCE = law.INDEX["end_compliance"]
 _SCALARS = len(PARAMETERS)
 
 
@@ -70,7 +73,7 @@ def parameter_size(n: int) -> int:
 @compiled
 def work_size(n: int) -> int:
     """Length of the scratch vector of a step of a cable of n segments."""
-    return _SOLVER_WORK * (n + 1) + 6 * n
+    return _SOLVER_WORK * (n + 1) + _STEP_WORK * n
 
 
 @compiled
@@ -113,6 +116,8 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
         # The end nodes stand for half a segment.
         share = 2.0 if i in (0, n) else 1.0
         stiffness[i] = share * values[_EA] / step
+        if i == n and values[_END_COMPLIANCE] > 0.0:
+            stiffness[i] = 1.0 / (1.0 / stiffness[i] + values[_END_COMPLIANCE])
         out[a + 4 * n + i] = 1.0 / stiffness[i]
 
 
@@ -134,9 +139,16 @@ def initialize(
         state[i] = 0.0
     state[0] = u_proximal
     state[1] = u_distal
-    state[3] = prm[_PRETENSION] * prm[_LENGTH] / prm[_EA]
+    stretch = prm[_PRETENSION] * prm[_LENGTH] / prm[_EA]
+    state[3] = stretch + prm[_PRETENSION] * prm[_END_COMPLIANCE]
     for i in range(n + 1):
         state[STATE_HEADER + i] = prm[_PRETENSION]
+
+
+@compiled
+def _compliance(prm: FloatArray) -> float:
+    """Compliance of the cable with its end spring [m/N]."""
+    return float(prm[_LENGTH] / prm[_EA] + prm[_END_COMPLIANCE])
 
 
 @compiled
@@ -232,7 +244,7 @@ def step(
         return OK
     a = _HEADER
     growth = prm[a + n : a + 2 * n]
-    hold_right, hold_left = growth, growth
+    growth_left, hold_right, hold_left = growth, growth, growth
     drag = prm[a + 3 * n : a + 4 * n]
     compliance = prm[a + 4 * n : a + 5 * n + 1]
     tension = state[t : t + n + 1]
@@ -241,7 +253,9 @@ def step(
     shift = work[w : w + n]
     varying = not plain or prm[_STATIC] > 0.0
     if varying:
-        growth, hold_right, hold_left, drag, _ = _coefficients(prm, n, state, dt, work)
+        growth, growth_left, hold_right, hold_left, drag, _ = _coefficients(
+            prm, n, state, dt, work
+        )
 
     solved = False
     if plain and by_position:
@@ -256,15 +270,15 @@ def step(
             )  # fmt: skip
             solved = solved and node[0] >= 0.0 and node[n] >= 0.0
     if not solved:
-        growth, hold_right, hold_left, drag, viscosity = _coefficients(
+        growth, growth_left, hold_right, hold_left, drag, viscosity = _coefficients(
             prm, n, state, dt, work
         )
         stiffness = node_stiffness(prm, n)
         near_p, near_q = _end(near, near_value, -near_moved, tension[0], stiffness[0])
         far_p, far_q = _end(far, far_value, far_moved, tension[n], stiffness[n])
         sweep(
-            n, tension, stiffness, growth, hold_right, hold_left, drag, viscosity,
-            near_p, near_q, far_p, far_q, shift, node, work,
+            n, tension, stiffness, growth, growth_left, hold_right, hold_left, drag,
+            viscosity, near_p, near_q, far_p, far_q, shift, node, work,
         )  # fmt: skip
     _commit(prm, n, state, near, near_value, far, far_value, dt, shift, new_state)
     return OK
@@ -283,6 +297,8 @@ def _slacken(
     """Lay the cable slack: without tension there is no friction, strain evens out."""
     stiffness = node_stiffness(prm, n)
     strain = stretch * prm[_EA] / prm[_LENGTH]
+    if prm[_END_COMPLIANCE] > 0.0:
+        strain = stretch / _compliance(prm)
     for i in range(n):
         moved += (strain - tension[i]) / stiffness[i]
         shift[i] = moved
@@ -306,23 +322,31 @@ def _end(
 @compiled
 def _coefficients(
     prm: FloatArray, n: int, state: FloatArray, dt: float, work: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Coefficients of every segment for this step, see `friction.py`.
 
-    Returns growth, the ratios held against motion to the right and to the left, drag
-    and viscosity, (n,) each, as views into `work` behind the solver's part.
+    Returns growth of tension over slip to the right and to the left, the ratios held
+    against motion to the right and to the left, drag and viscosity, (n,) each, as views
+    into `work` behind the solver's part.
     """
     values = prm[:_SCALARS]
     a = _HEADER
     plain = prm[_PLAIN] != 0.0
+    asymmetry = values[_ASYMMETRY]
     length = prm[_LENGTH] / n
     w = _SOLVER_WORK * (n + 1) + n
     growth, hold_right = work[w : w + n], work[w + n : w + 2 * n]
     hold_left, drag = work[w + 2 * n : w + 3 * n], work[w + 3 * n : w + 4 * n]
     viscosity = work[w + 4 * n : w + 5 * n]
+    growth_left = growth
+    if asymmetry != 0.0:
+        growth_left = work[w + 5 * n : w + 6 * n]
+    holding = law.holding_coefficient(values)
     first = STATE_HEADER + n + 1
     for j in range(n):
         slip = state[first + j]
+        # A segment that goes on slipping the same way has already broken away.
+        right_hold = left_hold = prm[a + 2 * n + j]
         if plain:
             growth[j] = prm[a + n + j]
             drag[j] = prm[a + 3 * n + j]
@@ -333,11 +357,15 @@ def _coefficients(
             growth[j] = law.ratio(coefficient, prm[a + j])
             drag[j] = law.drag(values, length, growth[j])
             viscosity[j] = law.viscosity(values, length, growth[j], dt)
-        # A segment that goes on slipping the same way has already broken away.
-        hold = prm[a + 2 * n + j]
-        hold_right[j] = growth[j] if slip > 0.0 else hold
-        hold_left[j] = growth[j] if slip < 0.0 else hold
-    return growth, hold_right, hold_left, drag, viscosity
+            if asymmetry != 0.0:
+                right, left = 1.0 - asymmetry, 1.0 + asymmetry
+                growth[j] = law.ratio(coefficient * right, prm[a + j])
+                growth_left[j] = law.ratio(coefficient * left, prm[a + j])
+                right_hold = law.ratio(holding * right, prm[a + j])
+                left_hold = law.ratio(holding * left, prm[a + j])
+        hold_right[j] = growth[j] if slip > 0.0 else right_hold
+        hold_left[j] = growth_left[j] if slip < 0.0 else left_hold
+    return growth, growth_left, hold_right, hold_left, drag, viscosity
 
 
 @compiled

@@ -123,6 +123,22 @@ PARAMETERS = (
         0.0,
         "drag per conduit length that needs no tension; 0 is off",
     ),
+    Parameter(
+        "friction_asymmetry",
+        "1",
+        -0.9,
+        0.9,
+        0.0,
+        "a: friction times 1 + a for slip towards proximal, 1 - a towards distal",
+    ),
+    Parameter(
+        "end_compliance",
+        "m/N",
+        0.0,
+        1.0,
+        0.0,
+        "spring between the cable and its distal end; 0 is off",
+    ),
 )
 """Scalar parameters; their order is that of the packed vector of the kernel."""
 
@@ -166,6 +182,8 @@ class Cable:
     stribeck_speed: float = PARAMETERS[7].default
     stribeck_exponent: float = PARAMETERS[8].default
     load_independent_friction: float = PARAMETERS[9].default
+    friction_asymmetry: float = PARAMETERS[10].default
+    end_compliance: float = PARAMETERS[11].default
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""

@@ -20,7 +20,8 @@ NOT_CONDUITS = (
 NOT_SEGMENTS = ("abc", "4o", "nan", "1e1", "-1", "0", "1001", "2.0", "9" * 40, " ")
 NOT_ROUTES = ("nowhere", "mix", "pathway")
 BAD = (
-    [(p.name, value) for p in PARAMETERS for value in NOT_NUMBERS]
+    [(p.name, value) for p in PARAMETERS for value in NOT_NUMBERS if value != "-1"]
+    + [(p.name, repr(p.low - 1.0)) for p in PARAMETERS]
     + [(p.name, "0") for p in PARAMETERS if p.low_open]
     + [(p.name, repr(p.high * 1.0001)) for p in PARAMETERS]
     + [(key, "") for key in REQUIRED]

@@ -21,12 +21,16 @@ TERMS_ON = {
     "viscous": {"viscous_friction": 30.0},
     "stribeck": {"stribeck_friction": 0.1, "memory_length": 1e-3},
     "load_independent": {"load_independent_friction": 2.0},
+    "asymmetric": {"friction_asymmetry": 0.4},
+    "end spring": {"end_compliance": 3e-4},
     "all": {
         "static_friction": 0.4,
         "memory_length": 2e-3,
         "viscous_friction": 30.0,
         "stribeck_friction": 0.1,
         "load_independent_friction": 2.0,
+        "friction_asymmetry": -0.3,
+        "end_compliance": 1e-4,
     },
 }
 

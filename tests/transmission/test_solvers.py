@@ -34,7 +34,8 @@ def by_march(n, tension, stiffness, growth, drag, near, far):
 def by_sweep(n, tension, stiffness, growth, drag, near, far):
     shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(10 * (n + 1))
     sweep(
-        n, tension, stiffness, growth, growth.copy(), growth.copy(), drag, np.zeros(n),
+        n, tension, stiffness, growth, growth, growth.copy(), growth.copy(), drag,
+        np.zeros(n),
         tension[0] - stiffness[0] * near, stiffness[0],
         tension[n] + stiffness[n] * far, stiffness[n], shift, node, work,
     )  # fmt: skip

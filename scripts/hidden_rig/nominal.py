@@ -1,0 +1,129 @@
+"""Nominal values of the rig family, and one rig drawn from it.
+
+The bench: two Bowden cables in pull-pull between a motor pulley and a joint pulley of
+the same radius, so that cable travel of one turn at either end can be compared by eye.
+Two metres of conduit bend through half a turn in all, mu times wrap is 0.38. A 1.5 mm
+steel strand with its conduit gives EA = 50 kN, hence 25 N/mm per cable and 125 Nm/rad
+between the pulleys: at 80 N of pretension friction (about 2 Nm) winds the pair up by
+15 mrad, two hundred counts of the encoders, while the lowest mode of the handle stays
+at 40 Hz, within what 500 Hz sampling shows.
+
+`NOMINAL` is what the designer of the bench believes. A rig is what was built: every
+constant is off by a few percent, by an amount its seed decides.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+NOMINAL: dict[str, float] = {
+    "motor_pulley_radius_m": 0.05,
+    "joint_pulley_radius_m": 0.05,
+    "conduit_length_m": 2.0,
+    "conduit_bend_radius_m": 2.0 / math.pi,
+    "wrap_angle_rad": math.pi,
+    "axial_stiffness_n": 50e3,
+    "friction_1": 0.12,
+    "pretension_n": 80.0,
+    "line_density_kg_per_m": 0.012,
+    "joint_inertia_kg_m2": 2e-3,
+    "joint_damping_nm_s_per_rad": 0.02,
+    "rotor_inertia_kg_m2": 3e-4,
+}
+"""The scene of the designer: one entry per constant, unit in the name. Both cables are
+alike; gravity does no work; nothing but the joint's damping is viscous."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Constants of one built rig; the a-cable pulls the joint positive.
+
+    Units: metres, newtons, kilograms, seconds, radians.
+    """
+
+    seed: int
+    motor_radius: float
+    joint_radius: float
+    length: float
+    wrap: float
+    axial_stiffness: float
+    friction_a: float
+    friction_b: float
+    pretension: float
+    line_density: float
+    joint_inertia: float
+    joint_damping: float
+    rotor_inertia: float
+    motor_torque_offset: float
+    joint_torque_offset: float
+    motor_angle_offset: float
+    joint_angle_offset: float
+    joint_clock_offset: float
+    """How much later than labelled the card of the joint's two channels samples [s]:
+    less than half a sample."""
+
+
+# Standard deviation of (truth / nominal - 1), cut at two of them.
+_SPREAD = {
+    "motor_radius": 0.002,
+    "joint_radius": 0.002,
+    "length": 0.0,
+    "wrap": 0.03,
+    "axial_stiffness": 0.05,
+    "pretension": 0.02,
+    "line_density": 0.05,
+    "joint_inertia": 0.03,
+    "joint_damping": 0.2,
+    "rotor_inertia": 0.03,
+}
+_FRICTION_SPREAD = 0.06
+_CABLE_MISMATCH = 0.015
+# Standard deviation (SI) of what is nominally zero, cut at two of them as well.
+_OFFSETS = {
+    "motor_torque_offset": 0.02,
+    "joint_torque_offset": 0.02,
+    "motor_angle_offset": 0.002,
+    "joint_angle_offset": 0.002,
+    "joint_clock_offset": 0.0004,
+}
+_NOMINAL_OF = {
+    "motor_radius": "motor_pulley_radius_m",
+    "joint_radius": "joint_pulley_radius_m",
+    "length": "conduit_length_m",
+    "wrap": "wrap_angle_rad",
+    "axial_stiffness": "axial_stiffness_n",
+    "pretension": "pretension_n",
+    "line_density": "line_density_kg_per_m",
+    "joint_inertia": "joint_inertia_kg_m2",
+    "joint_damping": "joint_damping_nm_s_per_rad",
+    "rotor_inertia": "rotor_inertia_kg_m2",
+}
+
+
+def make_rig(seed: int, spread: float = 1.0) -> Rig:
+    """The rig that `seed` built.
+
+    Args:
+        seed: not negative; the same seed builds the same rig.
+        spread: how far, in units of the usual few percent, it is off nominal. 0 gives
+            the nominal rig without offsets.
+    """
+    rng = np.random.default_rng([seed, 0x816])
+
+    def deviate() -> float:
+        return spread * float(np.clip(rng.standard_normal(), -2.0, 2.0))
+
+    values = {
+        name: NOMINAL[_NOMINAL_OF[name]] * (1 + sd * deviate())
+        for name, sd in _SPREAD.items()
+    }
+    friction = NOMINAL["friction_1"] * (1 + _FRICTION_SPREAD * deviate())
+    mismatch = _CABLE_MISMATCH * deviate()
+    values["friction_a"] = friction * (1 + mismatch)
+    values["friction_b"] = friction * (1 - mismatch)
+    values |= {name: sd * deviate() for name, sd in _OFFSETS.items()}
+    assert set(values) == {field.name for field in fields(Rig)} - {"seed"}
+    return Rig(seed=seed, **values)

@@ -28,7 +28,7 @@ Masks = Sequence[NDArray[np.bool_]]
 
 _STEPS = {"clock_offset": 0.05, "joint_angle_offset": 0.02, "pretension": 0.03}
 _FACTOR_STEP, _STEP = 3e-3, 0.05
-_EVALUATIONS = 20
+_EVALUATIONS = 12
 WILD = 3.0
 """Errors beyond this many deviations of noise count less than their squares."""
 THREADS = max(1, min(os.cpu_count() or 1, 8))
@@ -144,6 +144,30 @@ def tamed(error: FloatArray) -> FloatArray:
     return found
 
 
+def weight(errors: Sequence[FloatArray], masks: Masks) -> float:
+    """Weight of errors over the floor that makes their squares count as independent.
+
+    The root of the share of samples that are independent (the sum of autocorrelations,
+    up to their first zero), over the RMS error where that exceeds 1.
+    """
+    lags = 200
+    total = np.zeros(lags)
+    count, square = 0, 0.0
+    for error, mask in zip(errors, masks, strict=True):
+        kept = np.where(mask, error, 0.0)
+        for row in kept:
+            size = 1 << (2 * row.size).bit_length()
+            power = np.abs(np.fft.rfft(row, size)) ** 2
+            correlation = np.fft.irfft(power)[:lags]
+            total[: correlation.size] += correlation[:lags]
+        count += 2 * int(np.sum(mask))
+        square += float(np.sum(kept**2))
+    shape = total / max(total[0], 1e-300)
+    end = int(np.argmax(shape < 0.02)) or lags
+    independent = 1.0 / max(1.0 + 2.0 * float(np.sum(shape[1:end])), 1.0)
+    return math.sqrt(independent) / max(math.sqrt(square / max(count, 1)), 1.0)
+
+
 class Fit(NamedTuple):
     """Where a fit ended.
 
@@ -171,8 +195,8 @@ def fit(
         jac=lambda at: problem.jacobian(at, masks),
         bounds=(low - 1e-9, high + 1e-9),
         x_scale="jac",
-        ftol=1e-4,
-        xtol=1e-4,
+        ftol=1e-3,
+        xtol=1e-3,
         max_nfev=evaluations,
     )
     return Fit(found.x, float(found.cost))

@@ -97,7 +97,7 @@ def cross(
     problem: Problem,
     division: Sequence[Fold],
     starts: Sequence[FloatArray],
-    evaluations: int = 20,
+    evaluations: int = 12,
 ) -> Crossed:
     """Fit a model on every fold and predict what it has not seen.
 

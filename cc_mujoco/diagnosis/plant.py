@@ -55,13 +55,13 @@ class Tuned(NamedTuple):
         return self.start + self.scale * at
 
 
-PRETENSION_KNOWN = 0.15
+PRETENSION_KNOWN = 0.1
 """Relative standard deviation of a pretension that nobody measured."""
-OFFSET_KNOWN = 0.02
+OFFSET_KNOWN = 0.01
 """Standard deviation of a torque sensor's offset, over the RMS of its readings."""
 RATIO_KNOWN = 0.003
 """Relative standard deviation of the ratio of two pulleys of nominal size."""
-BALANCE_KNOWN = 0.05
+BALANCE_KNOWN = 0.03
 """Standard deviation of the difference of two cables' friction, relative."""
 
 

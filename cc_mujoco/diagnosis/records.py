@@ -22,11 +22,11 @@ from cc_mujoco.diagnosis.bench import Bench
 from cc_mujoco.diagnosis.channels import JOINT_ANGLE, MOTOR_ANGLE
 from cc_mujoco.diagnosis.trials import Dataset, Trial
 
-BAND = 40.0
+BAND = 25.0
 """Highest frequency compared [Hz]."""
-RATE = 250.0
+RATE = 125.0
 """Least samples per second kept."""
-RAMP = 40
+RAMP = 20
 """Samples that lead from rest to the first sample."""
 RUN_IN = 3.0
 """Travel of the motor before samples count, over the travel that winds up the cable."""

@@ -1,0 +1,334 @@
+"""`dataset.toml`: what the columns of the trials mean, the rig, and facts per trial.
+
+All of it is optional. An example with every key:
+
+    name = "wrist rig, March"
+    notes = "cables relaid on Monday"
+
+    [columns.motor_angle_rad]       # one table per channel that needs one
+    name = "theta_m"                # column in the files, if called otherwise
+    unit = "deg"                    # of the readings, if not the channel's own
+    sign = -1                       # value = sign * (reading - offset) * unit
+    offset = 1.5                    # reading at true zero, in `unit`
+    delay = 0.004                   # s by which this channel comes late
+    clock = "t_encoder"             # its own column of times, if it has a clock
+    noise = 0.01                    # standard deviation, in `unit`
+    resolution = 0.02               # quantisation step, in `unit`
+
+    [rig]                           # uncertainty: one standard deviation
+    motor_radius = { value = 20, uncertainty = 0.1, unit = "mm" }
+    joint_radius = 0.104
+
+    [trials."run_*"]                # file name with or without ending, or a pattern;
+    pretension = 12.0               # later tables win over earlier ones
+
+    [trials.run_7]
+    split = "test"                  # train, select or test
+    repeat_of = "run_3"
+    temperature = 23.5              # degC
+    locked = "joint"                # the side that was held fast: motor or joint
+    valid = [[0.5, 12.0]]           # stretches of time that count, from and to in s
+    notes = "operator sneezed at the end"
+
+The channels are `time_s`, `motor_angle_rad`, `motor_torque_nm`, `joint_angle_rad`,
+`joint_torque_nm` and, if measured, `tension_<cable>_proximal_n`,
+`tension_<cable>_distal_n`, `temperature_c` and `valid` (1 where the sample counts).
+Positive motor rotation pulls the joint positive; the motor torque is what the motor
+puts into its pulley, the joint torque what the transmission puts into the joint.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+import math
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, get_args
+
+from cc_mujoco.diagnosis import channels
+from cc_mujoco.diagnosis.trials import Constant, Facts, Locked, Split
+from cc_mujoco.errors import CableError, look_up
+
+_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_PLAIN = {"1": 1.0}
+_INERTIA = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7}
+RIG: dict[str, dict[str, float]] = {
+    "motor_radius": _LENGTH,
+    "joint_radius": _LENGTH,
+    "gear_ratio": _PLAIN,
+    "cable_length": _LENGTH,
+    "wrap_angle": channels.ANGLE.factors,
+    "pretension": channels.FORCE.factors,
+    "axial_stiffness": channels.FORCE.factors,
+    "friction": _PLAIN,
+    "motor_inertia": _INERTIA,
+    "joint_inertia": _INERTIA,
+}
+"""Constants that `[rig]` may give, with the units they may come in, SI first.
+
+`axial_stiffness` is EA; `gear_ratio` is turns of the motor per turn of its pulley."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a channel comes from: value = sign * (reading - offset) * factor.
+
+    Attributes:
+        name: column of the files; None is the channel's own name.
+        unit: of the readings; None is what the name says.
+        sign: 1 or -1.
+        offset: reading at true zero, in the unit of the readings.
+        delay: time by which the channel comes late [s].
+        clock: column with the times of this channel; None is `time_s`.
+        noise: standard deviation in the unit of the readings; None is not known.
+        resolution: quantisation step in the unit of the readings; None is not known.
+    """
+
+    name: str | None = None
+    unit: str | None = None
+    sign: float = 1.0
+    offset: float = 0.0
+    delay: float = 0.0
+    clock: str | None = None
+    noise: float | None = None
+    resolution: float | None = None
+
+
+@dataclass(frozen=True)
+class DatasetFile:
+    """The contents of a `dataset.toml`; the default is what an empty one says."""
+
+    columns: Mapping[str, Source] = field(default_factory=dict)
+    rig: Mapping[str, Constant] = field(default_factory=dict)
+    facts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    name: str = ""
+    notes: str = ""
+    path: str = ""
+    sha256: str = ""
+
+    def source(self, channel: str) -> Source:
+        """Where a channel comes from."""
+        return self.columns.get(channel, Source())
+
+    def facts_of(self, path: Path) -> Facts:
+        """Facts of the trial in this file: of all tables that match, the last wins."""
+        facts = Facts()
+        for pattern, known in self.facts.items():
+            if _matches(path, pattern):
+                facts = replace(facts, **known)
+        return facts
+
+    def check_trials(self, paths: Iterable[Path]) -> None:
+        """Check that every table of `[trials]` means a file, and so does `repeat_of`.
+
+        Raises:
+            CableError: one does not.
+        """
+        paths = tuple(paths)
+        for pattern, known in self.facts.items():
+            meant = [path for path in paths if _matches(path, pattern)]
+            if not meant:
+                raise CableError.unknown(
+                    f"trial in {self.path}, [trials]", pattern, (p.stem for p in paths)
+                )
+            original = known.get("repeat_of")
+            if original is None:
+                continue
+            if original not in {path.stem for path in paths}:
+                raise CableError.unknown(
+                    f"trial in {self.path}, [trials.{pattern!r}], repeat_of",
+                    original,
+                    (path.stem for path in paths),
+                )
+            if any(path.stem == original for path in meant):
+                raise CableError(
+                    f"{self.path}, [trials.{pattern!r}], repeat_of: {original!r} "
+                    "cannot repeat itself; name the trial that was recorded first."
+                )
+
+
+def read_dataset_file(path: str | Path) -> DatasetFile:
+    """Read a `dataset.toml`.
+
+    Raises:
+        CableError: it cannot be read, has an unknown key or a value that cannot be.
+    """
+    path = Path(path)
+    try:
+        raw = path.read_bytes()
+        content = tomllib.loads(raw.decode("utf-8-sig"))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise CableError(f"cannot read {path}: {reason}.") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise CableError(f"{path} is not a TOML file: {error}.") from None
+    top = _Table(str(path), content)
+    top.only("name", "notes", "columns", "rig", "trials")
+    return DatasetFile(
+        columns={n: _source(t, n) for n, t in top.tables("columns").items()},
+        rig=_rig(top.table("rig")),
+        facts={n: _facts(t) for n, t in top.tables("trials").items()},
+        name=top.text("name") or "",
+        notes=top.text("notes") or "",
+        path=str(path),
+        sha256=hashlib.sha256(raw).hexdigest(),
+    )
+
+
+@dataclass(frozen=True)
+class _Table:
+    """A table of the file, and how to call it in a sentence."""
+
+    where: str
+    content: dict[str, Any]
+
+    def only(self, *allowed: str) -> None:
+        """Refuse other keys."""
+        for key in self.content:
+            if key not in allowed:
+                raise CableError.unknown(f"key in {self.where}", key, allowed)
+
+    def wrong(self, key: str, right: str) -> CableError:
+        """The error for a value that cannot be."""
+        return CableError(f"{self.where}, {key} must be {right}, not {self.told(key)}.")
+
+    def told(self, key: str) -> str:
+        """A value as text, not too long."""
+        told = repr(self.content[key])
+        return told if len(told) <= 60 else f"{told[:57]}..."
+
+    def table(self, key: str) -> _Table:
+        """A table inside this one, empty if it is not there."""
+        content = self.content.get(key, {})
+        if not isinstance(content, dict):
+            raise self.wrong(key, f"a table, written as [{key}]")
+        return _Table(f"{self.where}, [{key}]", content)
+
+    def tables(self, key: str) -> dict[str, _Table]:
+        """The tables of a table."""
+        outer = self.table(key)
+        inner = {}
+        for name, content in outer.content.items():
+            if not isinstance(content, dict):
+                raise outer.wrong(name, f"a table, written as [{key}.{name}]")
+            inner[name] = _Table(f"{self.where}, [{key}.{name}]", content)
+        return inner
+
+    def text(self, key: str) -> str | None:
+        """A text, or None if it is not there."""
+        value = self.content.get(key)
+        if value is not None and not isinstance(value, str):
+            raise self.wrong(key, "a text in quotes")
+        return value
+
+    def number(self, key: str, low: float = -math.inf) -> float | None:
+        """A finite number not below `low`, or None if it is not there."""
+        if key not in self.content:
+            return None
+        value = _number(self.content[key])
+        if value is None or value < low:
+            least = "" if low == -math.inf else f" of at least {low:g}"
+            raise self.wrong(key, f"a finite number{least}")
+        return value
+
+    def choice(self, key: str, allowed: Iterable[str]) -> str | None:
+        """One of the words allowed, or None if it is not there."""
+        value = self.text(key)
+        if value is not None and value not in tuple(allowed):
+            raise CableError.unknown(f"{key} in {self.where}", value, allowed)
+        return value
+
+
+def _source(table: _Table, channel: str) -> Source:
+    """One table of `[columns]`."""
+    try:
+        units = channels.kind(channel).factors
+    except CableError as error:
+        raise CableError(f"{table.where}: {error}") from None
+    if channel == channels.VALID:
+        table.only("name")
+    elif channel == channels.TIME:
+        table.only("name", "unit", "offset")
+    else:
+        table.only(*Source.__dataclass_fields__)
+    sign = table.number("sign")
+    if sign not in (None, 1.0, -1.0):
+        raise table.wrong("sign", "1 or -1")
+    return Source(
+        name=table.text("name"),
+        unit=table.choice("unit", units),
+        sign=1.0 if sign is None else sign,
+        offset=table.number("offset") or 0.0,
+        delay=table.number("delay") or 0.0,
+        clock=table.text("clock"),
+        noise=table.number("noise", 0.0),
+        resolution=table.number("resolution", 0.0),
+    )
+
+
+def _rig(table: _Table) -> dict[str, Constant]:
+    """The table `[rig]`."""
+    constants = {}
+    for name, given in table.content.items():
+        units = look_up(f"constant in {table.where}", name, RIG)
+        is_table = isinstance(given, dict)
+        inner = _Table(
+            f"{table.where}, {name}", given if is_table else {"value": given}
+        )
+        inner.only("value", "uncertainty", "unit")
+        value = inner.number("value")
+        if value is None:
+            raise CableError(f"{inner.where} needs a `value`.")
+        factor = units[inner.choice("unit", units) or next(iter(units))]
+        doubt = inner.number("uncertainty", 0.0) or 0.0
+        constants[name] = Constant(value * factor, doubt * factor)
+    return constants
+
+
+def _facts(table: _Table) -> dict[str, Any]:
+    """One table of `[trials]`: the facts that it gives."""
+    table.only(*Facts.__dataclass_fields__)
+    known = {
+        "split": table.choice("split", get_args(Split)),
+        "repeat_of": table.text("repeat_of"),
+        "pretension": table.number("pretension", 0.0),
+        "temperature": table.number("temperature"),
+        "locked": table.choice("locked", get_args(Locked)),
+        "valid": _stretches(table),
+        "notes": table.text("notes"),
+    }
+    return {key: value for key, value in known.items() if value is not None}
+
+
+def _stretches(table: _Table) -> tuple[tuple[float, float], ...] | None:
+    """Stretches of time, or None if they are not there."""
+    given = table.content.get("valid")
+    if given is None:
+        return None
+    error = table.wrong("valid", "a list of [from, to] in seconds, from before to")
+    if not isinstance(given, list):
+        raise error
+    stretches = []
+    for pair in given:
+        if not isinstance(pair, list) or len(pair) != 2:
+            raise error
+        start, stop = _number(pair[0]), _number(pair[1])
+        if start is None or stop is None or not start < stop:
+            raise error
+        stretches.append((start, stop))
+    return tuple(stretches)
+
+
+def _number(value: object) -> float | None:
+    """A finite number, or None if it is something else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def _matches(path: Path, pattern: str) -> bool:
+    """Whether a pattern of `[trials]` means this file."""
+    return any(fnmatch.fnmatchcase(name, pattern) for name in (path.name, path.stem))

@@ -10,15 +10,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from cc_mujoco.diagnosis import channels
+from cc_mujoco.diagnosis.checks import check_recording, check_trials
 from cc_mujoco.diagnosis.clock import Track, lay_out
 from cc_mujoco.diagnosis.dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.diagnosis.findings import Finding, fix, note
+from cc_mujoco.diagnosis.noise import noise_of
 from cc_mujoco.diagnosis.reading import Recording, beside, data_files, read
+from cc_mujoco.diagnosis.repeatability import floor_of
+from cc_mujoco.diagnosis.thinning import thinned
 from cc_mujoco.diagnosis.trials import Dataset, Facts, Trial
 from cc_mujoco.errors import CableError
 
@@ -61,8 +66,13 @@ def load(
         facts = file.facts_of(path)
         track, found = lay_out(recording, facts, file)
         findings += found
-        if track is not None:
-            trials.append(_trial(recording, track, facts))
+        if track is None:
+            continue
+        findings += check_recording(recording, facts, file)
+        track, found = thinned(track, str(path), path.stem)
+        findings += found
+        trials.append(_trial(recording, track, facts))
+    findings += check_trials(trials)
     dataset = Dataset(
         trials=tuple(trials),
         constants=file.rig,
@@ -71,7 +81,9 @@ def load(
         path=file.path,
         sha256=file.sha256,
     )
-    return dataset, findings
+    dataset = replace(dataset, noise=noise_of(dataset, file))
+    floor, found = floor_of(dataset)
+    return replace(dataset, floor=floor), findings + found
 
 
 def _trial(recording: Recording, track: Track, facts: Facts) -> Trial:

@@ -17,7 +17,13 @@ from cc_mujoco.diagnosis.alignment import check_alignment
 from cc_mujoco.diagnosis.dataset_file import DatasetFile
 from cc_mujoco.diagnosis.findings import Finding, fix, note
 from cc_mujoco.diagnosis.reading import Recording
-from cc_mujoco.diagnosis.signs import check_signs, check_units, mechanics
+from cc_mujoco.diagnosis.signs import (
+    check_ratios,
+    check_signs,
+    check_units,
+    groups,
+    mechanics,
+)
 from cc_mujoco.diagnosis.smoothing import velocity
 from cc_mujoco.diagnosis.trials import Facts, FloatArray, Trial
 
@@ -44,9 +50,11 @@ def check_recording(
 def check_trials(trials: Sequence[Trial]) -> list[Finding]:
     """Run the checks of trials of one rig."""
     known = [mechanics(trial) for trial in trials]
-    findings = check_signs(trials, known)
-    for trial, m in zip(trials, known, strict=True):
-        findings += check_units(trial, m) + check_alignment(trial) + _motion(trial)
+    findings = check_ratios(trials, known)
+    for group in groups(trials, known):
+        findings += check_signs(group) + check_units(group)
+    for trial in trials:
+        findings += check_alignment(trial) + _motion(trial)
     return findings
 
 
@@ -72,7 +80,7 @@ def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
         "the sides are swapped": apart / ratio**2,
         f"{joint} is in degrees": apart / degrees,
         f"{motor} is in degrees": apart * degrees,
-        "the scene has other pulleys or another sign": math.copysign(1.0, apart),
+        "the scene has other pulleys": 3.0,
     }
     likely = min(reasons, key=lambda text: abs(math.log(abs(reasons[text]))))
     if apart < 0.0:
@@ -101,7 +109,7 @@ def _constants(recording: Recording, facts: Facts) -> list[Finding]:
         if channel in locked.values():
             side = "motor" if channel == channels.MOTOR_ANGLE else "joint"
             advice += f", or declare locked = {side!r} if it was held fast"
-        findings.append(fix(f"{where}; {advice}.", recording.path.stem, channel))
+        findings.append(fix(f"{where}; {advice}.", recording.name, channel))
     return findings
 
 
@@ -131,7 +139,7 @@ def _clipping(recording: Recording) -> list[Finding]:
                 f"{flat.sum()} rows, as if cut off {side}; use a sensor of wider range "
                 "or mark these rows invalid."
             )
-            findings.append(fix(told, recording.path.stem, channel))
+            findings.append(fix(told, recording.name, channel))
     return findings
 
 
@@ -146,13 +154,13 @@ def _degrees(recording: Recording, file: DatasetFile) -> list[Finding]:
             continue
         told = f"{recording.column(channel)} covers {turns:.3g} turns"
         if file.source(channel).unit is not None:
-            findings.append(note(f"{told}, as declared.", recording.path.stem, channel))
+            findings.append(note(f"{told}, as declared.", recording.name, channel))
             continue
         advice = (
             f"declare [columns.{channel}] unit = 'deg' if it is in degrees, or 'rad'"
         )
         findings.append(
-            fix(f"{told} if it is in radians; {advice}.", recording.path.stem, channel)
+            fix(f"{told} if it is in radians; {advice}.", recording.name, channel)
         )
     return findings
 
@@ -175,7 +183,7 @@ def _second_clock(recording: Recording, file: DatasetFile) -> list[Finding]:
         fix(
             f"{recording.path} has times of its own in column {name}; say in "
             f"dataset.toml which channels they belong to: clock = {name!r}.",
-            recording.path.stem,
+            recording.name,
         )
         for name in recording.names
         if name not in used and _SIDE.search(name) and _CLOCK.search(name)

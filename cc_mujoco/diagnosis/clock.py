@@ -56,7 +56,7 @@ def lay_out(
     Returns:
         The stretches, None if there is nothing to use; and what was noticed.
     """
-    name, findings = recording.path.stem, []
+    name, findings = recording.name, []
     if recording.rows < 2:
         rows = "one row of data" if recording.rows else "no rows of data"
         told = f"{recording.path} has {rows}; a trial needs at least {SHORTEST} s."
@@ -93,7 +93,7 @@ def _increasing(
     recording: Recording,
 ) -> tuple[NDArray[np.intp] | slice | None, list[Finding]]:
     """Rows whose times increase, or None where times cannot be trusted."""
-    name, where = recording.path.stem, recording.column(TIME)
+    name, where = recording.name, recording.column(TIME)
     time = recording.values[TIME]
     findings = []
     rows: NDArray[np.intp] | slice = slice(None)
@@ -144,10 +144,10 @@ def _rate(recording: Recording, step: float) -> tuple[float, list[Finding]]:
     told = f"{recording.column(TIME)}: {rate:.4g} samples per second"
     if rate < SLOWEST:
         text = f"{told} are too few to see friction at reversals; record at 200 or more"
-        return rate, [fix(f"{text}.", recording.path.stem, TIME)]
+        return rate, [fix(f"{text}.", recording.name, TIME)]
     if rate < SLOW:
         text = f"{told} blur what happens at reversals; 200 or more are better."
-        return rate, [note(text, recording.path.stem, TIME)]
+        return rate, [note(text, recording.name, TIME)]
     return rate, []
 
 
@@ -195,7 +195,7 @@ def _counts(
     facts: Facts,
 ) -> tuple[NDArray[np.bool_], list[Finding]]:
     """Which samples count: nothing missing, not masked, in the stretches declared."""
-    name = recording.path.stem
+    name = recording.name
     findings = []
     good = np.ones(len(time), dtype=bool)
     mask = values.get(VALID)
@@ -239,7 +239,7 @@ def _gaps(
     recording: Recording, time: FloatArray, step: float
 ) -> tuple[NDArray[np.intp], list[Finding]]:
     """Rows before which there is a gap; whether the rest is regular."""
-    name = recording.path.stem
+    name = recording.name
     change = np.diff(time)
     gap = change > GAP * step
     findings = []
@@ -311,5 +311,5 @@ def _even(recording: Recording, track: Track) -> tuple[Track, list[Finding]]:
         f"the readings were interpolated at {1 / step:.5g} Hz."
     )
     return Track(np.concatenate(grids), values, parts, step), [
-        note(told, recording.path.stem, TIME)
+        note(told, recording.name, TIME)
     ]

@@ -119,8 +119,8 @@ def excitation(dataset: Dataset) -> Excitation:
         dwell_count=len(rests),
         torque=_percentiles(_all(dataset, channels.JOINT_TORQUE), 1, 99),
         motor_torque=_percentiles(_all(dataset, channels.MOTOR_TORQUE), 1, 99),
-        turns=float(np.ptp(_all(dataset, channels.MOTOR_ANGLE)) / (2.0 * math.pi)),
-        joint_turns=float(np.ptp(_all(dataset, channels.JOINT_ANGLE)) / (2 * math.pi)),
+        turns=_revolutions(_all(dataset, channels.MOTOR_ANGLE)),
+        joint_turns=_revolutions(_all(dataset, channels.JOINT_ANGLE)),
         bandwidth=max((_bandwidth(trial) for trial in dataset.trials), default=0.0),
         repeats=sum(trial.facts.repeat_of is not None for trial in dataset.trials),
         pretensions=tuple(sorted(known_tensions)),
@@ -174,6 +174,10 @@ def _all(dataset: Dataset, channel: str) -> FloatArray:
             for part in trial.segments
         ]
     )
+
+
+def _revolutions(angle: FloatArray) -> float:
+    return float(np.ptp(angle)) / (2.0 * math.pi) if len(angle) else 0.0
 
 
 def _percentiles(values: FloatArray, low: float, high: float) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from cc_mujoco.diagnosis.clock import Track, lay_out
 from cc_mujoco.diagnosis.dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.diagnosis.findings import Finding, fix, note
 from cc_mujoco.diagnosis.noise import noise_of
-from cc_mujoco.diagnosis.reading import Recording, beside, data_files, read
+from cc_mujoco.diagnosis.reading import Recording, beside, data_files, read, trial_names
 from cc_mujoco.diagnosis.repeatability import floor_of
 from cc_mujoco.diagnosis.thinning import thinned
 from cc_mujoco.diagnosis.trials import Dataset, Facts, Trial
@@ -55,21 +55,28 @@ def load(
     file = DatasetFile() if toml is None else read_dataset_file(toml)
     if toml is not None and dataset_toml is None:
         findings.append(note(f"{toml} says what the columns mean."))
-    file.check_trials(files)
+    names = trial_names(files)
+    file.check_trials(names)
     trials: list[Trial] = []
-    for path in files:
+    known: dict[str, Path] = {}
+    for path, name in names.items():
         try:
-            recording = read(path, file)
+            recording = read(path, file, name)
         except CableError as error:
-            findings.append(fix(str(error), path.stem))
+            findings.append(fix(str(error), name))
             continue
-        facts = file.facts_of(path)
+        twin = known.setdefault(recording.sha256, path)
+        if twin != path:
+            told = f"{path} is a copy of {twin} and is left out; a copy is no repeat."
+            findings.append(note(told, name))
+            continue
+        facts = file.facts_of(path, name)
         track, found = lay_out(recording, facts, file)
         findings += found
         if track is None:
             continue
         findings += check_recording(recording, facts, file)
-        track, found = thinned(track, str(path), path.stem)
+        track, found = thinned(track, str(path), name)
         findings += found
         trials.append(_trial(recording, track, facts))
     findings += check_trials(trials)
@@ -93,7 +100,7 @@ def _trial(recording: Recording, track: Track, facts: Facts) -> Trial:
     if warmth is None and facts.temperature is not None:
         warmth = np.full(len(track.time), facts.temperature)
     return Trial(
-        name=recording.path.stem,
+        name=recording.name,
         time=track.time,
         motor_angle=values[channels.MOTOR_ANGLE],
         motor_torque=values[channels.MOTOR_TORQUE],

@@ -137,9 +137,12 @@ def period(angle: FloatArray) -> float | None:
     fallen = np.flatnonzero(match < 0.5)
     if not len(fallen):
         return None
-    best = int(fallen[0] + np.argmax(match[fallen[0] :]))
-    if match[best] < _PERIODIC or best in (fallen[0], len(lags) - 1):
+    peaks = (match[1:-1] >= match[:-2]) & (match[1:-1] > match[2:])
+    alike = np.flatnonzero(peaks & (match[1:-1] > _PERIODIC)) + 1
+    alike = alike[alike > fallen[0]]
+    if not len(alike):
         return None
+    best = int(alike[0])
     left, middle, right = match[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
     return best + (0.5 * float((left - right) / bend) if bend < 0.0 else 0.0)

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis.channels import (
     DRIVE,
@@ -32,10 +33,13 @@ from cc_mujoco.diagnosis.trials import FloatArray, Trial
 _FOLLOWS = 0.6  # correlation from which on a sign is certain
 _ASKS = 0.7
 _SURE = 0.9
-_CLEAR, _SEEN = 0.1, 0.03  # share of the power that is made of nothing
+_SETTLED, _SLIDING, _VARIED, _FEWEST = 0.1, 0.3, 0.2, 50
+_SEEN, _MUCH = 0.03, 0.06  # share of the power that passes, made of nothing
+_CLEAR = 0.2  # share of the net works, made of nothing
 _TRAVEL = 4.0  # ranges of motion that a power balance needs
 _BLOCKS = 8
-_APART, _MENDED = 25.0, 5.0  # ratios of angles to torques that are wrong, and right
+_APART, _MENDED = 12.0, 4.0  # ratios of angles to torques that are wrong, and right
+_ODD = 8.0
 _DEGREE = math.degrees(1.0)
 
 
@@ -46,7 +50,7 @@ class Mechanics(NamedTuple):
         ratio: joint speed per motor speed.
         follows: correlation of the speeds, 0 if one side stands still.
         torque_ratio: motor torque per joint torque, friction aside.
-        asks: their partial correlation, 0 if one of them is constant.
+        asks: their correlation while the cable slides either way, 0 if unknown.
         motor_work: work of the motor per travel of the motor, less what is stored [Nm].
         joint_work: the same of the joint; their difference is friction.
         doubt: standard deviation of that difference.
@@ -71,9 +75,7 @@ def mechanics(trial: Trial) -> Mechanics:
     turn = velocity(trial.joint_angle, trial.step, trial.segments)[used]
     ratio = float(omega @ turn / max(omega @ omega, 1e-300))
     follows = _correlation(omega, turn)
-    top = float(np.percentile(np.abs(omega), 95))
-    slide = np.tanh(omega / max(0.1 * top, 1e-300))
-    torque_ratio, asks = _partial(motor, joint, slide)
+    torque_ratio, asks = _torques(motor, joint, omega, trial.step)
     works = _works(trial, used, omega, turn)
     return Mechanics(ratio, follows, torque_ratio, asks, *works)
 
@@ -83,18 +85,49 @@ def _correlation(one: FloatArray, other: FloatArray) -> float:
     return float(one @ other) / scale if scale > 0.0 else 0.0
 
 
-def _partial(
-    motor: FloatArray, joint: FloatArray, slide: FloatArray
+def _torques(
+    motor: FloatArray, joint: FloatArray, omega: FloatArray, step: float
 ) -> tuple[float, float]:
-    """Slope and partial correlation of two torques, direction of slip taken out."""
-    basis = np.column_stack([np.ones_like(slide), slide])
-    rest = [
-        torque - basis @ np.linalg.lstsq(basis, torque, rcond=None)[0]
-        for torque in (motor, joint)
-    ]
-    power = float(rest[1] @ rest[1])
-    slope = float(rest[0] @ rest[1]) / power if power > 0.0 else 0.0
-    return slope, _correlation(*rest)
+    """Motor torque per joint torque while the cable slides, and their correlation.
+
+    Friction that grows with load tilts the slope up one way and down the other; their
+    geometric mean is the ratio without friction. At reversals torques change together
+    or against each other as the ends move, which says nothing of signs.
+    """
+    usual = math.sqrt(float(np.mean(omega**2)))
+    ways, settled = _sliding(omega, usual, step)
+    slopes, matches = [], []
+    for way in (1.0, -1.0):
+        rows = settled & (ways == way)
+        if np.count_nonzero(rows) < _FEWEST:
+            return 0.0, 0.0
+        one, other = motor[rows] - motor[rows].mean(), joint[rows] - joint[rows].mean()
+        spread, other_spread = motor.std(), joint.std()
+        if not (one.std() > _VARIED * spread and other.std() > _VARIED * other_spread):
+            return 0.0, 0.0
+        slopes.append(float(one @ other) / float(other @ other))
+        matches.append(_correlation(one, other))
+    if slopes[0] * slopes[1] <= 0.0:
+        return 0.0, 0.0
+    ratio = math.copysign(math.sqrt(slopes[0] * slopes[1]), slopes[0])
+    return ratio, math.copysign(min(map(abs, matches)), slopes[0])
+
+
+def _sliding(
+    omega: FloatArray, usual: float, step: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Direction of motion, and where it has lasted until friction has settled."""
+    moving = np.flatnonzero(np.abs(omega) > 0.2 * _SLIDING * usual)
+    last = np.zeros(len(omega), dtype=np.intp)
+    last[moving] = moving
+    ways = np.sign(omega[np.maximum.accumulate(last)])
+    travel = np.cumsum(np.abs(omega)) * step
+    turned = np.flatnonzero(np.diff(ways, prepend=ways[0]))
+    start = np.zeros(len(omega))
+    start[turned] = travel[turned]
+    since = travel - np.maximum.accumulate(start)
+    span = float(np.ptp(np.cumsum(omega) * step))
+    return ways, (since > _SETTLED * span) & (np.abs(omega) > _SLIDING * usual)
 
 
 def _works(
@@ -144,37 +177,52 @@ def _works(
     return float(slopes[0, 0]), float(slopes[0, 1]), float(doubt), max(power, 1e-300)
 
 
-def check_signs(
-    trials: Sequence[Trial], known: Sequence[Mechanics] | None = None
-) -> list[Finding]:
-    """Find channels with inverted sign, and swapped sides.
+class Group(NamedTuple):
+    """Trials whose angles and torques agree in sign alike, judged together.
 
-    Trials whose angles and torques agree in sign alike are judged together, for one
-    that is short says little of power.
-
-    Args:
-        trials: of one rig.
-        known: their mechanics, if they are known.
+    A trial that is short says little of power, and trials of different loads show
+    together what none of them shows alone.
     """
-    groups = defaultdict(list)
-    for trial, m in zip(trials, known or map(mechanics, trials), strict=True):
-        follows = np.sign(m.follows) if abs(m.follows) > _FOLLOWS else 0.0
-        asks = np.sign(m.asks) if abs(m.asks) > _ASKS else 0.0
-        groups[float(follows), float(asks)].append((trial, m))
-    findings = []
-    for (follows, asks), members in groups.items():
-        pooled = _pooled([m for _, m in members])
-        findings += _judged([trial for trial, _ in members], pooled, follows, asks)
-    return findings
+
+    trials: list[Trial]
+    mechanics: Mechanics
 
 
-def _pooled(known: list[Mechanics]) -> Mechanics:
-    """Works of several trials, averaged where they are known."""
+def groups(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Group]:
+    """Group the trials of one rig, whose mechanics are known."""
+    alike = defaultdict(list)
+    for trial, m in zip(trials, known, strict=True):
+        alike[_sign(m.follows, _FOLLOWS), _sign(m.asks, _ASKS)].append((trial, m))
+    return [
+        Group([trial for trial, _ in members], _pooled(members))
+        for members in alike.values()
+    ]
+
+
+def _sign(correlation: float, least: float) -> float:
+    """Sign of a correlation, 0 where it is not certain."""
+    return math.copysign(1.0, correlation) if abs(correlation) > least else 0.0
+
+
+def _pooled(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
+    """The mechanics of several trials together."""
+    first = members[0][1]
+    if len(members) == 1:
+        return first
+    known = [m for _, m in members]
+    torque_ratio, asks = _shared([trial for trial, _ in members])
+    if abs(asks) < abs(first.asks):
+        torque_ratio, asks = first.torque_ratio, first.asks
+    pooled = first._replace(
+        ratio=float(np.median([m.ratio for m in known])),
+        torque_ratio=torque_ratio,
+        asks=asks,
+    )
     told = [m for m in known if math.isfinite(m.doubt)]
     if not told:
-        return known[0]
+        return pooled
     motor, joint, doubt, scale = np.array([m[4:] for m in told]).T
-    return known[0]._replace(
+    return pooled._replace(
         motor_work=float(motor.mean()),
         joint_work=float(joint.mean()),
         doubt=float(np.sqrt((doubt**2).sum())) / len(told),
@@ -182,17 +230,31 @@ def _pooled(known: list[Mechanics]) -> Mechanics:
     )
 
 
-def _judged(
-    trials: list[Trial], m: Mechanics, follows: float, asks: float
-) -> list[Finding]:
-    """The finding on trials that are alike, if there is one."""
+def _shared(trials: list[Trial]) -> tuple[float, float]:
+    """Motor torque per joint torque over several trials, and their correlation."""
+    parts = [(trial, part) for trial in trials for part in trial.segments]
+    omega = [velocity(trial.motor_angle[part], trial.step) for trial, part in parts]
+    motor = [trial.motor_torque[part] for trial, part in parts]
+    joint = [trial.joint_torque[part] for trial, part in parts]
+    return _torques(
+        np.concatenate(motor),
+        np.concatenate(joint),
+        np.concatenate(omega),
+        trials[0].step,
+    )
+
+
+def check_signs(group: Group) -> list[Finding]:
+    """Find channels with inverted sign, and swapped sides."""
+    trials, m = group
+    follows, asks = _sign(m.follows, _FOLLOWS), _sign(m.asks, _ASKS)
     friction = m.motor_work - m.joint_work
-    made = friction < -max(3.0 * m.doubt, _SEEN * m.scale)
     told = []
     if follows < 0.0:
         told.append("the joint turns against the motor")
     if asks < 0.0:
         told.append("motor torque falls where joint torque rises")
+    made = friction < -max(3.0 * m.doubt, _SEEN * m.scale)
     if made:
         told.append(
             f"the transmission makes {-friction / m.scale:.0%} of the power that "
@@ -203,15 +265,31 @@ def _judged(
     ways = _ways(m, follows, asks)
     if follows >= 0.0 and asks >= 0.0:
         ways.append("swap the motor's columns with the joint's")
-    labels = {channel: trials[0].labels.get(channel, channel) for channel in DRIVE}
-    advice = " or ".join(way.format(**labels) for way in ways)
-    others = len(trials) - 1
-    which = f" and {others} other files" if others > 1 else ""
-    which = f" and {trials[1].path}" if others == 1 else which
-    sentence = f"{trials[0].path}{which}: {' and '.join(told)}; {advice}."
+    advice = " or ".join(ways).format(**_labels(trials[0]))
+    sentence = f"{_files(trials)}: {' and '.join(told)}; {advice}."
     # A torque sensor of wrong gain can make a little power; only a sign makes much.
-    gain = follows >= 0.0 and asks >= 0.0 and friction > -_CLEAR * m.scale
-    return [(note if gain else fix)(sentence, "" if others else trials[0].name)]
+    little = friction > -max(
+        _MUCH * m.scale, _CLEAR * (abs(m.motor_work) + abs(m.joint_work))
+    )
+    gain = follows >= 0.0 and asks >= 0.0 and little
+    return [(note if gain else fix)(sentence, _name(trials))]
+
+
+def _files(trials: list[Trial]) -> str:
+    """Files of a group, for a sentence."""
+    others = [trial.path for trial in trials[1:]]
+    more = others[0] if len(others) == 1 else f"{len(others)} other files"
+    return f"{trials[0].path} and {more}" if others else trials[0].path
+
+
+def _name(trials: list[Trial]) -> str:
+    """Name of the one trial of a group, else nothing."""
+    return trials[0].name if len(trials) == 1 else ""
+
+
+def _labels(trial: Trial) -> dict[str, str]:
+    """Names that the channels have in the file."""
+    return {channel: trial.labels.get(channel, channel) for channel in DRIVE}
 
 
 def _ways(m: Mechanics, follows: float, asks: float) -> list[str]:
@@ -242,9 +320,9 @@ def _ways(m: Mechanics, follows: float, asks: float) -> list[str]:
     ]
 
 
-def check_units(trial: Trial, known: Mechanics | None = None) -> list[Finding]:
+def check_units(group: Group) -> list[Finding]:
     """Find units that contradict each other, by virtual work."""
-    m = mechanics(trial) if known is None else known
+    trials, m = group
     if not (abs(m.follows) > _FOLLOWS and abs(m.asks) > _SURE):
         return []
     apart = abs(m.torque_ratio / m.ratio)
@@ -263,11 +341,31 @@ def check_units(trial: Trial, known: Mechanics | None = None) -> list[Finding]:
         for text, left in mends.items()
         if abs(math.log(left)) < math.log(_MENDED)
     )
-    columns = {channel: trial.labels.get(channel, channel) for channel in DRIVE}
-    advice = " or ".join(text.format(**columns) for _, text in likely[:2])
+    advice = " or ".join(text for _, text in likely[:2]).format(**_labels(trials[0]))
     sentence = (
-        f"{trial.path}: the joint turns {m.ratio:.3g} rad per motor radian, but motor "
-        f"torque is {m.torque_ratio:.3g} of joint torque, which cannot be; "
+        f"{_files(trials)}: the joint turns {m.ratio:.3g} rad per motor radian, but "
+        f"motor torque is {m.torque_ratio:.3g} of joint torque, which cannot be; "
         f"{f'perhaps {advice}' if advice else 'check units and columns'}."
     )
-    return [fix(sentence, trial.name)]
+    return [fix(sentence, _name(trials))]
+
+
+def check_ratios(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Finding]:
+    """Find trials whose angles have another ratio than those of the others."""
+    certain = [
+        (trial, m.ratio)
+        for trial, m in zip(trials, known, strict=True)
+        if abs(m.follows) > _FOLLOWS
+    ]
+    if len(certain) < 3:
+        return []
+    usual = float(np.median([abs(ratio) for _, ratio in certain]))
+    return [
+        fix(
+            f"{trial.path}: the joint turns {ratio:.3g} rad per motor radian, but "
+            f"{usual:.3g} in the other trials; check the units of its angles.",
+            trial.name,
+        )
+        for trial, ratio in certain
+        if not 1.0 / _ODD < abs(ratio) / usual < _ODD
+    ]

@@ -113,40 +113,37 @@ class DatasetFile:
         """Where a channel comes from."""
         return self.columns.get(channel, Source())
 
-    def facts_of(self, path: Path) -> Facts:
+    def facts_of(self, path: Path, name: str | None = None) -> Facts:
         """Facts of the trial in this file: of all tables that match, the last wins."""
         facts = Facts()
         for pattern, known in self.facts.items():
-            if _matches(path, pattern):
+            if _matches(path, name or path.stem, pattern):
                 facts = replace(facts, **known)
         return facts
 
-    def check_trials(self, paths: Iterable[Path]) -> None:
+    def check_trials(self, names: Mapping[Path, str]) -> None:
         """Check that every table of `[trials]` means a file, and so does `repeat_of`.
+
+        Args:
+            names: of the trials, by file.
 
         Raises:
             CableError: one does not.
         """
-        paths = tuple(paths)
         for pattern, known in self.facts.items():
-            meant = [path for path in paths if _matches(path, pattern)]
+            meant = [n for path, n in names.items() if _matches(path, n, pattern)]
+            where = f"{self.path}, [trials.{pattern!r}]"
             if not meant:
-                raise CableError.unknown(
-                    f"trial in {self.path}, [trials]", pattern, (p.stem for p in paths)
-                )
+                kind = f"trial in {self.path}, [trials]"
+                raise CableError.unknown(kind, pattern, names.values())
             original = known.get("repeat_of")
-            if original is None:
-                continue
-            if original not in {path.stem for path in paths}:
-                raise CableError.unknown(
-                    f"trial in {self.path}, [trials.{pattern!r}], repeat_of",
-                    original,
-                    (path.stem for path in paths),
-                )
-            if any(path.stem == original for path in meant):
+            if original is not None and original not in names.values():
+                kind = f"trial in {where}, repeat_of"
+                raise CableError.unknown(kind, original, names.values())
+            if original in meant:
                 raise CableError(
-                    f"{self.path}, [trials.{pattern!r}], repeat_of: {original!r} "
-                    "cannot repeat itself; name the trial that was recorded first."
+                    f"{where}, repeat_of: {original!r} cannot repeat itself; name the "
+                    "trial that was recorded first."
                 )
 
 
@@ -329,6 +326,7 @@ def _number(value: object) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _matches(path: Path, pattern: str) -> bool:
+def _matches(path: Path, name: str, pattern: str) -> bool:
     """Whether a pattern of `[trials]` means this file."""
-    return any(fnmatch.fnmatchcase(name, pattern) for name in (path.name, path.stem))
+    called = (name, path.name, path.stem)
+    return any(fnmatch.fnmatchcase(text, pattern) for text in called)

@@ -20,6 +20,8 @@ from cc_mujoco.diagnosis.dataset_file import DatasetFile
 from cc_mujoco.diagnosis.trials import FloatArray
 from cc_mujoco.errors import CableError
 
+LARGEST, LATEST = 1e6, 1e11
+"""Readings and times [s] beyond these are taken for missing."""
 DATASET_FILE = "dataset.toml"
 
 
@@ -28,6 +30,7 @@ class Recording:
     """What a file holds, before it is checked and cut.
 
     Attributes:
+        name: of the trial.
         path: the file.
         sha256: of its bytes.
         values: (rows,) by channel in SI units, with signs and offsets applied.
@@ -36,6 +39,7 @@ class Recording:
         names: all columns of the file.
     """
 
+    name: str
     path: Path
     sha256: str
     values: dict[str, FloatArray]
@@ -84,6 +88,17 @@ def data_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
     return list(found.values())
 
 
+def trial_names(files: Iterable[Path]) -> dict[Path, str]:
+    """Names of the trials in these files: no longer than it takes to differ."""
+    files = list(files)
+    for depth in range(1, 1 + max((len(path.parts) for path in files), default=0)):
+        ends = [Path(*path.parts[-depth:]) for path in files]
+        for names in ([end.with_suffix("") for end in ends], ends):
+            if len(set(names)) == len(files):
+                return dict(zip(files, (n.as_posix() for n in names), strict=True))
+    return {path: path.as_posix() for path in files}
+
+
 def beside(files: Iterable[Path]) -> Path | None:
     """The `dataset.toml` in the folder of the data files, or None.
 
@@ -100,8 +115,13 @@ def beside(files: Iterable[Path]) -> Path | None:
     return found[0] if found else None
 
 
-def read(path: Path, file: DatasetFile) -> Recording:
+def read(path: Path, file: DatasetFile, name: str | None = None) -> Recording:
     """Read the channels of one file.
+
+    Args:
+        path: the file.
+        file: what its columns mean.
+        name: of the trial; None is the file's name without ending.
 
     Raises:
         CableError: the file cannot be read, lacks a column or holds text.
@@ -117,26 +137,27 @@ def read(path: Path, file: DatasetFile) -> Recording:
         if clock not in names:
             raise _missing(path, f"the clock of {channel}", clock, names)
     wanted = dict.fromkeys([name for name, _ in sources.values()] + [*clocks.values()])
-    for name in wanted:
-        if names.count(name) > 1:
+    for column in wanted:
+        if names.count(column) > 1:
             raise CableError(
-                f"{path} has {names.count(name)} columns {name}; names must differ."
+                f"{path} has {names.count(column)} columns {column}; names must differ."
             )
     switches = [sources[channels.VALID][0]] if channels.VALID in sources else []
     columns = tables.read_columns(path, wanted, switches)
     # The clocks first: conversion may happen in place.
     second = channels.CLOCK.factors[sources[channels.TIME][1]]
-    times = {channel: columns[name] * second for channel, name in clocks.items()}
+    times = {channel: columns[clock] * second for channel, clock in clocks.items()}
     values = {
-        channel: _converted(columns[name], channel, unit, file)
-        for channel, (name, unit) in sources.items()
+        channel: _converted(columns[column], channel, unit, file)
+        for channel, (column, unit) in sources.items()
     }
     return Recording(
+        name=path.stem if name is None else name,
         path=path,
         sha256=_sha256(path),
         values=values,
         clocks=times,
-        labels={channel: name for channel, (name, _) in sources.items()},
+        labels={channel: column for channel, (column, _) in sources.items()},
         names=names,
     )
 
@@ -174,13 +195,14 @@ def _sources(
 def _converted(
     reading: FloatArray, channel: str, unit: str, file: DatasetFile
 ) -> FloatArray:
-    """Readings as values in the channel's own unit; what is infinite is missing."""
+    """Readings as values in the channel's own unit; what no rig has is missing."""
     source = file.source(channel)
     factor = source.sign * channels.kind(channel).factors[unit]
     value = reading if source.offset == 0.0 else reading - source.offset
     value = value if factor == 1.0 else value * factor
-    if not np.isfinite(value.sum()):
-        value = np.where(np.isfinite(value), value, np.nan)
+    limit = LATEST if channel == channels.TIME else LARGEST
+    if not (len(value) and -limit < value.min() and value.max() < limit):
+        value = np.where(np.abs(value) < limit, value, np.nan)
     return value
 
 

@@ -91,7 +91,7 @@ class Trial:
     """One recording. Arrays have one entry per sample and are finite in segments.
 
     Attributes:
-        name: file name without ending, unique in the dataset.
+        name: file name without ending; as much more of its path as it takes to differ.
         time: (samples,) [s], as recorded.
         motor_angle: (samples,) [rad].
         motor_torque: (samples,) [Nm], motor into its pulley.

@@ -1,0 +1,200 @@
+"""Readings that cannot be what they say: every check is a function, all are listed.
+
+Checks of a recording see all rows as they were recorded, checks of a trial the valid
+stretches with everything known applied.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from cc_mujoco.diagnosis import channels
+from cc_mujoco.diagnosis.alignment import check_alignment
+from cc_mujoco.diagnosis.dataset_file import DatasetFile
+from cc_mujoco.diagnosis.findings import Finding, fix, note
+from cc_mujoco.diagnosis.reading import Recording
+from cc_mujoco.diagnosis.signs import (
+    check_ratios,
+    check_signs,
+    check_units,
+    groups,
+    mechanics,
+)
+from cc_mujoco.diagnosis.smoothing import velocity
+from cc_mujoco.diagnosis.trials import Facts, FloatArray, Trial
+
+JOINT_TURNS, MOTOR_TURNS = 2.0, 8.0
+"""Turns beyond which angles are taken for degrees, unless the unit is declared."""
+_CLIPPED = 5  # samples at an extreme that are one clipped stretch
+_CLIPS = 2
+_SIDE = re.compile(r"motor|joint|handle|output|tension|torque|angle", re.I)
+_CLOCK = re.compile(r"time|clock|stamp", re.I)
+
+
+def check_recording(
+    recording: Recording, facts: Facts, file: DatasetFile
+) -> list[Finding]:
+    """Run the checks of a recording."""
+    return [
+        *_constants(recording, facts),
+        *_clipping(recording),
+        *_degrees(recording, file),
+        *_second_clock(recording, file),
+    ]
+
+
+def check_trials(trials: Sequence[Trial]) -> list[Finding]:
+    """Run the checks of trials of one rig."""
+    known = [mechanics(trial) for trial in trials]
+    findings = check_ratios(trials, known)
+    for group in groups(trials, known):
+        findings += check_signs(group) + check_units(group)
+    for trial in trials:
+        findings += check_alignment(trial) + _motion(trial)
+    return findings
+
+
+def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
+    """Compare the measured ratio of the angles with that of a scene.
+
+    Args:
+        trial: the trial.
+        ratio: motor angle per joint angle of the ideal transmission.
+
+    Returns:
+        A finding if the two differ so much that units, signs or sides are wrong.
+    """
+    known = mechanics(trial)
+    if abs(known.follows) < 0.6:
+        return []
+    apart = known.ratio * ratio
+    if 0.25 < apart < 4.0:
+        return []
+    degrees = math.degrees(1.0)
+    motor, joint = (trial.labels.get(name, name) for name in channels.ANGLES)
+    reasons = {
+        "the sides are swapped": apart / ratio**2,
+        f"{joint} is in degrees": apart / degrees,
+        f"{motor} is in degrees": apart * degrees,
+        "the scene has other pulleys": 3.0,
+    }
+    likely = min(reasons, key=lambda text: abs(math.log(abs(reasons[text]))))
+    if apart < 0.0:
+        likely = "a sign is inverted"
+    told = (
+        f"{trial.path}: the motor turns {1.0 / known.ratio:.3g} rad per joint radian, "
+        f"but {ratio:.3g} in the scene; perhaps {likely}."
+    )
+    return [fix(told, trial.name)]
+
+
+def _constants(recording: Recording, facts: Facts) -> list[Finding]:
+    """Channels that never change."""
+    locked = {"motor": channels.MOTOR_ANGLE, "joint": channels.JOINT_ANGLE}
+    findings = []
+    for channel in recording.values:
+        if channel in (channels.TIME, channels.VALID, channels.TEMPERATURE):
+            continue
+        values = recording.values[channel]
+        if recording.rows < 2 or not np.nanmax(values) == np.nanmin(values):
+            continue
+        where = f"{recording.column(channel)} is {values[0]:.6g} in every row"
+        if facts.locked and locked[facts.locked] == channel:
+            continue
+        advice = "check the sensor"
+        if channel in locked.values():
+            side = "motor" if channel == channels.MOTOR_ANGLE else "joint"
+            advice += f", or declare locked = {side!r} if it was held fast"
+        findings.append(fix(f"{where}; {advice}.", recording.name, channel))
+    return findings
+
+
+def _clipping(recording: Recording) -> list[Finding]:
+    """Torques and tensions that stay at their extreme while elsewhere they scatter."""
+    findings = []
+    for channel, values in recording.values.items():
+        if channels.kind(channel) not in (channels.TORQUE, channels.FORCE):
+            continue
+        same = np.diff(values) == 0.0
+        for extreme, side in (
+            (np.nanmax(values), "above"),
+            (np.nanmin(values), "below"),
+        ):
+            there = values == extreme
+            edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
+            lengths = edges[1::2] - edges[::2]
+            flat = lengths[lengths >= _CLIPPED]
+            if not len(flat) or (len(flat) < _CLIPS and flat[0] < 4 * _CLIPPED):
+                continue
+            inside = there[1:] & there[:-1]
+            usual = float(same[~inside].mean()) if not inside.all() else 1.0
+            if usual > 0.1 or inside.all():
+                continue  # coarse readings repeat everywhere
+            told = (
+                f"{recording.column(channel)} stays at {extreme:.6g} in "
+                f"{flat.sum()} rows, as if cut off {side}; use a sensor of wider range "
+                "or mark these rows invalid."
+            )
+            findings.append(fix(told, recording.name, channel))
+    return findings
+
+
+def _degrees(recording: Recording, file: DatasetFile) -> list[Finding]:
+    """Angles too large for radians."""
+    findings = []
+    limits = {channels.JOINT_ANGLE: JOINT_TURNS, channels.MOTOR_ANGLE: MOTOR_TURNS}
+    for channel, most in limits.items():
+        values = recording.values[channel]
+        turns = _range(values) / (2.0 * math.pi)
+        if turns <= most:
+            continue
+        told = f"{recording.column(channel)} covers {turns:.3g} turns"
+        if file.source(channel).unit is not None:
+            findings.append(note(f"{told}, as declared.", recording.name, channel))
+            continue
+        advice = (
+            f"declare [columns.{channel}] unit = 'deg' if it is in degrees, or 'rad'"
+        )
+        findings.append(
+            fix(f"{told} if it is in radians; {advice}.", recording.name, channel)
+        )
+    return findings
+
+
+def _range(values: FloatArray) -> float:
+    """Range of readings, spikes aside."""
+    values = values[:: max(1, len(values) // 100_000)]
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return 0.0
+    low, high = np.percentile(values, [0.5, 99.5])
+    return float(high - low)
+
+
+def _second_clock(recording: Recording, file: DatasetFile) -> list[Finding]:
+    """Times of one side or channel that nobody has declared."""
+    declared = {file.source(channel).clock for channel in recording.values}
+    used = {*declared, *recording.labels.values()}
+    return [
+        fix(
+            f"{recording.path} has times of its own in column {name}; say in "
+            f"dataset.toml which channels they belong to: clock = {name!r}.",
+            recording.name,
+        )
+        for name in recording.names
+        if name not in used and _SIDE.search(name) and _CLOCK.search(name)
+    ]
+
+
+def _motion(trial: Trial) -> list[Finding]:
+    """Trials in which nothing happens."""
+    speed = np.abs(velocity(trial.motor_angle, trial.step, trial.segments))
+    turn = np.abs(velocity(trial.joint_angle, trial.step, trial.segments))
+    if np.nanmax(speed) * trial.duration < 1e-3 > np.nanmax(turn) * trial.duration:
+        told = f"{trial.path}: neither side moves by more than a milliradian."
+        return [note(told, trial.name)]
+    return []

@@ -1,0 +1,119 @@
+"""From files to a dataset, with everything noticed on the way.
+
+>>> from cc_mujoco.diagnosis.intake import load
+>>> dataset, findings = load(["data"], "dataset.toml")    # doctest: +SKIP
+>>> for finding in findings:                              # doctest: +SKIP
+...     print(finding.severity, finding.statement)
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cc_mujoco.diagnosis import channels
+from cc_mujoco.diagnosis.checks import check_recording, check_trials
+from cc_mujoco.diagnosis.clock import Track, lay_out
+from cc_mujoco.diagnosis.dataset_file import DatasetFile, read_dataset_file
+from cc_mujoco.diagnosis.findings import Finding, fix, note
+from cc_mujoco.diagnosis.noise import noise_of
+from cc_mujoco.diagnosis.reading import Recording, beside, data_files, read, trial_names
+from cc_mujoco.diagnosis.repeatability import floor_of
+from cc_mujoco.diagnosis.thinning import thinned
+from cc_mujoco.diagnosis.trials import Dataset, Facts, Trial
+from cc_mujoco.errors import CableError
+
+
+def load(
+    paths: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
+    dataset_toml: str | os.PathLike[str] | None = None,
+) -> tuple[Dataset, list[Finding]]:
+    """Read and check trials.
+
+    Args:
+        paths: CSV or Parquet files, or folders of them; their order is kept, folders
+            are sorted by name.
+        dataset_toml: what the columns mean; without it, the `dataset.toml` in the
+            folder of the data, if there is one.
+
+    Returns:
+        The dataset, without the trials that cannot be read, and what was noticed. If
+        any finding is of severity `fix`, nothing should be concluded from the data.
+
+    Raises:
+        CableError: there are no data files, or the `dataset.toml` is wrong.
+    """
+    if isinstance(paths, str | os.PathLike):
+        paths = [paths]
+    files = data_files(paths)
+    findings: list[Finding] = []
+    toml = Path(dataset_toml) if dataset_toml is not None else beside(files)
+    file = DatasetFile() if toml is None else read_dataset_file(toml)
+    if toml is not None and dataset_toml is None:
+        findings.append(note(f"{toml} says what the columns mean."))
+    names = trial_names(files)
+    file.check_trials(names)
+    trials: list[Trial] = []
+    known: dict[str, Path] = {}
+    for path, name in names.items():
+        try:
+            recording = read(path, file, name)
+        except CableError as error:
+            findings.append(fix(str(error), name))
+            continue
+        twin = known.setdefault(recording.sha256, path)
+        if twin != path:
+            told = f"{path} is a copy of {twin} and is left out; a copy is no repeat."
+            findings.append(note(told, name))
+            continue
+        facts = file.facts_of(path, name)
+        track, found = lay_out(recording, facts, file)
+        findings += found
+        if track is None:
+            continue
+        findings += check_recording(recording, facts, file)
+        track, found = thinned(track, str(path), name)
+        findings += found
+        trials.append(_trial(recording, track, facts))
+    findings += check_trials(trials)
+    dataset = Dataset(
+        trials=tuple(trials),
+        constants=file.rig,
+        name=file.name,
+        notes=file.notes,
+        path=file.path,
+        sha256=file.sha256,
+    )
+    dataset = replace(dataset, noise=noise_of(dataset, file))
+    floor, found = floor_of(dataset)
+    return replace(dataset, floor=floor), findings + found
+
+
+def _trial(recording: Recording, track: Track, facts: Facts) -> Trial:
+    """The trial of a recording."""
+    values = track.values
+    warmth = values.get(channels.TEMPERATURE)
+    if warmth is None and facts.temperature is not None:
+        warmth = np.full(len(track.time), facts.temperature)
+    return Trial(
+        name=recording.name,
+        time=track.time,
+        motor_angle=values[channels.MOTOR_ANGLE],
+        motor_torque=values[channels.MOTOR_TORQUE],
+        joint_angle=values[channels.JOINT_ANGLE],
+        joint_torque=values[channels.JOINT_TORQUE],
+        segments=track.segments,
+        step=track.step,
+        tensions={
+            name: value for name, value in values.items() if channels.is_tension(name)
+        },
+        temperature=warmth,
+        facts=facts,
+        path=str(recording.path),
+        sha256=recording.sha256,
+        labels=recording.labels,
+    )

@@ -1,0 +1,371 @@
+"""Signs and units by mechanics: what a transmission cannot do.
+
+Three things are known of every transmission, whatever its friction: the joint follows
+the motor, the joint torque asks for motor torque of the same sign, and motor power less
+joint power is never negative in the long run. Of the eight ways in which signs may be
+wrong, each breaks another combination of the three (inverting everything on both sides
+is a change of convention that nothing can show). And by virtual work the ratio of the
+angles is the ratio of the torques, if the units are right.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.diagnosis.channels import (
+    DRIVE,
+    JOINT_ANGLE,
+    JOINT_TORQUE,
+    MOTOR_ANGLE,
+    MOTOR_TORQUE,
+)
+from cc_mujoco.diagnosis.findings import Finding, fix, note
+from cc_mujoco.diagnosis.smoothing import velocity
+from cc_mujoco.diagnosis.trials import FloatArray, Trial
+
+_FOLLOWS = 0.6  # correlation from which on a sign is certain
+_ASKS = 0.7
+_SURE = 0.9
+_SETTLED, _SLIDING, _VARIED, _FEWEST = 0.1, 0.3, 0.2, 50
+_SEEN, _MUCH = 0.03, 0.06  # share of the power that passes, made of nothing
+_CLEAR = 0.2  # share of the net works, made of nothing
+_TRAVEL = 4.0  # ranges of motion that a power balance needs
+_BLOCKS = 8
+_APART, _MENDED = 12.0, 4.0  # ratios of angles to torques that are wrong, and right
+_ODD = 8.0
+_DEGREE = math.degrees(1.0)
+
+
+class Mechanics(NamedTuple):
+    """What the two sides of a trial have to do with each other.
+
+    Attributes:
+        ratio: joint speed per motor speed.
+        follows: correlation of the speeds, 0 if one side stands still.
+        torque_ratio: motor torque per joint torque, friction aside.
+        asks: their correlation while the cable slides either way, 0 if unknown.
+        motor_work: work of the motor per travel of the motor, less what is stored [Nm].
+        joint_work: the same of the joint; their difference is friction.
+        doubt: standard deviation of that difference.
+        scale: power that passes per speed of the motor [Nm].
+    """
+
+    ratio: float
+    follows: float
+    torque_ratio: float
+    asks: float
+    motor_work: float
+    joint_work: float
+    doubt: float
+    scale: float
+
+
+def mechanics(trial: Trial) -> Mechanics:
+    """Speeds, torques and works of both sides compared."""
+    used = np.concatenate([np.arange(p.start, p.stop) for p in trial.segments])
+    motor, joint = trial.motor_torque[used], trial.joint_torque[used]
+    omega = velocity(trial.motor_angle, trial.step, trial.segments)[used]
+    turn = velocity(trial.joint_angle, trial.step, trial.segments)[used]
+    ratio = float(omega @ turn / max(omega @ omega, 1e-300))
+    follows = _correlation(omega, turn)
+    torque_ratio, asks = _torques(motor, joint, omega, trial.step)
+    works = _works(trial, used, omega, turn)
+    return Mechanics(ratio, follows, torque_ratio, asks, *works)
+
+
+def _correlation(one: FloatArray, other: FloatArray) -> float:
+    scale = math.sqrt(float((one @ one) * (other @ other)))
+    return float(one @ other) / scale if scale > 0.0 else 0.0
+
+
+def _torques(
+    motor: FloatArray, joint: FloatArray, omega: FloatArray, step: float
+) -> tuple[float, float]:
+    """Motor torque per joint torque while the cable slides, and their correlation.
+
+    Friction that grows with load tilts the slope up one way and down the other; their
+    geometric mean is the ratio without friction. At reversals torques change together
+    or against each other as the ends move, which says nothing of signs.
+    """
+    usual = math.sqrt(float(np.mean(omega**2)))
+    ways, settled = _sliding(omega, usual, step)
+    slopes, matches = [], []
+    for way in (1.0, -1.0):
+        rows = settled & (ways == way)
+        if np.count_nonzero(rows) < _FEWEST:
+            return 0.0, 0.0
+        one, other = motor[rows] - motor[rows].mean(), joint[rows] - joint[rows].mean()
+        spread, other_spread = motor.std(), joint.std()
+        if not (one.std() > _VARIED * spread and other.std() > _VARIED * other_spread):
+            return 0.0, 0.0
+        slopes.append(float(one @ other) / float(other @ other))
+        matches.append(_correlation(one, other))
+    if slopes[0] * slopes[1] <= 0.0:
+        return 0.0, 0.0
+    ratio = math.copysign(math.sqrt(slopes[0] * slopes[1]), slopes[0])
+    return ratio, math.copysign(min(map(abs, matches)), slopes[0])
+
+
+def _sliding(
+    omega: FloatArray, usual: float, step: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Direction of motion, and where it has lasted until friction has settled."""
+    moving = np.flatnonzero(np.abs(omega) > 0.2 * _SLIDING * usual)
+    last = np.zeros(len(omega), dtype=np.intp)
+    last[moving] = moving
+    ways = np.sign(omega[np.maximum.accumulate(last)])
+    travel = np.cumsum(np.abs(omega)) * step
+    turned = np.flatnonzero(np.diff(ways, prepend=ways[0]))
+    start = np.zeros(len(omega))
+    start[turned] = travel[turned]
+    since = travel - np.maximum.accumulate(start)
+    span = float(np.ptp(np.cumsum(omega) * step))
+    return ways, (since > _SETTLED * span) & (np.abs(omega) > _SLIDING * usual)
+
+
+def _works(
+    trial: Trial, used: np.ndarray, omega: FloatArray, turn: FloatArray
+) -> tuple[float, float, float, float]:
+    """Works per travel, the doubt of their difference, and the power that passes.
+
+    What is stored is a function of the state: it is fitted as one, so that cycles need
+    not be closed. Linear terms in the angles take up constant offsets of the torques.
+    """
+    motor, joint = trial.motor_torque[used], trial.joint_torque[used]
+    lengths = [part.stop - part.start for part in trial.segments]
+    starts = np.cumsum([0, *lengths[:-1]])
+    powers = np.column_stack([motor * omega, joint * turn, np.abs(omega)])
+    passed = np.cumsum(powers, axis=0) * trial.step
+    travel = passed[:, 2]
+    span = np.ptp(trial.motor_angle[used])
+    if not span > 0.0 or travel[-1] < _TRAVEL * span:
+        return 0.0, 0.0, math.inf, 1.0
+    state = np.column_stack(
+        [
+            trial.motor_angle[used],
+            trial.joint_angle[used],
+            motor**2,
+            joint**2,
+            motor * joint,
+            omega**2,
+            turn**2,
+        ]
+    )
+    columns = np.column_stack([travel, state, passed[:, :2]])
+    for start, length in zip(starts, lengths, strict=True):
+        part = slice(start, start + length)
+        columns[part] -= columns[part].mean(axis=0)
+    known, works = columns[:, :8], columns[:, 8:]
+    scale = np.maximum(np.abs(known).max(axis=0), 1e-300)
+    slopes = np.linalg.lstsq(known / scale, works, rcond=None)[0] / scale[:, None]
+    lost = (works - known[:, 1:] @ slopes[1:]) @ [1.0, -1.0]
+    blocks = np.array_split(np.arange(len(used)), _BLOCKS)
+    rates = [
+        np.polyfit(travel[block], lost[block], 1)[0]
+        for block in blocks
+        if len(block) > 2 and np.ptp(travel[block]) > 0.02 * travel[-1]
+    ]
+    doubt = np.std(rates) / math.sqrt(len(rates)) if len(rates) > 2 else math.inf
+    power = float(np.abs(powers[:, :2]).sum() * trial.step / travel[-1])
+    return float(slopes[0, 0]), float(slopes[0, 1]), float(doubt), max(power, 1e-300)
+
+
+class Group(NamedTuple):
+    """Trials whose angles and torques agree in sign alike, judged together.
+
+    A trial that is short says little of power, and trials of different loads show
+    together what none of them shows alone.
+    """
+
+    trials: list[Trial]
+    mechanics: Mechanics
+
+
+def groups(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Group]:
+    """Group the trials of one rig, whose mechanics are known."""
+    alike = defaultdict(list)
+    for trial, m in zip(trials, known, strict=True):
+        alike[_sign(m.follows, _FOLLOWS), _sign(m.asks, _ASKS)].append((trial, m))
+    return [
+        Group([trial for trial, _ in members], _pooled(members))
+        for members in alike.values()
+    ]
+
+
+def _sign(correlation: float, least: float) -> float:
+    """Sign of a correlation, 0 where it is not certain."""
+    return math.copysign(1.0, correlation) if abs(correlation) > least else 0.0
+
+
+def _pooled(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
+    """The mechanics of several trials together."""
+    first = members[0][1]
+    if len(members) == 1:
+        return first
+    known = [m for _, m in members]
+    torque_ratio, asks = _shared([trial for trial, _ in members])
+    if abs(asks) < abs(first.asks):
+        torque_ratio, asks = first.torque_ratio, first.asks
+    pooled = first._replace(
+        ratio=float(np.median([m.ratio for m in known])),
+        torque_ratio=torque_ratio,
+        asks=asks,
+    )
+    told = [m for m in known if math.isfinite(m.doubt)]
+    if not told:
+        return pooled
+    motor, joint, doubt, scale = np.array([m[4:] for m in told]).T
+    return pooled._replace(
+        motor_work=float(motor.mean()),
+        joint_work=float(joint.mean()),
+        doubt=float(np.sqrt((doubt**2).sum())) / len(told),
+        scale=float(scale.mean()),
+    )
+
+
+def _shared(trials: list[Trial]) -> tuple[float, float]:
+    """Motor torque per joint torque over several trials, and their correlation."""
+    parts = [(trial, part) for trial in trials for part in trial.segments]
+    omega = [velocity(trial.motor_angle[part], trial.step) for trial, part in parts]
+    motor = [trial.motor_torque[part] for trial, part in parts]
+    joint = [trial.joint_torque[part] for trial, part in parts]
+    return _torques(
+        np.concatenate(motor),
+        np.concatenate(joint),
+        np.concatenate(omega),
+        trials[0].step,
+    )
+
+
+def check_signs(group: Group) -> list[Finding]:
+    """Find channels with inverted sign, and swapped sides."""
+    trials, m = group
+    follows, asks = _sign(m.follows, _FOLLOWS), _sign(m.asks, _ASKS)
+    friction = m.motor_work - m.joint_work
+    told = []
+    if follows < 0.0:
+        told.append("the joint turns against the motor")
+    if asks < 0.0:
+        told.append("motor torque falls where joint torque rises")
+    made = friction < -max(3.0 * m.doubt, _SEEN * m.scale)
+    if made:
+        told.append(
+            f"the transmission makes {-friction / m.scale:.0%} of the power that "
+            "passes of nothing"
+        )
+    if not told:
+        return []
+    ways = _ways(m, follows, asks)
+    if follows >= 0.0 and asks >= 0.0:
+        ways.append("swap the motor's columns with the joint's")
+    advice = " or ".join(ways).format(**_labels(trials[0]))
+    sentence = f"{_files(trials)}: {' and '.join(told)}; {advice}."
+    # A torque sensor of wrong gain can make a little power; only a sign makes much.
+    little = friction > -max(
+        _MUCH * m.scale, _CLEAR * (abs(m.motor_work) + abs(m.joint_work))
+    )
+    gain = follows >= 0.0 and asks >= 0.0 and little
+    return [(note if gain else fix)(sentence, _name(trials))]
+
+
+def _files(trials: list[Trial]) -> str:
+    """Files of a group, for a sentence."""
+    others = [trial.path for trial in trials[1:]]
+    more = others[0] if len(others) == 1 else f"{len(others)} other files"
+    return f"{trials[0].path} and {more}" if others else trials[0].path
+
+
+def _name(trials: list[Trial]) -> str:
+    """Name of the one trial of a group, else nothing."""
+    return trials[0].name if len(trials) == 1 else ""
+
+
+def _labels(trial: Trial) -> dict[str, str]:
+    """Names that the channels have in the file."""
+    return {channel: trial.labels.get(channel, channel) for channel in DRIVE}
+
+
+def _ways(m: Mechanics, follows: float, asks: float) -> list[str]:
+    """Fewest inversions that make the trial possible."""
+    possible = []
+    for flips in itertools.product((1, -1), repeat=4):
+        motor_angle, motor_torque, joint_angle, joint_torque = flips
+        friction = (
+            motor_angle * motor_torque * m.motor_work
+            - joint_angle * joint_torque * m.joint_work
+        )
+        if (
+            follows * motor_angle * joint_angle >= 0.0
+            and asks * motor_torque * joint_torque >= 0.0
+            and friction > -min(2.0 * m.doubt, _SEEN * m.scale)
+        ):
+            inverted = [
+                name for name, flip in zip(DRIVE, flips, strict=True) if flip < 0
+            ]
+            possible.append(inverted)
+    if not possible:
+        return ["check the signs"]
+    fewest = min(map(len, possible))
+    return [
+        f"invert {' and '.join(f'{{{name}}}' for name in inverted)}"
+        for inverted in possible
+        if len(inverted) == fewest
+    ]
+
+
+def check_units(group: Group) -> list[Finding]:
+    """Find units that contradict each other, by virtual work."""
+    trials, m = group
+    if not (abs(m.follows) > _FOLLOWS and abs(m.asks) > _SURE):
+        return []
+    apart = abs(m.torque_ratio / m.ratio)
+    if 1.0 / _APART < apart < _APART:
+        return []
+    mends = {
+        f"{{{MOTOR_ANGLE}}} is in degrees": apart / _DEGREE,
+        f"{{{JOINT_ANGLE}}} is in degrees": apart * _DEGREE,
+        f"{{{MOTOR_TORQUE}}} is in mNm": apart / 1e3,
+        f"{{{JOINT_TORQUE}}} is in mNm": apart * 1e3,
+        "the torque columns are swapped": 1.0 / abs(m.torque_ratio * m.ratio),
+        "the angle columns are swapped": abs(m.torque_ratio * m.ratio),
+    }
+    likely = sorted(
+        (abs(math.log(left)), text)
+        for text, left in mends.items()
+        if abs(math.log(left)) < math.log(_MENDED)
+    )
+    advice = " or ".join(text for _, text in likely[:2]).format(**_labels(trials[0]))
+    sentence = (
+        f"{_files(trials)}: the joint turns {m.ratio:.3g} rad per motor radian, but "
+        f"motor torque is {m.torque_ratio:.3g} of joint torque, which cannot be; "
+        f"{f'perhaps {advice}' if advice else 'check units and columns'}."
+    )
+    return [fix(sentence, _name(trials))]
+
+
+def check_ratios(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Finding]:
+    """Find trials whose angles have another ratio than those of the others."""
+    certain = [
+        (trial, m.ratio)
+        for trial, m in zip(trials, known, strict=True)
+        if abs(m.follows) > _FOLLOWS
+    ]
+    if len(certain) < 3:
+        return []
+    usual = float(np.median([abs(ratio) for _, ratio in certain]))
+    return [
+        fix(
+            f"{trial.path}: the joint turns {ratio:.3g} rad per motor radian, but "
+            f"{usual:.3g} in the other trials; check the units of its angles.",
+            trial.name,
+        )
+        for trial, ratio in certain
+        if not 1.0 / _ODD < abs(ratio) / usual < _ODD
+    ]

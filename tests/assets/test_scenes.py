@@ -17,9 +17,18 @@ from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
 
-CABLES = {"wrist": ("flexor", "extensor"), "ankle": ("plantarflexor",)}
-JOINTS = {"wrist": ("motor", "wrist"), "ankle": ("motor", "hip", "knee", "ankle")}
-DISTAL = {"wrist": "wrist", "ankle": "ankle"}
+CABLES = {
+    "wrist": ("flexor", "extensor"),
+    "ankle": ("plantarflexor",),
+    "bench": ("agonist", "antagonist"),
+}
+JOINTS = {
+    "wrist": ("motor", "wrist"),
+    "ankle": ("motor", "hip", "knee", "ankle"),
+    "bench": ("motor", "joint"),
+}
+DISTAL = {"wrist": "wrist", "ankle": "ankle", "bench": "joint"}
+WORN = ("wrist", "ankle")
 EACH_CABLE = [(scene, cable) for scene in CABLES for cable in CABLES[scene]]
 
 
@@ -81,7 +90,9 @@ def test_a_scene_is_found_by_name() -> None:
     for scene in SCENES:
         assert scene_path(scene).is_file()
         assert scene_path(scene).is_absolute()
-    with pytest.raises(CableError, match=r"'wirst'.*'wrist'.*Available: ankle, wrist"):
+    with pytest.raises(
+        CableError, match=r"'wirst'.*'wrist'.*Available: ankle, bench, wrist"
+    ):
         scene_path("wirst")
 
 
@@ -90,7 +101,7 @@ def test_every_shipped_scene_is_listed() -> None:
     assert {path.name for path in folder.glob("*.xml")} == set(SCENES.values())
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", WORN)
 def test_names_that_the_environments_rely_on(scene: str) -> None:
     model, _ = load(scene)
     assert tuple(model.joint(i).name for i in range(model.njnt)) == JOINTS[scene]
@@ -146,13 +157,23 @@ def test_free_cable_meets_the_conduit_at_both_ends(scene: str, cable: str) -> No
     assert turn > math.cos(math.radians(1))
 
 
-@pytest.mark.parametrize("cable", CABLES["wrist"])
+@pytest.mark.parametrize(
+    ("scene", "cable", "pulley"),
+    [
+        ("wrist", "flexor", "load_pulley"),
+        ("wrist", "extensor", "load_pulley"),
+        ("bench", "agonist", "joint_pulley"),
+        ("bench", "antagonist", "joint_pulley"),
+    ],
+)
 @pytest.mark.parametrize("angle", [-1.15, -0.5, 0.0, 0.5, 1.15])
-def test_wrist_gear_is_the_drawn_pulley(cable: str, angle: float) -> None:
-    model, _ = load("wrist")
+def test_joint_gear_is_the_drawn_pulley(
+    scene: str, cable: str, pulley: str, angle: float
+) -> None:
+    model, _ = load(scene)
     gear = model.actuator(f"{cable}_distal").gear[0]
-    assert lever("wrist", cable, angle) == pytest.approx(gear, rel=0.01)
-    assert abs(gear) == pytest.approx(model.geom("load_pulley").size[0])
+    assert lever(scene, cable, angle) == pytest.approx(gear, rel=0.01)
+    assert abs(gear) == pytest.approx(model.geom(pulley).size[0])
 
 
 @pytest.mark.parametrize(
@@ -161,6 +182,8 @@ def test_wrist_gear_is_the_drawn_pulley(cable: str, angle: float) -> None:
         ("wrist", "flexor", "motor_pulley"),
         ("wrist", "extensor", "motor_pulley"),
         ("ankle", "plantarflexor", "motor_drum"),
+        ("bench", "agonist", "motor_pulley"),
+        ("bench", "antagonist", "motor_pulley"),
     ],
 )
 def test_motor_gear_is_the_drawn_pulley(scene: str, cable: str, pulley: str) -> None:
@@ -260,7 +283,7 @@ def test_nothing_collides_and_drawings_weigh_nothing(scene: str) -> None:
     assert len(moving) == model.njnt
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", WORN)
 def test_the_wearer_is_a_position_source_of_finite_impedance(scene: str) -> None:
     model, _ = load(scene)
     for name in [model.actuator(i).name for i in range(model.nu)]:
@@ -275,7 +298,8 @@ def test_the_wearer_is_a_position_source_of_finite_impedance(scene: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("scene", "stiffest"), [("wrist", 15_000.0), ("ankle", 200_000.0)]
+    ("scene", "stiffest"),
+    [("wrist", 15_000.0), ("ankle", 200_000.0), ("bench", 160_000.0)],
 )
 def test_the_time_step_resolves_the_end_of_the_cable(
     scene: str, stiffest: float

@@ -77,7 +77,11 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
 
 def share(value: float) -> str:
     """A share of 1 in percent; an impossible one is `not determined`."""
-    return f"{100 * value:.0f} %" if math.isfinite(value) else "not determined"
+    if not math.isfinite(value):
+        return "not determined"
+    # 99.7 % must not become all of it.
+    digits = 1 if 0.99 <= value < 1.0 else 0
+    return f"{_signed(f'{100 * value:.{digits}f}')} %"
 
 
 def number(value: float, spread: float = math.nan) -> str:

@@ -47,7 +47,7 @@ _BASELINE = Baseline(
     {
         "friction_times_wrap": Value(0.5123, "1", (0.4951, 0.5295)),
         "stiffness": Value(4123.4, "N/m", (3990.0, 4260.0)),
-        "motor_torque_offset": Value(-3.2e-5, "Nm", (-8e-5, 2e-5)),
+        "motor_torque_offset": Value(-3.24e-5, "Nm", (-3.8e-5, -2.6e-5)),
         "time_offset": Value(0.0012, "s", (float("nan"), float("nan"))),
     },
     ("Friction and wrap enter only as their product.",),

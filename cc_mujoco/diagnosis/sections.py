@@ -30,8 +30,8 @@ from cc_mujoco.diagnosis.wording import (
 )
 
 MEANING = {
-    "named": "The model lacked what is named here. With it, the simulation comes closer "
-    "to data that were not used to find it.",
+    "named": "The model lacked what is named here. With it, the simulation comes "
+    "closer to data that were not used to find it.",
     "none": "What is left of the error looks like noise. This holds for the motions "
     "and loads in the data.",
     "unknown": "Every known effect was tried, and none explains enough of the error. "

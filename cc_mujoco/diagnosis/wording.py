@@ -126,6 +126,8 @@ def gap_sentence(name: str, gap: Gap) -> str:
         number(value, gap.noise_floor)
         for value in (gap.rmse_before, gap.rmse_after, gap.noise_floor)
     )
+    if not math.isfinite(gap.rmse_before) or not math.isfinite(gap.rmse_after):
+        return f"{capital(channel(name))}: the error could not be determined."
     start = f"{capital(channel(name))}: the RMS error"
     ground = f"the noise floor is {floor} {TORQUE_UNIT}"
     if gap.rmse_after == gap.rmse_before:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -27,7 +28,7 @@ from cc_mujoco.diagnosis.wording import (
     interval,
     number,
 )
-from diagnosis.report_examples import DIAGNOSES, NOTHING, TITLES, evidence
+from diagnosis.report_examples import DIAGNOSES, NOTHING, TITLES, evidence, maps
 
 VOID = {"meta", "img"}
 
@@ -182,6 +183,19 @@ def test_faults_come_first_and_the_rest_is_left_out(
     assert page.images == []
 
 
+def test_maps_within_chance_and_without_data_are_said_to_be_so(tmp_path: Path) -> None:
+    empty = np.full(15, np.nan)
+    weak = tuple(
+        replace(each, share=0.01, chance=0.05, before=empty, after=empty)
+        for each in maps()[:2]
+    )
+    shown = replace(NOTHING, maps=weak)
+    lost = {"motor_torque_nm": Gap(*[float("nan")] * 4, (0.0, 0.0))}
+    page = written(tmp_path, replace(DIAGNOSES["none"], gap=lost), shown)
+    assert "No map shows more than chance would" in page.text
+    assert len(page.images) == 2
+
+
 def test_figures_of_an_older_report_go(tmp_path: Path) -> None:
     (tmp_path / "maps.png").write_bytes(b"old")
     (tmp_path / "mine.png").write_bytes(b"mine")
@@ -217,6 +231,10 @@ def test_a_gap_that_widens_or_was_never_there_is_said_so() -> None:
     assert "rises from 0.100 Nm to 0.200 Nm" in gap_sentence("motor_torque_nm", worse)
     below = Gap(0.04, 0.039, 0.05, float("nan"), (float("nan"), float("nan")))
     assert "there is no gap above it" in gap_sentence("motor_torque_nm", below)
+    lost = Gap(float("nan"), float("nan"), 0.05, float("nan"), (0.0, 0.0))
+    assert gap_sentence("motor_torque_nm", lost) == (
+        "Motor torque: the error could not be determined."
+    )
     same = Gap(0.1, 0.1, 0.05, 0.0, (0.0, 0.0))
     assert gap_sentence("motor_torque_nm", same) == (
         "Motor torque: the RMS error is 0.100 Nm; the noise floor is 0.050 Nm."

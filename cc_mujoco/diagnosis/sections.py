@@ -12,10 +12,18 @@ from cc_mujoco.diagnosis.drawings import shown_maps
 from cc_mujoco.diagnosis.evidence import Evidence, Map
 from cc_mujoco.diagnosis.excerpt import Excerpt
 from cc_mujoco.diagnosis.likeness import alike_pairs, invisible
-from cc_mujoco.diagnosis.page import Html, bar, bullets, element, joined, paragraph
-from cc_mujoco.diagnosis.page import table as table_of
+from cc_mujoco.diagnosis.page import (
+    Html,
+    bar,
+    bullets,
+    element,
+    joined,
+    paragraph,
+    table,
+)
 from cc_mujoco.diagnosis.verdict import Diagnosis, RunnerUp, Value
 from cc_mujoco.diagnosis.wording import (
+    MEANING,
     Names,
     capital,
     channel,
@@ -28,22 +36,6 @@ from cc_mujoco.diagnosis.wording import (
     plain,
     share,
 )
-
-MEANING = {
-    "named": "The model lacked what is named here. With it, the simulation comes "
-    "closer to data that were not used to find it.",
-    "none": "What is left of the error looks like noise. This holds for the motions "
-    "and loads in the data.",
-    "unknown": "Every known effect was tried, and none explains enough of the error. "
-    "Where the error lies is the best hint at what it is.",
-    "tie": "Each of these explains the data as well as the other, so naming one would "
-    "be a guess.",
-    "fix-data": "Nothing is concluded until then: a fault of the data would be taken "
-    "for a missing effect.",
-    "fix-numerics": "Nothing is concluded until then: an error of the numerics would "
-    "be taken for a missing effect.",
-}
-"""What a verdict means to someone who sees one for the first time."""
 
 
 def header(diagnosis: Diagnosis, names: Names) -> Html:
@@ -87,8 +79,7 @@ def where(diagnosis: Diagnosis) -> Html | None:
             f" ({channel(each.channel)} over {plain(each.axis)}: "
             f"{share(each.share_of_error)} of its variance)"
         )
-        small = element("span", note, class_="small")
-        items.append(joined([each.statement, small]))
+        items.append(joined([each.statement, element("span", note, class_="small")]))
     return bullets(items, ranked=True)
 
 
@@ -99,8 +90,7 @@ def maps(evidence: Evidence) -> Html | None:
     drawn = shown_maps(evidence)
     chance = [each for each in evidence.maps if not each.share > each.chance]
     if len(chance) == len(evidence.maps):
-        text = "No map shows more than chance would; the largest are drawn."
-        return paragraph(text)
+        return paragraph("No map shows more than chance would; the largest are drawn.")
     text = (
         "Titles give the share of the variance of the baseline's error that a "
         "quantity explains. Chance keeps the mean error within the grey band in 95 % "
@@ -141,7 +131,7 @@ def candidates(diagnosis: Diagnosis, names: Names) -> Html | None:
         ranked = sorted(each, key=lambda runner: -runner.reduction)
         rows = [_candidate(runner, diagnosis, names) for runner in ranked]
         head = ("effect", "held-out error removed", "outcome", "fitted values [SI]")
-        parts.append(table_of(head, rows))
+        parts.append(table(head, rows))
     key = (
         "Error removed: of the sum of squares; negative where an effect makes it worse."
     )
@@ -157,11 +147,9 @@ def likeness(evidence: Evidence, names: Names) -> Html | None:
         for one, other, alike in alike_pairs(evidence.isolability)
     ]
     weak = invisible(evidence.isolability)
-    lines = [
-        f"These data can hardly tell apart {listed(pairs)}."
-        if pairs
-        else "These data tell all effects apart.",
-    ]
+    lines = ["These data tell all effects apart."]
+    if pairs:
+        lines = [f"These data can hardly tell apart {listed(pairs)}."]
     if weak:
         lines.append(f"Smaller than the noise, if present: {names.list(weak)}.")
     return bullets(lines)
@@ -182,13 +170,12 @@ def experiment(diagnosis: Diagnosis, names: Names) -> Html | None:
     planned = diagnosis.next_experiment
     if planned is None:
         return None
-    return joined(
-        [
-            paragraph(planned.description),
-            paragraph(f"It separates {names.list(planned.separates)}."),
-            paragraph(f"Predicted difference: {planned.predicted_difference}"),
-        ]
+    lines = (
+        planned.description,
+        f"It separates {names.list(planned.separates)}.",
+        f"Predicted difference: {planned.predicted_difference}",
     )
+    return joined(map(paragraph, lines))
 
 
 def parameters(diagnosis: Diagnosis, names: Names) -> Html | None:
@@ -237,17 +224,17 @@ def _candidate(
 
 def _values(values: Mapping[str, Value]) -> Html:
     rows = [
-        (plain(name), fitted(value), value.unit or "1", interval(value))
-        for name, value in values.items()
+        (plain(name), fitted(each), each.unit or "1", interval(each))
+        for name, each in values.items()
     ]
-    return table_of(("parameter", "value", "unit", "95 % interval"), rows)
+    return table(("parameter", "value", "unit", "95 % interval"), rows)
 
 
 def _nested(value: Any) -> Html:
     """A mapping as a table, with tables inside it."""
     if isinstance(value, Mapping):
         rows = [(plain(str(key)), _nested(item)) for key, item in value.items()]
-        return table_of(("what", "value"), rows)
+        return table(("what", "value"), rows)
     if isinstance(value, list | tuple):
         return bullets(_nested(item) for item in value)
     return element("code", str(value))

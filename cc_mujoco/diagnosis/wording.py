@@ -16,6 +16,22 @@ from cc_mujoco.diagnosis.verdict import Diagnosis, Gap, Value
 TORQUE_UNIT = "Nm"
 MINUS = "\N{MINUS SIGN}"
 
+MEANING = {
+    "named": "The model lacked what is named here. With it, the simulation comes "
+    "closer to data that were not used to find it.",
+    "none": "What is left of the error looks like noise. This holds for the motions "
+    "and loads in the data.",
+    "unknown": "Every known effect was tried, and none explains enough of the error. "
+    "Where the error lies is the best hint at what it is.",
+    "tie": "Each of these explains the data as well as the other, so naming one would "
+    "be a guess.",
+    "fix-data": "Nothing is concluded until then: a fault of the data would be taken "
+    "for a missing effect.",
+    "fix-numerics": "Nothing is concluded until then: an error of the numerics would "
+    "be taken for a missing effect.",
+}
+"""What a verdict means to someone who sees one for the first time."""
+
 
 class Names:
     """What ids of effects are called in sentences.

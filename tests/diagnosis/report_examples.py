@@ -204,17 +204,7 @@ def maps(closed: bool = True) -> tuple[Map, ...]:
         rest = 0.05 * error if closed else error
         share = 0.62 - 0.3 * number
         found.append(
-            Map(
-                channel,
-                "joint speed",
-                "rad/s",
-                speed,
-                error,
-                rest,
-                flat,
-                share,
-                0.04,
-            )
+            Map(channel, "joint speed", "rad/s", speed, error, rest, flat, share, 0.04)
         )
         time = np.linspace(0.5, 19.5, 15)
         drift = 0.001 * (time - 10)

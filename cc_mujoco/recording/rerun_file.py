@@ -84,7 +84,7 @@ def write_recording(
         metrics: Numbers to show on the page about the episode.
     """
     frames = _frames(log["time_s"])
-    with replacing(path) as partial, _strict():
+    with replacing(path) as partial, strict():
         rec = rr.RecordingStream(
             APPLICATION, recording_id=recording_id(log), send_properties=False
         )
@@ -243,7 +243,7 @@ def _blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
 
 
 @contextmanager
-def _strict() -> Iterator[None]:
+def strict() -> Iterator[None]:
     """Make Rerun raise on misuse instead of warning and dropping data."""
     before = strict_mode()
     rr.set_strict_mode(True)

@@ -1,0 +1,97 @@
+"""Which seconds of the trials the report shows: the worst ones, and ordinary ones."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.evidence import Evidence, Trace
+
+LONGEST = 6.0
+"""Length of an excerpt, if the trial is as long [s]."""
+
+
+class Excerpt(NamedTuple):
+    """A stretch of one trial.
+
+    Attributes:
+        trace: of the trial.
+        part: its samples that are shown.
+        error: RMS error of the baseline in it, over that of all trials [1].
+    """
+
+    trace: Trace
+    part: slice
+    error: float
+
+
+def worst(evidence: Evidence) -> Excerpt | None:
+    """The stretch where the baseline errs most, or None if there is none."""
+    found = _windows(evidence)
+    return max(found, key=lambda excerpt: excerpt.error, default=None)
+
+
+def ordinary(evidence: Evidence) -> Excerpt | None:
+    """The stretch whose error is the median of all, or None if there is none."""
+    found = sorted(_windows(evidence), key=lambda excerpt: excerpt.error)
+    return found[len(found) // 2] if found else None
+
+
+def changed(evidence: Evidence) -> bool:
+    """Whether the model of `after` is another one than that of `before`."""
+    return any(
+        not np.array_equal(trace.before[channel], trace.after[channel], equal_nan=True)
+        for trace in evidence.traces
+        for channel in trace.measured
+    )
+
+
+def _windows(evidence: Evidence) -> list[Excerpt]:
+    """Stretches of every trial that overlap by three quarters."""
+    power = _power(evidence)
+    found: list[Excerpt] = []
+    for trace in evidence.traces:
+        time, counts = trace.time, trace.counts > 0
+        if not counts.any():
+            continue
+        error = np.zeros(len(time))
+        for channel, scale in power.items():
+            if channel in trace.measured:
+                error += _square(trace, channel) / scale
+        start, end = time[counts][0], time[counts][-1]
+        length = min(LONGEST, end - start)
+        total = np.concatenate([[0.0], np.cumsum(error)])
+        many = np.concatenate([[0], np.cumsum(counts)])
+        steps = 1 + int(np.ceil(4.0 * (end - start - length) / max(length, 1e-9)))
+        for begin in np.linspace(start, end - length, steps):
+            # Times that were read from text differ in the last digits.
+            edges = (begin - 1e-9, begin + length + 1e-9)
+            first, last = np.searchsorted(time, edges)
+            number = many[last] - many[first]
+            if number > 1:
+                mean = (total[last] - total[first]) / (number * max(1, len(power)))
+                found.append(Excerpt(trace, slice(first, last), float(np.sqrt(mean))))
+    return found
+
+
+def _power(evidence: Evidence) -> dict[str, float]:
+    """Mean squared error of each channel over all trials, where there is any."""
+    squares: dict[str, list[FloatArray]] = {}
+    for trace in evidence.traces:
+        for channel in trace.measured:
+            part = _square(trace, channel)[trace.counts > 0]
+            squares.setdefault(channel, []).append(part)
+    means = {name: _mean(np.concatenate(parts)) for name, parts in squares.items()}
+    return {name: mean for name, mean in means.items() if mean > 0}
+
+
+def _mean(values: FloatArray) -> float:
+    return float(values.mean()) if len(values) else 0.0
+
+
+def _square(trace: Trace, channel: str) -> FloatArray:
+    """Squared error of the baseline; 0 where there are no data or none that count."""
+    error = (trace.measured[channel] - trace.before[channel]) * (trace.counts > 0)
+    return np.nan_to_num(error) ** 2

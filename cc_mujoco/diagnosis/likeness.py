@@ -1,0 +1,113 @@
+"""Which effects look alike in these data, and which would show at all: the heat map."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.cluster.hierarchy import leaves_list, linkage
+from scipy.spatial.distance import squareform
+
+from cc_mujoco.diagnosis.evidence import Isolability
+from cc_mujoco.diagnosis.wording import Names
+from cc_mujoco.figures import BLACK, BLUE, GREY, figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+ALIKE = 0.9
+"""Cosine above which two effects are called alike."""
+
+VISIBLE = 1.0
+"""Size over noise below which an effect is called too small to be seen."""
+
+
+def alike_pairs(isolability: Isolability) -> list[tuple[str, str, float]]:
+    """Pairs of ids whose signatures are alike, most alike first."""
+    ids, alike = isolability.ids, isolability.alike
+    pairs = [
+        (ids[row], ids[column], float(alike[row, column]))
+        for row in range(len(ids))
+        for column in range(row)
+        if alike[row, column] > ALIKE
+    ]
+    return sorted(pairs, key=lambda pair: -pair[2])
+
+
+def invisible(isolability: Isolability) -> list[str]:
+    """Ids of effects that would drown in the noise."""
+    pairs = zip(isolability.ids, isolability.visible, strict=True)
+    return [effect for effect, visible in pairs if not visible >= VISIBLE]
+
+
+def draw_isolability(
+    isolability: Isolability, names: Names, width: float
+) -> Figure | None:
+    """Heat map of likeness beside bars of visibility; None without effects.
+
+    Effects that are alike stand side by side.
+    """
+    from matplotlib.colors import LinearSegmentedColormap
+
+    count = len(isolability.ids)
+    if not count:
+        return None
+    order = _grouped(isolability.alike)
+    alike = isolability.alike[np.ix_(order, order)]
+    labels = [names(isolability.ids[index]).replace("$", r"\$") for index in order]
+    drawing = figure(width, 1.5 + 0.24 * count)
+    heat, bars = drawing.subplots(1, 2, sharey=True, width_ratios=[3.2, 1])
+    shades = LinearSegmentedColormap.from_list("likeness", ["white", BLUE])
+    picture = heat.imshow(alike, cmap=shades, vmin=0.0, vmax=1.0, aspect="auto")
+    _write_numbers(heat, alike)
+    places = range(count)
+    heat.set_xticks(places, [str(place + 1) for place in places])
+    heat.set_yticks(places, [f"{name}  {row + 1}" for row, name in enumerate(labels)])
+    heat.grid(False)
+    heat.set(title="Likeness of two effects")
+    drawing.colorbar(
+        picture, ax=heat, label="cosine of signatures [1]", location="bottom", aspect=40
+    )
+    _draw_bars(bars, np.nan_to_num(isolability.visible[order]))
+    return drawing
+
+
+def _grouped(alike: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Order in which what is alike stands side by side."""
+    if len(alike) < 3:
+        return np.arange(len(alike))
+    distance = 1.0 - np.clip(np.nan_to_num(alike), 0.0, 1.0)
+    distance = 0.5 * (distance + distance.T)
+    np.fill_diagonal(distance, 0.0)
+    tree = linkage(squareform(distance), "average", optimal_ordering=True)
+    return np.asarray(leaves_list(tree), dtype=np.intp)
+
+
+def _write_numbers(axes: Axes, alike: NDArray[np.float64]) -> None:
+    """Write the likeness into cells off the diagonal that matter."""
+    for row, column in np.argwhere(np.nan_to_num(alike) >= 0.7):
+        if row != column:
+            axes.text(
+                column,
+                row,
+                f"{alike[row, column]:.2f}".lstrip("0"),
+                ha="center",
+                va="center",
+                fontsize=6,
+                color="white",
+            )
+
+
+def _draw_bars(axes: Axes, visible: NDArray[np.float64]) -> None:
+    """Bars of the size of each effect over the noise."""
+    colors = [BLUE if value >= VISIBLE else GREY for value in visible]
+    least = 0.01
+    axes.barh(range(len(visible)), np.maximum(visible, least), color=colors, height=0.7)
+    axes.axvline(VISIBLE, color=BLACK, linewidth=0.8)
+    axes.set_xscale("log")
+    axes.set_xlim(least, max(10.0, 2.0 * float(visible.max())))
+    axes.tick_params(left=False)
+    axes.grid(False, axis="y")
+    axes.set(title="Visibility", xlabel="size over noise [1]")

@@ -22,6 +22,7 @@ from typing import Annotated
 
 import tyro
 
+from cc_mujoco.commands.diagnose import Diagnose
 from cc_mujoco.commands.listing import Listing
 from cc_mujoco.commands.play import Play
 from cc_mujoco.commands.reproduce import Reproduce
@@ -29,11 +30,17 @@ from cc_mujoco.errors import CableError, look_up
 
 PROGRAM = "cc-mujoco"
 
-COMMANDS = {"play": Play, "reproduce": Reproduce, "list": Listing}
+COMMANDS = {
+    "play": Play,
+    "reproduce": Reproduce,
+    "diagnose": Diagnose,
+    "list": Listing,
+}
 
 Command = (
     Annotated[Play, tyro.conf.subcommand("play")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+    | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]
     | Annotated[Listing, tyro.conf.subcommand("list")]
 )
 
@@ -62,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parse(arguments: Sequence[str]) -> Play | Reproduce | Listing:
+def _parse(arguments: Sequence[str]) -> Play | Reproduce | Diagnose | Listing:
     """Parse; what cannot be parsed is a `CableError` of one sentence."""
     if arguments and not arguments[0].startswith("-"):
         look_up("command", arguments[0], COMMANDS)

@@ -94,7 +94,7 @@ class Problem:
         )
 
     def errors(self, at: FloatArray) -> list[FloatArray]:
-        """Simulated less measured, over the floor, tamed; (2, samples) of each record."""
+        """Simulated less measured over the floor, tamed; (2, samples) per record."""
         played = self.plant.simulate(self.values(at), self.effects)
         return [
             tamed((torque - record.measured) / floor)

@@ -43,13 +43,15 @@ def noise_floor(
     effects: tuple[str, ...] = (),
     seed: int = 0,
 ) -> tuple[FloatArray, ...]:
-    """Standard deviation of noise in both torques of every record, (2, samples) [Nm]."""
+    """Standard deviation of noise in both torques, (2, samples) per record [Nm]."""
     random = np.random.default_rng(seed)
     noise = {n: dataset.noise.get(n, _QUIET) for n in (MOTOR_ANGLE, JOINT_ANGLE)}
     clean = plant.simulate(values, effects)
     scatter = [np.zeros(torque.shape) for torque in clean]
     for _ in range(DRAWS):
-        drawn = plant.limited([_drawn(r, noise, filtering, random) for r in plant.records])
+        drawn = plant.limited(
+            [_drawn(r, noise, filtering, random) for r in plant.records]
+        )
         for total, torque, first in zip(
             scatter, drawn.simulate(values, effects), clean, strict=True
         ):
@@ -113,9 +115,7 @@ def _read_again(
     return read + _unseen(read, width, random)
 
 
-def _unseen(
-    angle: FloatArray, width: float, random: np.random.Generator
-) -> FloatArray:
+def _unseen(angle: FloatArray, width: float, random: np.random.Generator) -> FloatArray:
     """Movement that may have happened where the angle was taken to stand still."""
     moved = np.zeros(angle.size)
     edges = np.flatnonzero(np.diff(angle) != 0.0)

@@ -57,6 +57,11 @@ class Tuned(NamedTuple):
 
 PRETENSION_KNOWN = 0.1
 """Relative standard deviation of a pretension that nobody measured."""
+CLOCKS = ("clock_offset", "motor_torque_late", "joint_torque_late")
+"""By how much the joint's angle is ahead of the motor's, and torques are late [s].
+
+Known to half a sample, and no more than one and a half; beyond that it is an effect.
+"""
 OFFSET_KNOWN = 0.01
 """Standard deviation of a torque sensor's offset, over the RMS of its readings."""
 RATIO_KNOWN = 0.003
@@ -70,7 +75,7 @@ def tuned(
 ) -> tuple[Tuned, ...]:
     """The baseline's parameters for these data."""
     cable = bench.cables[0]
-    step = records[0].dt
+    step = records[0].step
     centre = _angle_offset(bench, records, constants)
     pretension = constants.get("pretension", Constant(cable.pretension))
     known = pretension.uncertainty / max(pretension.value, 1e-9) or PRETENSION_KNOWN
@@ -84,7 +89,7 @@ def tuned(
         Tuned("motor_torque_offset", "Nm", 0.0, sizes[0], -100.0, 100.0, False, 1.0),
         Tuned("joint_torque_offset", "Nm", 0.0, sizes[1], -100.0, 100.0, False, 1.0),
         Tuned("joint_angle_offset", "rad", centre, 0.01, -1e3, 1e3, False),
-        Tuned("clock_offset", "s", 0.0, step, -1.5, 1.5, False, 0.5),
+        *(Tuned(name, "s", 0.0, step, -1.5, 1.5, False, 0.5) for name in CLOCKS),
     ]
     if len(bench.cables) == 2:
         found.append(
@@ -199,6 +204,7 @@ class Plant:
         )
         offset = values.get("joint_angle_offset", 0.0)
         late = values.get("clock_offset", 0.0)
+        behind = [values.get(name, 0.0) for name in CLOCKS[1:]]
         joint = _shifted(record.joint_angle, late / record.dt) + offset
         motor = record.motor_angle
         # From rest in pretension to the first sample.
@@ -206,13 +212,13 @@ class Plant:
         dt = record.dt / self.substeps
         played = transmission.replay(
             dt,
-            motor_angle=_led(rest, motor, self.substeps),
-            joint_angle=_led(joint[0], joint, self.substeps),
+            motor_angle=led(rest, motor, self.substeps),
+            joint_angle=led(joint[0], joint, self.substeps),
         )
         keep = slice(RAMP * self.substeps, None, self.substeps)
         shown = Torques(
             record.dt,
-            record.start + record.dt * np.arange(motor.size),
+            record.start + record.dt * np.arange(motor.size, dtype=np.float64),
             motor,
             joint - offset,
             played.motor_torque[keep],
@@ -225,8 +231,9 @@ class Plant:
                     shown = effect.torques(shown, values)
         return np.array(
             [
-                shown.motor + values.get("motor_torque_offset", 0.0),
-                _shifted(shown.joint, -late / record.dt)
+                _shifted(shown.motor, -behind[0] / record.dt)
+                + values.get("motor_torque_offset", 0.0),
+                _shifted(shown.joint, -(late + behind[1]) / record.dt)
                 + values.get("joint_torque_offset", 0.0),
             ]
         )
@@ -242,7 +249,7 @@ class Plant:
         return replace(self, records=tuple(records))
 
 
-def _led(rest: float, angle: FloatArray, substeps: int) -> FloatArray:
+def led(rest: float, angle: FloatArray, substeps: int) -> FloatArray:
     """The angle after a ramp from rest, refined to `substeps` per sample."""
     ramp = np.linspace(rest, angle[0], RAMP + 1)[:-1]
     whole = np.concatenate([ramp, angle])

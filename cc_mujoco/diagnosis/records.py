@@ -4,13 +4,15 @@ All four channels pass the same zero-phase low-pass, so that measured and simula
 signals are compared in the same band, and are thinned out to a rate that still carries
 it. Angles then stand still where their noise moves less than a few of its deviations: a
 cable that sticks turns the slightest movement of its end into tension, and noise would
-shake it loose. What the cable did before a trial is unknown: a short ramp from rest in pretension
-leads to the first sample, and samples do not count until the motor has moved the whole
-cable.
+shake it loose.
+
+What the cable did before a trial is unknown: a short ramp from rest in pretension leads
+to the first sample, and samples do not count until the motor has moved the whole cable.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +45,7 @@ class Record:
     Attributes:
         trial: name of the trial.
         dt: time between samples [s].
+        step: time between samples as recorded [s].
         time: as recorded [s].
         motor_angle: [rad].
         joint_angle: [rad].
@@ -56,6 +59,7 @@ class Record:
 
     trial: str
     dt: float
+    step: float
     time: FloatArray
     motor_angle: FloatArray
     joint_angle: FloatArray
@@ -135,6 +139,7 @@ def _record(
     return Record(
         trial.name,
         dt,
+        trial.step,
         time,
         smooth[0],
         smooth[1],
@@ -191,4 +196,5 @@ def wind_up(bench: Bench) -> float:
     cable = bench.cables[0]
     a = max(cable.friction * cable.wrap, 1e-6)
     strain = cable.pretension / cable.axial_stiffness
-    return 2.0 * strain * cable.length * (np.expm1(a) / a - 1.0) / bench.motor_radius
+    slip = 2.0 * strain * cable.length * (math.expm1(a) / a - 1.0)
+    return slip / bench.motor_radius

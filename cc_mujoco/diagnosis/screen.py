@@ -1,4 +1,4 @@
-"""Which effects could explain the error: their signatures, once the baseline is retuned.
+"""Which effects could explain the error: signatures once the baseline is retuned.
 
 The signature of an effect is the change that it makes in the simulated torques, less
 whatever the free parameters could make as well (the score test of its presence). It
@@ -19,6 +19,7 @@ from cc_mujoco.diagnosis.effects import EFFECTS, Knob
 from cc_mujoco.diagnosis.fitting import THREADS, Masks, Problem
 from cc_mujoco.errors import CableError
 
+_NEAR = 1e-3
 PIECE = 1e-9
 """Part of a signature's square below which nothing of it is left."""
 
@@ -55,8 +56,16 @@ def screen(
     error = problem.residual(at, masks)
     jacobian = problem.jacobian(at, masks)
     size = np.linalg.norm(jacobian, axis=0)
-    # Parameters without any influence, and directions too flat to follow, stay out.
-    tangent, _ = np.linalg.qr(jacobian[:, size > 0.0] / size[size > 0.0])
+    # Parameters without any influence stay out, and those that stand at a bound: they
+    # cannot do more than they have done.
+    inside = np.array(
+        [
+            p.low + _NEAR < place < p.high - _NEAR
+            for p, place in zip(problem.tuned, at, strict=True)
+        ]
+    )
+    free = inside & (size > 0.0)
+    tangent, _ = np.linalg.qr(jacobian[:, free] / size[free])
     rest = error - tangent @ (tangent.T @ error)
 
     def best(name: str) -> Signature | None:

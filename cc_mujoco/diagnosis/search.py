@@ -168,8 +168,8 @@ def _refit(
     old, better = blocks(now).sum(axis=1), blocks(crossed).sum(axis=1)
     gain = old - better
     reduction = float(gain.sum() / old.sum())
-    error = float(np.std(gain) * np.sqrt(gain.size) / old.sum())
-    certainty = reduction / max(error, 1e-12)
+    scatter = float(np.std(gain) * np.sqrt(gain.size) / old.sum())
+    certainty = reduction / max(scatter, 1e-12)
     reason = _objection(crossed, signature.id, reduction, certainty, thresholds)
     return Candidate(signature.id, crossed, reduction, certainty, reason)
 

@@ -322,16 +322,20 @@ def _within(
 ) -> float:
     """Rim displacement of the joint's pulley between its stops, `low` and `high`.
 
-    Between them the net force is 0; it falls as the pulley advances. The pulley leans on
-    the stop to which the cables pull it.
+    Between them the net force is 0; it falls as the pulley advances. The pulley leans
+    on the stop to which the cables pull it.
     """
-    if _net(
-        prm, prm_2, n, n_2, state, state_2, count, near, high, dt, new, new_2, work, True
-    ) >= 0.0:  # fmt: skip
+    force = _net(
+        prm, prm_2, n, n_2, state, state_2, count, near, high, dt, new, new_2, work,
+        True,
+    )  # fmt: skip
+    if force >= 0.0:
         return high
-    if _net(
-        prm, prm_2, n, n_2, state, state_2, count, near, low, dt, new, new_2, work, True
-    ) <= 0.0:  # fmt: skip
+    force = _net(
+        prm, prm_2, n, n_2, state, state_2, count, near, low, dt, new, new_2, work,
+        True,
+    )  # fmt: skip
+    if force <= 0.0:
         return low
     for _ in range(60):
         middle = 0.5 * (low + high)

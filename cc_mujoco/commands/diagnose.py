@@ -1,0 +1,73 @@
+"""`cc-mujoco diagnose`: which effect is missing in a scene, by measured trials."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from cc_mujoco.errors import CableError
+
+
+@dataclass(frozen=True)
+class Diagnose:
+    """Find the effect that a scene lacks by measured trials, and add it to the scene."""
+
+    interrupted: ClassVar[str] = "nothing was written"
+
+    data: Annotated[
+        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="DATA ...")
+    ]
+    """Trials: CSV or Parquet files, or folders of them."""
+    scene: Annotated[Path, tyro.conf.arg(metavar="SCENE.xml")]
+    """MJCF scene of the rig: one cable or a pull-pull pair, or the name of a scene."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Folder for report.html, verdict.json, scene.xml, evidence.rrd and figures."""
+    dataset: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None
+    """What the columns mean and what is known of the rig."""
+    seed: int = 0
+    """Of bootstraps and noise draws."""
+
+    def run(self) -> None:
+        """Diagnose, write, and print the verdict."""
+        if not self.data:
+            raise CableError("no data given; name CSV or Parquet files, or folders.")
+        if self.out.exists() and not self.out.is_dir():
+            raise CableError(f"--out {self.out} is a file; it must be a folder.")
+
+        from tqdm import tqdm
+
+        from cc_mujoco.diagnosis.diagnose import diagnose
+        from cc_mujoco.files import require_writable
+
+        require_writable(self.out)
+        with tqdm(
+            total=1.0,
+            bar_format="{bar}| {percentage:3.0f} %  {elapsed}  {desc}",
+            disable=not sys.stderr.isatty(),
+        ) as bar:
+
+            def told(share: float, doing: str) -> None:
+                bar.set_description_str(doing, refresh=False)
+                bar.update(max(share - bar.n, 0.0))
+
+            found = diagnose(
+                self.data,
+                self.scene,
+                self.out,
+                dataset_toml=self.dataset,
+                command=shlex.join(["cc-mujoco", *sys.argv[1:]]),
+                seed=self.seed,
+                progress=told,
+            )
+            bar.update(1.0 - bar.n)
+        print(f"{found.verdict}: {found.statement}")
+        for tie in found.ties:
+            print(f"  cannot tell apart: {', '.join(tie)}")
+        if found.next_experiment is not None:
+            print(f"  to separate them: {found.next_experiment.description}")
+        print(f"report:   {self.out / 'report.html'}")

@@ -1,0 +1,210 @@
+"""Where the error lies: its mean along speed, load, angle, time, and what chance does.
+
+The share that an axis explains is that of a mean per bin, found on one half of the
+stretches and tried on the other. Chance is the same with the error shifted in time
+against the axis, which keeps the memory of both (never a permutation of samples).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.evidence import CHANNELS, Map, Trace
+from cc_mujoco.diagnosis.verdict import Where
+
+BINS = 14
+SHIFTS = 30
+_WORDS = {"motor_torque_nm": "motor torque", "joint_torque_nm": "joint torque"}
+
+
+class Axis(NamedTuple):
+    """A quantity along which the error may lie.
+
+    Attributes:
+        name: of it.
+        unit: of it.
+        values: (samples,) per trace.
+    """
+
+    name: str
+    unit: str
+    values: tuple[FloatArray, ...]
+
+
+def axes(traces: Sequence[Trace]) -> tuple[Axis, ...]:
+    """The axes that are tried."""
+
+    def of(name: str, unit: str, make: object) -> Axis:
+        return Axis(name, unit, tuple(make(trace) for trace in traces))  # type: ignore[operator]
+
+    return (
+        of("motor speed", "rad/s", _speed),
+        of("absolute motor speed", "rad/s", lambda t: np.abs(_speed(t))),
+        of("motor acceleration", "rad/s^2", _acceleration),
+        of("joint acceleration", "rad/s^2", _joint_acceleration),
+        of("motor angle", "rad", lambda t: t.motor_angle),
+        of("joint angle", "rad", lambda t: t.joint_angle),
+        of("joint torque", "Nm", lambda t: t.measured["joint_torque_nm"]),
+        of("direction of motion", "1", lambda t: np.sign(_speed(t))),
+        of("motor travel since it turned", "rad", _travel),
+        of("time in the trial", "s", lambda t: t.time - t.time[0]),
+    )
+
+
+def _speed(trace: Trace) -> FloatArray:
+    found: FloatArray = np.gradient(trace.motor_angle, trace.time)
+    return found
+
+
+def _acceleration(trace: Trace) -> FloatArray:
+    found: FloatArray = np.gradient(_speed(trace), trace.time)
+    return found
+
+
+def _joint_acceleration(trace: Trace) -> FloatArray:
+    speed = np.gradient(trace.joint_angle, trace.time)
+    found: FloatArray = np.gradient(speed, trace.time)
+    return found
+
+
+def _travel(trace: Trace) -> FloatArray:
+    """Signed distance since the last reversal, small ones left out."""
+    speed = _speed(trace)
+    slow = 0.02 * float(np.max(np.abs(speed)) or 1.0)
+    way = np.where(np.abs(speed) > slow, np.sign(speed), 0.0)
+    out = np.zeros(way.size)
+    turned, last = trace.motor_angle[0], 0.0
+    for i, now in enumerate(way):
+        if now != 0.0 and now != last:
+            turned, last = trace.motor_angle[i], now
+        out[i] = trace.motor_angle[i] - turned
+    return out
+
+
+def maps(traces: Sequence[Trace], seed: int = 0) -> tuple[Map, ...]:
+    """Maps of all channels and axes, the most telling first."""
+    random = np.random.default_rng(seed)
+    found = [
+        drawn
+        for axis in axes(traces)
+        for channel in CHANNELS
+        if (drawn := _map(traces, axis, channel, random)) is not None
+    ]
+    return tuple(sorted(found, key=lambda m: m.chance - m.share))
+
+
+def _map(
+    traces: Sequence[Trace], axis: Axis, channel: str, random: np.random.Generator
+) -> Map | None:
+    kept = [trace.counts > 0.0 for trace in traces]
+    values = [v[k] for v, k in zip(axis.values, kept, strict=True)]
+    before = [
+        (t.measured[channel] - t.before[channel])[k]
+        for t, k in zip(traces, kept, strict=True)
+    ]
+    after = [
+        (t.measured[channel] - t.after[channel])[k]
+        for t, k in zip(traces, kept, strict=True)
+    ]
+    whole = np.concatenate(values)
+    if whole.size < 10 * BINS or np.ptp(whole) == 0.0:
+        return None
+    edges = np.unique(np.quantile(whole, np.linspace(0.0, 1.0, BINS + 1)))
+    if edges.size < 3:
+        edges = np.linspace(whole.min(), whole.max(), 4)
+    place = [
+        np.clip(np.digitize(v, edges[1:-1]), 0, edges.size - 2).astype(np.intp)
+        for v in values
+    ]
+    bins = edges.size - 1
+    centre = np.array(
+        [
+            float(np.mean(whole[np.concatenate(place) == b]))
+            if np.any(np.concatenate(place) == b)
+            else 0.5 * (edges[b] + edges[b + 1])
+            for b in range(bins)
+        ]
+    )
+    share = _share(place, before, bins)
+    shares, means = [], []
+    for _ in range(SHIFTS):
+        moved = [
+            np.roll(
+                e,
+                int(
+                    random.integers(e.size // 4, max(3 * e.size // 4, e.size // 4 + 1))
+                ),
+            )
+            for e in before
+        ]
+        shares.append(_share(place, moved, bins))
+        means.append(_means(place, moved, bins))
+    return Map(
+        channel,
+        axis.name,
+        axis.unit,
+        centre,
+        _means(place, before, bins),
+        _means(place, after, bins),
+        1.96 * np.nanstd(np.array(means), axis=0),
+        max(share, 0.0),
+        max(float(np.quantile(shares, 0.95)), 0.0),
+    )
+
+
+def _means(
+    place: Sequence[NDArray[np.intp]], error: Sequence[FloatArray], bins: int
+) -> FloatArray:
+    where, what = np.concatenate(place).astype(int), np.concatenate(error)
+    count = np.bincount(where, minlength=bins).astype(float)
+    count[count == 0.0] = np.nan
+    found: FloatArray = np.bincount(where, weights=what, minlength=bins) / count
+    return found
+
+
+def _share(
+    place: Sequence[NDArray[np.intp]], error: Sequence[FloatArray], bins: int
+) -> float:
+    """Share of the variance that bin means of one half explain in the other."""
+    left, total = 0.0, 0.0
+    halves = [(np.arange(e.size) * 8 // max(e.size, 1)) % 2 for e in error]
+    for side in (0, 1):
+        train = _means(
+            [p[h != side] for p, h in zip(place, halves, strict=True)],
+            [e[h != side] for e, h in zip(error, halves, strict=True)],
+            bins,
+        )
+        train = np.nan_to_num(train)
+        for p, e, h in zip(place, error, halves, strict=True):
+            seen = e[h == side]
+            left += float(np.sum((seen - train[p[h == side].astype(int)]) ** 2))
+            total += float(np.sum(seen**2))
+    return 1.0 - left / max(total, 1e-300)
+
+
+def ranked(drawn: Sequence[Map], most: int = 6) -> tuple[Where, ...]:
+    """Plain sentences of the maps that chance does not explain."""
+    return tuple(
+        Where(m.channel, m.axis, m.share, sentence(m))
+        for m in drawn
+        if m.share > max(m.chance, 0.02)
+    )[:most]
+
+
+def sentence(drawn: Map) -> str:
+    """What a map shows, in one sentence."""
+    good = np.isfinite(drawn.before)
+    centre, error = drawn.centre[good], drawn.before[good]
+    low, high = int(np.argmin(error)), int(np.argmax(error))
+    unit = "" if drawn.unit == "1" else f" {drawn.unit}"
+    return (
+        f"{drawn.share:.0%} of the squared {_WORDS[drawn.channel]} error lies along "
+        f"{drawn.axis} (chance gives {drawn.chance:.0%}): measured less simulated is "
+        f"{error[low]:+.3g} Nm at {centre[low]:.3g}{unit} and "
+        f"{error[high]:+.3g} Nm at {centre[high]:.3g}{unit}."
+    )

@@ -1,0 +1,109 @@
+"""How much of the gap is closed, on trials that the parameters have not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.evidence import CHANNELS, Trace
+from cc_mujoco.diagnosis.fitting import Problem, fit
+from cc_mujoco.diagnosis.folds import BLOCK, trials
+from cc_mujoco.diagnosis.verdict import Gap
+
+DRAWS = 400
+
+
+def predicted(problem: Problem, start: FloatArray) -> tuple[FloatArray, ...]:
+    """Torques (2, samples) of every record by parameters fitted to other trials.
+
+    Samples that no fold holds out are predicted by the last fit.
+    """
+    records = problem.plant.records
+    found = [np.zeros(record.measured.shape) for record in records]
+    for fold in trials(records):
+        at = fit(problem, start, fold.train, evaluations=6).at
+        played = problem.plant.simulate(problem.values(at), problem.effects)
+        for kept, torque, train in zip(found, played, fold.train, strict=True):
+            kept[:, ~train] = torque[:, ~train]
+            empty = np.all(kept == 0.0, axis=0)
+            kept[:, empty] = torque[:, empty]
+    return tuple(found)
+
+
+def gaps(
+    problem: Problem,
+    before: Sequence[FloatArray],
+    after: Sequence[FloatArray],
+    seed: int = 0,
+) -> dict[str, Gap]:
+    """Gap of each channel on the samples that are held out."""
+    records = problem.plant.records
+    masks = [np.zeros(r.counts.size, dtype=bool) for r in records]
+    for fold in trials(records):
+        for mask, test in zip(masks, fold.test, strict=True):
+            mask |= test
+    found = {}
+    random = np.random.default_rng(seed)
+    for row, channel in enumerate(CHANNELS):
+        squares = []
+        for record, mask, old, new, floor in zip(
+            records, masks, before, after, problem.floor, strict=True
+        ):
+            size = max(2, round(BLOCK / record.dt))
+            columns = (
+                np.array(
+                    [
+                        (old[row] - record.measured[row]) ** 2,
+                        (new[row] - record.measured[row]) ** 2,
+                        floor[row] ** 2,
+                        np.ones(mask.size),
+                    ]
+                )
+                * mask
+            )
+            for first in range(0, mask.size, size):
+                if np.any(mask[first : first + size]):
+                    squares.append(columns[:, first : first + size].sum(axis=1))
+        found[channel] = _gap(np.array(squares), random)
+    return found
+
+
+def _gap(squares: FloatArray, random: np.random.Generator) -> Gap:
+    """From sums of squares per block (blocks, 4): before, after, floor, samples."""
+    draws = random.integers(0, len(squares), (DRAWS, len(squares)))
+    shares = [_closed(*squares[draw].sum(axis=0)) for draw in draws]
+    old, new, floor, count = squares.sum(axis=0)
+    low, high = np.quantile(shares, [0.025, 0.975]).tolist()
+    return Gap(
+        float(np.sqrt(old / count)),
+        float(np.sqrt(new / count)),
+        float(np.sqrt(floor / count)),
+        _closed(old, new, floor, count),
+        (low, high),
+    )
+
+
+def _closed(old: float, new: float, floor: float, _: float) -> float:
+    """Share of the gap that is closed; 0 where there is none."""
+    return float(1.0 - (new - floor) / (old - floor)) if old > 1.02 * floor else 0.0
+
+
+def traces(
+    problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
+) -> tuple[Trace, ...]:
+    """What the report draws."""
+    return tuple(
+        Trace(
+            record.trial,
+            record.time,
+            record.motor_angle,
+            record.joint_angle,
+            dict(zip(CHANNELS, record.measured, strict=True)),
+            dict(zip(CHANNELS, old, strict=True)),
+            dict(zip(CHANNELS, new, strict=True)),
+            record.counts.astype(float),
+        )
+        for record, old, new in zip(problem.plant.records, before, after, strict=True)
+    )

@@ -1,0 +1,115 @@
+"""What a diagnosis leaves behind: one folder, written whole."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.diagnose import Result
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.plant import CLOCKS, led
+from cc_mujoco.diagnosis.recording import write_recording
+from cc_mujoco.diagnosis.records import RAMP
+from cc_mujoco.diagnosis.repair import repaired
+from cc_mujoco.diagnosis.repair import write as write_scene
+from cc_mujoco.diagnosis.report import write_report
+from cc_mujoco.diagnosis.rollout import rollout
+from cc_mujoco.diagnosis.trials import Dataset
+from cc_mujoco.diagnosis.verdict import Diagnosis
+from cc_mujoco.files import replacing_folder
+
+TITLES = {name: effect.title for name, effect in EFFECTS.items()}
+
+
+def write(
+    result: Result, dataset: Dataset, out: Path, command: str, seed: int
+) -> Diagnosis:
+    """Write everything to a folder and return the diagnosis with its provenance."""
+    diagnosis = replace(
+        result.diagnosis, provenance=provenance(result, dataset, command, seed)
+    )
+    with replacing_folder(out) as place:
+        if result.problem is not None:
+            said = _scene(result, place / "scene.xml")
+            diagnosis = replace(diagnosis, problems=(*diagnosis.problems, *said))
+            write_recording(place / "evidence.rrd", result.evidence, TITLES)
+        write_report(place, diagnosis, result.evidence, TITLES)
+        diagnosis.write(place / "verdict.json")
+    return diagnosis
+
+
+def provenance(
+    result: Result, dataset: Dataset, command: str, seed: int
+) -> Mapping[str, Any]:
+    """Where all this comes from."""
+    return {
+        "command": command,
+        "seed": seed,
+        "scene": {"path": str(result.bench.path), "sha256": result.bench.sha256},
+        "data": {trial.path: trial.sha256 for trial in dataset.trials},
+        "dataset": {"path": dataset.path, "sha256": dataset.sha256},
+        "versions": {
+            "cc_mujoco": version("cc_mujoco"),
+            "mujoco": mujoco.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
+    }
+
+
+def _scene(result: Result, path: Path) -> list[str]:
+    """Write the scene with the effects; compare its rollout with the replay."""
+    problem = result.problem
+    assert problem is not None
+    values = problem.values(result.at)
+    cables = problem.plant.cables(values, problem.effects)
+    bench = replace(
+        result.bench,
+        motor_radius=values.get("motor_radius", problem.plant.near),
+        joint_radius=values.get("joint_radius", problem.plant.far),
+    )
+    effects = {
+        name: {knob.name: values[knob.name] for knob in EFFECTS[name].knobs}
+        for name in problem.effects
+    }
+    write_scene(path, repaired(bench, cables, effects))
+    apart, size = compared(result, path)
+    return [
+        f"scene.xml, played by MuJoCo along the first seconds of {apart[0]}, differs "
+        f"from the replay by {apart[1]:.2g} Nm RMS, with torques of {size:.2g} Nm RMS."
+    ]
+
+
+def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
+    """RMS difference of scene and replay on the first seconds of a record [Nm]."""
+    problem = result.problem
+    assert problem is not None
+    record = problem.plant.records[0]
+    values = problem.values(result.at)
+    short = min(record.time.size, round(4.0 / record.dt))
+    offset = values.get("joint_angle_offset", 0.0)
+    near = values.get("motor_radius", problem.plant.near)
+    far = values.get("joint_radius", problem.plant.far)
+    joint = record.joint_angle[:short] + offset
+    motor = led(joint[0] * far / near, record.motor_angle[:short], 1)
+    time = record.start + record.dt * (np.arange(motor.size) - RAMP)
+    shown = np.array(rollout(path, time, motor, led(joint[0], joint, 1)))[:, RAMP:]
+    quiet = {
+        **values,
+        "motor_torque_offset": 0.0,
+        "joint_torque_offset": 0.0,
+        **dict.fromkeys(CLOCKS, 0.0),
+    }
+    played: FloatArray = problem.plant.simulate(quiet, problem.effects, only=0)[0]
+    error = (shown - played[:, :short])[:, 5:-5]
+    return (record.trial, float(np.sqrt(np.mean(error**2)))), float(
+        np.sqrt(np.mean(played[:, :short] ** 2))
+    )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -43,7 +43,7 @@ class Effect(NamedTuple):
     hide: Callable[[Truth, float, Generator], Truth]
 
 
-def _plant(truth: Truth, **changes: object) -> Truth:
+def _plant(truth: Truth, **changes: Any) -> Truth:
     return truth._replace(plant=truth.plant._replace(**changes))
 
 
@@ -189,10 +189,6 @@ def _stop(truth: Truth, amount: float, rng: Generator) -> Truth:
     return _plant(truth, stop_stiffness=amount, stop_angle=rng.uniform(0.35, 0.55))
 
 
-def _grip(truth: Truth, amount: float, _rng: Generator) -> Truth:
-    return _plant(truth, grip_limit=4.0, grip_viscosity=1.0 / amount)
-
-
 def _hysteresis(truth: Truth, amount: float, _rng: Generator) -> Truth:
     return _chain(truth, hysteresis=amount)
 
@@ -225,7 +221,7 @@ UNKNOWN: dict[str, Effect] = {
     "unknown_gear_mesh": Effect("ripple torque at the joint", "Nm", 0.05, 1.5, _mesh),
     "unknown_end_stop": Effect("stiffness of the bumper", "Nm/rad", 1.0, 60.0, _stop),
     "unknown_grip_slip": Effect(
-        "slip speed per excess torque", "rad/(Nm s)", 0.003, 0.3, _grip
+        "slip speed per excess torque", "rad/(Nm s)", 0.003, 0.3, _field("grip_slip")
     ),
     "unknown_sensor_hysteresis": Effect("half width", "Nm", 0.08, 2.0, _hysteresis),
     "unknown_load_delay": Effect("lag per torque", "s/Nm", 3e-3, 0.04, _load_delay),

@@ -25,17 +25,11 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from hidden_rig.dataset import (  # noqa: E402
-    calibrate,
-    make_dataset,
-    make_trials,
-    measure,
-    strength_of,
-    truth_of,
-)
-from hidden_rig.effects import EFFECTS, Truth  # noqa: E402
-from hidden_rig.nominal import NOMINAL, Rig, make_rig  # noqa: E402
-from hidden_rig.trials import SETS  # noqa: E402
+from hidden_rig.dataset import make_dataset, make_trials, truth_of
+from hidden_rig.effects import EFFECTS, Truth
+from hidden_rig.nominal import NOMINAL, Rig, make_rig
+from hidden_rig.strength import calibrate, measure
+from hidden_rig.trials import SETS
 
 Array = NDArray[np.float64]
 
@@ -84,12 +78,13 @@ def _plain(value: Any) -> Any:
 
 def _differences(truth: Truth, plain: Truth) -> dict[str, Any]:
     """Fields of the truth that are not those of a rig that hides nothing."""
-    out = {}
-    for part, usual in zip(truth, plain, strict=True):
-        for name, value in part._asdict().items():
-            if not np.array_equal(value, getattr(usual, name)):
-                out[name] = _plain(value)
-    return out
+    usual = plain.plant._asdict() | plain.chain._asdict()
+    fields = truth.plant._asdict() | truth.chain._asdict()
+    return {
+        name: _plain(value)
+        for name, value in fields.items()
+        if not np.array_equal(value, usual[name])
+    }
 
 
 def label_of(
@@ -98,7 +93,6 @@ def label_of(
     """What is hidden, how much of it, and in which rig."""
     hidden = []
     for name, amount in amounts.items():
-        by_channel = measure(rig, {name: amount}, trials, seed)
         effect = EFFECTS[name]
         hidden.append(
             {
@@ -106,8 +100,7 @@ def label_of(
                 "parameter": effect.parameter,
                 "amount": amount,
                 "unit": effect.unit,
-                "strength": strength_of(by_channel),
-                "strength_by_channel": by_channel,
+                "strength": measure(rig, {name: amount}, trials, seed)._asdict(),
                 "details": _differences(
                     truth_of(rig, {name: amount}, seed), truth_of(rig, {}, seed)
                 ),

@@ -35,7 +35,7 @@ class Plant(NamedTuple):
     rotor_inertia: float
     material_time: float = 1.5e-5
     """Kelvin-Voigt damping of the strand over its stiffness [s]."""
-    presliding: float = 3e-5
+    presliding: float = 1e-5
     """Travel over which a contact comes to sliding at nominal tension [m]."""
     reference_tension: float = 80.0
 
@@ -88,9 +88,9 @@ class Plant(NamedTuple):
     contact_damping: float = 1.5
     hub_inertia: float = 2.5e-4
     """Inertia of the joint pulley once it is a body of its own [kg m^2]."""
-    grip_limit: float = 0.0
-    """Torque at which the cable slips on the motor pulley [Nm]; 0: never."""
-    grip_viscosity: float = 40.0
+    grip_slip: float = 0.0
+    """Slip of the cables on the motor pulley, speed per excess torque [rad/(Nm s)]."""
+    grip_limit: float = 4.0
 
     # --- loads on the shafts ----------------------------------------------------
     cogging: float = 0.0

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, sosfilt
 
 from hidden_rig.kernel import COLUMNS, RECORD_TIME
-from hidden_rig.motions import DURATION, LEAD
+from hidden_rig.motions import LEAD
 from hidden_rig.nominal import Rig
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ def _ideal_column(records: Array, name: str) -> Array:
 def _shifted(signal: Array, seconds: float | Array) -> Array:
     """The signal as it was `seconds` ago."""
     at = np.arange(signal.size) - seconds / RECORD_TIME
-    return np.interp(at, np.arange(signal.size), signal)
+    return np.asarray(np.interp(at, np.arange(signal.size), signal))
 
 
 def _lagged(signal: Array, seconds: float) -> Array:
@@ -140,7 +140,8 @@ def _joint_torque(records: Array, chain: Chain) -> Array:
 def sampled(records: Array, rig: Rig, chain: Chain, names: tuple[str, ...]) -> Array:
     """What a noise-free logger with endless resolution stores, (samples, names)."""
     sos = butter(2, CUTOFF, fs=1 / RECORD_TIME, output="sos")
-    count = round(DURATION * SAMPLE_RATE)
+    recorded = records.shape[0] * RECORD_TIME - LEAD
+    count = round(recorded * SAMPLE_RATE)
     out = np.empty((count, len(names)))
     moments = LEAD + np.arange(count) / SAMPLE_RATE
     middle = (np.arange(records.shape[0]) + 0.5) * RECORD_TIME

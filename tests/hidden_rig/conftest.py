@@ -1,0 +1,52 @@
+"""Puts the rig on the path, and holds what its tests share."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).parents[2] / "scripts"
+sys.path.insert(0, str(SCRIPTS))
+
+from hidden_rig.dataset import make_trials  # noqa: E402
+from hidden_rig.nominal import Rig, make_rig  # noqa: E402
+from hidden_rig.trials import Trial  # noqa: E402
+
+
+@pytest.fixture
+def scripts() -> Path:
+    return SCRIPTS
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return make_rig(seed=3)
+
+
+def cut(trial: Trial, seconds: float) -> Trial:
+    """The first seconds of a trial, after its lead-in."""
+    rows = round(1000 * (seconds + 0.6)) + 1
+    return dataclasses.replace(
+        trial, command=trial.command[:rows], target=trial.target[:rows]
+    )
+
+
+@pytest.fixture
+def dwelling() -> Trial:
+    """Three moves with rests between them, of motor and hand."""
+    return cut(make_trials("rich", seed=3)[2], 4.0)
+
+
+@pytest.fixture
+def ladder() -> Trial:
+    """Slow to fast against a spring."""
+    return make_trials("rich", seed=3)[0]
+
+
+@pytest.fixture
+def lively() -> Trial:
+    """Motor and hand on multisines."""
+    return cut(make_trials("rich", seed=3)[1], 2.5)

@@ -20,7 +20,8 @@ import mujoco
 
 from cc_mujoco.diagnosis.bench import Bench
 from cc_mujoco.diagnosis.instruments import instrument
-from cc_mujoco.diagnosis.realisation import REALISATIONS, Values, rim_stiffness
+from cc_mujoco.diagnosis.mechanics import Values, rim_stiffness
+from cc_mujoco.diagnosis.realisation import REALISATIONS
 from cc_mujoco.engine import to_mjcf
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
@@ -82,8 +83,20 @@ def write(path: str | os.PathLike[str], spec: mujoco.MjSpec) -> None:
     """Write a scene, whole or not at all; it loads from wherever it lies.
 
     Raises:
-        CableError: what was written does not load again.
+        CableError: the scene is incomplete, or the file would not load again.
     """
+    with replacing(path) as partial:
+        try:
+            spec.compile()  # a copy leaves out what refers to nothing
+            partial.write_text(_at_home_anywhere(spec).to_xml(), encoding="utf-8")
+            mujoco.MjModel.from_xml_path(str(partial))
+        except ValueError as error:
+            reason = str(error).strip().splitlines()[0]
+            raise CableError(f"scene {path} cannot be written: {reason}") from None
+
+
+def _at_home_anywhere(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """A compiled copy that finds its meshes and textures from any folder."""
     spec = spec.copy()
     origin = Path(spec.modelfiledir).absolute()
     if any(asset.file for asset in [*spec.meshes, *spec.hfields, *spec.skins]):
@@ -91,13 +104,7 @@ def write(path: str | os.PathLike[str], spec: mujoco.MjSpec) -> None:
     if any(texture.file or any(texture.cubefiles) for texture in spec.textures):
         spec.texturedir = str(origin / spec.texturedir)
     spec.compile()
-    with replacing(path) as partial:
-        partial.write_text(spec.to_xml(), encoding="utf-8")
-        try:
-            mujoco.MjModel.from_xml_path(str(partial))
-        except ValueError as error:
-            reason = str(error).strip().splitlines()[0]
-            raise CableError(f"scene {path} would not load again: {reason}") from None
+    return spec
 
 
 def _largest_step(spec: mujoco.MjSpec, bench: Bench) -> float:

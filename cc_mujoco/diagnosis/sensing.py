@@ -1,0 +1,112 @@
+"""Effects of sensors in a scene: offsets, gain, drift, delay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import mujoco
+
+from cc_mujoco.diagnosis.bench import Bench
+from cc_mujoco.diagnosis.instruments import (
+    JOINT_ANGLE,
+    JOINT_TORQUE,
+    MOTOR_ANGLE,
+    MOTOR_TORQUE,
+    Part,
+    add_part,
+    parts,
+    set_parts,
+)
+
+Values = Mapping[str, float]
+
+CLOCK, ONE = "instrument_clock", "instrument_one"
+"""Sensors that show the time and the number 1; they are never late."""
+
+
+def angle_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """The cables are at rest where motor and joint, plus the offset, agree."""
+    spec.joint(bench.joint).ref -= values["joint_angle_offset"]
+
+
+def torque_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """A constant in both torques."""
+    for channel, name in (
+        (MOTOR_TORQUE, "motor_torque_offset"),
+        (JOINT_TORQUE, "joint_torque_offset"),
+    ):
+        if values[name] != 0.0:
+            add_part(spec, channel, _one(spec), values[name])
+
+
+def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Torques that read too much by a share of themselves."""
+    for channel, name in (
+        (MOTOR_TORQUE, "motor_torque_gain"),
+        (JOINT_TORQUE, "joint_torque_gain"),
+    ):
+        gain = 1.0 + values[name]
+        scaled = [Part(p.sensor, gain * p.weight) for p in parts(spec, channel)]
+        set_parts(spec, channel, scaled)
+
+
+def drift(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Torques that read more and more as time passes."""
+    for channel, name in (
+        (MOTOR_TORQUE, "motor_torque_drift"),
+        (JOINT_TORQUE, "joint_torque_drift"),
+    ):
+        if values[name] != 0.0:
+            if spec.sensor(CLOCK) is None:
+                spec.add_sensor(name=CLOCK, type=mujoco.mjtSensor.mjSENS_CLOCK)
+            add_part(spec, channel, CLOCK, values[name])
+
+
+def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Delay torques; a torque that comes early delays everything else."""
+    delay = {
+        MOTOR_TORQUE: values["motor_torque_delay"],
+        JOINT_TORQUE: values["joint_torque_delay"],
+    }
+    common = max(0.0, -min(delay.values()))
+    for name in (MOTOR_ANGLE, JOINT_ANGLE):
+        if common > 0.0:
+            _late(spec, spec.sensor(name), common)
+    for channel, own in delay.items():
+        if own + common == 0.0:
+            continue
+        delayed = []
+        for part in parts(spec, channel):
+            source = spec.sensor(part.sensor)
+            if source.name in (CLOCK, ONE):
+                delayed.append(part)
+                continue
+            copy = spec.add_sensor(
+                name=f"{channel}_{source.name}",
+                type=source.type,
+                objtype=source.objtype,
+                objname=source.objname,
+            )
+            _late(spec, copy, own + common)
+            delayed.append(Part(copy.name, part.weight))
+        set_parts(spec, channel, delayed)
+
+
+def _late(spec: mujoco.MjSpec, sensor: mujoco.MjsSensor, delay: float) -> None:
+    sensor.delay = delay
+    sensor.interp = 1
+    # Enough to be played at half the time step, too.
+    sensor.nsample = 2 * math.ceil(delay / spec.option.timestep) + 4
+
+
+def _one(spec: mujoco.MjSpec) -> str:
+    """Name of a sensor whose last number is always 1: the world's own z axis."""
+    if spec.sensor(ONE) is None:
+        spec.add_sensor(
+            name=ONE,
+            type=mujoco.mjtSensor.mjSENS_FRAMEZAXIS,
+            objtype=mujoco.mjtObj.mjOBJ_XBODY,
+            objname="world",
+        )
+    return ONE

@@ -184,7 +184,7 @@ def test_defaults_of_the_scene_do_not_reach_what_is_added(tmp_path: Path) -> Non
     for value in (pulley.damping, pulley.armature, pulley.stiffness):
         assert value[0] == 0.0
     assert model.dof_frictionloss[pulley.dofadr[0]] == 0.0
-    assert model.tendon("joint_backlash").stiffness[0] == 0.0
+    assert model.tendon_stiffness[model.tendon("joint_backlash").id] == 0.0
     gravity = model.actuator("joint_gravity")
     assert (gravity.gear[0], gravity.forcelimited[0]) == (1.0, 0)
 

@@ -94,6 +94,23 @@ def backlash(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     tendon.damping[0] = 2.0 * PLAY_DAMPING * inertia / step
     tendon.wrap_joint(name, 1.0)
     tendon.wrap_joint(bench.joint, -1.0)
+    _keep_keyframes(spec, model, bench.joint, name)
+
+
+def _keep_keyframes(
+    spec: mujoco.MjSpec, before: mujoco.MjModel, joint: str, pulley: str
+) -> None:
+    """Put a new pulley where its joint is in every keyframe, and no other elsewhere.
+
+    MuJoCo appends zeros, whichever joint is new.
+    """
+    after = spec.compile()
+    old, new = before.joint(joint), after.joint(pulley)
+    for key, pose, speed in zip(
+        spec.keys, before.key_qpos, before.key_qvel, strict=True
+    ):
+        key.qpos = np.insert(pose, new.qposadr[0], pose[old.qposadr[0]])
+        key.qvel = np.insert(speed, new.dofadr[0], speed[old.dofadr[0]])
 
 
 def cogging(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:

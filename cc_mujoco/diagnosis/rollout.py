@@ -67,8 +67,8 @@ def rollout(
     dt = float(clock[-1] - clock[0]) / (clock.size - 1)
     longest = model.opt.timestep if model.nv > 2 else dt
     # A sensor cannot be late by less than a step.
-    longest = min([longest, *model.sensor_delay[model.sensor_delay > 0.0]])
-    substeps = math.ceil(dt / longest - 1e-6)
+    wanted = min([longest, *model.sensor_delay[model.sensor_delay > 0.0]])
+    substeps = math.ceil(dt / max(wanted, min(dt, model.opt.timestep)) - 1e-6)
     late = float(model.sensor_delay[angle_sensors(model)[0]])
     shown = _play(model, clock[0], dt, substeps, angles, math.ceil(late / dt))
     at = np.arange(shown.shape[1]) * dt

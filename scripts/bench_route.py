@@ -60,9 +60,9 @@ def walker(model: mujoco.MjModel, steps: int) -> Callable[[], float]:
             # Against its damping and stop, so that the cable is taut most of the time.
             motor.ctrl[0] = 4.0 + 3.0 * np.sin(2.0 * np.pi * phase)
             motor.ctrl[0] *= pulls
-            begin = time.perf_counter()
+            begin = time.thread_time()
             mujoco.mj_step(model, data, each)
-            spent += time.perf_counter() - begin
+            spent += time.thread_time() - begin
         return spent / steps
 
     return turn
@@ -89,7 +89,7 @@ def main() -> None:
         for _ in range(arguments.rounds):
             for bend, turn in turns.items():
                 spent[bend].append(turn())
-        # The quickest turns: what else the machine does only adds.
+        # Processor time of the quickest turns: what else the machine does only adds.
         cost = {bend: np.quantile(found, 0.1) for bend, found in spent.items()}
         cable = {bend: cost[bend] - cost[None] for bend in cost}
         whole = cost["fixed"] / cost["route"]

@@ -16,6 +16,7 @@ from cc_mujoco.engine.reading import (
     route_length,
     route_tendon,
     route_wrap,
+    segment_wrap,
 )
 
 register()
@@ -33,5 +34,6 @@ __all__ = [
     "route_length",
     "route_tendon",
     "route_wrap",
+    "segment_wrap",
     "to_mjcf",
 ]

@@ -8,6 +8,10 @@ and, under RK4, the time of the committed configuration. `plugin_data` holds wha
 follows from the configuration, scratch memory, and the result of the last evaluation
 with its inputs, which is used again only for bitwise equal inputs.
 
+A conduit that follows its route takes its bends, at every evaluation, from the path of
+the tendon at that position; like the displacements of the ends they are an input of the
+evaluation and no state.
+
 Under RK4 the four stages are evaluated from the committed state too. The first stage is
 at the configuration where the step begins, one time step after the committed one; the
 later ones are half, half and one step further on, so that much time has passed for the
@@ -22,7 +26,7 @@ import mujoco
 import numpy as np
 from numba import cfunc
 
-from cc_mujoco.engine import config, ends, fields
+from cc_mujoco.engine import config, ends, fields, path
 from cc_mujoco.engine.config import PLUGIN, constant
 from cc_mujoco.engine.memory import (
     CAPACITY,
@@ -47,17 +51,20 @@ from cc_mujoco.transmission import kernel
 from cc_mujoco.transmission.parameters import MAX_SECTIONS
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+_NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
 
 # Byte offsets in the memory block of an instance; after the header follow the packed
-# parameters, scratch, the state before and after the last evaluation, and a copy of the
-# configuration text.
+# parameters, scratch, the state before and after the last evaluation, a copy of the
+# configuration text, and the bends of the route: now, and at the last four evaluations
+# under RK4.
 _SEGMENTS = 0
 _PROXIMAL = 8
 _DISTAL = 16
 _TEXT_SIZE = 24
 _KNOWN = 32
-_INPUTS = 40  # u_proximal, u_distal, dt
-_STAGES = 64  # u_proximal, u_distal, dt, time of the last four evaluations under RK4
+_ROUTE = 40  # the tendon that bends the conduit, or -1
+_INPUTS = 48  # u_proximal, u_distal, dt
+_STAGES = 72  # u_proximal, u_distal, dt, time of the last four evaluations under RK4
 _STAGE = 32
 _HEADER = _STAGES + 4 * _STAGE
 _TEXT_CAPACITY = 4096
@@ -91,14 +98,24 @@ def _text(block: int, n: int) -> int:
     return _new(block, n) + 8 * kernel.state_size(n)
 
 
+@internal
+def _bends(block: int, n: int, stage: int) -> int:
+    """Address of the wrap angles of the route: 0 is now, 1 to 4 the stages of RK4."""
+    return _text(block, n) + _TEXT_CAPACITY + 8 * n * stage
+
+
 # The large functions are compiled once each and called by name; as Numba functions they
 # would be compiled again inside every callback that calls them.
 _REFUSED = types.int32(types.intp, types.int32)
-_PACK = types.int32(types.intp, types.intp)
+_PACK = types.int32(types.intp, types.intp, types.int32)
 _ADVANCE = types.int32(types.intp, types.float64, types.float64, types.float64)
+_BEND = types.void(types.intp, types.intp, types.int32, types.int32, types.intp)
+_LAY = types.void(types.intp, types.intp)
 _refused = types.ExternalFunction("cc_mujoco_refused", _REFUSED)
 _pack = types.ExternalFunction("cc_mujoco_pack", _PACK)
 _advance = types.ExternalFunction("cc_mujoco_advance", _ADVANCE)
+_bend = types.ExternalFunction("cc_mujoco_bend", _BEND)
+_lay = types.ExternalFunction("cc_mujoco_lay", _LAY)
 
 
 @internal
@@ -118,8 +135,30 @@ def _up_to_date(block: int, model: int, instance: int) -> bool:
         i += 1
     if size > 0 and i == size:
         return True
-    packed: bool = _pack(block, attributes) == 1
+    packed: bool = _pack(block, model, instance) == 1
     return packed
+
+
+@internal
+def _follow(block: int, model: int, data: int) -> None:
+    """Bend a conduit that follows its route as that is at the last position."""
+    tendon = load_word(block + _ROUTE)
+    if tendon >= 0:
+        n = load_word(block + _SEGMENTS)
+        now = _bends(block, n, 0)
+        _bend(model, data, tendon, n, now)
+        _lay(block, now)
+
+
+@internal
+def _bent_as_last(block: int) -> bool:
+    """Whether the route bends now as it did at the last stage of RK4."""
+    n = load_word(block + _SEGMENTS)
+    now, last = _bends(block, n, 0), _bends(block, n, 4)
+    for i in range(0, 8 * n if load_word(block + _ROUTE) >= 0 else 0, 8):
+        if load_word(now + i) != load_word(last + i):
+            return False
+    return True
 
 
 @internal
@@ -207,12 +246,12 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             sections = np.empty((MAX_SECTIONS, 2))
             key, _ = config.read(attributes, values, sections)
             route = config.value(attributes, config.ROUTE)
-            if (
-                key == config.VALID
-                and route.size > 0
-                and not ends.has_route(model, instance, route)
-            ):
-                key = config.ROUTE
+            if key == config.VALID and route.size > 0:
+                tendon = ends.find_route(model, instance, route)
+                if tendon < 0:
+                    key = config.ROUTE
+                elif config.moves(attributes) and path.branches(model, tendon):
+                    key = config.BEND
             if key != config.VALID:
                 used = config.explain(message, start, attributes, key)
         if used > start:
@@ -220,13 +259,14 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         return used > start
 
     @cfunc(_PACK, **options)
-    def pack(block: int, attributes: int) -> int:
+    def pack(block: int, model: int, instance: int) -> int:
         """Pack the parameters from the attribute block of the instance.
 
         Returns:
             Whether they can be used.
         """
         _ = stamp
+        attributes = fields.attributes(model, instance)
         n = load_word(block + _SEGMENTS)
         values = np.empty(config.SCALARS)
         sections = np.empty((MAX_SECTIONS, 2))
@@ -237,6 +277,14 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             return 0
         prm = floats(_parameters(block), kernel.parameter_size(n))
         kernel.pack(values, sections[:count], n, prm)
+        tendon = -1
+        if config.moves(attributes):
+            route = config.value(attributes, config.ROUTE)
+            tendon = ends.find_route(model, instance, route)
+            if tendon < 0 or path.branches(model, tendon):
+                return 0
+            kernel.expect_change(prm)
+        store_word(block + _ROUTE, tendon)
         size = config.block_size(attributes)
         if size <= _TEXT_CAPACITY:
             copy(attributes, _text(block, n), size)
@@ -260,9 +308,30 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             floats(_work(block, n), kernel.work_size(n)),
         )
 
+    @cfunc(_BEND, **options)
+    def bend(model: int, data: int, tendon: int, n: int, angles: int) -> None:
+        """Wrap angles of n segments along a tendon, to an address."""
+        _ = stamp
+        path.bend(model, data, tendon, floats(angles, n))
+
+    @cfunc(_LAY, **options)
+    def lay(block: int, angles: int) -> None:
+        """Give the packed segments the wrap angles at an address."""
+        _ = stamp
+        n = load_word(block + _SEGMENTS)
+        prm = floats(_parameters(block), kernel.parameter_size(n))
+        wanted, present = floats(angles, n), kernel.segment_angles(prm, n)
+        for j in range(n):
+            if wanted[j] != present[j]:
+                kernel.rebend(prm, n, wanted)
+                store_word(block + _KNOWN, 0)
+                break
+
     export("cc_mujoco_refused", refused.address)
     export("cc_mujoco_pack", pack.address)
     export("cc_mujoco_advance", step.address)
+    export("cc_mujoco_bend", bend.address)
+    export("cc_mujoco_lay", lay.address)
     address = types.intp
     integer = types.int32
 
@@ -280,14 +349,14 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             return -1
         attributes = fields.attributes(model, instance)
         n = config.segments(attributes)
-        size = _text(0, n) + _TEXT_CAPACITY
+        size = _bends(0, n, 5)
         block = allocate(size)
         clear(block, size)
         _, first, second = ends.find(model, instance)
         store_word(block + _SEGMENTS, n)
         store_word(block + _PROXIMAL, ends.output(model, first))
         store_word(block + _DISTAL, ends.output(model, second))
-        _pack(block, attributes)
+        _pack(block, model, instance)
         fields.set_block(data, instance, block)
         return 0
 
@@ -325,6 +394,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         u_distal = _length(data, block, _DISTAL)
         dt = _elapsed(model, data, load_real(_committed_time(state, n)))
         fits = _up_to_date(block, model, instance)
+        if fits:
+            _follow(block, model, data)
         if fits and _evaluate(block, state, u_proximal, u_distal, dt):
             tension = _new(block, n) + 8 * kernel.STATE_HEADER
             proximal = max(load_real(tension), 0.0)
@@ -341,6 +412,10 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             store_real(stages + 3 * _STAGE + 8, u_distal)
             store_real(stages + 3 * _STAGE + 16, dt)
             store_real(stages + 3 * _STAGE + 24, fields.time(data))
+            if load_word(block + _ROUTE) >= 0:
+                size = 8 * n
+                copy(_bends(block, n, 2), _bends(block, n, 1), 3 * size)
+                copy(_bends(block, n, 0), _bends(block, n, 4), size)
 
     @cfunc(types.void(address, address, integer), **options)
     def advance(model: int, data: int, instance: int) -> None:
@@ -352,6 +427,9 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         u_distal = _length(data, block, _DISTAL)
         dt = fields.timestep(model)
         time = 0.0
+        if fields.disabled(model, _NO_ACTUATION):
+            # Nothing has evaluated the last position.
+            _follow(block, model, data)
         if fields.integrator(model) == _RK4:
             # A step makes four evaluations; the first of them is committed. With
             # actuation disabled there are none, and the last position counts.
@@ -360,11 +438,14 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             if (
                 load_real(stages + 3 * _STAGE) == u_proximal
                 and load_real(stages + 3 * _STAGE + 8) == u_distal
+                and _bent_as_last(block)
             ):
                 u_proximal = load_real(stages)
                 u_distal = load_real(stages + 8)
                 dt = load_real(stages + 16)
                 time = load_real(stages + 24)
+                if load_word(block + _ROUTE) >= 0:
+                    _lay(block, _bends(block, n, 1))
         if _evaluate(block, state, u_proximal, u_distal, dt):
             new = _new(block, n)
             for i in range(0, 8 * kernel.state_size(n), 8):

@@ -16,6 +16,8 @@ import numpy.typing as npt
 from cc_mujoco.engine.decimal import is_digit, is_space, number, strip
 from cc_mujoco.engine.memory import Bytes, append, internal, quote, text
 from cc_mujoco.transmission.parameters import (
+    BEND_ALLOWED,
+    BENDS,
     CONDUIT_ALLOWED,
     KEYS,
     MAX_SECTIONS,
@@ -38,6 +40,7 @@ SCALARS = len(PARAMETERS)
 SEGMENTS = KEYS.index("segments")
 CONDUIT = KEYS.index("conduit")
 ROUTE = KEYS.index("route")
+BEND = KEYS.index("bend")
 _FRICTION = KEYS.index("friction")
 _STATIC = KEYS.index("static_friction")
 _DEFAULT_SEGMENTS = Cable.segments
@@ -46,7 +49,6 @@ _HIGH = np.array([p.high for p in PARAMETERS])
 _LOW_OPEN = np.array([p.low_open for p in PARAMETERS])
 _DEFAULT = np.array([p.default for p in PARAMETERS])
 _REQUIRED = np.array([key in REQUIRED for key in KEYS])
-_INF = np.frombuffer(b"inf", np.uint8)
 
 
 def constant(content: str) -> Bytes:
@@ -61,6 +63,7 @@ def _allowed(key: str) -> str:
         "segments": SEGMENTS_ALLOWED,
         "conduit": CONDUIT_ALLOWED,
         "route": "the name of a spatial tendon of the model",
+        "bend": BEND_ALLOWED,
     }
     return special.get(key) or PARAMETERS[KEYS.index(key)].allowed
 
@@ -68,6 +71,8 @@ def _allowed(key: str) -> str:
 _LINES = [f"key `{key}` is \n; it must be {_allowed(key)}" for key in KEYS]
 _TEXT = constant("".join(line.replace("\n", "\0") + "\0" for line in _LINES))
 _MISSING = constant("missing or empty")
+_INF = constant("inf")
+_FIXED, _ROUTED = (constant(bend) for bend in BENDS)
 
 
 @internal
@@ -102,6 +107,12 @@ def segments(block: int) -> int:
 
 
 @internal
+def moves(block: int) -> bool:
+    """Whether the bends of the conduit follow its route."""
+    return same(value(block, BEND), _ROUTED)
+
+
+@internal
 def read(
     block: int, values: npt.NDArray[np.float64], sections: npt.NDArray[np.float64]
 ) -> tuple[int, int]:
@@ -131,6 +142,10 @@ def read(
         return _STATIC, 0
     if segments(block) == 0:
         return SEGMENTS, 0
+    bend = value(block, BEND)
+    follows = moves(block) and value(block, ROUTE).size > 0
+    if not (bend.size == 0 or same(bend, _FIXED) or follows):
+        return BEND, 0
     count = _sections(value(block, CONDUIT), sections)
     return (VALID if count > 0 else CONDUIT), count
 

@@ -94,16 +94,17 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
 
 
 @internal
-def has_route(model: int, instance: int, route: Bytes) -> bool:
-    """Whether the model has the spatial tendon that an instance names as its route.
+def find_route(model: int, instance: int, route: Bytes) -> int:
+    """Index of the spatial tendon that an instance names as its route, or -1.
 
     The rule is that of `reading.route_tendon`.
     """
     name = fields.plugin_name(model, instance)
+    best, longest = -1, -1
     for tendon in range(fields.tendons(model)):
         candidate = fields.tendon_name(model, tendon)
         extra = candidate.size - route.size
-        if extra < 0 or extra > name.size or not spatial(model, tendon):
+        if extra < 0 or extra > name.size or candidate.size <= longest:
             continue
         for prefix in range(extra + 1):
             suffix = extra - prefix
@@ -112,5 +113,6 @@ def has_route(model: int, instance: int, route: Bytes) -> bool:
                 and same(candidate[:prefix], name[:prefix])
                 and same(candidate[prefix + route.size :], name[name.size - suffix :])
             ):
-                return True
-    return False
+                best, longest = tendon, candidate.size
+                break
+    return best if best >= 0 and spatial(model, best) else -1

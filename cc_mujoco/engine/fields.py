@@ -26,6 +26,7 @@ def _data(field: str) -> int:
 _OPTION = _model("opt")
 _TIMESTEP = _OPTION + structure("mjOption").timestep.offset
 _INTEGRATOR = _OPTION + structure("mjOption").integrator.offset
+_DISABLED = _OPTION + structure("mjOption").disableflags.offset
 _NACTUATOR = _model("nactuator")
 _NTENDON = _model("ntendon")
 _NAMES = _model("names")
@@ -47,7 +48,16 @@ ACTUATOR_GEAR = _model("actuator_gear")
 LENGTH0 = _model("actuator_length0")
 JNT_TYPE = _model("jnt_type")
 TENDON_ADR = _model("tendon_adr")
+TENDON_NUM = _model("tendon_num")
 WRAP_TYPE = _model("wrap_type")
+GEOM_TYPE = _model("geom_type")
+GEOM_XPOS = _data("geom_xpos")
+GEOM_XMAT = _data("geom_xmat")
+TEN_LENGTH = _data("ten_length")
+TEN_WRAPADR = _data("ten_wrapadr")
+TEN_WRAPNUM = _data("ten_wrapnum")
+WRAP_OBJ = _data("wrap_obj")
+WRAP_XPOS = _data("wrap_xpos")
 LENGTH = _data("actuator_length")
 _FORCE = _data("actuator_force")
 
@@ -80,6 +90,12 @@ def timestep(model: int) -> float:
 def integrator(model: int) -> int:
     """Integrator of the model, an `mjtIntegrator`."""
     return load_integer(model + _INTEGRATOR)
+
+
+@internal
+def disabled(model: int, flag: int) -> bool:
+    """Whether a part of the engine is disabled, an `mjtDisableBit`."""
+    return load_integer(model + _DISABLED) & flag != 0
 
 
 @internal

@@ -76,14 +76,16 @@ _PROBE = """
 </mujoco>
 """
 _MODEL_ARRAYS = (
-    "qpos0", "jnt_type", "tendon_adr", "wrap_type", "actuator_trntype",
+    "qpos0", "jnt_type", "geom_type", "tendon_adr", "tendon_num", "wrap_type",
+    "actuator_trntype",
     "actuator_trnid", "actuator_outadr", "actuator_gear", "actuator_length0",
     "actuator_plugin", "plugin_attr", "plugin_attradr", "plugin_stateadr",
     "name_actuatoradr", "name_pluginadr", "name_tendonadr",
 )  # fmt: skip
 _DATA_ARRAYS = (
-    "qvel", "qacc_warmstart", "ctrl", "sensordata", "xpos", "actuator_length",
-    "actuator_force",
+    "qvel", "qacc_warmstart", "ctrl", "sensordata", "xpos", "geom_xpos", "geom_xmat",
+    "ten_wrapadr", "ten_wrapnum", "ten_length", "wrap_obj", "wrap_xpos",
+    "actuator_length", "actuator_force",
 )  # fmt: skip
 
 
@@ -110,6 +112,8 @@ def verify() -> None:
     true["names"] = model.names
     seen["timestep"], true["timestep"] = m.opt.timestep, model.opt.timestep
     seen["integrator"], true["integrator"] = m.opt.integrator, model.opt.integrator
+    model.opt.disableflags = flags = 1 << 11
+    seen["disableflags"], true["disableflags"] = m.opt.disableflags, flags
     data.time = 0.75
     seen["time"], true["time"] = d.time, data.time
     held = ctypes.c_size_t.from_address(d.plugin_data).value

@@ -10,9 +10,11 @@ MuJoCo's `actuatorfrc` sensors on the two actuators (+T_proximal and -T_distal).
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
 from functools import lru_cache
 
+import llvmlite.binding  # type: ignore[import-untyped]
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -154,18 +156,40 @@ def route(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
 
 
 def route_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
-    """Sum of the turning angles of a cable's route [rad].
+    """Sum of the turning angles of a cable's route [rad], arcs around geoms included.
 
     Raises:
         CableError: the model has no such cable, or the cable no route.
     """
-    pieces = np.diff(route(model, data, name), axis=0)
-    length = np.linalg.norm(pieces, axis=1)
-    direction = pieces[length > 0.0] / length[length > 0.0, None]
-    before, after = direction[:-1], direction[1:]
-    sine = np.linalg.norm(np.cross(before, after), axis=1)
-    cosine = np.einsum("ij,ij->i", before, after)
-    return float(np.arctan2(sine, cosine).sum())
+    return float(_turning(model, data, route_tendon(model, name), 1)[0])
+
+
+def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
+    """Wrap angle of each segment of a cable (segments,) [rad], proximal to distal.
+
+    That of its sections, or of its route at the last evaluated position where the key
+    `bend` says so. Needs `mj_tendon` (part of `mj_forward`).
+
+    Raises:
+        CableError: the model has no cable of that name.
+    """
+    cable = cable_of(model, _instance(model, name), name)
+    if cable.bend == "route":
+        return _turning(model, data, route_tendon(model, name), cable.segments)
+    return np.array(kernel.segment_angles(packed(cable), cable.segments))
+
+
+def _turning(
+    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, segments: int
+) -> Floats:
+    """What `path.bend` gives, by the function that the plugin calls."""
+    address, integer = ctypes.c_ssize_t, ctypes.c_int32
+    call = ctypes.CFUNCTYPE(None, address, address, integer, integer, address)(
+        llvmlite.binding.address_of_symbol("cc_mujoco_bend")
+    )
+    out = np.empty(segments)
+    call(model._address, data._address, tendon, segments, out.ctypes.data)
+    return out
 
 
 def route_length(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:

@@ -31,7 +31,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.transmission import friction as law
-from cc_mujoco.transmission.fronts import march
+from cc_mujoco.transmission.fronts import march, pushed
 from cc_mujoco.transmission.graph import sweep
 from cc_mujoco.transmission.parameters import PARAMETERS
 
@@ -44,9 +44,9 @@ OK, NOT_FINITE = 0, 1
 STATE_HEADER = 4
 _HEADER = 40
 _SOLVER_WORK = 10  # per node, for `march` and `sweep`
-_STEP_WORK = 7  # per segment, behind it: slip and coefficients
-_PLAIN = _HEADER - 2
-_LENGTH = _HEADER - 1
+_CHANGES = 13
+_PLAIN = 14
+_LENGTH = 15
 _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _FRICTION = law.INDEX["friction"]
@@ -94,7 +94,6 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
     step = total / n
     out[_LENGTH] = total
     out[_PLAIN] = 1.0 if law.plain(values) else 0.0
-    hold = law.holding_coefficient(values)
     a = _HEADER
     for j in range(n):
         # Wrap angle of the segment: the curvature of the sections that it covers.
@@ -107,10 +106,7 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
                 angle += shared / sections[s, 1]
             start = stop
         out[a + j] = angle
-        growth = law.ratio(values[_FRICTION], angle)
-        out[a + n + j] = growth
-        out[a + 2 * n + j] = law.ratio(hold, angle)
-        out[a + 3 * n + j] = law.drag(values, step, growth)
+    _follow_angles(out, n)
     stiffness = node_stiffness(out, n)
     for i in range(n + 1):
         # The end nodes stand for half a segment.
@@ -122,12 +118,40 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
 
 
 @compiled
+def _follow_angles(prm: FloatArray, n: int) -> None:
+    """Pack what depends on the wrap angles of the segments."""
+    values = prm[:_SCALARS]
+    hold = law.holding_coefficient(values)
+    length = prm[_LENGTH] / n
+    a = _HEADER
+    for j in range(n):
+        angle = prm[a + j]
+        growth = law.ratio(values[_FRICTION], angle)
+        prm[a + n + j] = growth
+        prm[a + 2 * n + j] = (
+            growth if hold == values[_FRICTION] else law.ratio(hold, angle)
+        )
+        prm[a + 3 * n + j] = law.drag(values, length, growth)
+
+
+@compiled
+def rebend(prm: FloatArray, n: int, angles: FloatArray) -> None:
+    """Give the segments of a packed cable other wrap angles (n,) [rad].
+
+    The length stays. Call `expect_change` too.
+    """
+    for j in range(n):
+        prm[_HEADER + j] = angles[j]
+    _follow_angles(prm, n)
+
+
+@compiled
 def expect_change(prm: FloatArray) -> None:
     """Have every step of a packed cable allow that its bends changed before it.
 
     Tensions may then lie beyond what friction holds, so slip may begin anywhere.
     """
-    prm[_PLAIN] = 0.0
+    prm[_CHANGES] = 1.0
 
 
 @compiled
@@ -238,9 +262,10 @@ def step(
     plain = prm[_PLAIN] != 0.0
     by_position = near == POSITION and far == POSITION
     near_moved, far_moved = near_value - state[0], far_value - state[1]
-    if plain and by_position and near_moved == 0.0 and far_moved == 0.0:
-        for j in range(2 * n):
-            new_state[t + n + 1 + j] = 0.0
+    still = by_position and near_moved == 0.0 and far_moved == 0.0
+    changes = prm[_CHANGES] != 0.0
+    if plain and still and not changes:
+        _rest(n, new_state)
         return OK
     a = _HEADER
     growth = prm[a + n : a + 2 * n]
@@ -258,7 +283,14 @@ def step(
         )
 
     solved = False
-    if plain and by_position:
+    quick = plain and by_position
+    if quick and changes:
+        # The fronts presume that friction holds the tensions before the step.
+        quick = _held(n, tension, hold_right, hold_left, drag)
+        if quick and still:
+            _rest(n, new_state)
+            return OK
+    if quick:
         stretch = state[3] + far_moved - near_moved
         if stretch <= 0.0 and prm[_LOAD_INDEPENDENT] == 0.0:
             _slacken(prm, n, tension, near_moved, stretch, shift, node)
@@ -282,6 +314,29 @@ def step(
         )  # fmt: skip
     _commit(prm, n, state, near, near_value, far, far_value, dt, shift, new_state)
     return OK
+
+
+@compiled
+def _rest(n: int, new_state: FloatArray) -> None:
+    """Forget the slip of every segment: all have stuck."""
+    for j in range(2 * n):
+        new_state[STATE_HEADER + n + 1 + j] = 0.0
+
+
+@compiled
+def _held(
+    n: int,
+    tension: FloatArray,
+    hold_right: FloatArray,
+    hold_left: FloatArray,
+    drag: FloatArray,
+) -> bool:
+    """Whether friction holds the tensions of every segment."""
+    for j in range(n):
+        left, right = max(tension[j], 0.0), max(tension[j + 1], 0.0)
+        if pushed(left, right, hold_right[j], hold_left[j], drag[j]) != 0:
+            return False
+    return True
 
 
 @compiled

@@ -149,7 +149,13 @@ CONDUIT_ALLOWED = (
     f"1 to {MAX_SECTIONS} sections `length:radius` in metres, both positive, "
     "radius `inf` where straight, e.g. `0.8:0.15 0.6:inf`"
 )
-KEYS = (*(p.name for p in PARAMETERS), "segments", "conduit", "route")
+BENDS = ("fixed", "route")
+"""Where the bends of the conduit come from: its sections, or the route as it moves."""
+BEND_ALLOWED = (
+    "`fixed` (the sections of `conduit` bend it) or, with a `route` of one branch, "
+    "`route` (that spatial tendon does, as it moves)"
+)
+KEYS = (*(p.name for p in PARAMETERS), "segments", "conduit", "route", "bend")
 """All configuration keys of a cable."""
 
 
@@ -166,7 +172,9 @@ class Cable:
 
     Scalar fields are those of `PARAMETERS`, in SI units. `conduit` is the bend of the
     route as sections, `segments` the number N of friction elements along it, `route`
-    the name of the MuJoCo spatial tendon that draws it (empty: none).
+    the name of the MuJoCo spatial tendon that draws it (empty: none). With `bend`
+    `"route"` the conduit bends in MuJoCo as that tendon does at the moment; its length
+    stays that of the sections, which also bend it wherever there is no MuJoCo.
 
     Raises:
         CableError: a value is outside its range.
@@ -187,6 +195,7 @@ class Cable:
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""
+    bend: str = BENDS[0]
 
     def __post_init__(self) -> None:
         for parameter in PARAMETERS:
@@ -219,6 +228,15 @@ class Cable:
                 f"it must be {CONDUIT_ALLOWED}"
             )
         object.__setattr__(self, "conduit", sections)
+        if self.bend not in BENDS:
+            raise CableError(
+                f"cable parameter `bend` is {self.bend!r}; it must be {BEND_ALLOWED}"
+            )
+        if self.bend == "route" and not self.route:
+            raise CableError(
+                "cable parameter `bend` is 'route' but `route` is empty; it must name "
+                "the spatial tendon that the conduit follows"
+            )
 
     @property
     def length(self) -> float:
@@ -270,6 +288,7 @@ class Cable:
         if "conduit" in config:
             values["conduit"] = _sections(config["conduit"], where)
         values["route"] = config.get("route", "")
+        values["bend"] = config.get("bend", BENDS[0])
         try:
             return cls(**values)  # type: ignore[arg-type]
         except CableError as error:
@@ -282,6 +301,8 @@ class Cable:
         config["conduit"] = " ".join(f"{s.length!r}:{s.radius!r}" for s in self.conduit)
         if self.route:
             config["route"] = self.route
+        if self.bend != BENDS[0]:
+            config["bend"] = self.bend
         return config
 
     def replace(self, **changes: object) -> Cable:

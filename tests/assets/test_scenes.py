@@ -91,7 +91,7 @@ def test_a_scene_is_found_by_name() -> None:
         assert scene_path(scene).is_file()
         assert scene_path(scene).is_absolute()
     with pytest.raises(
-        CableError, match=r"'wirst'.*'wrist'.*Available: ankle, bench, wrist"
+        CableError, match=r"'wirst'.*'wrist'.*Available: ankle, finger, wrist"
     ):
         scene_path("wirst")
 
@@ -101,7 +101,7 @@ def test_every_shipped_scene_is_listed() -> None:
     assert {path.name for path in folder.glob("*.xml")} == set(SCENES.values())
 
 
-@pytest.mark.parametrize("scene", WORN)
+@pytest.mark.parametrize("scene", JOINTS)
 def test_names_that_the_environments_rely_on(scene: str) -> None:
     model, _ = load(scene)
     assert tuple(model.joint(i).name for i in range(model.njnt)) == JOINTS[scene]

@@ -8,7 +8,11 @@ import pytest
 from cc_mujoco.engine import PLUGIN, from_mjcf
 from cc_mujoco.engine.config import REQUIRED
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission.parameters import CONDUIT_ALLOWED, PARAMETERS
+from cc_mujoco.transmission.parameters import (
+    BEND_ALLOWED,
+    CONDUIT_ALLOWED,
+    PARAMETERS,
+)
 from engine.scenes import CONFIG, build, end, instance, model, pull_pull
 
 NOT_NUMBERS = ("abc", "4o", "nan", "inf", "1e400", "-1", "1e300", "1 2", " ")
@@ -19,6 +23,7 @@ NOT_CONDUITS = (
 )  # fmt: skip
 NOT_SEGMENTS = ("abc", "4o", "nan", "1e1", "-1", "0", "1001", "2.0", "9" * 40, " ")
 NOT_ROUTES = ("nowhere", "mix", "pathway")
+NOT_BENDS = ("moving", "Route", "route", " ")  # `route` names no tendon here
 BAD = (
     [(p.name, value) for p in PARAMETERS for value in NOT_NUMBERS if value != "-1"]
     + [(p.name, repr(p.low - 1.0)) for p in PARAMETERS]
@@ -29,11 +34,13 @@ BAD = (
     + [("conduit", value) for value in NOT_CONDUITS]
     + [("segments", value) for value in NOT_SEGMENTS]
     + [("route", value) for value in NOT_ROUTES]
+    + [("bend", value) for value in NOT_BENDS]
 )
 ALLOWED = {p.name: p.allowed for p in PARAMETERS} | {
     "conduit": CONDUIT_ALLOWED,
     "segments": "a whole number in [1, 1000]",
     "route": "the name of a spatial tendon of the model",
+    "bend": BEND_ALLOWED,
 }
 
 

@@ -31,6 +31,9 @@ ODD = Cable(
 )
 
 
+FOLLOWING = {"route": "path", "bend": "route"}
+
+
 @st.composite
 def any_cable(draw: st.DrawFn) -> Cable:
     values = {
@@ -45,6 +48,7 @@ def any_cable(draw: st.DrawFn) -> Cable:
         **values,
         segments=draw(st.integers(1, 60)),
         conduit=tuple(draw(st.lists(sections, min_size=1, max_size=8))),
+        **draw(st.sampled_from([{}, {"route": "path"}, FOLLOWING])),
     )
 
 

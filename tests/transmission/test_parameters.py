@@ -42,6 +42,12 @@ def cables():
             st.builds(Section, length, radius), min_size=1, max_size=5
         ).map(tuple),
         route=st.sampled_from(["", "route"]),
+    ).flatmap(_bent)
+
+
+def _bent(cable):
+    return st.sampled_from(["fixed", "route"] if cable.route else ["fixed"]).map(
+        lambda bend: cable.replace(bend=bend)
     )
 
 
@@ -88,6 +94,24 @@ def test_out_of_range_values_are_refused_with_the_range(parameter):
 def test_a_bad_conduit_is_refused(text):
     with pytest.raises(ValueError, match=r"`conduit` .*length:radius"):
         Cable.from_config({"conduit": text})
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ({"bend": "free", "route": "path"}, "`bend` is 'free'; it must be `fixed`"),
+        ({"bend": "", "route": "path"}, "`bend` is ''"),
+        ({"bend": "route"}, "`bend` is 'route' but `route` is empty"),
+    ],
+)
+def test_a_bend_that_nothing_gives_is_refused(config, message):
+    with pytest.raises(ValueError, match=message):
+        Cable.from_config(config)
+
+
+def test_bends_are_fixed_unless_said_otherwise():
+    assert "bend" not in Cable(route="path").to_config()
+    assert Cable.from_config({"route": "path", "bend": "fixed"}) == Cable(route="path")
 
 
 def test_an_unknown_key_names_its_nearest_match():

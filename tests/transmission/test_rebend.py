@@ -101,3 +101,32 @@ def test_reset_returns_to_the_first_path():
 def test_another_length_is_refused():
     with pytest.raises(CableError, match=r"1 m long; it must be 2 m"):
         Conduit(CABLE).rebend([Section(1.0, 0.4)])
+
+
+def travelling(segments):
+    """End tensions while a tighter bend travels to and fro and both ends move."""
+    conduit = Conduit(CABLE.replace(segments=segments))
+    tensions = []
+    for at in np.linspace(0.0, 6.0, 300):
+        middle = 1.0 + 0.6 * math.sin(1.3 * at)
+        conduit.rebend(
+            [
+                Section(middle - 0.3, 1.0),
+                Section(0.6, 0.25),
+                Section(LENGTH - middle - 0.3, 1.0),
+            ]
+        )
+        far = 0.01 * math.sin(2.1 * at)
+        conduit.step(1e-3, u_proximal=-0.015 * math.sin(at), u_distal=far)
+        tensions.append((conduit.tension_proximal, conduit.tension_distal))
+    return np.array(tensions)
+
+
+def test_moving_bends_converge_with_the_number_of_segments():
+    exact = travelling(800)
+    errors = [
+        float(np.sqrt(np.mean((travelling(n) - exact) ** 2))) / exact.max()
+        for n in (25, 50, 100)
+    ]
+    assert errors[0] > 1.5 * errors[1] > 2.0 * errors[2]
+    assert errors[1] < 0.002

@@ -1,0 +1,174 @@
+"""Bends of a moving conduit: turning angles along a spatial tendon, compiled.
+
+MuJoCo computes the path of a tendon at every evaluation: sites, and the two points at
+which it touches and leaves a geom that it wraps. From these points the wrap angle of
+each segment of a cable follows, without memory of its own:
+
+- Around a geom the path bends evenly along the arc, a great circle of a sphere or a
+  helix on a cylinder.
+- A site stands for a point of a smooth curve. Its turning angle is spread evenly from
+  half-way to the site before it to half-way to the next, so that a polygon of equal
+  chords has the even curvature of its circle and bends move along the cable without
+  jumps. Sites close together make a tight bend.
+- The conduit keeps its length. A path that gets shorter or longer carries its bends
+  along in proportion.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from cc_mujoco.engine import fields
+from cc_mujoco.engine.memory import internal, load_real, load_word
+
+_SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
+_PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
+
+SHORT = 1e-9
+"""Pieces of the path below this length have no direction [m]."""
+_BACKWARD = -1e-6
+"""An arc's angle above this is 0 with rounding, not almost a full turn [rad]."""
+
+
+@internal
+def branches(model: int, tendon: int) -> bool:
+    """Whether a spatial tendon has pulleys, which divide it into branches."""
+    start = fields.integer(model, fields.TENDON_ADR, tendon)
+    for i in range(start, start + fields.integer(model, fields.TENDON_NUM, tendon)):
+        if fields.integer(model, fields.WRAP_TYPE, i) == _PULLEY:
+            return True
+    return False
+
+
+@internal
+def _spread(
+    out: npt.NDArray[np.float64], scale: float, begin: float, end: float, angle: float
+) -> None:
+    """Add an angle evenly over the path from `begin` to `end` [m].
+
+    `scale` is segments per metre of path; what lies outside goes to the nearest end.
+    """
+    n = out.size
+    a = min(max(begin * scale, 0.0), float(n))
+    b = min(max(end * scale, a), float(n))
+    first = min(int(a), n - 1)
+    last = min(int(b), n - 1)
+    if first == last:
+        out[first] += angle
+        return
+    rate = angle / (b - a)
+    out[first] += rate * (first + 1 - a)
+    for j in range(first + 1, last):
+        out[j] += rate
+    out[last] += rate * (b - last)
+
+
+@internal
+def _arc(
+    model: int,
+    data: int,
+    geom: int,
+    p: tuple[float, float, float],
+    q: tuple[float, float, float],
+    d: tuple[float, float, float],
+) -> tuple[float, float]:
+    """Length [m] and turning angle [rad] of the path around a geom.
+
+    It touches at p, arriving in direction d, and leaves at q.
+    """
+    at = load_word(data + fields.GEOM_XPOS) + 24 * geom
+    c = load_real(at), load_real(at + 8), load_real(at + 16)
+    r = p[0] - c[0], p[1] - c[1], p[2] - c[2]
+    s = q[0] - c[0], q[1] - c[1], q[2] - c[2]
+    # The path turns about this axis.
+    x = r[1] * d[2] - r[2] * d[1]
+    y = r[2] * d[0] - r[0] * d[2]
+    z = r[0] * d[1] - r[1] * d[0]
+    along = 0.0
+    if fields.integer(model, fields.GEOM_TYPE, geom) != _SPHERE:
+        frame = load_word(data + fields.GEOM_XMAT) + 72 * geom
+        axis = load_real(frame + 16), load_real(frame + 40), load_real(frame + 64)
+        sense = 1.0 if x * axis[0] + y * axis[1] + z * axis[2] >= 0.0 else -1.0
+        x, y, z = sense * axis[0], sense * axis[1], sense * axis[2]
+        low = r[0] * x + r[1] * y + r[2] * z
+        high = s[0] * x + s[1] * y + s[2] * z
+        r = r[0] - low * x, r[1] - low * y, r[2] - low * z
+        s = s[0] - high * x, s[1] - high * y, s[2] - high * z
+        along = high - low
+    size = math.sqrt(x * x + y * y + z * z)
+    cross = (
+        x * (r[1] * s[2] - r[2] * s[1])
+        + y * (r[2] * s[0] - r[0] * s[2])
+        + z * (r[0] * s[1] - r[1] * s[0])
+    )
+    turned = math.atan2(cross / size, r[0] * s[0] + r[1] * s[1] + r[2] * s[2])
+    if turned < _BACKWARD:
+        turned += 2.0 * math.pi
+    turned = max(turned, 0.0)
+    radius = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    around = radius * turned
+    length = math.sqrt(around * around + along * along)
+    # A helix bends less than its circle.
+    return length, turned * around / length if length > 0.0 else 0.0
+
+
+@internal
+def bend(model: int, data: int, tendon: int, out: npt.NDArray[np.float64]) -> None:
+    """Wrap angle of each of `out.size` equal segments of a conduit along a path.
+
+    Args:
+        model: address of the model.
+        data: address of the data; the path is that of its last evaluated position.
+        tendon: index of a spatial tendon without pulleys.
+        out: out, wrap angles from the first site of the tendon to the last (n,) [rad].
+    """
+    out[:] = 0.0
+    total = fields.real(data, fields.TEN_LENGTH, tendon)
+    if not total > 0.0:
+        return
+    scale = out.size / total
+    start = fields.integer(data, fields.TEN_WRAPADR, tendon)
+    count = fields.integer(data, fields.TEN_WRAPNUM, tendon)
+    points = load_word(data + fields.WRAP_XPOS) + 24 * start
+    p = load_real(points), load_real(points + 8), load_real(points + 16)
+    d, directed = (0.0, 0.0, 0.0), False  # in which the path arrives at p
+    wrapped = -1  # the geom that the path touches at p
+    reached = 0.0  # length of the path up to p
+    corner, begin, angle = (
+        0.0,
+        0.0,
+        0.0,
+    )  # the last site: where, its bend from, its turn
+    for i in range(1, count):
+        points += 24
+        q = load_real(points), load_real(points + 8), load_real(points + 16)
+        x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+        length = math.sqrt(x * x + y * y + z * z)
+        geom = fields.integer(data, fields.WRAP_OBJ, start + i)
+        leaves = geom >= 0 and geom == wrapped
+        wrapped = -1 if leaves else geom
+        if length <= SHORT:
+            continue
+        if leaves and directed:
+            length, turned = _arc(model, data, geom, p, q, d)
+            _spread(out, scale, reached, reached + length, turned)
+            directed = False
+        else:
+            x, y, z = x / length, y / length, z / length
+            if directed:
+                middle = 0.5 * (corner + reached)
+                _spread(out, scale, begin, middle, angle)
+                u = d[1] * z - d[2] * y
+                v = d[2] * x - d[0] * z
+                w = d[0] * y - d[1] * x
+                sine = math.sqrt(u * u + v * v + w * w)
+                angle = math.atan2(sine, d[0] * x + d[1] * y + d[2] * z)
+                corner, begin = reached, middle
+            d, directed = (x, y, z), True
+        p = q
+        reached += length
+    _spread(out, scale, begin, 0.5 * (corner + reached), angle)

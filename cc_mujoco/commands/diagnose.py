@@ -15,7 +15,7 @@ from cc_mujoco.errors import CableError
 
 @dataclass(frozen=True)
 class Diagnose:
-    """Find the effect that a scene lacks by measured trials, and add it to the scene."""
+    """Find the effect that a scene lacks, by measured trials, and add it."""
 
     interrupted: ClassVar[str] = "nothing was written"
 

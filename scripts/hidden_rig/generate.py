@@ -59,15 +59,14 @@ def facts_of(trials: str, seed: int) -> str:
     """What the experimenter noted down about each trial."""
     lines = []
     for k, trial in enumerate(make_trials(trials, seed)):
+        tension = NOMINAL["pretension_n"] * trial.tightness
         lines += [
-            "[[trial]]",
-            f'file = "trial_{k:02d}.csv"',
-            f'motion = "{trial.motion}"',
-            f'load = "{trial.load}"',
-            f"pretension_n = {NOMINAL['pretension_n'] * trial.tightness:g}",
+            f"[trials.trial_{k:02d}]",
+            f"pretension = {tension:g}",
+            f'notes = "{trial.motion}, {trial.load}"',
         ]
         if trial.repeat_of is not None:
-            lines.append(f'repeat_of = "trial_{trial.repeat_of:02d}.csv"')
+            lines.append(f'repeat_of = "trial_{trial.repeat_of:02d}"')
         lines.append("")
     return "\n".join(lines)
 

@@ -105,13 +105,13 @@ def _read_again(
         return angle
     impulse = np.zeros(2001)
     impulse[1000] = 1.0
-    here = np.sum(low_passed(impulse, filtering.band, filtering.rate) ** 2)
-    scale = noise.deviation * np.sqrt(filtering.passed / here)
+    here = np.sum(low_passed(impulse, filtering.motion_band, filtering.rate) ** 2)
+    scale = noise.deviation * np.sqrt(filtering.motion_passed / here)
     read = angle + scale * random.normal(size=angle.size)
     if noise.resolution > 0.0:
         start = random.uniform(0.0, noise.resolution)
         read = np.round((read - start) / noise.resolution) * noise.resolution + start
-    read = stilled(low_passed(read, filtering.band, filtering.rate), width)
+    read = stilled(low_passed(read, filtering.motion_band, filtering.rate), width)
     return read + _unseen(read, width, random)
 
 

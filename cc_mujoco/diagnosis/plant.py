@@ -18,7 +18,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.bench import Bench
 from cc_mujoco.diagnosis.effects import EFFECTS, Rig, Torques
-from cc_mujoco.diagnosis.records import RAMP, Record
+from cc_mujoco.diagnosis.records import RAMP, Record, low_passed
 from cc_mujoco.diagnosis.trials import Constant
 from cc_mujoco.transmission import Cable, Transmission
 
@@ -229,7 +229,7 @@ class Plant:
                 effect = EFFECTS[name]
                 if effect.torques is not None and effect.sensor is sensor:
                     shown = effect.torques(shown, values)
-        return np.array(
+        shown_torques = np.array(
             [
                 _shifted(shown.motor, -behind[0] / record.dt)
                 + values.get("motor_torque_offset", 0.0),
@@ -237,6 +237,7 @@ class Plant:
                 + values.get("joint_torque_offset", 0.0),
             ]
         )
+        return low_passed(shown_torques, record.band, 1.0 / record.dt)
 
     def finer(self, segments: int = 1, substeps: int = 1) -> Plant:
         """The same with more segments or smaller steps, by these factors."""

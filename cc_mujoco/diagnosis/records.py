@@ -1,8 +1,8 @@
 """Trials made ready for comparison: one clock, one band, a run-in that does not count.
 
-All four channels pass the same zero-phase low-pass, so that measured and simulated
-signals are compared in the same band, and are thinned out to a rate that still carries
-it. Angles then stand still where their noise moves less than a few of its deviations: a
+Measured and simulated torques pass the same zero-phase low-pass. Angles, which are
+played, keep a wider band: friction answers a reversal with a corner, and a corner of
+smoothed angles is not a smoothed corner. Angles then stand still where their noise moves less than a few of its deviations: a
 cable that sticks turns the slightest movement of its end into tension, and noise would
 shake it loose.
 
@@ -26,7 +26,9 @@ from cc_mujoco.diagnosis.trials import Dataset, Trial
 
 BAND = 25.0
 """Highest frequency compared [Hz]."""
-RATE = 125.0
+MOTION_BAND = 60.0
+"""Highest frequency of the angles that are played [Hz]; friction makes corners of them."""
+RATE = 250.0
 """Least samples per second kept."""
 RAMP = 20
 """Samples that lead from rest to the first sample."""
@@ -50,6 +52,7 @@ class Record:
         motor_angle: [rad].
         joint_angle: [rad].
         measured: (2, samples) motor and joint torque [Nm].
+        band: to which the torques are low-passed [Hz].
         counts: whether a sample counts.
         pretension: of this trial if known [N], else None.
         start: time since the trial began at the first sample [s].
@@ -64,6 +67,7 @@ class Record:
     motor_angle: FloatArray
     joint_angle: FloatArray
     measured: FloatArray
+    band: float
     counts: np.ndarray[tuple[int], np.dtype[np.bool_]]
     pretension: float | None
     start: float
@@ -76,26 +80,31 @@ class Filtering:
     """What happened to the recorded signals.
 
     Attributes:
-        band: cut-off of the low-pass [Hz].
+        band: cut-off of the low-pass of torques [Hz].
+        motion_band: the same of angles [Hz].
         rate: samples per second that are compared.
-        passed: variance of white sensor noise that passes, over its own.
+        passed: variance of white noise of a torque that passes, over its own.
+        motion_passed: the same of an angle.
         still: movement of motor and joint that counts as none [rad].
     """
 
     band: float
+    motion_band: float
     rate: float
     passed: float
+    motion_passed: float
     still: tuple[float, ...]
 
 
 def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filtering]:
     """Records of a dataset, in order, and how they were filtered."""
     slowest = min(trial.rate for trial in dataset.trials)
-    band = min(BAND, 0.3 * slowest)
+    band, motion_band = min(BAND, 0.3 * slowest), min(MOTION_BAND, 0.4 * slowest)
     first = dataset.trials[0]
-    passed = _passed(first, band)
+    bands = (band, motion_band)
+    passed = (_passed(first, band), _passed(first, motion_band))
     still = tuple(
-        STILL * dataset.noise[name].deviation * passed**0.5
+        STILL * dataset.noise[name].deviation * passed[1] ** 0.5
         if name in dataset.noise
         else 0.0
         for name in (MOTOR_ANGLE, JOINT_ANGLE)
@@ -104,9 +113,9 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     for trial in dataset.trials:
         for part in trial.segments:
             if part.stop - part.start >= SHORTEST:
-                records.append(_record(trial, part, band, bench, still))
-    thin = _thinning(first.rate)
-    return tuple(records), Filtering(band, first.rate / thin, passed, still)
+                records.append(_record(trial, part, bands, bench, still))
+    rate = first.rate / _thinning(first.rate)
+    return tuple(records), Filtering(*bands, rate, *passed, still)
 
 
 def _thinning(rate: float) -> int:
@@ -114,18 +123,18 @@ def _thinning(rate: float) -> int:
 
 
 def _record(
-    trial: Trial, part: slice, band: float, bench: Bench, still: tuple[float, ...]
+    trial: Trial,
+    part: slice,
+    bands: tuple[float, float],
+    bench: Bench,
+    still: tuple[float, ...],
 ) -> Record:
     thin = _thinning(trial.rate)
-    signals = np.array(
-        [
-            trial.motor_angle[part],
-            trial.joint_angle[part],
-            trial.motor_torque[part],
-            trial.joint_torque[part],
-        ]
-    )
-    smooth = low_passed(signals, band, trial.rate)[:, ::thin]
+    band, motion_band = bands
+    angles = np.array([trial.motor_angle[part], trial.joint_angle[part]])
+    torques = np.array([trial.motor_torque[part], trial.joint_torque[part]])
+    smooth = low_passed(angles, motion_band, trial.rate)[:, ::thin]
+    measured = low_passed(torques, band, trial.rate)[:, ::thin]
     for row, width in enumerate(still):
         smooth[row] = stilled(smooth[row], width)
     time = trial.time[part][::thin]
@@ -143,7 +152,8 @@ def _record(
         time,
         smooth[0],
         smooth[1],
-        smooth[2:],
+        measured,
+        band,
         counts,
         trial.facts.pretension,
         float(time[0] - trial.time[0]),

@@ -31,9 +31,15 @@ _STRIBECK_SPEED = INDEX["stribeck_speed"]
 _STRIBECK_EXPONENT = INDEX["stribeck_exponent"]
 _LOAD_INDEPENDENT = INDEX["load_independent_friction"]
 _ASYMMETRY = INDEX["friction_asymmetry"]
+_BRISTLE = INDEX["bristle_length"]
 
 MAX_EXPONENT = 30.0
 """Largest mu times wrap angle of one segment; beyond it (a ratio of 1e13) it is cut."""
+
+SHORTEST_BRISTLE = 1e-9
+"""Length [m] that shorter bristles have, too; they are Coulomb friction by then."""
+SOFTEST_BRISTLE = 1e-12
+"""Stiffness [N/m] below which bristles give none, as those of a slack cable."""
 
 
 class Term(NamedTuple):
@@ -73,6 +79,13 @@ TERMS = (
         "direction-dependent efficiency, e.g. the drive and backdrive friction of "
         "Duclusaud et al., arXiv 2410.08650, 2024",
     ),
+    Term(
+        "presliding",
+        "bristle_length",
+        "dF/dw = F_Coulomb/z_b until F = F_Coulomb",
+        "elastic-plastic limit of Dahl, Aerospace Corp. TOR-0158, 1968; with normal "
+        "force, Palli and Melchiorri, Mechatronics 24, 2014",
+    ),
 )
 """The friction terms that exist."""
 
@@ -91,6 +104,7 @@ def plain(values: FloatArray) -> bool:
         and values[_STRIBECK] == 0.0
         and (values[_STATIC] == 0.0 or values[_MEMORY] == 0.0)
         and values[_ASYMMETRY] == 0.0
+        and values[_BRISTLE] == 0.0
     )
 
 
@@ -162,3 +176,24 @@ def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -
     if values[_MEMORY] == 0.0:
         return now
     return now + (speed - now) * math.exp(-abs(slip) / values[_MEMORY])
+
+
+@compiled
+def bristle_stiffness(
+    values: FloatArray, coefficient: float, angle: float, mean: float, drag: float
+) -> float:
+    """Stiffness of the bristles of a segment of tension `mean` [N/m]."""
+    length = max(values[_BRISTLE], SHORTEST_BRISTLE)
+    stiffness: float = (coefficient * angle * mean + drag) / length
+    return stiffness if stiffness > SOFTEST_BRISTLE else 0.0
+
+
+@compiled
+def bristle_force(force: float, stretch: float, stiffness: float) -> float:
+    """What bristles of `force` [N] and `stretch` [m] hold with a new `stiffness`.
+
+    Softer ones keep their stretch, stiffer ones their force, so that a stiffness which
+    follows the tension never adds energy.
+    """
+    most = stiffness * abs(stretch)
+    return min(max(force, -most), most)

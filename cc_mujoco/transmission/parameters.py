@@ -139,6 +139,14 @@ PARAMETERS = (
         0.0,
         "spring between the cable and its distal end; 0 is off",
     ),
+    Parameter(
+        "bristle_length",
+        "m",
+        0.0,
+        1.0,
+        0.0,
+        "elastic displacement over which friction builds up (presliding); 0 is off",
+    ),
 )
 """Scalar parameters; their order is that of the packed vector of the kernel."""
 
@@ -184,6 +192,7 @@ class Cable:
     load_independent_friction: float = PARAMETERS[9].default
     friction_asymmetry: float = PARAMETERS[10].default
     end_compliance: float = PARAMETERS[11].default
+    bristle_length: float = PARAMETERS[12].default
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""

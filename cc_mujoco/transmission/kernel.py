@@ -16,11 +16,14 @@ State vector, `state_size(n)` floats:
     0, 1               displacement of the proximal and the distal end [m]
     2                  energy dissipated so far [J]
     3                  stretch of the cable, negative where it is slack [m]
-    4 : 5 + n          tension of node i [N]; negative where slack, see `slack`
-    5 + n : 5 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
-    5 + 2 n : 5 + 3 n  remembered slip speed of segment j [m/s]
-    5 + 3 n : 5 + 4 n  friction of segment j that its bristles hold [N]
-    5 + 4 n : 5 + 5 n  stretch of these bristles [m]
+    4                  time since the start [s], while a term depends on the state
+    5                  way of the distal end since the start [m], likewise
+    6 : 7 + n          tension of node i [N]; negative where slack, see `slack`
+    7 + n : 7 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
+    7 + 2 n : 7 + 3 n  remembered slip speed of segment j [m/s]
+    7 + 3 n : 7 + 4 n  friction of segment j that its bristles hold [N]
+    7 + 4 n : 7 + 5 n  stretch of these bristles [m]
+    7 + 5 n : 7 + 6 n  age of the contacts of segment j at rest, see `friction.aged`
 
 Node 0 is the proximal end, node n the distal end. Node i carries the strain of the
 cable between the centres of the segments beside it, so that the sum of T_i h_i / EA is
@@ -44,13 +47,15 @@ POSITION, TENSION = 0, 1
 OK, NOT_FINITE = 0, 1
 """Status of a step; on NOT_FINITE the new state is the old one."""
 
-STATE_HEADER = 4
+STATE_HEADER = 6
+_TIME, _TRAVEL = 4, 5
 _HEADER = 40
 _SOLVER_WORK = 10  # per node, for `march` and `sweep`
 _STEP_WORK = 10  # per segment, behind it: slip, coefficients and bristles
 _SHIFT, _SLIPPED, _GROWTH, _GROWTH_LEFT, _HOLD_RIGHT = 0, 1, 2, 3, 4
 _HOLD_LEFT, _DRAG, _VISCOSITY, _SPRING, _HELD = 5, 6, 7, 8, 9
-_SEGMENT_STATE = 4  # numbers per segment behind those of the nodes
+_SEGMENT_STATE = 5  # numbers per segment behind those of the nodes
+_SCALED = _HEADER - 3
 _PLAIN = _HEADER - 2
 _LENGTH = _HEADER - 1
 _EA = law.INDEX["axial_stiffness"]
@@ -62,6 +67,8 @@ _STATIC = law.INDEX["static_friction"]
 _ASYMMETRY = law.INDEX["friction_asymmetry"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
 _BRISTLE = law.INDEX["bristle_length"]
+_AGEING = law.INDEX["ageing_friction"]
+_MEMORY = law.INDEX["memory_length"]
 _SCALARS = len(PARAMETERS)
 
 
@@ -101,6 +108,7 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
     step = total / n
     out[_LENGTH] = total
     out[_PLAIN] = 1.0 if law.plain(values) else 0.0
+    out[_SCALED] = 1.0 if law.scaled(values) else 0.0
     hold = law.holding_coefficient(values)
     a = _HEADER
     for j in range(n):
@@ -388,12 +396,17 @@ def _coefficients(
     values = prm[:_SCALARS]
     a = _HEADER
     plain = prm[_PLAIN] != 0.0
+    scaled = prm[_SCALED] != 0.0
     asymmetry = values[_ASYMMETRY]
     length = prm[_LENGTH] / n
     growth, growth_left = _row(work, n, _GROWTH), _row(work, n, _GROWTH_LEFT)
     hold_right, hold_left = _row(work, n, _HOLD_RIGHT), _row(work, n, _HOLD_LEFT)
     drag, viscosity = _row(work, n, _DRAG), _row(work, n, _VISCOSITY)
-    holding = law.holding_coefficient(values)
+    resting = law.holding_coefficient(values)
+    drift, bend = 1.0, 1.0
+    if scaled:
+        drift = law.drift_factor(values, state[_TIME] + dt)
+        bend = law.wrap_factor(values, state[_TRAVEL])
     first = STATE_HEADER + n + 1
     for j in range(n):
         slip = state[first + j]
@@ -403,9 +416,19 @@ def _coefficients(
             drag[j] = prm[a + 3 * n + j]
             viscosity[j] = 0.0
         else:
-            angle = prm[a + j]
+            angle = bend * prm[a + j]
+            mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
             speed = state[first + n + j]
             coefficient = law.kinetic_coefficient(values, abs(slip), speed)
+            holding = resting
+            if scaled:
+                factor = drift * law.load_factor(values, mean)
+                extra = values[_AGEING] * state[first + 4 * n + j]
+                holding = factor * (holding + extra)
+                # Without memory the first slip renews the contacts.
+                extra = extra if values[_MEMORY] > 0.0 else 0.0
+                coefficient = factor * (coefficient + extra)
+                right_hold = left_hold = law.ratio(holding, angle)
             growth[j] = growth_left[j] = law.ratio(coefficient, angle)
             drag[j] = law.drag(values, length, growth[j])
             viscosity[j] = law.viscosity(values, length, growth[j], dt)
@@ -416,7 +439,6 @@ def _coefficients(
                 right_hold = law.ratio(holding * right, angle)
                 left_hold = law.ratio(holding * left, angle)
             if values[_BRISTLE] > 0.0:
-                mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
                 spring = law.bristle_stiffness(
                     values, coefficient, angle, mean, drag[j]
                 )
@@ -474,6 +496,7 @@ def _commit(
         lost = _commit_bristles(n, state, new_state, work)
     values = prm[:_SCALARS]
     remembers = prm[_STRIBECK] > 0.0
+    ages = prm[_AGEING] > 0.0
     low, low_before = max(new_state[t], 0.0), max(state[t], 0.0)
     for j in range(n):
         moved = slipped[j]
@@ -487,11 +510,17 @@ def _commit(
         old = state[t + n + 1 + j]
         same = moved * old > 0.0
         new_state[t + n + 1 + j] = moved + old if same else moved
+        if ages:
+            age = t + 5 * n + 1 + j
+            new_state[age] = law.aged(values, state[age], moved, dt)
         if remembers:
             speed = state[t + 2 * n + 1 + j] if same else 0.0
             new_state[t + 2 * n + 1 + j] = law.remembered_speed(
                 values, speed, moved, dt
             )
+    if prm[_PLAIN] == 0.0:
+        new_state[_TIME] = state[_TIME] + dt
+        new_state[_TRAVEL] = state[_TRAVEL] + (new_state[1] - state[1])
     new_state[2] = state[2] + lost
     new_state[3] = state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])
 

@@ -43,6 +43,8 @@ ROUTE = KEYS.index("route")
 BEND = KEYS.index("bend")
 _FRICTION = KEYS.index("friction")
 _STATIC = KEYS.index("static_friction")
+_PRETENSION = KEYS.index("pretension")
+_EXPONENT = KEYS.index("tension_exponent")
 _DEFAULT_SEGMENTS = Cable.segments
 _LOW = np.array([p.low for p in PARAMETERS])
 _HIGH = np.array([p.high for p in PARAMETERS])
@@ -60,6 +62,8 @@ def _allowed(key: str) -> str:
     special = {
         "static_friction": "0 (off) or at least `friction`, and "
         + PARAMETERS[_STATIC].allowed,
+        "tension_exponent": "0 (off) where `pretension` is 0, and "
+        + PARAMETERS[_EXPONENT].allowed,
         "segments": SEGMENTS_ALLOWED,
         "conduit": CONDUIT_ALLOWED,
         "route": "the name of a spatial tendon of the model",
@@ -140,6 +144,8 @@ def read(
         values[key] = x
     if 0.0 < values[_STATIC] < values[_FRICTION]:
         return _STATIC, 0
+    if values[_EXPONENT] != 0.0 and values[_PRETENSION] == 0.0:
+        return _EXPONENT, 0
     if segments(block) == 0:
         return SEGMENTS, 0
     bend = value(block, BEND)

@@ -31,9 +31,21 @@ _STRIBECK_SPEED = INDEX["stribeck_speed"]
 _STRIBECK_EXPONENT = INDEX["stribeck_exponent"]
 _LOAD_INDEPENDENT = INDEX["load_independent_friction"]
 _ASYMMETRY = INDEX["friction_asymmetry"]
+_BRISTLE = INDEX["bristle_length"]
+_PRETENSION = INDEX["pretension"]
+_TENSION_EXPONENT = INDEX["tension_exponent"]
+_AGEING = INDEX["ageing_friction"]
+_AGEING_TIME = INDEX["ageing_time"]
+_WRAP_GROWTH = INDEX["wrap_growth"]
+_DRIFT = INDEX["friction_drift"]
 
 MAX_EXPONENT = 30.0
 """Largest mu times wrap angle of one segment; beyond it (a ratio of 1e13) it is cut."""
+
+SHORTEST_BRISTLE = 1e-9
+"""Length [m] that shorter bristles have, too; they are Coulomb friction by then."""
+SOFTEST_BRISTLE = 1e-12
+"""Stiffness [N/m] below which bristles give none, as those of a slack cable."""
 
 
 class Term(NamedTuple):
@@ -73,6 +85,32 @@ TERMS = (
         "direction-dependent efficiency, e.g. the drive and backdrive friction of "
         "Duclusaud et al., arXiv 2410.08650, 2024",
     ),
+    Term(
+        "presliding",
+        "bristle_length",
+        "dF/dw = F_Coulomb/z_b until F = F_Coulomb",
+        "elastic-plastic limit of Dahl, Aerospace Corp. TOR-0158, 1968; with normal "
+        "force, Palli and Melchiorri, Mechatronics 24, 2014",
+    ),
+    Term(
+        "tension_dependent",
+        "tension_exponent",
+        "mu *= (T/T_0)^e",
+        "Howell's F = a N^n, e.g. Jung, Pan, Kang, Tribology Int. 41, 2008",
+    ),
+    Term(
+        "ageing",
+        "ageing_friction",
+        "mu += beta ln(1 + t/t_0) after rest of time t",
+        "Dieterich, Pure Appl. Geophys. 116, 1978",
+    ),
+    Term(
+        "configuration_dependent",
+        "wrap_growth",
+        "wrap angle *= 1 + g u_distal",
+        "a routing that bends with the joint; thesis Experiment 1b",
+    ),
+    Term("drift", "friction_drift", "mu *= 1 + d t", "wear and weather, thesis 3.2.3"),
 )
 """The friction terms that exist."""
 
@@ -84,6 +122,17 @@ def ratio(coefficient: float, angle: float) -> float:
 
 
 @compiled
+def scaled(values: FloatArray) -> bool:
+    """Whether load, rest, place or time change the coefficients."""
+    return bool(
+        values[_TENSION_EXPONENT] != 0.0
+        or values[_AGEING] != 0.0
+        or values[_WRAP_GROWTH] != 0.0
+        or values[_DRIFT] != 0.0
+    )
+
+
+@compiled
 def plain(values: FloatArray) -> bool:
     """Whether coefficients are constant: of no rate, history, direction or load."""
     return bool(
@@ -91,6 +140,8 @@ def plain(values: FloatArray) -> bool:
         and values[_STRIBECK] == 0.0
         and (values[_STATIC] == 0.0 or values[_MEMORY] == 0.0)
         and values[_ASYMMETRY] == 0.0
+        and values[_BRISTLE] == 0.0
+        and not scaled(values)
     )
 
 
@@ -162,3 +213,59 @@ def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -
     if values[_MEMORY] == 0.0:
         return now
     return now + (speed - now) * math.exp(-abs(slip) / values[_MEMORY])
+
+
+@compiled
+def bristle_stiffness(
+    values: FloatArray, coefficient: float, angle: float, mean: float, drag: float
+) -> float:
+    """Stiffness of the bristles of a segment of tension `mean` [N/m]."""
+    length = max(values[_BRISTLE], SHORTEST_BRISTLE)
+    stiffness: float = (coefficient * angle * mean + drag) / length
+    return stiffness if stiffness > SOFTEST_BRISTLE else 0.0
+
+
+@compiled
+def bristle_force(force: float, stretch: float, stiffness: float) -> float:
+    """What bristles of `force` [N] and `stretch` [m] hold with a new `stiffness`.
+
+    Softer ones keep their stretch, stiffer ones their force, so that a stiffness which
+    follows the tension never adds energy.
+    """
+    most = stiffness * abs(stretch)
+    return min(max(force, -most), most)
+
+
+@compiled
+def drift_factor(values: FloatArray, time: float) -> float:
+    """Factor on every coefficient, `time` after the start [s]."""
+    return float(max(1.0 + values[_DRIFT] * time, 0.0))
+
+
+@compiled
+def wrap_factor(values: FloatArray, travel: float) -> float:
+    """Factor on every wrap angle, the distal end `travel` from its rest [m]."""
+    return float(max(1.0 + values[_WRAP_GROWTH] * travel, 0.0))
+
+
+@compiled
+def load_factor(values: FloatArray, mean: float) -> float:
+    """Factor on the coefficient of a segment of tension `mean` [N]."""
+    exponent: float = values[_TENSION_EXPONENT]
+    if exponent == 0.0:
+        return 1.0
+    load: float = max(mean / values[_PRETENSION], 0.01)
+    return load**exponent
+
+
+@compiled
+def aged(values: FloatArray, age: float, slip: float, dt: float) -> float:
+    """Age ln(1 + t/t_0) of the contacts after a step with this much slip [m].
+
+    Rest adds to t. Slip renews contacts, and so takes age away over `memory_length`.
+    """
+    if slip == 0.0:
+        return math.log(math.exp(age) + dt / values[_AGEING_TIME])
+    if values[_MEMORY] == 0.0:
+        return 0.0
+    return age * math.exp(-abs(slip) / values[_MEMORY])

@@ -16,9 +16,14 @@ State vector, `state_size(n)` floats:
     0, 1               displacement of the proximal and the distal end [m]
     2                  energy dissipated so far [J]
     3                  stretch of the cable, negative where it is slack [m]
-    4 : 5 + n          tension of node i [N]; negative where slack, see `slack`
-    5 + n : 5 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
-    5 + 2 n : 5 + 3 n  remembered slip speed of segment j [m/s]
+    4                  time since the start [s], while a term depends on the state
+    5                  way of the distal end since the start [m], likewise
+    6 : 7 + n          tension of node i [N]; negative where slack, see `slack`
+    7 + n : 7 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
+    7 + 2 n : 7 + 3 n  remembered slip speed of segment j [m/s]
+    7 + 3 n : 7 + 4 n  friction of segment j that its bristles hold [N]
+    7 + 4 n : 7 + 5 n  stretch of these bristles [m]
+    7 + 5 n : 7 + 6 n  age of the contacts of segment j at rest, see `friction.aged`
 
 Node 0 is the proximal end, node n the distal end. Node i carries the strain of the
 cable between the centres of the segments beside it, so that the sum of T_i h_i / EA is
@@ -34,6 +39,7 @@ from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission.fronts import march, pushed
 from cc_mujoco.transmission.graph import sweep
 from cc_mujoco.transmission.parameters import PARAMETERS
+from cc_mujoco.transmission.presliding import preslide
 
 POSITION, TENSION = 0, 1
 """What is prescribed at an end."""
@@ -41,12 +47,18 @@ POSITION, TENSION = 0, 1
 OK, NOT_FINITE = 0, 1
 """Status of a step; on NOT_FINITE the new state is the old one."""
 
-STATE_HEADER = 4
+STATE_HEADER = 6
+_TIME, _TRAVEL = 4, 5
 _HEADER = 40
 _SOLVER_WORK = 10  # per node, for `march` and `sweep`
-_CHANGES = 13
-_PLAIN = 14
-_LENGTH = 15
+_STEP_WORK = 10  # per segment, behind it: slip, coefficients and bristles
+_SHIFT, _SLIPPED, _GROWTH, _GROWTH_LEFT, _HOLD_RIGHT = 0, 1, 2, 3, 4
+_HOLD_LEFT, _DRAG, _VISCOSITY, _SPRING, _HELD = 5, 6, 7, 8, 9
+_SEGMENT_STATE = 5  # numbers per segment behind those of the nodes
+_CHANGES = _HEADER - 4
+_SCALED = _HEADER - 3
+_PLAIN = _HEADER - 2
+_LENGTH = _HEADER - 1
 _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _FRICTION = law.INDEX["friction"]
@@ -55,13 +67,16 @@ _STRIBECK = law.INDEX["stribeck_friction"]
 _STATIC = law.INDEX["static_friction"]
 _ASYMMETRY = law.INDEX["friction_asymmetry"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
+_BRISTLE = law.INDEX["bristle_length"]
+_AGEING = law.INDEX["ageing_friction"]
+_MEMORY = law.INDEX["memory_length"]
 _SCALARS = len(PARAMETERS)
 
 
 @compiled
 def state_size(n: int) -> int:
     """Length of the state vector of a cable of n segments."""
-    return STATE_HEADER + 1 + 3 * n
+    return STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n
 
 
 @compiled
@@ -94,6 +109,7 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
     step = total / n
     out[_LENGTH] = total
     out[_PLAIN] = 1.0 if law.plain(values) else 0.0
+    out[_SCALED] = 1.0 if law.scaled(values) else 0.0
     a = _HEADER
     for j in range(n):
         # Wrap angle of the segment: the curvature of the sections that it covers.
@@ -159,7 +175,7 @@ def initialize(
     prm: FloatArray, n: int, u_proximal: float, u_distal: float, state: FloatArray
 ) -> None:
     """Set the state to rest with uniform pretension, the ends where they are [m]."""
-    for i in range(STATE_HEADER + 1 + 3 * n):
+    for i in range(state_size(n)):
         state[i] = 0.0
     state[0] = u_proximal
     state[1] = u_distal
@@ -199,11 +215,15 @@ def slack(prm: FloatArray, n: int, state: FloatArray) -> float:
 
 @compiled
 def stored(prm: FloatArray, n: int, state: FloatArray) -> float:
-    """Elastic energy of the cable [J]."""
+    """Elastic energy of the cable and of the bristles on it [J]."""
     stiffness = node_stiffness(prm, n)
     total = 0.0
     for i in range(n + 1):
         total += 0.5 * max(state[STATE_HEADER + i], 0.0) ** 2 / stiffness[i]
+    if prm[_BRISTLE] > 0.0:
+        first = STATE_HEADER + 1 + 3 * n
+        for j in range(n):
+            total += 0.5 * abs(state[first + j] * state[first + n + j])
     return total
 
 
@@ -254,7 +274,7 @@ def step(
     Returns:
         OK or NOT_FINITE.
     """
-    for i in range(STATE_HEADER + 1 + 3 * n):
+    for i in range(state_size(n)):
         new_state[i] = state[i]
     if not (np.isfinite(near_value) and np.isfinite(far_value)):
         return NOT_FINITE
@@ -269,18 +289,17 @@ def step(
         return OK
     a = _HEADER
     growth = prm[a + n : a + 2 * n]
-    growth_left, hold_right, hold_left = growth, growth, growth
+    hold_right, hold_left = growth, growth
     drag = prm[a + 3 * n : a + 4 * n]
     compliance = prm[a + 4 * n : a + 5 * n + 1]
     tension = state[t : t + n + 1]
     node = new_state[t : t + n + 1]
-    w = _SOLVER_WORK * (n + 1)
-    shift = work[w : w + n]
+    shift = _row(work, n, _SHIFT)
     varying = not plain or prm[_STATIC] > 0.0
     if varying:
-        growth, growth_left, hold_right, hold_left, drag, _ = _coefficients(
-            prm, n, state, dt, work
-        )
+        _coefficients(prm, n, state, tension, dt, work)
+        growth, drag = _row(work, n, _GROWTH), _row(work, n, _DRAG)
+        hold_right, hold_left = _row(work, n, _HOLD_RIGHT), _row(work, n, _HOLD_LEFT)
 
     solved = False
     quick = plain and by_position
@@ -302,17 +321,14 @@ def step(
             )  # fmt: skip
             solved = solved and node[0] >= 0.0 and node[n] >= 0.0
     if not solved:
-        growth, growth_left, hold_right, hold_left, drag, viscosity = _coefficients(
-            prm, n, state, dt, work
-        )
+        _coefficients(prm, n, state, tension, dt, work)
         stiffness = node_stiffness(prm, n)
         near_p, near_q = _end(near, near_value, -near_moved, tension[0], stiffness[0])
         far_p, far_q = _end(far, far_value, far_moved, tension[n], stiffness[n])
-        sweep(
-            n, tension, stiffness, growth, growth_left, hold_right, hold_left, drag,
-            viscosity, near_p, near_q, far_p, far_q, shift, node, work,
-        )  # fmt: skip
-    _commit(prm, n, state, near, near_value, far, far_value, dt, shift, new_state)
+        _solve(
+            prm, n, state, tension, stiffness, near_p, near_q, far_p, far_q, node, work
+        )
+    _commit(prm, n, state, near, near_value, far, far_value, dt, new_state, work)
     return OK
 
 
@@ -337,6 +353,48 @@ def _held(
         if pushed(left, right, hold_right[j], hold_left[j], drag[j]) != 0:
             return False
     return True
+
+
+@compiled
+def _solve(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    tension: FloatArray,
+    stiffness: FloatArray,
+    near_p: float,
+    near_q: float,
+    far_p: float,
+    far_q: float,
+    node: FloatArray,
+    work: FloatArray,
+) -> None:
+    """Solve the step with the coefficients in `work`, whatever slips and from where."""
+    shift, slipped = _row(work, n, _SHIFT), _row(work, n, _SLIPPED)
+    growth, growth_left = _row(work, n, _GROWTH), _row(work, n, _GROWTH_LEFT)
+    hold_right, hold_left = _row(work, n, _HOLD_RIGHT), _row(work, n, _HOLD_LEFT)
+    drag, viscosity = _row(work, n, _DRAG), _row(work, n, _VISCOSITY)
+    if prm[_BRISTLE] > 0.0:
+        slip = STATE_HEADER + n + 1
+        slipped[:] = state[slip : slip + n]
+        held = _row(work, n, _HELD)
+        if preslide(
+            n, tension, stiffness, growth, growth_left, hold_right, hold_left, drag,
+            viscosity, held, _row(work, n, _SPRING),
+            near_p, near_q, far_p, far_q, shift, node, slipped, work,
+        ):  # fmt: skip
+            return
+    sweep(
+        n, tension, stiffness, growth, growth_left, hold_right, hold_left, drag,
+        viscosity, near_p, near_q, far_p, far_q, shift, node, work,
+    )  # fmt: skip
+    if prm[_BRISTLE] > 0.0:
+        # Slack: no elastic part, bristles keep what they can without new energy.
+        slipped[:] = shift
+        for j in range(n):
+            most = abs(held[j])
+            force = max(node[j + 1], 0.0) - max(node[j], 0.0)
+            held[j] = min(max(force, -most), most)
 
 
 @compiled
@@ -375,52 +433,77 @@ def _end(
 
 
 @compiled
-def _coefficients(
-    prm: FloatArray, n: int, state: FloatArray, dt: float, work: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Coefficients of every segment for this step, see `friction.py`.
+def _row(work: FloatArray, n: int, row: int) -> FloatArray:
+    """A row of coefficients (n,), a view into `work` behind the solver's part."""
+    start = _SOLVER_WORK * (n + 1) + row * n
+    return work[start : start + n]
 
-    Returns growth of tension over slip to the right and to the left, the ratios held
-    against motion to the right and to the left, drag and viscosity, (n,) each, as views
-    into `work` behind the solver's part.
-    """
+
+@compiled
+def _coefficients(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    tension: FloatArray,
+    dt: float,
+    work: FloatArray,
+) -> None:
+    """Write the coefficients of every segment for this step, see `friction.py`."""
     values = prm[:_SCALARS]
     a = _HEADER
     plain = prm[_PLAIN] != 0.0
+    scaled = prm[_SCALED] != 0.0
     asymmetry = values[_ASYMMETRY]
     length = prm[_LENGTH] / n
-    w = _SOLVER_WORK * (n + 1) + n
-    growth, hold_right = work[w : w + n], work[w + n : w + 2 * n]
-    hold_left, drag = work[w + 2 * n : w + 3 * n], work[w + 3 * n : w + 4 * n]
-    viscosity = work[w + 4 * n : w + 5 * n]
-    growth_left = growth
-    if asymmetry != 0.0:
-        growth_left = work[w + 5 * n : w + 6 * n]
-    holding = law.holding_coefficient(values)
+    growth, growth_left = _row(work, n, _GROWTH), _row(work, n, _GROWTH_LEFT)
+    hold_right, hold_left = _row(work, n, _HOLD_RIGHT), _row(work, n, _HOLD_LEFT)
+    drag, viscosity = _row(work, n, _DRAG), _row(work, n, _VISCOSITY)
+    resting = law.holding_coefficient(values)
+    drift, bend = 1.0, 1.0
+    if scaled:
+        drift = law.drift_factor(values, state[_TIME] + dt)
+        bend = law.wrap_factor(values, state[_TRAVEL])
     first = STATE_HEADER + n + 1
     for j in range(n):
         slip = state[first + j]
-        # A segment that goes on slipping the same way has already broken away.
         right_hold = left_hold = prm[a + 2 * n + j]
         if plain:
-            growth[j] = prm[a + n + j]
+            growth[j] = growth_left[j] = prm[a + n + j]
             drag[j] = prm[a + 3 * n + j]
             viscosity[j] = 0.0
         else:
+            angle = bend * prm[a + j]
+            mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
             speed = state[first + n + j]
             coefficient = law.kinetic_coefficient(values, abs(slip), speed)
-            growth[j] = law.ratio(coefficient, prm[a + j])
+            holding = resting
+            if scaled:
+                factor = drift * law.load_factor(values, mean)
+                extra = values[_AGEING] * state[first + 4 * n + j]
+                holding = factor * (holding + extra)
+                # Without memory the first slip renews the contacts.
+                extra = extra if values[_MEMORY] > 0.0 else 0.0
+                coefficient = factor * (coefficient + extra)
+                right_hold = left_hold = law.ratio(holding, angle)
+            growth[j] = growth_left[j] = law.ratio(coefficient, angle)
             drag[j] = law.drag(values, length, growth[j])
             viscosity[j] = law.viscosity(values, length, growth[j], dt)
             if asymmetry != 0.0:
                 right, left = 1.0 - asymmetry, 1.0 + asymmetry
-                growth[j] = law.ratio(coefficient * right, prm[a + j])
-                growth_left[j] = law.ratio(coefficient * left, prm[a + j])
-                right_hold = law.ratio(holding * right, prm[a + j])
-                left_hold = law.ratio(holding * left, prm[a + j])
+                growth[j] = law.ratio(coefficient * right, angle)
+                growth_left[j] = law.ratio(coefficient * left, angle)
+                right_hold = law.ratio(holding * right, angle)
+                left_hold = law.ratio(holding * left, angle)
+            if values[_BRISTLE] > 0.0:
+                spring = law.bristle_stiffness(
+                    values, coefficient, angle, mean, drag[j]
+                )
+                force, stretch = state[first + 2 * n + j], state[first + 3 * n + j]
+                _row(work, n, _SPRING)[j] = spring
+                _row(work, n, _HELD)[j] = law.bristle_force(force, stretch, spring)
+        # A segment that goes on slipping the same way has already broken away.
         hold_right[j] = growth[j] if slip > 0.0 else right_hold
         hold_left[j] = growth_left[j] if slip < 0.0 else left_hold
-    return growth, growth_left, hold_right, hold_left, drag, viscosity
 
 
 @compiled
@@ -433,11 +516,12 @@ def _commit(
     far: int,
     far_value: float,
     dt: float,
-    shift: FloatArray,
     new_state: FloatArray,
+    work: FloatArray,
 ) -> None:
     """Write ends, slack, slip memory and dissipated energy of the step."""
     stiffness = node_stiffness(prm, n)
+    shift = _row(work, n, _SHIFT)
     t = STATE_HEADER
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.
@@ -461,26 +545,64 @@ def _commit(
     else:
         stretch = (new_state[t + n] - state[t + n]) / stiffness[n]
         new_state[1] = state[1] + shift[n - 1] + stretch
-    work = 0.0
+    lost = 0.0
+    slipped = shift
+    if prm[_BRISTLE] > 0.0:
+        slipped = _row(work, n, _SLIPPED)
+        lost = _commit_bristles(n, state, new_state, work)
     values = prm[:_SCALARS]
     remembers = prm[_STRIBECK] > 0.0
+    ages = prm[_AGEING] > 0.0
     low, low_before = max(new_state[t], 0.0), max(state[t], 0.0)
     for j in range(n):
-        moved = shift[j]
+        moved = slipped[j]
         high, high_before = max(new_state[t + j + 1], 0.0), max(state[t + j + 1], 0.0)
         force, before = high - low, high_before - low_before
         low, low_before = high, high_before
         # Mean friction over the slip; after a reversal slip begins at the new friction.
         if before * moved > 0.0:
             force = 0.5 * (force + before)
-        work += max(force * moved, 0.0)
+        lost += max(force * moved, 0.0)
         old = state[t + n + 1 + j]
         same = moved * old > 0.0
         new_state[t + n + 1 + j] = moved + old if same else moved
+        if ages:
+            age = t + 5 * n + 1 + j
+            new_state[age] = law.aged(values, state[age], moved, dt)
         if remembers:
             speed = state[t + 2 * n + 1 + j] if same else 0.0
             new_state[t + 2 * n + 1 + j] = law.remembered_speed(
                 values, speed, moved, dt
             )
-    new_state[2] = state[2] + work
+    if prm[_PLAIN] == 0.0:
+        new_state[_TIME] = state[_TIME] + dt
+        new_state[_TRAVEL] = state[_TRAVEL] + (new_state[1] - state[1])
+    new_state[2] = state[2] + lost
     new_state[3] = state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])
+
+
+@compiled
+def _commit_bristles(
+    n: int, state: FloatArray, new_state: FloatArray, work: FloatArray
+) -> float:
+    """Write force and stretch of the bristles; return energy lost without slip [J]."""
+    shift, slipped = _row(work, n, _SHIFT), _row(work, n, _SLIPPED)
+    held, spring = _row(work, n, _HELD), _row(work, n, _SPRING)
+    node = new_state[STATE_HEADER : STATE_HEADER + n + 1]
+    first = STATE_HEADER + 1 + 3 * n
+    lost = 0.0
+    for j in range(n):
+        force, stretch = state[first + j], state[first + n + j]
+        start = law.bristle_force(force, stretch, spring[j])
+        before, kept, now = 0.5 * abs(force * stretch), 0.0, 0.0
+        elastic = start + spring[j] * (shift[j] - slipped[j])
+        if spring[j] > 0.0:
+            kept = 0.5 * start**2 / spring[j]
+            now = min(max(held[j], -abs(elastic)), abs(elastic)) / spring[j]
+        lost += max(before - kept, 0.0)
+        new_state[first + j] = held[j]
+        new_state[first + n + j] = now
+        # Viscous drag acts on the elastic part of the motion, too.
+        total = max(node[j + 1], 0.0) - max(node[j], 0.0)
+        lost += max((total - held[j]) * (shift[j] - slipped[j]), 0.0)
+    return lost

@@ -139,6 +139,50 @@ PARAMETERS = (
         0.0,
         "spring between the cable and its distal end; 0 is off",
     ),
+    Parameter(
+        "bristle_length",
+        "m",
+        0.0,
+        1.0,
+        0.0,
+        "elastic displacement over which friction builds up (presliding); 0 is off",
+    ),
+    Parameter(
+        "tension_exponent",
+        "1",
+        -1.0,
+        1.0,
+        0.0,
+        "e: friction times (T / pretension)^e, T at least 1 % of the pretension",
+    ),
+    Parameter(
+        "ageing_friction",
+        "1",
+        0.0,
+        5.0,
+        0.0,
+        "beta: friction after a rest of time t grows by beta ln(1 + t / ageing_time), "
+        "which slip over `memory_length` takes back; 0 is off",
+    ),
+    Parameter(
+        "ageing_time", "s", 0.0, 1e6, 1.0, "time scale of that growth", low_open=True
+    ),
+    Parameter(
+        "wrap_growth",
+        "1/m",
+        -1e3,
+        1e3,
+        0.0,
+        "g: wrap angles times 1 + g u, u the distal displacement from the rest pose",
+    ),
+    Parameter(
+        "friction_drift",
+        "1/s",
+        -1e3,
+        1e3,
+        0.0,
+        "d: friction times 1 + d t, t the time since the start",
+    ),
 )
 """Scalar parameters; their order is that of the packed vector of the kernel."""
 
@@ -192,6 +236,12 @@ class Cable:
     load_independent_friction: float = PARAMETERS[9].default
     friction_asymmetry: float = PARAMETERS[10].default
     end_compliance: float = PARAMETERS[11].default
+    bristle_length: float = PARAMETERS[12].default
+    tension_exponent: float = PARAMETERS[13].default
+    ageing_friction: float = PARAMETERS[14].default
+    ageing_time: float = PARAMETERS[15].default
+    wrap_growth: float = PARAMETERS[16].default
+    friction_drift: float = PARAMETERS[17].default
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""
@@ -210,6 +260,11 @@ class Cable:
             raise CableError(
                 f"cable parameter `static_friction` is {self.static_friction!r}; it "
                 f"must be 0 (off) or at least `friction` = {self.friction!r}"
+            )
+        if self.tension_exponent != 0.0 and self.pretension == 0.0:
+            raise CableError(
+                f"cable parameter `tension_exponent` is {self.tension_exponent!r}; it "
+                "must be 0 (off) where `pretension` is 0"
             )
         if (
             not isinstance(self.segments, int)

@@ -30,8 +30,9 @@ def cables():
     scalars = {
         p.name: st.floats(p.low, p.high, exclude_min=p.low_open)
         for p in PARAMETERS
-        if p.name != "static_friction"
+        if p.name not in ("static_friction", "pretension")
     }
+    scalars["pretension"] = st.floats(1e-9, 1e6)
     length = st.floats(1e-6, 1e3)
     radius = st.one_of(st.floats(1e-6, 1e6), st.just(math.inf))
     return st.builds(
@@ -119,6 +120,12 @@ def test_an_unknown_key_names_its_nearest_match():
         Cable.from_config({"stifness": "1"})
     with pytest.raises(ValueError, match="did you mean `friction`"):
         Cable.from_config({"frictoin": "0.1"})
+
+
+def test_friction_that_depends_on_tension_needs_a_pretension():
+    with pytest.raises(ValueError, match=r"`tension_exponent` is 0\.2; .*`pretension`"):
+        Cable(pretension=0.0, tension_exponent=0.2)
+    assert Cable(pretension=0.0).tension_exponent == 0.0
 
 
 def test_static_friction_below_the_kinetic_one_is_refused():

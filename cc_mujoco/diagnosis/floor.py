@@ -123,5 +123,5 @@ def _unseen(angle: FloatArray, width: float, random: np.random.Generator) -> Flo
         size = last - first
         if size > 2:
             bump = np.sin(np.pi * np.arange(1, size + 1) / (size + 1))
-            moved[first + 1 : last + 1] = random.uniform(-width, width) * bump
+            moved[first + 1 : last + 1] = 0.5 * random.uniform(-width, width) * bump
     return moved

@@ -27,7 +27,7 @@ from cc_mujoco.diagnosis.trials import Dataset, Trial
 BAND = 25.0
 """Highest frequency compared [Hz]."""
 MOTION_BAND = 60.0
-"""Highest frequency of the angles that are played [Hz]; friction makes corners of them."""
+"""Highest frequency of the angles that are played [Hz]."""
 RATE = 250.0
 """Least samples per second kept."""
 RAMP = 20

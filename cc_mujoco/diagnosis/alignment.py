@@ -26,9 +26,9 @@ FAR = 0.15
 _LENGTH, _MOST, _FEW, _FEWEST = 2.0, 40, 2, 6
 _ALIKE = 0.8  # correlation from which on a lag counts
 _FASTEST, _FINE = 0.02, 0.01  # drifts searched [s/s], and their steps over a trial [s]
-_NEARER = 0.05
+_NEARER = 0.01
 _OFF = 0.1
-_CERTAIN = 6.0
+_CERTAIN, _RISE = 6.0, 2e-3
 _DRIFT = 0.03  # change of the delay over a trial that matters [s]
 
 
@@ -40,19 +40,21 @@ class Alignment(NamedTuple):
         drift: change of the delay per time [s/s], 0 if there is none to be seen.
         doubt: standard deviation of the drift; infinite if there are too few windows.
         gain: by how much the correlation of the speeds rises when the delay is undone.
+        drift_gain: by how much more when the drift is undone as well.
     """
 
     delay: float
     drift: float
     doubt: float
     gain: float
+    drift_gain: float
 
 
 def alignment(trial: Trial) -> Alignment:
     """Delay between the two sides, and its drift."""
     windows = _windows(trial)
     if not windows:
-        return Alignment(math.nan, 0.0, math.inf, 0.0)
+        return Alignment(math.nan, 0.0, math.inf, 0.0, 0.0)
     times = np.array([window.time for window in windows])
     times -= times.mean()
     delay, drift = _line(windows, times, trial.step)
@@ -62,14 +64,14 @@ def alignment(trial: Trial) -> Alignment:
         if lag is not None:
             found.append((time, lag, 1.0 / window.speed, window.match))
     if len(found) < max(_FEW, 0.5 * len(windows)):
-        return Alignment(math.nan, 0.0, math.inf, 0.0)
+        return Alignment(math.nan, 0.0, math.inf, 0.0, 0.0)
     now, lags, slow = np.array([entry[:3] for entry in found]).T
     middle = float(np.median(lags))
     matches = np.array([match for *_, match in found])
     none, there = matches.shape[1] // 2, round(middle / trial.step)
     gain = float(np.median(matches[:, none + there] - matches[:, none]))
     if len(found) < _FEWEST or np.ptp(now) == 0.0:
-        return Alignment(middle, 0.0, math.inf, gain)
+        return Alignment(middle, 0.0, math.inf, gain, 0.0)
     basis = np.column_stack([now - now.mean(), np.ones_like(now), slow])
     scale = np.abs(basis).max(axis=0)
     inverse = np.linalg.pinv((basis / scale).T @ (basis / scale))
@@ -77,7 +79,12 @@ def alignment(trial: Trial) -> Alignment:
     rest = lags - basis / scale @ slopes
     spread = float(rest @ rest) / max(1, len(lags) - 3)
     doubt = math.sqrt(spread * inverse[0, 0]) / scale[0]
-    return Alignment(middle, float(slopes[0] / scale[0]), doubt, gain)
+    drift = float(slopes[0] / scale[0])
+    row = np.arange(len(found))
+    moved = np.round((middle + drift * (now - np.median(now))) / trial.step)
+    moved = np.clip(none + moved.astype(int), 0, matches.shape[1] - 1)
+    rise = matches[row, moved] - matches[row, none + there]
+    return Alignment(middle, drift, doubt, gain, float(np.mean(rise)))
 
 
 class _Window(NamedTuple):
@@ -168,7 +175,8 @@ def check_alignment(trial: Trial) -> list[Finding]:
     a = alignment(trial)
     grown = a.drift * (trial.time[-1] - trial.time[0])
     motor, joint = (trial.labels.get(name, name) for name in (MOTOR_ANGLE, JOINT_ANGLE))
-    if abs(a.drift) > _CERTAIN * a.doubt and abs(grown) > max(_DRIFT, 5.0 * trial.step):
+    certain = abs(a.drift) > _CERTAIN * a.doubt and a.drift_gain > _RISE
+    if certain and abs(grown) > max(_DRIFT, 5.0 * trial.step):
         told = (
             f"{trial.path}: the delay of {joint} after {motor} changes by "
             f"{1e3 * grown:.3g} ms within the trial ({1e6 * a.drift:.0f} ppm), so "

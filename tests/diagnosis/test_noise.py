@@ -70,7 +70,7 @@ def test_repeats_give_the_floor(tmp_path: Path) -> None:
         columns = recording(10.0, noise=0.0)
         columns["joint_torque_nm"] += 0.02 * rng.standard_normal(5000)
         write(tmp_path / f"{name}.csv", columns)
-    (tmp_path / "dataset.toml").write_text("[trials.b]\nrepeat_of = 'a'")
+    (tmp_path / "dataset.toml").write_text("[trials.b]\nrepeat_of = 'a.csv'")
     floor = load(tmp_path)[0].floor["joint_torque_nm"]
     assert floor.source == "repeats"
     assert floor.deviation == pytest.approx(0.02, rel=0.05)
@@ -88,3 +88,16 @@ def test_period_of_a_motion(length: float) -> None:
     angle = np.sin(2.0 * np.pi * np.arange(1500) / length)
     assert period(angle) == pytest.approx(length, rel=2e-3)
     assert period(np.random.default_rng(0).standard_normal(500).cumsum()) is None
+
+
+def test_a_swing_that_grows_does_not_repeat_itself(tmp_path: Path) -> None:
+    columns = recording(noise=0.0)
+    now = columns["time_s"]
+    for name in list(columns)[1:]:
+        columns[name] = (1.0 + 0.05 * now) * np.sin(2.0 * np.pi * 0.5 * now)
+    floor = loaded(tmp_path, columns)[0].floor
+    assert {entry.source for entry in floor.values()} == {"noise"}
+    for name in list(columns)[1:]:
+        columns[name] = np.sin(2.0 * np.pi * 0.5 * now)
+    floor = loaded(tmp_path, columns)[0].floor
+    assert {entry.source for entry in floor.values()} == {"periods"}

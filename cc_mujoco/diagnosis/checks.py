@@ -16,13 +16,13 @@ from cc_mujoco.diagnosis import channels
 from cc_mujoco.diagnosis.alignment import check_alignment
 from cc_mujoco.diagnosis.dataset_file import DatasetFile
 from cc_mujoco.diagnosis.findings import Finding, fix, note
+from cc_mujoco.diagnosis.mechanics import mechanics
 from cc_mujoco.diagnosis.reading import Recording
 from cc_mujoco.diagnosis.signs import (
     check_ratios,
     check_signs,
     check_units,
     groups,
-    mechanics,
 )
 from cc_mujoco.diagnosis.smoothing import velocity
 from cc_mujoco.diagnosis.trials import Facts, FloatArray, Trial

@@ -113,13 +113,19 @@ class DatasetFile:
         """Where a channel comes from."""
         return self.columns.get(channel, Source())
 
-    def facts_of(self, path: Path, name: str | None = None) -> Facts:
-        """Facts of the trial in this file: of all tables that match, the last wins."""
+    def facts_of(self, path: Path, names: Mapping[Path, str] | None = None) -> Facts:
+        """Facts of the trial in this file: of all tables that match, the last wins.
+
+        Args:
+            path: the file.
+            names: of all trials, by file; None if files are called by their own.
+        """
+        names = names or {path: path.stem}
         facts = Facts()
         for pattern, known in self.facts.items():
-            if _matches(path, name or path.stem, pattern):
+            if _matches(path, names[path], pattern):
                 facts = replace(facts, **known)
-        return facts
+        return replace(facts, repeat_of=_named(facts.repeat_of, names))
 
     def check_trials(self, names: Mapping[Path, str]) -> None:
         """Check that every table of `[trials]` means a file, and so does `repeat_of`.
@@ -136,7 +142,7 @@ class DatasetFile:
             if not meant:
                 kind = f"trial in {self.path}, [trials]"
                 raise CableError.unknown(kind, pattern, names.values())
-            original = known.get("repeat_of")
+            original = _named(known.get("repeat_of"), names)
             if original is not None and original not in names.values():
                 kind = f"trial in {where}, repeat_of"
                 raise CableError.unknown(kind, original, names.values())
@@ -324,6 +330,11 @@ def _number(value: object) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(value) if math.isfinite(value) else None
+
+
+def _named(given: str | None, names: Mapping[Path, str]) -> str | None:
+    """The trial meant by a name or a file name; as given if there is none."""
+    return next((n for path, n in names.items() if path.name == given), given)
 
 
 def _matches(path: Path, name: str, pattern: str) -> bool:

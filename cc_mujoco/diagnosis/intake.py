@@ -70,7 +70,7 @@ def load(
             told = f"{path} is a copy of {twin} and is left out; a copy is no repeat."
             findings.append(note(told, name))
             continue
-        facts = file.facts_of(path, name)
+        facts = file.facts_of(path, names)
         track, found = lay_out(recording, facts, file)
         findings += found
         if track is None:

@@ -1,221 +1,157 @@
-"""Effects of motor and joint in a scene: play, ripple, gravity, springs, inertia.
+"""What the two sides of a trial have to do with each other: ratios and works.
 
-Each function changes a scene so that it moves as the effect says, and so that the
-torques of `instruments` show it.
+By virtual work the ratio of the angles is the ratio of the torques, friction aside. The
+work that goes in on one side and does not come out on the other is friction.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from typing import NamedTuple
 
-import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.bench import Bench
-from cc_mujoco.diagnosis.instruments import (
-    JOINT_TORQUE,
-    MOTOR_TORQUE,
-    add_part,
-    force_sensor,
-)
-from cc_mujoco.engine.config import PLUGIN
-from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import Cable
+from cc_mujoco.diagnosis.smoothing import velocity
+from cc_mujoco.diagnosis.trials import FloatArray, Trial
 
-Values = Mapping[str, float]
-
-PROBE_INERTIA = 1e-6
-"""Of the body whose torque shows an acceleration [kg m^2]."""
-PLAY_DAMPING = 0.02
-"""Damping ratio of a pulley that swings in its play on the cables alone."""
-NO_INPUT = 16
-"""`ctrlspec` of an actuator with `input="none"`: it adds nothing to `ctrl`."""
+_SETTLED = 0.1  # share of the range of motion after which friction has settled
+_SLIDING = 0.3  # share of the usual speed from which on the cable surely slides
+_VARIED = 0.2  # share of its spread that a torque must show while the cable slides
+_FEWEST = 50
+_TRAVEL = 4.0  # ranges of motion that a power balance needs
+_BLOCKS = 8
 
 
-def end_stiffness(cable: Cable) -> float:
-    """Stiffness of a cable's end where only its last segment moves [N/m]."""
-    return 2.0 * cable.segments * cable.axial_stiffness / cable.length
+class Mechanics(NamedTuple):
+    """What the two sides of a trial have to do with each other.
 
-
-def rim_stiffness(bench: Bench, radius: float) -> float:
-    """The same of all cables, about a pulley of this radius [Nm/rad]."""
-    return sum(end_stiffness(cable) for cable in bench.cables) * radius**2
-
-
-def backlash(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Joint and pulley on hinges of their own, coupled by a tendon with two limits."""
-    play = values["backlash"]
-    if play < 0.0:
-        raise CableError(f"backlash is {play!r} rad; it must be 0 or more")
-    name, step = f"{bench.joint}_pulley", spec.option.timestep
-    # The cables' stiffness and this inertia swing with 1 / step, half of what an
-    # explicit force allows.
-    inertia = rim_stiffness(bench, bench.joint_radius) * step**2
-    joint = spec.joint(bench.joint)
-    model = spec.compile()
-    index = model.joint(bench.joint).id
-    body = model.jnt_bodyid[index]
-    pulley = joint.parent.parent.add_body(
-        name=name,
-        pos=model.body_pos[body],
-        quat=model.body_quat[body],
-    )
-    _weightless(pulley, model.jnt_pos[index], inertia)
-    # All of it is said: a scene may have defaults.
-    hinge = pulley.add_joint(
-        name=name,
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        pos=model.jnt_pos[index],
-        axis=model.jnt_axis[index],
-        ref=joint.ref,
-        limited=False,
-        armature=0.0,
-        frictionloss=0.0,
-    )
-    hinge.damping[:] = 0.0
-    hinge.stiffness[:] = 0.0
-    for actuator in spec.actuators:
-        own = actuator.plugin.plugin_name == PLUGIN
-        if own and actuator.plugin.name in bench.names:
-            if actuator.target == bench.joint:
-                actuator.target = name
-    tendon = spec.add_tendon(
-        name=f"{bench.joint}_backlash",
-        limited=True,
-        range=[-play / 2.0, play / 2.0],
-        solref_limit=[4.0 * step, 1.0],
-        solimp_limit=[0.999, 0.9999, play / 1000.0, 0.5, 2.0],
-    )
-    tendon.frictionloss, tendon.armature = 0.0, 0.0
-    tendon.stiffness[:] = 0.0
-    tendon.damping[:] = 0.0
-    tendon.damping[0] = 2.0 * PLAY_DAMPING * inertia / step
-    tendon.wrap_joint(name, 1.0)
-    tendon.wrap_joint(bench.joint, -1.0)
-    _keep_keyframes(spec, model, bench.joint, name)
-
-
-def _keep_keyframes(
-    spec: mujoco.MjSpec, before: mujoco.MjModel, joint: str, pulley: str
-) -> None:
-    """Put a new pulley where its joint is in every keyframe, and no other elsewhere.
-
-    MuJoCo appends zeros, whichever joint is new.
+    Attributes:
+        ratio: joint speed per motor speed.
+        follows: correlation of the speeds, 0 if one side stands still.
+        torque_ratio: motor torque per joint torque, friction aside.
+        asks: their correlation while the cable slides either way, 0 if unknown.
+        motor_work: work of the motor per travel of the motor, less what is stored [Nm].
+        joint_work: the same of the joint; their difference is friction.
+        doubt: standard deviation of that difference.
+        scale: power that passes per speed of the motor [Nm].
     """
-    after = spec.compile()
-    old, new = before.joint(joint), after.joint(pulley)
-    for key, pose, speed in zip(
-        spec.keys, before.key_qpos, before.key_qvel, strict=True
-    ):
-        key.qpos = np.insert(pose, new.qposadr[0], pose[old.qposadr[0]])
-        key.qvel = np.insert(speed, new.dofadr[0], speed[old.dofadr[0]])
+
+    ratio: float
+    follows: float
+    torque_ratio: float
+    asks: float
+    motor_work: float
+    joint_work: float
+    doubt: float
+    scale: float
 
 
-def cogging(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Torque that the motor needs more: cosine cos(order q) + sine sin(order q)."""
-    order = values["cogging_order"]
-    cosine, sine = values["cogging_cosine"], values["cogging_sine"]
-    if cosine == sine == 0.0:
-        return
-    _wave(spec, "motor_cogging", bench.motor, order, -sine, -cosine)
-    add_part(spec, MOTOR_TORQUE, force_sensor(spec, "motor_cogging"), -1.0)
+def mechanics(trial: Trial) -> Mechanics:
+    """Speeds, torques and works of both sides compared."""
+    used = np.concatenate([np.arange(p.start, p.stop) for p in trial.segments])
+    motor, joint = trial.motor_torque[used], trial.joint_torque[used]
+    omega = velocity(trial.motor_angle, trial.step, trial.segments)[used]
+    turn = velocity(trial.joint_angle, trial.step, trial.segments)[used]
+    ratio = float(omega @ turn / max(omega @ omega, 1e-300))
+    follows = _correlation(omega, turn)
+    torque_ratio, asks = torques(motor, joint, omega, trial.step)
+    works = _works(trial, used, omega, turn)
+    return Mechanics(ratio, follows, torque_ratio, asks, *works)
 
 
-def gravity(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Torque that the joint gets less: sine sin(q) + cosine cos(q)."""
-    cosine, sine = values["gravity_cosine"], values["gravity_sine"]
-    _wave(spec, "joint_gravity", bench.joint, 1.0, -sine, -cosine)
-    add_part(spec, JOINT_TORQUE, force_sensor(spec, "joint_gravity"), 1.0)
+def _correlation(one: FloatArray, other: FloatArray) -> float:
+    scale = math.sqrt(float((one @ one) * (other @ other)))
+    return float(one @ other) / scale if scale > 0.0 else 0.0
 
 
-def _wave(
-    spec: mujoco.MjSpec,
-    name: str,
-    joint: str,
-    order: float,
-    sine: float,
-    cosine: float,
-) -> None:
-    """Torque sine sin(order q) + cosine cos(order q): a DC motor that only cogs."""
-    actuator = spec.add_actuator(name=name)
-    actuator.trntype, actuator.target = mujoco.mjtTrn.mjTRN_JOINT, joint
-    actuator.gear, actuator.forcelimited = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], False
-    wave = [math.hypot(sine, cosine), order, math.atan2(cosine, sine)]
-    actuator.set_to_dcmotor(
-        motorconst=[0.0, 0.0], resistance=1.0, cogging=wave, ctrlspec=NO_INPUT
+def torques(
+    motor: FloatArray, joint: FloatArray, omega: FloatArray, step: float
+) -> tuple[float, float]:
+    """Motor torque per joint torque while the cable slides, and their correlation.
+
+    Friction that grows with load tilts the slope up one way and down the other; their
+    geometric mean is the ratio without friction. At reversals torques change together
+    or against each other as the ends move, which says nothing of signs.
+    """
+    usual = math.sqrt(float(np.mean(omega**2)))
+    ways, settled = _sliding(omega, usual, step)
+    slopes, matches = [], []
+    for way in (1.0, -1.0):
+        rows = settled & (ways == way)
+        if np.count_nonzero(rows) < _FEWEST:
+            return 0.0, 0.0
+        one, other = motor[rows] - motor[rows].mean(), joint[rows] - joint[rows].mean()
+        spread, other_spread = motor.std(), joint.std()
+        if not (one.std() > _VARIED * spread and other.std() > _VARIED * other_spread):
+            return 0.0, 0.0
+        slopes.append(float(one @ other) / float(other @ other))
+        matches.append(_correlation(one, other))
+    if slopes[0] * slopes[1] <= 0.0:
+        return 0.0, 0.0
+    ratio = math.copysign(math.sqrt(slopes[0] * slopes[1]), slopes[0])
+    return ratio, math.copysign(min(map(abs, matches)), slopes[0])
+
+
+def _sliding(
+    omega: FloatArray, usual: float, step: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Direction of motion, and where it has lasted until friction has settled."""
+    moving = np.flatnonzero(np.abs(omega) > 0.2 * _SLIDING * usual)
+    last = np.zeros(len(omega), dtype=np.intp)
+    last[moving] = moving
+    ways = np.sign(omega[np.maximum.accumulate(last)])
+    travel = np.cumsum(np.abs(omega)) * step
+    turned = np.flatnonzero(np.diff(ways, prepend=ways[0]))
+    start = np.zeros(len(omega))
+    start[turned] = travel[turned]
+    since = travel - np.maximum.accumulate(start)
+    span = float(np.ptp(np.cumsum(omega) * step))
+    return ways, (since > _SETTLED * span) & (np.abs(omega) > _SLIDING * usual)
+
+
+def _works(
+    trial: Trial, used: np.ndarray, omega: FloatArray, turn: FloatArray
+) -> tuple[float, float, float, float]:
+    """Works per travel, the doubt of their difference, and the power that passes.
+
+    What is stored is a function of the state: it is fitted as one, so that cycles need
+    not be closed. Linear terms in the angles take up constant offsets of the torques.
+    """
+    motor, joint = trial.motor_torque[used], trial.joint_torque[used]
+    lengths = [part.stop - part.start for part in trial.segments]
+    starts = np.cumsum([0, *lengths[:-1]])
+    powers = np.column_stack([motor * omega, joint * turn, np.abs(omega)])
+    passed = np.cumsum(powers, axis=0) * trial.step
+    travel = passed[:, 2]
+    span = np.ptp(trial.motor_angle[used])
+    if not span > 0.0 or travel[-1] < _TRAVEL * span:
+        return 0.0, 0.0, math.inf, 1.0
+    state = np.column_stack(
+        [
+            trial.motor_angle[used],
+            trial.joint_angle[used],
+            motor**2,
+            joint**2,
+            motor * joint,
+            omega**2,
+            turn**2,
+        ]
     )
-
-
-def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Two springs in parallel are one, at rest in between."""
-    added = values["joint_stiffness"]
-    joint = spec.joint(bench.joint)
-    present, rest = float(joint.stiffness[0]), float(joint.springref)
-    total = present + added
-    if rest != 0.0 and (total == 0.0 or any(joint.stiffness[1:])):
-        raise CableError(
-            f"joint {bench.joint!r} has a spring about {rest:g} rad that another one "
-            "about 0 cannot be added to; take it out of the scene"
-        )
-    joint.stiffness[0] = total
-    joint.springref = present * rest / total if rest != 0.0 else 0.0
-    angle = "joint_stiffness_angle"
-    spec.add_sensor(
-        name=angle,
-        type=mujoco.mjtSensor.mjSENS_JOINTPOS,
-        objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        objname=bench.joint,
-    )
-    add_part(spec, JOINT_TORQUE, angle, -added)
-
-
-def joint_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Inertia between transmission and joint sensor."""
-    _inertia(spec, bench.joint, values["joint_inertia"], JOINT_TORQUE, -1.0)
-
-
-def motor_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Inertia between motor sensor and pulley."""
-    _inertia(spec, bench.motor, values["motor_inertia"], MOTOR_TORQUE, 1.0)
-
-
-def _inertia(
-    spec: mujoco.MjSpec, name: str, inertia: float, channel: str, sign: float
-) -> None:
-    """More armature of a joint, and the torque that accelerates it in a channel."""
-    if inertia == 0.0:
-        return
-    joint = spec.joint(name)
-    model = spec.compile()
-    present = model.dof_M0[model.joint(name).dofadr[0]]
-    if present + inertia <= 0.0:
-        raise CableError(
-            f"joint {name!r} has an inertia of {present:.3g} kg m^2, so {inertia:.3g} "
-            "cannot be added; give the scene's joint its whole inertia"
-        )
-    joint.armature += inertia - PROBE_INERTIA
-    # MuJoCo's sensors do not see armature; they see what turns a body that rides along.
-    index = model.joint(name).id
-    probe = joint.parent.add_body(
-        name=f"{name}_acceleration",
-        pos=model.jnt_pos[index],
-    )
-    _weightless(probe, np.zeros(3), PROBE_INERTIA)
-    along = np.empty(4)
-    mujoco.mju_quatZ2Vec(along, model.jnt_axis[index])
-    site = probe.add_site(name=f"{name}_acceleration", quat=along, rgba=[0.0] * 4)
-    spec.add_sensor(
-        name=site.name,
-        type=mujoco.mjtSensor.mjSENS_TORQUE,
-        objtype=mujoco.mjtObj.mjOBJ_SITE,
-        objname=site.name,
-    )
-    add_part(spec, channel, site.name, sign * inertia / PROBE_INERTIA)
-
-
-def _weightless(body: mujoco.MjsBody, centre: FloatArray, inertia: float) -> None:
-    """Give a body the same inertia about every axis, and a milligram of mass."""
-    body.mass, body.ipos, body.inertia = 1e-6, centre, [inertia] * 3
-    body.explicitinertial = True
+    columns = np.column_stack([travel, state, passed[:, :2]])
+    for start, length in zip(starts, lengths, strict=True):
+        part = slice(start, start + length)
+        columns[part] -= columns[part].mean(axis=0)
+    known, works = columns[:, :8], columns[:, 8:]
+    scale = np.maximum(np.abs(known).max(axis=0), 1e-300)
+    slopes = np.linalg.lstsq(known / scale, works, rcond=None)[0] / scale[:, None]
+    lost = (works - known[:, 1:] @ slopes[1:]) @ [1.0, -1.0]
+    blocks = np.array_split(np.arange(len(used)), _BLOCKS)
+    rates = [
+        np.polyfit(travel[block], lost[block], 1)[0]
+        for block in blocks
+        if len(block) > 2 and np.ptp(travel[block]) > 0.02 * travel[-1]
+    ]
+    doubt = np.std(rates) / math.sqrt(len(rates)) if len(rates) > 2 else math.inf
+    power = float(np.abs(powers[:, :2]).sum() * trial.step / travel[-1])
+    return float(slopes[0, 0]), float(slopes[0, 1]), float(doubt), max(power, 1e-300)

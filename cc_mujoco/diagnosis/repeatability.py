@@ -19,7 +19,8 @@ from cc_mujoco.diagnosis.findings import Finding, fix
 from cc_mujoco.diagnosis.trials import Dataset, FloatArray, Floor, Trial
 
 _PERIODIC = 0.98  # correlation of a periodic motion with the next period
-_REPEATED = 0.3  # share of its spread by which a repeated motion may differ
+_SAME = 0.03  # share of its spread by which a motion may differ from period to period
+_REPEATED = 0.15  # share of its spread by which a repeated motion may differ
 _SHIFTS = 20  # samples by which repeats may start apart
 
 Pair = dict[str, FloatArray]
@@ -116,11 +117,14 @@ def periods(trial: Trial) -> Iterator[Pair]:
         row = np.arange(part.stop - part.start)
         # The first period holds what is left of the start.
         now = row[math.ceil(2.0 * length) :]
-        yield {
+        pair = {
             name: values[now] - np.interp(now - length, row, values)
             for name in trial.channels
             for values in [trial.channel(name)[part]]
         }
+        # A swing that grows is in step with itself, yet it is another motion.
+        if np.std(pair[MOTOR_ANGLE]) < _SAME * np.std(trial.motor_angle[part]):
+            yield pair
 
 
 def period(angle: FloatArray) -> float | None:

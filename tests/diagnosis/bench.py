@@ -10,7 +10,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
+
+from cc_mujoco.diagnosis.findings import Finding, to_fix
+from cc_mujoco.diagnosis.intake import load
+from cc_mujoco.diagnosis.trials import Dataset, Trial
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -60,3 +66,31 @@ def write(path: Path, columns: Mapping[str, object]) -> Path:
     lines = [",".join(columns), *(",".join(row) for row in zip(*cells, strict=True))]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
+
+
+def loaded(
+    folder: Path, columns: Columns, toml: str = ""
+) -> tuple[Dataset, list[Finding]]:
+    """Load columns as the trial `run`; every sentence must be one that names it."""
+    path = folder / "run.parquet"
+    pq.write_table(pa.table(columns), path)
+    (folder / "dataset.toml").write_text(toml)
+    dataset, findings = load(path, folder / "dataset.toml")
+    for finding in findings:
+        assert finding.statement.endswith(".") and "\n" not in finding.statement
+        assert "run" in finding.statement
+    return dataset, findings
+
+
+def only_fix(findings: list[Finding]) -> Finding:
+    """The one finding that must be put right."""
+    (found,) = to_fix(findings)
+    return found
+
+
+def one(folder: Path, columns: Columns, toml: str = "") -> Trial:
+    """The trial of columns in which nothing needs repair."""
+    dataset, findings = loaded(folder, columns, toml)
+    assert to_fix(findings) == []
+    (trial,) = dataset.trials
+    return trial

@@ -121,14 +121,14 @@ def _delay(truth: Truth, amount: float, _rng: Generator) -> Truth:
 
 NAMED: dict[str, Effect] = {
     "viscous_friction": Effect(
-        "force per speed of one cable", "N s/m", 14, 600.0, _field("viscous")
+        "force per speed of one cable", "N s/m", 14.0, 600.0, _field("viscous")
     ),
     "stribeck_friction": Effect(
         "excess of friction near rest", "1", 0.055, 1.2, _stribeck
     ),
     "presliding": Effect("softening travel of contacts", "m", 6e-05, 5e-3, _presliding),
     "load_independent_friction": Effect(
-        "seal friction of one cable", "N", 4, 30.0, _field("load_free")
+        "seal friction of one cable", "N", 4.0, 30.0, _field("load_free")
     ),
     "asymmetric_friction": Effect(
         "excess while the joint turns positive", "1", 0.035, 0.6, _signed("asymmetry")
@@ -146,7 +146,7 @@ NAMED: dict[str, Effect] = {
         "part of pretension lost", "1", 0.09, 0.7, _pretension_loss
     ),
     "friction_drift": Effect("change when warm", "1", 0.09, 0.9, _signed("heating")),
-    "backlash": Effect("gap", "rad", 0.0015, 0.1, _field("backlash")),
+    "backlash": Effect("gap", "rad", 1.5e-3, 0.1, _field("backlash")),
     "pulley_eccentricity": Effect("first harmonic", "1", 0.013, 0.15, _eccentricity),
     "motor_cogging": Effect("amplitude", "Nm", 0.07, 1.5, _cogging),
     "cable_stiffening": Effect(
@@ -159,10 +159,10 @@ NAMED: dict[str, Effect] = {
     "joint_gravity": Effect("unbalance m g l", "Nm", 0.125, 6.0, _gravity),
     "joint_stiffness": Effect("stiffness", "Nm/rad", 0.12, 8.0, _joint_stiffness),
     "joint_inertia": Effect(
-        "extra inertia", "kg m^2", 0.0003, 0.06, _field("extra_joint_inertia")
+        "extra inertia", "kg m^2", 3e-4, 0.06, _field("extra_joint_inertia")
     ),
     "motor_inertia": Effect(
-        "inertia behind the sensor", "kg m^2", 0.0032, 0.06, _field("motor_inertia")
+        "inertia behind the sensor", "kg m^2", 3.2e-3, 0.06, _field("motor_inertia")
     ),
     "torque_sensor_gain": Effect("excess gain", "1", 0.037, 0.5, _gain),
     "torque_sensor_offset": Effect("offset", "Nm", 0.14, 3.0, _offset),

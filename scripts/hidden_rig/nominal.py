@@ -30,7 +30,7 @@ NOMINAL: dict[str, float] = {
     "pretension_n": 80.0,
     "line_density_kg_per_m": 0.012,
     "joint_inertia_kg_m2": 2e-3,
-    "joint_damping_nm_s_per_rad": 0.02,
+    "joint_damping_nm_s_per_rad": 0.05,
     "rotor_inertia_kg_m2": 3e-4,
 }
 """The scene of the designer: one entry per constant, unit in the name. Both cables are

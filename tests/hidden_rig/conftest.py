@@ -50,3 +50,9 @@ def ladder() -> Trial:
 def lively() -> Trial:
     """Motor and hand on multisines."""
     return cut(make_trials("rich", seed=3)[1], 1.5)
+
+
+@pytest.fixture(scope="session")
+def reversing() -> Trial:
+    """Up to high torque with many reversals on the way."""
+    return cut(make_trials("rich", seed=3)[4], 2.5)

@@ -1,4 +1,4 @@
-"""Motion of the cables: nodes between segments that stretch but do not push; compiled."""
+"""Motion of the cables: massive nodes between segments that cannot push; compiled."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def truth_of(
     for name, amount in effects.items():
         if amount != 0.0:
             rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-            truth = EFFECTS[name].hide(truth, amount, rng)
+            truth = EFFECTS[name].hide(truth, float(amount), rng)
     return truth
 
 

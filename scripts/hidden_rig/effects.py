@@ -31,7 +31,7 @@ class Effect(NamedTuple):
     Attributes:
         parameter: what `amount` measures.
         unit: of the amount.
-        typical: an amount that shows clearly.
+        typical: an amount that shows clearly, R about 2 in rich trials.
         limit: the largest amount that is still physics.
         hide: (truth, amount, generator) -> truth with the effect.
     """
@@ -121,52 +121,52 @@ def _delay(truth: Truth, amount: float, _rng: Generator) -> Truth:
 
 NAMED: dict[str, Effect] = {
     "viscous_friction": Effect(
-        "force per speed of one cable", "N s/m", 30.0, 600.0, _field("viscous")
+        "force per speed of one cable", "N s/m", 14.0, 600.0, _field("viscous")
     ),
     "stribeck_friction": Effect(
-        "excess of friction near rest", "1", 0.15, 1.2, _stribeck
+        "excess of friction near rest", "1", 0.055, 1.2, _stribeck
     ),
-    "presliding": Effect("softening travel of contacts", "m", 3e-4, 5e-3, _presliding),
+    "presliding": Effect("softening travel of contacts", "m", 6e-05, 5e-3, _presliding),
     "load_independent_friction": Effect(
-        "seal friction of one cable", "N", 2.0, 30.0, _field("load_free")
+        "seal friction of one cable", "N", 4.0, 30.0, _field("load_free")
     ),
     "asymmetric_friction": Effect(
-        "excess while the joint turns positive", "1", 0.1, 0.6, _signed("asymmetry")
+        "excess while the joint turns positive", "1", 0.035, 0.6, _signed("asymmetry")
     ),
     "tension_dependent_friction": Effect(
-        "one minus the exponent of load", "1", 0.1, 0.6, _tension_power
+        "one minus the exponent of load", "1", 0.14, 0.6, _tension_power
     ),
     "dwell_dependent_stiction": Effect(
-        "static friction gained per e-fold of rest", "1", 0.05, 0.4, _field("ageing")
+        "static friction gained per e-fold of rest", "1", 0.06, 0.4, _field("ageing")
     ),
     "configuration_dependent_wrap": Effect(
-        "wrap gained per joint angle", "rad/rad", 0.4, 3.0, _signed("wrap_slope")
+        "wrap gained per joint angle", "rad/rad", 0.12, 3.0, _signed("wrap_slope")
     ),
     "pretension_loss": Effect(
-        "part of pretension lost", "1", 0.1, 0.7, _pretension_loss
+        "part of pretension lost", "1", 0.09, 0.7, _pretension_loss
     ),
-    "friction_drift": Effect("change when warm", "1", 0.3, 0.9, _signed("heating")),
-    "backlash": Effect("gap", "rad", 3e-3, 0.1, _field("backlash")),
-    "pulley_eccentricity": Effect("first harmonic", "1", 5e-3, 0.15, _eccentricity),
-    "motor_cogging": Effect("amplitude", "Nm", 0.05, 1.5, _cogging),
+    "friction_drift": Effect("change when warm", "1", 0.09, 0.9, _signed("heating")),
+    "backlash": Effect("gap", "rad", 1.5e-3, 0.1, _field("backlash")),
+    "pulley_eccentricity": Effect("first harmonic", "1", 0.013, 0.15, _eccentricity),
+    "motor_cogging": Effect("amplitude", "Nm", 0.07, 1.5, _cogging),
     "cable_stiffening": Effect(
-        "change of stiffness, slack to taut", "1", 0.2, 0.85, _field("stiffening")
+        "change of stiffness, slack to taut", "1", 0.19, 0.85, _field("stiffening")
     ),
     "end_compliance": Effect(
-        "compliance at the ends of one cable", "m/N", 1e-5, 2e-4,
+        "compliance at the ends of one cable", "m/N", 1.1e-05, 2e-4,
         _field("end_compliance"),
     ),
-    "joint_gravity": Effect("unbalance m g l", "Nm", 0.1, 6.0, _gravity),
-    "joint_stiffness": Effect("stiffness", "Nm/rad", 0.15, 8.0, _joint_stiffness),
+    "joint_gravity": Effect("unbalance m g l", "Nm", 0.125, 6.0, _gravity),
+    "joint_stiffness": Effect("stiffness", "Nm/rad", 0.12, 8.0, _joint_stiffness),
     "joint_inertia": Effect(
-        "extra inertia", "kg m^2", 2e-3, 0.06, _field("extra_joint_inertia")
+        "extra inertia", "kg m^2", 3e-4, 0.06, _field("extra_joint_inertia")
     ),
     "motor_inertia": Effect(
-        "inertia behind the sensor", "kg m^2", 2e-3, 0.06, _field("motor_inertia")
+        "inertia behind the sensor", "kg m^2", 3.2e-3, 0.06, _field("motor_inertia")
     ),
-    "torque_sensor_gain": Effect("excess gain", "1", 0.03, 0.5, _gain),
-    "torque_sensor_offset": Effect("offset", "Nm", 0.08, 3.0, _offset),
-    "sensor_delay": Effect("delay", "s", 4e-3, 0.06, _delay),
+    "torque_sensor_gain": Effect("excess gain", "1", 0.037, 0.5, _gain),
+    "torque_sensor_offset": Effect("offset", "Nm", 0.14, 3.0, _offset),
+    "sensor_delay": Effect("delay", "s", 0.003, 0.06, _delay),
 }  # fmt: skip
 """Effects that a library can be expected to know."""
 
@@ -217,17 +217,17 @@ def _second_axis(truth: Truth, amount: float, rng: Generator) -> Truth:
 
 
 UNKNOWN: dict[str, Effect] = {
-    "unknown_liner_bumps": Effect("excess of friction", "1", 0.6, 6.0, _bumps),
-    "unknown_gear_mesh": Effect("ripple torque at the joint", "Nm", 0.05, 1.5, _mesh),
-    "unknown_end_stop": Effect("stiffness of the bumper", "Nm/rad", 1.0, 60.0, _stop),
+    "unknown_liner_bumps": Effect("excess of friction", "1", 0.065, 6.0, _bumps),
+    "unknown_gear_mesh": Effect("ripple torque at the joint", "Nm", 0.073, 1.5, _mesh),
+    "unknown_end_stop": Effect("stiffness of the bumper", "Nm/rad", 0.4, 60.0, _stop),
     "unknown_grip_slip": Effect(
-        "slip speed per excess torque", "rad/(Nm s)", 0.003, 0.3, _field("grip_slip")
+        "slip speed per excess torque", "rad/(Nm s)", 0.0005, 0.3, _field("grip_slip")
     ),
-    "unknown_sensor_hysteresis": Effect("half width", "Nm", 0.08, 2.0, _hysteresis),
-    "unknown_load_delay": Effect("lag per torque", "s/Nm", 3e-3, 0.04, _load_delay),
-    "unknown_reflex": Effect("torque per speed", "Nm s/rad", 0.15, 4.0, _reflex),
-    "unknown_temperature": Effect("zero drift", "Nm", 0.07, 2.0, _temperature),
-    "unknown_second_axis": Effect("cross-talk", "Nm", 0.07, 2.0, _second_axis),
+    "unknown_sensor_hysteresis": Effect("half width", "Nm", 0.14, 2.0, _hysteresis),
+    "unknown_load_delay": Effect("lag per torque", "s/Nm", 0.004, 0.04, _load_delay),
+    "unknown_reflex": Effect("torque per speed", "Nm s/rad", 0.12, 4.0, _reflex),
+    "unknown_temperature": Effect("zero drift", "Nm", 0.12, 2.0, _temperature),
+    "unknown_second_axis": Effect("cross-talk", "Nm", 0.13, 2.0, _second_axis),
 }
 """Effects that no library is expected to know."""
 

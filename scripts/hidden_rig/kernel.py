@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hidden_rig.cables import start, step_cable, stored, update_friction, varies
+from hidden_rig.cables import start, update_friction, varies
 from hidden_rig.compiled import compiled
 from hidden_rig.plant import Plant
 from hidden_rig.shafts import (
@@ -27,6 +27,7 @@ from hidden_rig.shafts import (
     step_motor,
     wound,
 )
+from hidden_rig.waves import step_cable, stored
 
 Array = NDArray[np.float64]
 

@@ -30,7 +30,7 @@ NOMINAL: dict[str, float] = {
     "pretension_n": 80.0,
     "line_density_kg_per_m": 0.012,
     "joint_inertia_kg_m2": 2e-3,
-    "joint_damping_nm_s_per_rad": 0.02,
+    "joint_damping_nm_s_per_rad": 0.05,
     "rotor_inertia_kg_m2": 3e-4,
 }
 """The scene of the designer: one entry per constant, unit in the name. Both cables are
@@ -68,19 +68,19 @@ class Rig:
 
 # Standard deviation of (truth / nominal - 1), cut at two of them.
 _SPREAD = {
-    "motor_radius": 0.002,
-    "joint_radius": 0.002,
+    "motor_radius": 2e-4,  # turned, and checked against the encoders
+    "joint_radius": 2e-4,
     "length": 0.0,
     "wrap": 0.03,
     "axial_stiffness": 0.05,
     "pretension": 0.02,
     "line_density": 0.05,
-    "joint_inertia": 0.03,
-    "joint_damping": 0.2,
+    "joint_inertia": 0.01,
+    "joint_damping": 0.1,
     "rotor_inertia": 0.03,
 }
 _FRICTION_SPREAD = 0.06
-_CABLE_MISMATCH = 0.015
+_CABLE_MISMATCH = 0.005
 # Standard deviation (SI) of what is nominally zero, cut at two of them as well.
 _OFFSETS = {
     "motor_torque_offset": 0.02,

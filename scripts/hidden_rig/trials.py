@@ -110,9 +110,12 @@ def ramps(rng: Generator) -> list[Trial]:
     """Eight trials of constant speeds only."""
     zero = np.zeros_like(go.TIME)
     out = []
-    for k, speed in enumerate([0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.4]):
-        path = go.speed_ladder(np.full(2, speed * rng.uniform(0.9, 1.1)), 0.9)
+    for k, speed in enumerate([0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 0.03]):
+        reach = 0.04 if speed < 0.1 else 0.9
+        path = go.speed_ladder(np.full(2, speed * rng.uniform(0.9, 1.1)), reach)
         load, held = (("spring", SPRING), ("human", HUMAN))[k % 2]
+        if speed < 0.1:
+            load, held = "locked", LOCKED
         out.append(_trial(rng, "triangle", load, path, zero, held))
     first = out[2]
     path = first.command[-go.TIME.size :, 0]

@@ -36,8 +36,8 @@ def cut(trial: Trial, seconds: float) -> Trial:
 
 @pytest.fixture
 def dwelling() -> Trial:
-    """Three moves with rests between them, of motor and hand."""
-    return cut(make_trials("rich", seed=3)[2], 4.0)
+    """Moves with rests between them, of motor and hand."""
+    return cut(make_trials("rich", seed=3)[2], 3.0)
 
 
 @pytest.fixture
@@ -46,7 +46,13 @@ def ladder() -> Trial:
     return make_trials("rich", seed=3)[0]
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def lively() -> Trial:
     """Motor and hand on multisines."""
-    return cut(make_trials("rich", seed=3)[1], 2.5)
+    return cut(make_trials("rich", seed=3)[1], 1.5)
+
+
+@pytest.fixture(scope="session")
+def reversing() -> Trial:
+    """Up to high torque with many reversals on the way."""
+    return cut(make_trials("rich", seed=3)[4], 2.5)

@@ -88,8 +88,8 @@ def test_late_clock_shows_earlier_labels(rig: Rig, lively: Trial) -> None:
     records = run(truth, rig, lively)
     usual = sampled(records, rig, Chain(), BASIC)
     late = sampled(records, rig, Chain(delay=0.01), BASIC)
-    shifted = np.interp(np.arange(1000, 1200) - 5, np.arange(1250), usual[:, 2])
-    assert np.abs(late[1000:1200, 2] - shifted).max() < 2e-3
+    shifted = np.interp(np.arange(500, 700) - 5, np.arange(750), usual[:, 2])
+    assert np.abs(late[500:700, 2] - shifted).max() < 2e-3
     assert np.array_equal(late[:, :2], usual[:, :2])
 
 

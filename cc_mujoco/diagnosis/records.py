@@ -2,9 +2,9 @@
 
 Measured and simulated torques pass the same zero-phase low-pass. Angles, which are
 played, keep a wider band: friction answers a reversal with a corner, and a corner of
-smoothed angles is not a smoothed corner. Angles then stand still where their noise moves less than a few of its deviations: a
-cable that sticks turns the slightest movement of its end into tension, and noise would
-shake it loose.
+smoothed angles is not a smoothed corner. Angles then stand still where their noise
+moves less than a few of its deviations: a cable that sticks turns the slightest
+movement of its end into tension, and noise would shake it loose.
 
 What the cable did before a trial is unknown: a short ramp from rest in pretension leads
 to the first sample, and samples do not count until the motor has moved the whole cable.

@@ -247,7 +247,9 @@ def _conduit(cable: Cable, own: Mapping[str, Value]) -> Cable:
     sections = cable.conduit
     if "length" in own:
         longer = float(own["length"]) / cable.length
-        sections = tuple(Section(longer * s.length, longer * s.radius) for s in sections)
+        sections = tuple(
+            Section(longer * s.length, longer * s.radius) for s in sections
+        )
     total = sum(s.length for s in sections)
     if "loops" in own:
         radius = total / (2.0 * math.pi * float(own["loops"]))

@@ -4,8 +4,8 @@
     grid(vary)                      # 30 designs
     latin_hypercube(vary, 100, seed=0)
 
-A range is written `low:high:count`, or `low:high:count:log` for equal ratios; values are
-separated by commas.
+A range is written `low:high:count`, or `low:high:count:log` for equal ratios; values
+are separated by commas.
 """
 
 from __future__ import annotations
@@ -110,7 +110,9 @@ def latin_hypercube(
         CableError: the count is not one.
     """
     _require_count(count)
-    unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(count)
+    unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(
+        count
+    )
     columns = [values.at(unit[:, i]) for i, values in enumerate(ranges.values())]
     return [dict(zip(ranges, row, strict=True)) for row in zip(*columns, strict=True)]
 

@@ -15,11 +15,22 @@ from cc_mujoco.whatif.metrics import (
     METRICS,
     Row,
     measure_backdrive,
+    measure_backlash,
     measure_bandwidth,
     measure_episode,
 )
 from cc_mujoco.whatif.simulate import Episode, Played, Tick, play
-from cc_mujoco.whatif.trial import CHIRP_SHARE, CHIRP_TIME, Chirp, Hold, Trial
+from cc_mujoco.whatif.trial import (
+    CHIRP_SHARE,
+    CHIRP_TIME,
+    CONTROL_PERIOD,
+    SWING_TIME,
+    SWINGS,
+    Chirp,
+    Hold,
+    Swing,
+    Trial,
+)
 from cc_mujoco.whatif.variables import Value
 
 Design = dict[str, Value]
@@ -65,7 +76,9 @@ def evaluate(
                 found[index] |= _measure(test, played, index, builder, designs[index])
         done += episode.duration
     return [
-        Result({n: math.nan if why else row.get(n, math.nan) for n in trial.metrics}, why)
+        Result(
+            {n: math.nan if why else row.get(n, math.nan) for n in trial.metrics}, why
+        )
         for row, why in zip(found, failed, strict=True)
     ]
 
@@ -93,25 +106,40 @@ def episodes(trial: Trial, builder: Builder) -> dict[str, Episode]:
     if "backdrive" in needed:
         unpowered = dataclasses.replace(main, task="transparent", controller=None)
         found["backdrive"] = unpowered
-    if "bandwidth" in needed:
-        found["bandwidth"] = _held(main, builder.model({}))
+    if needed & {"backlash", "bandwidth"}:
+        held, most, one_way = _held(main, builder.model({}))
+        # A cable that only pulls swings between nothing and its most.
+        share, bias = (0.5, 0.5) if one_way else (1.0, 0.0)
+        if "backlash" in needed:
+            found["backlash"] = dataclasses.replace(
+                held,
+                task=Swing(share * most, bias * most),
+                duration=SWINGS * SWING_TIME,
+                controller="none",
+            )
+        if "bandwidth" in needed:
+            chirp = Chirp(CHIRP_SHARE * most, 2.5 * CHIRP_SHARE * bias * most)
+            found["bandwidth"] = dataclasses.replace(
+                held, task=chirp, duration=CHIRP_TIME
+            )
     return found
 
 
-def _held(main: Episode, model: mujoco.MjModel) -> Episode:
-    """The bandwidth test; `model` is that of the scene as it stands."""
-    setup = dataclasses.replace(main.setup, load=lambda: model)
+def _held(main: Episode, model: mujoco.MjModel) -> tuple[Episode, float, bool]:
+    """The joint held at rest.
+
+    Returns:
+        The episode; the largest torque of the motor at the joint without friction, in
+        the direction in which it pulls [Nm]; whether it only pulls. Both are those of
+        the scene as it stands, which `model` is.
+    """
     device = main.device(model)
-    drive = device.drive(1e-3)
-    amplitude = CHIRP_SHARE * drive.high * drive.ratio
-    inertia = float(model.dof_M0[int(model.joint(setup.joint).dofadr[0])])
-    return dataclasses.replace(
-        main,
-        trajectory=Hold(),
-        task=Chirp(amplitude, 1.25 * amplitude if drive.one_way else 0.0),
-        duration=CHIRP_TIME,
-        wearer=Wearer.ideal(inertia, float(model.opt.timestep)),
-    )
+    drive = device.drive(CONTROL_PERIOD)
+    joint = model.joint(main.setup.joint)
+    inertia = float(model.dof_M0[int(joint.dofadr[0])])
+    wearer = Wearer.ideal(inertia, float(model.opt.timestep))
+    held = dataclasses.replace(main, trajectory=Hold(), wearer=wearer)
+    return held, drive.high * drive.ratio, drive.one_way
 
 
 def _measure(
@@ -120,6 +148,8 @@ def _measure(
     row = Row(played, index, tuple(builder.cables))
     if test == "backdrive":
         return measure_backdrive(row)
+    if test == "backlash":
+        return measure_backlash(row)
     if test == "bandwidth":
         return measure_bandwidth(row)
     return measure_episode(row, builder.strength(design))
@@ -127,5 +157,3 @@ def _measure(
 
 def _within(tick: Tick, start: float, part: float) -> Callable[[float], None]:
     return lambda share: tick(start + part * share)
-
-

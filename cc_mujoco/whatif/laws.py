@@ -88,7 +88,5 @@ def _stacked(drives: Sequence[Drive]) -> Drive:
     for field in dataclasses.fields(Drive):
         values = [getattr(drive, field.name) for drive in drives]
         same = all(value == values[0] for value in values)
-        object.__setattr__(
-            whole, field.name, values[0] if same else np.array(values)
-        )
+        object.__setattr__(whole, field.name, values[0] if same else np.array(values))
     return whole

@@ -17,16 +17,17 @@ from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.recording.columns import RATIO
-from cc_mujoco.recording.metrics import Samples, backlash_width, efficiency
+from cc_mujoco.recording.metrics import Samples, efficiency
+from cc_mujoco.recording.signals import loop_width
 from cc_mujoco.whatif.simulate import Played
-from cc_mujoco.whatif.trial import CHIRP_HIGH, CHIRP_LOW
+from cc_mujoco.whatif.trial import CHIRP_HIGH, CHIRP_LOW, SWINGS
 
 Array = NDArray[np.float64]
-Test = Literal["episode", "backdrive", "bandwidth"]
+Test = Literal["episode", "backdrive", "backlash", "bandwidth"]
 
 BANDS_PER_OCTAVE = 6
 LEAST_GAIN = 0.05
-"""Of the lowest band, joint torque per desired torque; below it nothing arrives."""
+"""Joint torque per desired torque; below it nothing arrives."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,9 @@ METRICS: dict[str, Metric] = {
     for metric in (
         Metric("efficiency", "1", "work delivered at either side per work delivered or "
                "lost", high=True),
-        Metric("backlash_width", "rad", "width at zero torque of the loop of joint "
-               "torque against twist"),
+        Metric("backlash_width", "rad", "joint held, motor torque swung slowly: width "
+               "at half height of the loop of joint torque against twist",
+               test="backlash"),
         Metric("tracking_error", "N m", "RMS of joint torque minus desired torque"),
         Metric("peak_motor_torque", "N m", "largest |torque| at the motor pulley"),
         Metric("peak_motor_power", "W", "largest power that the motor gives"),
@@ -85,25 +87,25 @@ class Row:
         """A column (T,); tension of nodes is that of the node with least, (T, 1)."""
         columns = self.played.columns
         if name in columns:
-            return columns[name][self.index]
+            found: Array = columns[name][self.index]
+            return found
         for place, cable in enumerate(self.cables):
-            found = {
+            places = {
                 f"dissipated_{cable}_j": ("dissipated_j", place),
                 f"tension_{cable}_proximal_n": ("tension_n", 2 * place),
                 f"tension_{cable}_distal_n": ("tension_n", 2 * place + 1),
             }
-            if name in found:
-                column, of = found[name]
-                return columns[column][self.index, of]
+            if name in places:
+                column, of = places[name]
+                row: Array = columns[column][self.index, of]
+                return row
             if name == f"tension_{cable}_nodes_n":
                 least = columns["least_tension_n"][self.index, place]
-                return np.maximum(least, 0.0)[:, None]
+                return np.asarray(np.maximum(least, 0.0)[:, None])
         raise CableError.unknown("column", name, columns)
 
 
-def measure_episode(
-    log: Samples, strength: Mapping[str, float]
-) -> dict[str, float]:
+def measure_episode(log: Samples, strength: Mapping[str, float]) -> dict[str, float]:
     """The metrics of an episode.
 
     Args:
@@ -124,7 +126,6 @@ def measure_episode(
     }
     return {
         "efficiency": efficiency(log).overall,
-        "backlash_width": backlash_width(log),
         "tracking_error": _rms(error),
         "peak_motor_torque": float(np.max(np.abs(motor))),
         "peak_motor_power": float(np.max(motor * log["motor_velocity_rad_s"])),
@@ -138,6 +139,24 @@ def measure_episode(
 def measure_backdrive(log: Samples) -> dict[str, float]:
     """The metric of the unpowered device."""
     return {"reflected_torque": _rms(log["joint_torque_nm"])}
+
+
+def measure_backlash(log: Samples) -> dict[str, float]:
+    """The metric of the slow swing: the width of its last loop at half its height.
+
+    Against twist, motor angle times ratio minus joint angle, as in
+    `recording.metrics.backlash_width`; a cable that only pulls has no loop about zero.
+    """
+    ratio = log.metadata[RATIO]
+    swing = (log["time_s"].size - 1) / SWINGS
+    # From trough to trough, so that both crossings of the middle lie inside.
+    last = slice(round((SWINGS - 1.25) * swing), round((SWINGS - 0.25) * swing) + 1)
+    torque, desired = log["joint_torque_nm"][last], log["desired_torque_nm"][last]
+    if not np.ptp(torque) >= LEAST_GAIN * np.ptp(desired):
+        return {"backlash_width": math.nan}
+    twist = ratio * log["motor_angle_rad"][last] - log["joint_angle_rad"][last]
+    middle = 0.5 * (torque.max() + torque.min())
+    return {"backlash_width": loop_width(twist, torque - middle)}
 
 
 def measure_bandwidth(log: Samples) -> dict[str, float]:

@@ -190,17 +190,18 @@ def _check(builder: Builder, rows: Sequence[Mapping[str, object]]) -> list[Desig
         CableError: designs are impossible; says which is the first, why, and how many.
     """
     checked: list[Design] = []
-    wrong: list[tuple[int, CableError]] = []
+    wrong: list[tuple[int, str]] = []
     for index, row in enumerate(rows):
         try:
             checked.append(builder.check(row))
         except CableError as error:
-            wrong.append((index, error))
+            wrong.append((index, str(error).rstrip(".")))
     if wrong:
-        index, error = wrong[0]
+        index, why = wrong[0]
         text = ", ".join(f"{name}={_short(v)}" for name, v in rows[index].items())
-        many = f" ({len(wrong)} of {len(rows)} are impossible)" if len(wrong) > 1 else ""
-        why = str(error).rstrip(".")
+        many = (
+            f" ({len(wrong)} of {len(rows)} are impossible)" if len(wrong) > 1 else ""
+        )
         raise CableError(f"design {index} ({text}) is impossible: {why}{many}.")
     if not checked:
         raise CableError("there are no designs.")

@@ -1,7 +1,7 @@
 """Running a plan: on the threads of this machine, or on the workers of a Dask cluster.
 
-A batch of designs is one piece of work, and its results do not depend on where or beside
-what it is done, so every way gives the same table.
+A batch of designs is one piece of work. Its results do not depend on where it is done
+or beside what, so every way gives the same table.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from typing import Any
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.whatif.evaluate import Result, evaluate
@@ -91,16 +92,19 @@ def run_on_cluster(
     Raises:
         CableError: Dask is not installed, or no scheduler answers.
     """
+    distributed: Any
     try:
-        from distributed import Client, as_completed
+        import distributed
     except ImportError:
         raise CableError(
             "--scheduler needs Dask: pip install 'cc_mujoco[dask]'."
         ) from None
     try:
-        client = Client(scheduler, timeout="10s", set_as_default=False)
+        client = distributed.Client(scheduler, timeout="10s", set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        raise CableError(f"no Dask scheduler answers at {scheduler}: {error}.") from None
+        raise CableError(
+            f"no Dask scheduler answers at {scheduler}: {error}."
+        ) from None
     done = 0
     with client:
         numbers = {}
@@ -109,7 +113,7 @@ def run_on_cluster(
             # Not pure: Dask must not take it for an earlier study's batch.
             future = client.submit(evaluate, plan.trial, designs, pure=False)
             numbers[future] = number
-        for future in as_completed(numbers):
+        for future in distributed.as_completed(numbers):
             results = future.result()
             done += len(results)
             progress(float(done))

@@ -1,8 +1,8 @@
 """The folder of a study: finished batches while it runs, its table at the end.
 
-`study.json` says what the study is; `parts` holds a file for every finished batch, whole
-or not at all, so that an interrupted study goes on where it was; `table.parquet` is the
-table of all, and takes the place of the parts.
+`study.json` says what the study is; `parts` holds a file for every finished batch,
+whole or not at all, so that an interrupted study goes on where it was; `table.parquet`
+is the table of all, and takes the place of the parts.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A whole study in one call.
 
-    table = study("wrist", {"friction": "0.05:0.3:10", "loops": [1, 2, 3]})
-    table.sort_by("backlash_width").slice(0, 5).to_pandas()
+table = study("wrist", {"friction": "0.05:0.3:10", "loops": [1, 2, 3]})
+table.sort_by("backlash_width").slice(0, 5).to_pandas()
 """
 
 from __future__ import annotations

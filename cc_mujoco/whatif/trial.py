@@ -4,6 +4,8 @@ A trial is the episode that a study asks for and, where a metric needs them, two
 that say more of the hardware alone:
 
 - `backdrive`: the wearer moves along the same trajectory and the motor gives no torque;
+- `backlash`: the joint is held, and the motor's torque swings slowly to and fro, as in
+  Experiment 1 of the thesis;
 - `bandwidth`: the joint is held, and the desired torque is a chirp.
 """
 
@@ -25,11 +27,15 @@ Real = TypeVar("Real", float, Array)
 CONTROL_PERIOD = 1e-3
 """Time between two calls of the controller [s]."""
 
+SWINGS, SWING_TIME = 2, 2.0
+"""Of the backlash test: number and length [s]; what counts is from the last trough but
+one to the last. They go as far as the scene's own motor would if nothing rubbed."""
+
 CHIRP_TIME = 6.0
 CHIRP_LOW, CHIRP_HIGH = 0.5, 60.0
 CHIRP_SHARE = 0.2
-"""Duration [s], range [Hz] and amplitude (as a part of the largest torque of the scene's
-own motor at the joint) of the chirp that the bandwidth is measured with."""
+"""Duration [s], range [Hz] and amplitude of the chirp that the bandwidth is measured
+with, as a part of the largest torque of the scene's own motor at the joint."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,22 @@ class Hold(Trajectory):
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         still = np.zeros_like(time)
         return Motion(time, still, still, still, progress(time, duration))
+
+
+@dataclass(frozen=True)
+class Swing(Task):
+    """A desired torque that swings as a sine, `SWINGS` times."""
+
+    amplitude: float
+    """Signed [Nm]."""
+    bias: float
+    """Constant part [Nm]; a cable that only pulls needs one."""
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Desired torque [Nm]; see `Task.torque`."""
+        wave = self.bias + self.amplitude * np.sin(2.0 * math.pi * SWINGS * phase)
+        torque: Real = 0.0 * angle + wave
+        return torque
 
 
 @dataclass(frozen=True)

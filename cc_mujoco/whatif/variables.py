@@ -59,7 +59,8 @@ class Variable:
         fits = above and number <= self.high and math.isfinite(number)
         if not fits or (self.whole and number != round(number)):
             raise CableError(
-                f"variable {self.name!r} cannot be {value!r}; it must be {self.allowed}."
+                f"variable {self.name!r} cannot be {value!r}; "
+                f"it must be {self.allowed}."
             )
         return round(number) if self.whole else number
 

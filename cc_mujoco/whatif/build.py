@@ -90,7 +90,7 @@ class Builder:
             if stiffer != 1.0:
                 config["axial_stiffness"] = repr(cable.axial_stiffness * stiffer)
             config |= {key: _text(own[key]) for key in KEYS if key in own}
-            found[name] = Cable.from_config(config)
+            found[name] = Cable.from_config(config, f"cable {name!r}")
         return found
 
     def strength(self, design: Mapping[str, Value]) -> dict[str, float]:
@@ -113,6 +113,12 @@ class Builder:
                 step is too long for so stiff a design.
         """
         read = read_design(design, self.cables)
+        for name, cable in self.cables_of(read).items():
+            if cable.route and self.spec.tendon(cable.route) is None:
+                raise CableError(
+                    f"the route of cable {name!r} must be a tendon of the scene, not "
+                    f"{cable.route!r}."
+                )
         step, limit = float(self.spec.option.timestep), self.stable_step(read)
         if step >= limit:
             raise CableError(

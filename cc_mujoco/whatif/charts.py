@@ -98,9 +98,9 @@ def heat_maps(
     """Each metric over the two variables that matter most to it."""
     if len(plan.varied) < 2:
         return None
-    columns = min(len(found), 3)
+    columns = min(len(found), 3 if len(found) <= 6 else 4)
     rows = math.ceil(len(found) / columns)
-    drawing = figure(4.3 * columns, 3.5 * rows)
+    drawing = figure(4.0 * columns, 3.3 * rows)
     panels = drawing.subplots(rows, columns, squeeze=False).ravel()
     for axes, one in zip(panels, found, strict=False):
         _heat_map(axes, plan, table, one)

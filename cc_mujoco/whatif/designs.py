@@ -131,6 +131,9 @@ def from_file(path: str | Path) -> list[dict[str, object]]:
         raise CableError(f"{path} is neither .csv nor .toml.")
     try:
         text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise CableError(f"cannot read the designs {path}: {reason}.") from None
     except UnicodeDecodeError:
         raise CableError(f"{path} is not text in UTF-8.") from None
     designs: list[dict[str, object]]

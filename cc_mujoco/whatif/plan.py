@@ -33,11 +33,14 @@ from cc_mujoco.whatif.designs import (
 )
 from cc_mujoco.whatif.evaluate import Design, episodes
 from cc_mujoco.whatif.metrics import METRICS
-from cc_mujoco.whatif.trial import CONTROL_PERIOD, Trial
+from cc_mujoco.whatif.trial import CHIRP_TIME, CONTROL_PERIOD, Trial
 
-BATCH = 64
-"""Designs that are simulated together: enough that Python's share is small, few enough
-that they stay in the processor's cache."""
+BATCH = 96
+"""Most designs that are simulated together: enough that Python's share is small, few
+enough that they stay near the processor's cache."""
+
+MEMORY, SAMPLE = 250e6, 300.0
+"""What a batch may keep, and what a design keeps of a control step [byte]."""
 
 SAMPLINGS = ("grid", "lhs")
 
@@ -135,7 +138,7 @@ def make_plan(
         ranges = {n: Range(tuple(dict.fromkeys(d[n] for d in checked))) for n in names}
     full = designs is None and samples is None
     source = trajectory or builder.scene.default("trajectory")
-    batches = _batches(builder, checked)
+    batches = _batches(builder, checked, max(duration, CHIRP_TIME))
     return Plan(trial, tuple(checked), ranges, full, batches, source)
 
 
@@ -213,10 +216,14 @@ def _short(value: object) -> str:
 
 
 def _batches(
-    builder: Builder, designs: Sequence[Design]
+    builder: Builder, designs: Sequence[Design], longest: float
 ) -> tuple[tuple[int, ...], ...]:
-    """Designs of equal layout together, at least eight batches for the threads."""
-    size = min(BATCH, max(1, math.ceil(len(designs) / 8)))
+    """Designs of equal layout together, at least eight batches for the threads.
+
+    Nothing about the machine counts, so that a study is resumed on any other.
+    """
+    room = int(MEMORY / SAMPLE * CONTROL_PERIOD / longest)
+    size = max(1, min(BATCH, room, math.ceil(len(designs) / 8)))
     layouts: dict[tuple[int, ...], list[int]] = {}
     for index, design in enumerate(designs):
         segments = tuple(c.segments for c in builder.cables_of(design).values())

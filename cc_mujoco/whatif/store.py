@@ -49,7 +49,8 @@ class Store:
             raise CableError(f"{folder} is a file; the study needs a folder.")
         require_writable(folder)
         about = plan.describe()
-        if (folder / STUDY).exists():
+        parts = sorted((folder / PARTS).glob("[0-9]*.parquet"))
+        if parts or (folder / TABLE).exists():
             _require_same(folder, about)
         else:
             folder.mkdir(parents=True, exist_ok=True)
@@ -58,7 +59,7 @@ class Store:
         if (folder / TABLE).exists():
             self.whole = pq.read_table(folder / TABLE)
             return
-        for path in (folder / PARTS).glob("[0-9]*.parquet"):
+        for path in parts:
             self._found[int(path.stem)] = _read_part(path, plan.trial.metrics)
 
     def missing(self) -> list[int]:

@@ -83,6 +83,7 @@ class Plan:
             "motion": hashlib.sha256(motion.encode()).hexdigest(),
             "variables": list(self.ranges),
             "designs": len(self.designs),
+            "batches": len(self.batches),
             "digest": hashlib.sha256(text.encode()).hexdigest(),
             "versions": {
                 name: importlib.import_module(name).__version__ for name in VERSIONED

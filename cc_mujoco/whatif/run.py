@@ -113,7 +113,7 @@ def run_on_cluster(
             # Not pure: Dask must not take it for an earlier study's batch.
             future = client.submit(evaluate, plan.trial, designs, pure=False)
             numbers[future] = number
-        for future in distributed.as_completed(numbers):
+        for future in distributed.as_completed(list(numbers), loop=client.loop):
             results = future.result()
             done += len(results)
             progress(float(done))

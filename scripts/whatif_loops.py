@@ -70,8 +70,15 @@ def draw(backlash: np.ndarray, out: Path) -> None:
         chart.annotate("Experiment 1b,\none loop", (1.0, 0.015), (1.08, 0.021),
                        color="white", fontsize=8)  # fmt: skip
         if np.isnan(backlash[-1, -1]):
-            chart.text(0.985, 0.97, "too little torque\narrives to tell", fontsize=8,
-                       ha="right", va="top", transform=chart.transAxes)  # fmt: skip
+            chart.text(
+                0.985,
+                0.975,
+                "too little\ntorque arrives\nto tell",
+                fontsize=7.5,
+                ha="right",
+                va="top",
+                transform=chart.transAxes,
+            )
         chart.grid(False)
         chart.set(
             title="Design chart: lines of equal backlash",

@@ -53,6 +53,7 @@ class Builder:
         self.spec = mujoco.MjSpec.from_file(str(scene_path(name)))
         if timestep is not None:
             self.spec.option.timestep = timestep
+        self._bare: dict[tuple[str, ...], mujoco.MjSpec] = {}
         self.cables = engine.from_mjcf(self.spec)
         """The cables as they stand in the scene."""
 
@@ -62,8 +63,7 @@ class Builder:
         Raises:
             CableError: the design is impossible.
         """
-        spec = self.spec if whole else self._bare
-        spec = spec.copy()
+        spec = self._base(design, whole).copy()
         self._apply(spec, design, whole)
         return spec.compile()
 
@@ -172,19 +172,39 @@ class Builder:
             found[name] = arms[out[near]], arms[out[far]]
         return model.dof_M0.copy(), found
 
-    @cached_property
-    def _bare(self) -> mujoco.MjSpec:
+    def layout(self, design: Mapping[str, Value]) -> tuple[object, ...]:
+        """Equal for designs whose models can be in one batch."""
+        cables = self.cables_of(design).values()
+        return (*(cable.segments for cable in cables), *self._routes(design))
+
+    def _routes(self, design: Mapping[str, Value]) -> tuple[str, ...]:
+        """Tendons that bend a cable as they move, and so belong to the physics."""
+        configs = [cable.to_config() for cable in self.cables_of(design).values()]
+        return tuple(c["route"] for c in configs if c.get("bend") == "route")
+
+    def _base(self, design: Mapping[str, Value], whole: bool) -> mujoco.MjSpec:
+        """The scene that a design changes: whole, or what the design needs of it."""
+        if whole:
+            return self.spec
+        routes = self._routes(design)
+        if routes not in self._bare:
+            self._bare[routes] = self._strip(routes)
+        return self._bare[routes]
+
+    def _strip(self, routes: tuple[str, ...]) -> mujoco.MjSpec:
         spec = self.spec.copy()
         spec.memory = _MEMORY
         pulled = {
             a.target for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_TENDON
         }
         for tendon in list(spec.tendons):
-            if tendon.name not in pulled:
+            if tendon.name not in {*pulled, *routes}:
                 spec.delete(tendon)
             else:
                 tendon.material = ""
-        needed = {wrap.target.name for tendon in spec.tendons for wrap in tendon.path}
+        wraps = [wrap for tendon in spec.tendons for wrap in tendon.path]
+        needed = {wrap.target.name for wrap in wraps if wrap.target is not None}
+        needed |= {wrap.sidesite.name for wrap in wraps if wrap.sidesite is not None}
         for sensor in list(spec.sensors):
             spec.delete(sensor)
         for thing in [*spec.geoms, *spec.sites]:

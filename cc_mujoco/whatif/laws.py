@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 from cc_mujoco.control import MEASURED, Controller, Drive, controller
 
 Array = NDArray[np.float64]
+
+PROBES = 32
+"""Observations that a probe consists of."""
 
 
 class Laws(Controller):
@@ -63,12 +67,12 @@ class Laws(Controller):
             joint = controller(self._name, _stacked(self._drives))
             for law in (joint, *one_each):
                 law.reset()
-            for _ in range(8):
+            for _ in range(PROBES):
                 seen = {name: rng.normal(size=len(one_each)) for name in MEASURED}
                 together = np.asarray(joint.torque(seen))
                 if not np.array_equal(together, _each(one_each, seen)):
                     return False
-        except (TypeError, ValueError, AttributeError):
+        except (TypeError, ValueError, AttributeError, IndexError):
             return False
         return True
 
@@ -84,9 +88,13 @@ def _each(laws: Sequence[Controller], observation: Mapping[str, Any]) -> Array:
 
 def _stacked(drives: Sequence[Drive]) -> Drive:
     """A drive whose fields are arrays over devices where they differ."""
-    whole = object.__new__(Drive)
+    whole = object.__new__(Drive)  # its own checks are of numbers
     for field in dataclasses.fields(Drive):
         values = [getattr(drive, field.name) for drive in drives]
-        same = all(value == values[0] for value in values)
-        object.__setattr__(whole, field.name, values[0] if same else np.array(values))
+        stacked: Any = values[0]
+        if any(value != values[0] for value in values):
+            # Tuples are of one entry per device: the cables, where they are known.
+            joined = isinstance(values[0], tuple)
+            stacked = tuple(chain.from_iterable(values)) if joined else np.array(values)
+        object.__setattr__(whole, field.name, stacked)
     return whole

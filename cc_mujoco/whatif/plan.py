@@ -225,10 +225,9 @@ def _batches(
     """
     room = int(MEMORY / SAMPLE * CONTROL_PERIOD / longest)
     size = max(1, min(BATCH, room, math.ceil(len(designs) / 8)))
-    layouts: dict[tuple[int, ...], list[int]] = {}
+    layouts: dict[tuple[object, ...], list[int]] = {}
     for index, design in enumerate(designs):
-        segments = tuple(c.segments for c in builder.cables_of(design).values())
-        layouts.setdefault(segments, []).append(index)
+        layouts.setdefault(builder.layout(design), []).append(index)
     return tuple(
         tuple(members[i : i + size])
         for members in layouts.values()

@@ -22,6 +22,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission.parameters import KEYS, Cable, Section
+from cc_mujoco.whatif.bare import strip
 from cc_mujoco.whatif.scenes import scene
 from cc_mujoco.whatif.variables import Value, read_design
 
@@ -30,16 +31,11 @@ Array = NDArray[np.float64]
 RADII = ("motor_radius", "joint_radius")
 """Variables of a cable's proximal and distal end."""
 
-_MEMORY = 1 << 20
-"""Arena of a bare model [byte]; the scenes make a handful of constraints at most."""
-
 
 class Builder:
     """Makes the models of designs of one scene.
 
-    Models are bare unless asked for whole: without geoms, lights, sensors, and without
-    the tendons and sites that only draw. Bare and whole move alike, bit for bit, and a
-    bare one takes half the time.
+    Models are bare (see `strip`) unless asked for whole.
     """
 
     def __init__(self, name: str, timestep: float | None = None) -> None:
@@ -188,37 +184,8 @@ class Builder:
             return self.spec
         routes = self._routes(design)
         if routes not in self._bare:
-            self._bare[routes] = self._strip(routes)
+            self._bare[routes] = strip(self.spec, routes)
         return self._bare[routes]
-
-    def _strip(self, routes: tuple[str, ...]) -> mujoco.MjSpec:
-        spec = self.spec.copy()
-        spec.memory = _MEMORY
-        pulled = {
-            a.target for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_TENDON
-        }
-        for tendon in list(spec.tendons):
-            if tendon.name not in {*pulled, *routes}:
-                spec.delete(tendon)
-            else:
-                tendon.material = ""
-        wraps = [wrap for tendon in spec.tendons for wrap in tendon.path]
-        needed = {wrap.target.name for wrap in wraps if wrap.target is not None}
-        needed |= {wrap.sidesite.name for wrap in wraps if wrap.sidesite is not None}
-        for sensor in list(spec.sensors):
-            spec.delete(sensor)
-        for thing in [*spec.geoms, *spec.sites]:
-            if not thing.name or thing.name not in needed:
-                spec.delete(thing)
-            else:
-                thing.material = ""
-        for thing in [*spec.cameras, *spec.lights, *spec.materials, *spec.textures]:
-            spec.delete(thing)
-        for body in reversed(spec.bodies[1:]):  # children before their parents
-            parts = [body.joints, body.bodies, body.geoms, body.sites]
-            if not any(parts) and not body.explicitinertial:
-                spec.delete(body)
-        return spec
 
     def _apply(
         self, spec: mujoco.MjSpec, design: Mapping[str, Value], whole: bool

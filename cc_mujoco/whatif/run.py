@@ -8,8 +8,14 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from typing import Any
 
 from cc_mujoco.errors import CableError
@@ -29,7 +35,7 @@ class _StoppedError(Exception):
 
 def run_here(
     plan: Plan, batches: Iterable[int], threads: int, progress: Progress
-) -> Iterator[Finished]:
+) -> Generator[Finished, None, None]:
     """Run batches on threads of this process.
 
     Args:
@@ -75,7 +81,7 @@ def run_here(
 
 def run_on_cluster(
     plan: Plan, batches: Iterable[int], scheduler: str, progress: Progress
-) -> Iterator[Finished]:
+) -> Generator[Finished, None, None]:
     """Run batches on the workers of a Dask cluster, which need this package too.
 
     What a worker that dies was doing, Dask gives to another.
@@ -90,7 +96,8 @@ def run_on_cluster(
         Batches as they are finished, in no particular order.
 
     Raises:
-        CableError: Dask is not installed, or no scheduler answers.
+        CableError: Dask is not installed, no scheduler answers, or the cluster gives
+            up.
     """
     distributed: Any
     try:
@@ -114,7 +121,13 @@ def run_on_cluster(
             future = client.submit(evaluate, plan.trial, designs, pure=False)
             numbers[future] = number
         for future in distributed.as_completed(list(numbers), loop=client.loop):
-            results = future.result()
+            try:
+                results = future.result()
+            except (distributed.KilledWorker, CancelledError) as error:
+                raise CableError(
+                    f"the cluster at {scheduler} gave up a batch of designs: {error}; "
+                    "the others are kept, and the same study goes on."
+                ) from None
             done += len(results)
             progress(float(done))
             yield numbers.pop(future), results

@@ -6,6 +6,7 @@ table.sort_by("backlash_width").slice(0, 5).to_pandas()
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -104,6 +105,8 @@ def carry_out(
         batches = run_here(plan, missing, threads, told)
     else:
         batches = run_on_cluster(plan, missing, scheduler, told)
-    for number, results in batches if missing else ():
-        store.keep(number, results)
+    # Closed at once if it is interrupted here, so that what is under way ends too.
+    with contextlib.closing(batches):
+        for number, results in batches if missing else ():
+            store.keep(number, results)
     return store.table()

@@ -2,6 +2,7 @@
 
     cc-mujoco play wrist --trajectory sine --seed 1
     cc-mujoco reproduce pretension loops
+    cc-mujoco whatif --scene wrist --vary friction=0.05:0.3:10 --vary loops=1,2,3
     cc-mujoco list
 
 Exit codes: 0 done, 2 input that cannot be used (one sentence on standard error),
@@ -26,6 +27,8 @@ from cc_mujoco.commands.diagnose import Diagnose
 from cc_mujoco.commands.listing import Listing
 from cc_mujoco.commands.play import Play
 from cc_mujoco.commands.reproduce import Reproduce
+from cc_mujoco.commands.whatif import WhatIf
+from cc_mujoco.commands.whatif_show import WhatIfShow
 from cc_mujoco.errors import CableError, look_up
 
 PROGRAM = "cc-mujoco"
@@ -34,6 +37,8 @@ COMMANDS = {
     "play": Play,
     "reproduce": Reproduce,
     "diagnose": Diagnose,
+    "whatif": WhatIf,
+    "whatif-show": WhatIfShow,
     "list": Listing,
 }
 
@@ -41,6 +46,8 @@ Command = (
     Annotated[Play, tyro.conf.subcommand("play")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]
+    | Annotated[WhatIf, tyro.conf.subcommand("whatif")]
+    | Annotated[WhatIfShow, tyro.conf.subcommand("whatif-show")]
     | Annotated[Listing, tyro.conf.subcommand("list")]
 )
 
@@ -69,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parse(arguments: Sequence[str]) -> Play | Reproduce | Diagnose | Listing:
+def _parse(arguments: Sequence[str]) -> Command:
     """Parse; what cannot be parsed is a `CableError` of one sentence."""
     if arguments and not arguments[0].startswith("-"):
         look_up("command", arguments[0], COMMANDS)

@@ -6,7 +6,7 @@ both give the same bits, because the arithmetic is elementwise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -41,6 +41,14 @@ class Setup:
     """Other joints that the wearer moves, and the actuators that do so."""
     phase_observed: bool = False
     """Whether sine and cosine of the gait phase are observed too."""
+    load: Callable[[], mujoco.MjModel] | None = None
+    """Makes the model where it is a variant of the scene; by default the scene."""
+
+    def model(self) -> mujoco.MjModel:
+        """The model of the device."""
+        if self.load is not None:
+            return self.load()
+        return mujoco.MjModel.from_xml_path(str(scene_path(self.scene)))
 
 
 class Physics(NamedTuple):
@@ -64,7 +72,7 @@ class Device:
             wearer: Impedance of the wearer at the joint; that of the scene by default.
         """
         self.setup = setup
-        self.model = model = mujoco.MjModel.from_xml_path(str(scene_path(setup.scene)))
+        self.model = model = setup.model()
         mover = model.actuator("wearer")
         if wearer is not None:
             gains = wearer.gains()
@@ -97,6 +105,8 @@ class Device:
         ]
         self._readers = [engine.Reader(model, name) for name in engine.cables(model)]
         self._ends = [_ends(model, reader.name) for reader in self._readers]
+        self.cable_outputs = [place for ends in self._ends for place in ends]
+        """Where `actuator_force` has the ends of the cables: proximal, distal, next."""
         self.ratio = self._ratio()
         """Joint torque per motor torque without friction in the neutral pose [-]."""
 
@@ -151,10 +161,22 @@ class Device:
             Angles and velocities are those after the last physics step; torques,
             tensions and slip are those that acted during it.
         """
+        columns = self.read_motion(physics)
+        columns["qpos"] = physics.qpos.copy()
+        for reader in self._readers:
+            columns |= _columns(reader.name, reader.read(physics.plugin_state))
+        return columns
+
+    def read_motion(self, physics: Physics) -> dict[str, Any]:
+        """Read angles, velocities and torques of motor, joint and wearer.
+
+        Args:
+            physics: The simulation, or several; its `plugin_state` is not read.
+        """
         qpos, qvel = physics.qpos.T, physics.qvel.T
         force = physics.actuator_force.T
         wearer = force[self._wearer_out]
-        columns: dict[str, Any] = {
+        return {
             "motor_angle_rad": qpos[self._motor_q],
             "motor_velocity_rad_s": qvel[self._motor_v],
             "motor_torque_nm": force[self._motor_out] * self._motor_gear,
@@ -163,11 +185,7 @@ class Device:
             # The wearer and the cables are all that acts on the joint.
             "joint_torque_nm": physics.qfrc_actuator.T[self._joint_v] - wearer,
             "wearer_torque_nm": wearer,
-            "qpos": physics.qpos.copy(),
         }
-        for reader in self._readers:
-            columns |= _columns(reader.name, reader.read(physics.plugin_state))
-        return columns
 
     def _ratio(self) -> float:
         data = mujoco.MjData(self.model)

@@ -5,14 +5,17 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from cc_mujoco.commands.play import SCENES
+
+if TYPE_CHECKING:
+    from cc_mujoco.whatif import Metric, Variable
 
 
 @dataclass(frozen=True)
 class Listing:
-    """Show the scenes, trajectories, tasks, controllers and experiments there are."""
+    """Show every name there is: scenes, tasks, controllers, experiments, variables."""
 
     interrupted: ClassVar[str] = "nothing was written"
 
@@ -21,6 +24,7 @@ class Listing:
         from cc_mujoco.control import CONTROLLERS
         from cc_mujoco.human import TASKS, TRAJECTORIES
         from cc_mujoco.reproduce import EXPERIMENTS
+        from cc_mujoco.whatif import METRICS, VARIABLES
 
         meanings = {
             "scenes": {
@@ -31,6 +35,8 @@ class Listing:
             "tasks": _meanings(TASKS),
             "controllers": _meanings(CONTROLLERS),
             "experiments": EXPERIMENTS,
+            "variables of what-ifs": _with_units(VARIABLES),
+            "metrics of what-ifs": _with_units(METRICS),
         }
         width = max(len(name) for group in meanings.values() for name in group)
         for number, (group, entries) in enumerate(meanings.items()):
@@ -43,3 +49,10 @@ def _meanings(registry: Mapping[str, object]) -> dict[str, str]:
     """Return the first line of every entry's documentation."""
     lines = {name: inspect.getdoc(entry) or "" for name, entry in registry.items()}
     return {name: text.partition("\n")[0] for name, text in lines.items()}
+
+
+def _with_units(registry: Mapping[str, Metric | Variable]) -> dict[str, str]:
+    return {
+        name: entry.meaning + ("" if entry.unit == "1" else f" [{entry.unit}]")
+        for name, entry in registry.items()
+    }

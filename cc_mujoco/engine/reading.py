@@ -106,6 +106,11 @@ class Reader:
         self.name = name
         self.start = int(model.plugin_stateadr[index])
         """Where the cable's state begins in `plugin_state`."""
+        first = self.start + kernel.STATE_HEADER
+        self.nodes = slice(first, first + cable.segments + 1)
+        """Where the tensions of the nodes are [N], below 0 where the cable is slack."""
+        self.energy = self.start + 2
+        """Where the energy dissipated since reset is [J]."""
         self._segments = cable.segments
         self._compliance = _compliance(cable)
         self._total = int(model.npluginstate)
@@ -121,9 +126,9 @@ class Reader:
                 f"plugin_state has {plugin_state.shape[-1]} numbers per simulation; "
                 f"this model has {self._total}"
             )
-        n, first = self._segments, self.start + kernel.STATE_HEADER
-        node = plugin_state[..., first : first + n + 1]
-        slip = plugin_state[..., first + n + 1 : first + 2 * n + 1]
+        n, after = self._segments, self.nodes.stop
+        node = plugin_state[..., self.nodes]
+        slip = plugin_state[..., after : after + n]
         tension = np.maximum(node, 0.0)
         moving = np.sign(slip).astype(np.int8)
         return CableReading(
@@ -134,7 +139,7 @@ class Reader:
             moving_fraction=np.abs(moving).sum(axis=-1) / n,
             # A product of matrices would round differently for one and for many.
             slack=(np.maximum(-node, 0.0) * self._compliance).sum(axis=-1),
-            dissipated=plugin_state[..., self.start + 2].copy(),
+            dissipated=plugin_state[..., self.energy].copy(),
         )
 
 

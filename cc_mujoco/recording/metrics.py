@@ -12,9 +12,9 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,21 @@ class Metric:
     value: float
     unit: str
     meaning: str
+
+
+class Samples(Protocol):
+    """The part of an episode log that a number needs."""
+
+    @property
+    def cables(self) -> tuple[str, ...]:
+        """Names of the cables."""
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """What the episode was."""
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """A column, its first axis time."""
 
 
 def measure(log: EpisodeLog) -> tuple[Metric, ...]:
@@ -125,7 +140,7 @@ class Efficiency:
     """Work put in by the motor over work put in by both sides, in [0, 1]."""
 
 
-def efficiency(log: EpisodeLog) -> Efficiency:
+def efficiency(log: Samples) -> Efficiency:
     r"""Return how much of the work that leaves one side arrives at the other.
 
     Power flows towards the joint while \(P_m + P_j > 0\), with the power of the motor
@@ -162,7 +177,7 @@ def efficiency(log: EpisodeLog) -> Efficiency:
     )
 
 
-def backlash_width(log: EpisodeLog) -> float:
+def backlash_width(log: Samples) -> float:
     r"""Return how far the joint can lag the motor with no torque between them, in rad.
 
     The twist is \(\theta_m\,\rho - \theta_j\), with \(\rho\) the joint angle per motor

@@ -1,0 +1,25 @@
+"""Design what-ifs: many transmissions simulated, measured, ranked.
+
+    from cc_mujoco.whatif import study
+    table = study("wrist", {"friction": "0.05:0.3:10", "loops": [1, 2, 3]})
+
+`VARIABLES` says what can be varied, `METRICS` what is measured.
+"""
+
+from __future__ import annotations
+
+from cc_mujoco.whatif.metrics import METRICS, Metric
+from cc_mujoco.whatif.plan import Plan, make_plan
+from cc_mujoco.whatif.study import carry_out, study
+from cc_mujoco.whatif.variables import VARIABLES, Variable
+
+__all__ = [
+    "METRICS",
+    "VARIABLES",
+    "Metric",
+    "Plan",
+    "Variable",
+    "carry_out",
+    "make_plan",
+    "study",
+]

@@ -1,0 +1,259 @@
+"""From a design to a model: the scene, changed where the design says so.
+
+    builder = Builder("wrist")
+    model = builder.model({"friction": 0.1, "loops": 2})
+
+A design changes what the physics sees. The drawing keeps its pulleys and its route, and
+the inertia of pulleys and lever stays that of the scene.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import engine
+from cc_mujoco.assets import scene_path
+from cc_mujoco.engine.mjcf import instances
+from cc_mujoco.errors import CableError
+from cc_mujoco.transmission.parameters import KEYS, Cable, Section
+from cc_mujoco.whatif.bare import strip
+from cc_mujoco.whatif.scenes import scene
+from cc_mujoco.whatif.variables import Value, read_design
+
+Array = NDArray[np.float64]
+
+RADII = ("motor_radius", "joint_radius")
+"""Variables of a cable's proximal and distal end."""
+
+
+class Builder:
+    """Makes the models of designs of one scene.
+
+    Models are bare (see `strip`) unless asked for whole.
+    """
+
+    def __init__(self, name: str, timestep: float | None = None) -> None:
+        """Read the scene.
+
+        Args:
+            name: key of `SCENES`.
+            timestep: of the physics [s]; that of the scene by default.
+        """
+        self.scene = scene(name)
+        self.spec = mujoco.MjSpec.from_file(str(scene_path(name)))
+        if timestep is not None:
+            self.spec.option.timestep = timestep
+        self._bare: dict[tuple[str, ...], mujoco.MjSpec] = {}
+        self.cables = engine.from_mjcf(self.spec)
+        """The cables as they stand in the scene."""
+
+    def model(self, design: Mapping[str, Value], whole: bool = False) -> mujoco.MjModel:
+        """The model of a design.
+
+        Raises:
+            CableError: the design is impossible.
+        """
+        spec = self._base(design, whole).copy()
+        self._apply(spec, design, whole)
+        return spec.compile()
+
+    def xml(self, design: Mapping[str, Value]) -> str:
+        """MJCF of a design, whole."""
+        spec = self.spec.copy()
+        self._apply(spec, design, whole=True)
+        spec.compile()
+        return str(spec.to_xml())
+
+    def cables_of(self, design: Mapping[str, Value]) -> dict[str, Cable]:
+        """The cables of a design, by name.
+
+        Raises:
+            CableError: the design is impossible.
+        """
+        found = {}
+        for name, cable in self.cables.items():
+            own = _own(design, name)
+            scale = float(own.get("diameter", self.scene.diameter))
+            stiffer = (scale / self.scene.diameter) ** 2
+            cable = _conduit(cable, own)
+            config = cable.to_config()
+            if stiffer != 1.0:
+                config["axial_stiffness"] = repr(cable.axial_stiffness * stiffer)
+            config |= {key: _text(own[key]) for key in KEYS if key in own}
+            found[name] = Cable.from_config(config, f"cable {name!r}")
+        return found
+
+    def strength(self, design: Mapping[str, Value]) -> dict[str, float]:
+        """Breaking load of each cable [N]."""
+        given = float(design.get("strength", self.scene.strength))
+        thick = {
+            name: float(_own(design, name).get("diameter", self.scene.diameter))
+            for name in self.cables
+        }
+        return {n: given * (d / self.scene.diameter) ** 2 for n, d in thick.items()}
+
+    def check(self, design: Mapping[str, object]) -> dict[str, Value]:
+        """Find out whether a design can be simulated.
+
+        Returns:
+            The design with its values as they are used.
+
+        Raises:
+            CableError: names, values or their combination are impossible, or the time
+                step is too long for so stiff a design.
+        """
+        read = read_design(design, self.cables)
+        for name, cable in self.cables_of(read).items():
+            if cable.route and self.spec.tendon(cable.route) is None:
+                raise CableError(
+                    f"the route of cable {name!r} must be a tendon of the scene, not "
+                    f"{cable.route!r}."
+                )
+        step, limit = float(self.spec.option.timestep), self.stable_step(read)
+        if step >= limit:
+            raise CableError(
+                f"the time step is {1e3 * step:.3g} ms, but the ends of its cables are "
+                f"so stiff that it must be below {1e3 * limit:.3g} ms."
+            )
+        return read
+
+    def stable_step(self, design: Mapping[str, Value]) -> float:
+        """Longest time step at which the explicit force of the cables is stable [s].
+
+        An end of a cable is at its stiffest where only its last segment moves:
+        k = 2 N EA / L. About a joint of inertia J the ends add up to K = sum of k r^2,
+        and an explicit force is stable below 2 / sqrt(K / J).
+        """
+        inertia, arms = self._levers
+        inertia = inertia.copy()
+        if "rotor_inertia" in design:
+            motor = self.spec.joint("motor")
+            more = float(design["rotor_inertia"]) - float(motor.armature)
+            inertia[self._motor_dof] += more
+        stiffness = np.zeros_like(inertia)
+        for name, cable in self.cables_of(design).items():
+            own = _own(design, name)
+            end = 2.0 * cable.segments * cable.axial_stiffness / cable.length
+            for arm, key in zip(arms[name], RADII, strict=True):
+                scale = float(own[key]) / np.abs(arm).max() if key in own else 1.0
+                stiffness += end * (scale * arm) ** 2
+        held = stiffness > 0.0
+        return float(np.min(2.0 / np.sqrt(stiffness[held] / inertia[held])))
+
+    @cached_property
+    def _levers(self) -> tuple[Array, dict[str, tuple[Array, Array]]]:
+        """Inertia of each degree of freedom, lever arms of both ends of each cable."""
+        model = self.model({})
+        data = mujoco.MjData(model)
+        mujoco.mj_fwdPosition(model, data)
+        arms = np.zeros((model.nu, model.nv))
+        mujoco.mju_sparse2dense(
+            arms,
+            data.actuator_moment,
+            data.moment_rownnz,
+            data.moment_rowadr,
+            data.moment_colind,
+        )
+        self._motor_dof = int(model.joint("motor").dofadr[0])
+        found = {}
+        for name, index in instances(model).items():
+            near, far = np.flatnonzero(model.actuator_plugin == index)
+            out = model.actuator_outadr
+            found[name] = arms[out[near]], arms[out[far]]
+        return model.dof_M0.copy(), found
+
+    def layout(self, design: Mapping[str, Value]) -> tuple[object, ...]:
+        """Equal for designs whose models can be in one batch."""
+        cables = self.cables_of(design).values()
+        return (*(cable.segments for cable in cables), *self._routes(design))
+
+    def _routes(self, design: Mapping[str, Value]) -> tuple[str, ...]:
+        """Tendons that bend a cable as they move, and so belong to the physics."""
+        configs = [cable.to_config() for cable in self.cables_of(design).values()]
+        return tuple(c["route"] for c in configs if c.get("bend") == "route")
+
+    def _base(self, design: Mapping[str, Value], whole: bool) -> mujoco.MjSpec:
+        """The scene that a design changes: whole, or what the design needs of it."""
+        if whole:
+            return self.spec
+        routes = self._routes(design)
+        if routes not in self._bare:
+            self._bare[routes] = strip(self.spec, routes)
+        return self._bare[routes]
+
+    def _apply(
+        self, spec: mujoco.MjSpec, design: Mapping[str, Value], whole: bool
+    ) -> None:
+        for name, cable in self.cables_of(design).items():
+            if not whole and spec.tendon(cable.route) is None:
+                cable = cable.replace(route="")
+            engine.to_mjcf(spec, name, cable)
+            own = _own(design, name)
+            near, far = (a for a in spec.actuators if a.plugin.name == name)
+            for end, key in zip((near, far), RADII, strict=True):
+                if key in own:
+                    self._set_radius(spec, end, float(own[key]))
+        motor, joint = spec.actuator("motor"), spec.joint("motor")
+        if "motor_torque" in design:
+            limit = float(design["motor_torque"]) / motor.gear[0]
+            motor.ctrlrange = [-limit, limit]
+        if "rotor_inertia" in design:
+            joint.armature = float(design["rotor_inertia"])
+        if "motor_damping" in design:
+            joint.damping = [float(design["motor_damping"]), 0.0, 0.0]
+
+    def _set_radius(self, spec: mujoco.MjSpec, end: object, radius: float) -> None:
+        """Give an end of a cable another pulley, or move its lever."""
+        actuator: mujoco.MjsActuator = end
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
+            gear = math.copysign(radius, actuator.gear[0])
+            actuator.gear = [gear, 0, 0, 0, 0, 0]
+            return
+        for name in self.scene.lever:
+            site = spec.site(name)
+            site.pos = [math.copysign(radius, site.pos[0]), *site.pos[1:]]
+
+
+def _own(design: Mapping[str, Value], cable: str) -> dict[str, Value]:
+    """What a design says of a cable; what names the cable comes before the rest."""
+    own = {name: value for name, value in design.items() if "." not in name}
+    start = f"{cable}."
+    return own | {
+        name[len(start) :]: value
+        for name, value in design.items()
+        if name.startswith(start)
+    }
+
+
+def _text(value: Value) -> str:
+    return value if isinstance(value, str) else repr(value)
+
+
+def _conduit(cable: Cable, own: Mapping[str, Value]) -> Cable:
+    """The cable in the conduit that a design asks for."""
+    sections = cable.conduit
+    if "length" in own:
+        longer = float(own["length"]) / cable.length
+        sections = tuple(
+            Section(longer * s.length, longer * s.radius) for s in sections
+        )
+    total = sum(s.length for s in sections)
+    if "loops" in own:
+        radius = total / (2.0 * math.pi * float(own["loops"]))
+        sections = (Section(total, radius),)
+    elif "wrap" in own:
+        tighter = float(own["wrap"]) / cable.wrap
+        sections = tuple(Section(s.length, s.radius / tighter) for s in sections)
+    elif "bend_radius" in own:
+        radius = float(own["bend_radius"])
+        sections = tuple(
+            Section(s.length, radius if s.radius < math.inf else s.radius)
+            for s in sections
+        )
+    return cable.replace(conduit=sections)

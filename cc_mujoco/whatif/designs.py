@@ -1,0 +1,211 @@
+"""Which designs a study tries: a grid, a Latin hypercube, or a list from a file.
+
+    vary = {"friction": "0.05:0.3:10", "loops": [1, 2, 3]}
+    grid(vary)                      # 30 designs
+    latin_hypercube(vary, 100, seed=0)
+
+A range is written `low:high:count`, or `low:high:count:log` for equal ratios; values
+are separated by commas.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.whatif.variables import Value, find
+
+Given = str | float | Sequence[object]
+"""A range or values as text, one value, or several."""
+
+MAX_DESIGNS = 10_000_000
+
+
+@dataclass(frozen=True)
+class Range:
+    """The values that a variable may take: levels, or all between two ends."""
+
+    levels: tuple[Value, ...]
+    """Those of a grid; empty where a range has no count."""
+    ends: tuple[float, float] | None = None
+    """Lowest and highest value of a range; None where only the levels are meant."""
+    log: bool = False
+
+    def at(self, share: NDArray[np.float64]) -> list[Value]:
+        """The values at these shares of the range, 0 to 1."""
+        if self.ends is None:
+            count = len(self.levels)
+            places = np.minimum((share * count).astype(int), count - 1)
+            return [self.levels[place] for place in places]
+        return [float(value) for value in _between(self.ends, self.log, share)]
+
+
+def read_range(name: str, given: Given, cables: Iterable[str]) -> Range:
+    """Understand what a variable may be.
+
+    Args:
+        name: of the variable.
+        given: range, values or text of them.
+        cables: the cables of the scene.
+
+    Raises:
+        CableError: an unknown name, or a range or value that cannot be.
+    """
+    variable = find(name, cables)
+    if isinstance(given, str) and ":" in given and not variable.text:
+        found = _read_ends(name, given)
+        for value in (*found.levels, *(found.ends or ())):
+            variable.read(value)
+        if variable.whole:
+            whole = dict.fromkeys(round(float(level)) for level in found.levels)
+            return Range(tuple(whole))
+        return found
+    words: Iterable[object]
+    if isinstance(given, str):
+        words = [word.strip() for word in given.split(",")]
+    elif isinstance(given, Iterable):
+        words = list(given)
+    else:
+        words = [given]
+    levels = tuple(dict.fromkeys(variable.read(word) for word in words))
+    if not levels:
+        raise CableError(f"variable {name!r} has no values; give one or more.")
+    return Range(levels)
+
+
+def grid(ranges: Mapping[str, Range]) -> list[dict[str, Value]]:
+    """Every combination, the last variable fastest.
+
+    Raises:
+        CableError: a range has no count, or the grid is too large.
+    """
+    for name, values in ranges.items():
+        if not values.levels:
+            raise CableError(
+                f"a grid needs to know how many values {name!r} takes; "
+                "write low:high:count."
+            )
+    count = math.prod(len(values.levels) for values in ranges.values())
+    _require_count(count)
+    rows = itertools.product(*(values.levels for values in ranges.values()))
+    return [dict(zip(ranges, row, strict=True)) for row in rows]
+
+
+def latin_hypercube(
+    ranges: Mapping[str, Range], count: int, seed: int
+) -> list[dict[str, Value]]:
+    """A Latin hypercube: each variable's range is cut in `count` parts, each used once.
+
+    Raises:
+        CableError: the count is not one.
+    """
+    _require_count(count)
+    unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(
+        count
+    )
+    columns = [values.at(unit[:, i]) for i, values in enumerate(ranges.values())]
+    return [dict(zip(ranges, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def from_file(path: str | Path) -> list[dict[str, object]]:
+    """Designs from a file, as they stand there.
+
+    CSV has a line of variable names and a line per design; TOML has a table
+    `[[design]]` for each.
+
+    Raises:
+        CableError: the file is not such a one.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".csv", ".toml"):
+        raise CableError(f"{path} is neither .csv nor .toml.")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise CableError(f"cannot read the designs {path}: {reason}.") from None
+    except UnicodeDecodeError:
+        raise CableError(f"{path} is not text in UTF-8.") from None
+    designs: list[dict[str, object]]
+    if path.suffix.lower() == ".toml":
+        try:
+            designs = tomllib.loads(text).get("design", [])
+        except tomllib.TOMLDecodeError as error:
+            raise CableError(f"{path} is not TOML: {error}.") from None
+        if not isinstance(designs, list) or not all(
+            isinstance(design, dict) for design in designs
+        ):
+            raise CableError(f"{path}: `design` must be tables, [[design]].")
+    else:
+        rows = csv.DictReader(text.splitlines(), restkey="", restval=None)
+        designs = []
+        for row in rows:
+            if "" in row or None in row.values():
+                raise CableError(
+                    f"{path}, line {rows.line_num}: it must have as many values as the "
+                    "first line has names."
+                )
+            designs.append({str(k).strip(): v.strip() for k, v in row.items()})
+    if not designs:
+        raise CableError(f"{path} has no designs.")
+    names = list(designs[0])
+    for number, design in enumerate(designs, 1):
+        if set(design) != set(names):
+            raise CableError(
+                f"{path}: design {number} sets {', '.join(design) or 'nothing'}, but "
+                f"the first sets {', '.join(names)}; all must set the same."
+            )
+    return [{name: design[name] for name in names} for design in designs]
+
+
+def _read_ends(name: str, text: str) -> Range:
+    low_text, high_text, *rest = text.split(":")
+    form = f"{name}={text} is no range; write low:high:count or low:high:count:log."
+    try:
+        low, high = float(low_text), float(high_text)
+        count = int(rest[0]) if rest else 0
+    except ValueError:
+        raise CableError(form) from None
+    log = rest[1:] == ["log"]
+    if len(rest) > 2 or (len(rest) == 2 and not log):
+        raise CableError(form)
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise CableError(
+            f"the range {name}={text} must rise from its low to its high end."
+        )
+    if rest and count < 2:
+        raise CableError(f"the range {name}={text} must have 2 values or more.")
+    if log and low <= 0.0:
+        raise CableError(f"the range {name}={text} must be above 0 to be logarithmic.")
+    shares = np.linspace(0.0, 1.0, count)
+    levels = [float(value) for value in _between((low, high), log, shares)]
+    return Range(tuple(levels), (low, high), log)
+
+
+def _between(
+    ends: tuple[float, float], log: bool, share: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    low, high = ends
+    if log:
+        inside = low * (high / low) ** share
+    else:
+        inside = low + (high - low) * share
+    found: NDArray[np.float64] = np.where(share == 1.0, high, inside)
+    return found
+
+
+def _require_count(count: int) -> None:
+    if not 1 <= count <= MAX_DESIGNS:
+        raise CableError(
+            f"a study must have 1 to {MAX_DESIGNS:,} designs, not {count:,}."
+        )

@@ -1,0 +1,100 @@
+"""One controller for many devices at once, whose drives may differ."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from itertools import chain
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.control import MEASURED, Controller, Drive, controller
+
+Array = NDArray[np.float64]
+
+PROBES = 32
+"""Observations that a probe consists of."""
+
+
+class Laws(Controller):
+    """One controller for many devices, whose drives may differ.
+
+    Controllers work on arrays; this gives one of them drives that are arrays too, if
+    for a probe it then does bit for bit what a controller for each drive does, and
+    otherwise keeps a controller for each.
+    """
+
+    def __init__(self, name: str, drives: Sequence[Drive]) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            name: of the controller.
+            drives: one per device.
+        """
+        super().__init__(drives[0])
+        self._name, self._drives = name, tuple(drives)
+        self._same = all(drive == drives[0] for drive in drives)
+        self._joint = self._same or self._probe()
+        self.reset()
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Begin all anew; see `Controller.reset`."""
+        if self._same:
+            self._laws = [controller(self._name, self._drives[0])]
+        elif self._joint:
+            self._laws = [controller(self._name, _stacked(self._drives))]
+        else:
+            self._laws = self._separate()
+        for law in self._laws:
+            law.reset()
+
+    def torque(self, observation: Mapping[str, Any]) -> Array:
+        """Torque of every motor [Nm], (n,)."""
+        if self._joint:
+            return np.asarray(self._laws[0].torque(observation))
+        return _each(self._laws, observation)
+
+    def _separate(self) -> list[Controller]:
+        return [controller(self._name, drive) for drive in self._drives]
+
+    def _probe(self) -> bool:
+        """Whether one controller with stacked drives is as good as one for each."""
+        rng = np.random.default_rng(0)
+        one_each = self._separate()
+        try:
+            joint = controller(self._name, _stacked(self._drives))
+            for law in (joint, *one_each):
+                law.reset()
+            for _ in range(PROBES):
+                seen = {name: rng.normal(size=len(one_each)) for name in MEASURED}
+                together = np.asarray(joint.torque(seen))
+                if not np.array_equal(together, _each(one_each, seen)):
+                    return False
+        except (TypeError, ValueError, AttributeError, IndexError):
+            return False
+        return True
+
+
+def _each(laws: Sequence[Controller], observation: Mapping[str, Any]) -> Array:
+    return np.array(
+        [
+            law.torque({name: observation[name][i] for name in MEASURED})
+            for i, law in enumerate(laws)
+        ]
+    )
+
+
+def _stacked(drives: Sequence[Drive]) -> Drive:
+    """A drive whose fields are arrays over devices where they differ."""
+    whole = object.__new__(Drive)  # its own checks are of numbers
+    for field in dataclasses.fields(Drive):
+        values = [getattr(drive, field.name) for drive in drives]
+        stacked: Any = values[0]
+        if any(value != values[0] for value in values):
+            # Tuples are of one entry per device: the cables, where they are known.
+            joined = isinstance(values[0], tuple)
+            stacked = tuple(chain.from_iterable(values)) if joined else np.array(values)
+        object.__setattr__(whole, field.name, stacked)
+    return whole

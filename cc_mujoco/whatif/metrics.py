@@ -1,0 +1,208 @@
+"""The numbers that a design is judged by: one table, with what each means.
+
+Numbers of the episode are computed from the columns of an episode log, so that they are
+the same for a design in a batch and for its recording. What a design cannot give (the
+loop of a torque that never comes back through zero) is NaN, and null in the table.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.recording.columns import RATIO
+from cc_mujoco.recording.metrics import Samples, efficiency
+from cc_mujoco.recording.signals import loop_width
+from cc_mujoco.whatif.simulate import Played
+from cc_mujoco.whatif.trial import CHIRP_HIGH, CHIRP_LOW, SWINGS
+
+Array = NDArray[np.float64]
+Test = Literal["episode", "backdrive", "backlash", "bandwidth"]
+
+BANDS_PER_OCTAVE = 6
+LEAST_GAIN = 0.05
+"""Joint torque per desired torque; below it nothing arrives."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number of a design."""
+
+    name: str
+    unit: str
+    meaning: str
+    high: bool = False
+    """Whether more is better."""
+    test: Test = "episode"
+    """What has to be played for it."""
+
+
+METRICS: dict[str, Metric] = {
+    metric.name: metric
+    for metric in (
+        Metric("efficiency", "1", "work delivered at either side per work delivered or "
+               "lost", high=True),
+        Metric("backlash_width", "rad", "joint held, motor torque swung slowly: width "
+               "at half height of the loop of joint torque against twist",
+               test="backlash"),
+        Metric("tracking_error", "N m", "RMS of joint torque minus desired torque"),
+        Metric("peak_motor_torque", "N m", "largest |torque| at the motor pulley"),
+        Metric("peak_motor_power", "W", "largest power that the motor gives"),
+        Metric("slack_margin", "N", "least tension anywhere in a cable; 0 is slack",
+               high=True),
+        Metric("slack_share", "1", "part of the time in which some of a cable carries "
+               "no tension"),
+        Metric("peak_tension", "N", "largest tension at an end of a cable"),
+        Metric("strength_used", "1", "peak tension per breaking load of the cable"),
+        Metric("reflected_torque", "N m", "RMS of the joint torque while the wearer "
+               "moves the device and the motor gives none", test="backdrive"),
+        Metric("bandwidth", "Hz", "where the joint torque, the joint held, falls 3 dB "
+               f"below its response at {CHIRP_LOW:g} Hz; {CHIRP_HIGH:g} where it does "
+               "not, 0 where nothing arrives", high=True, test="bandwidth"),
+    )
+}  # fmt: skip
+"""Every metric by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One design of a batch, in the shape of an episode log."""
+
+    played: Played
+    index: int
+    cables: tuple[str, ...]
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """The ratio, which is all that metrics ask for."""
+        return {RATIO: float(self.played.ratio[self.index])}
+
+    def __getitem__(self, name: str) -> Array:
+        """A column (T,); tension of nodes is that of the node with least, (T, 1)."""
+        columns = self.played.columns
+        if name in columns:
+            found: Array = columns[name][self.index]
+            return found
+        for place, cable in enumerate(self.cables):
+            places = {
+                f"dissipated_{cable}_j": ("dissipated_j", place),
+                f"tension_{cable}_proximal_n": ("tension_n", 2 * place),
+                f"tension_{cable}_distal_n": ("tension_n", 2 * place + 1),
+            }
+            if name in places:
+                column, of = places[name]
+                row: Array = columns[column][self.index, of]
+                return row
+            if name == f"tension_{cable}_nodes_n":
+                least = columns["least_tension_n"][self.index, place]
+                return np.asarray(np.maximum(least, 0.0)[:, None])
+        raise CableError.unknown("column", name, columns)
+
+
+def measure_episode(log: Samples, strength: Mapping[str, float]) -> dict[str, float]:
+    """The metrics of an episode.
+
+    Args:
+        log: the episode.
+        strength: breaking load of each cable [N].
+    """
+    torque, motor = log["joint_torque_nm"], log["motor_torque_nm"]
+    error = torque - log["desired_torque_nm"]
+    least = np.min(
+        [log[f"tension_{cable}_nodes_n"].min(axis=1) for cable in log.cables], axis=0
+    )
+    peaks = {
+        cable: max(
+            float(log[f"tension_{cable}_proximal_n"].max()),
+            float(log[f"tension_{cable}_distal_n"].max()),
+        )
+        for cable in log.cables
+    }
+    return {
+        "efficiency": efficiency(log).overall,
+        "tracking_error": _rms(error),
+        "peak_motor_torque": float(np.max(np.abs(motor))),
+        "peak_motor_power": float(np.max(motor * log["motor_velocity_rad_s"])),
+        "slack_margin": float(least.min()),
+        "slack_share": float(np.mean(least <= 0.0)),
+        "peak_tension": max(peaks.values()),
+        "strength_used": max(peaks[cable] / strength[cable] for cable in log.cables),
+    }
+
+
+def measure_backdrive(log: Samples) -> dict[str, float]:
+    """The metric of the unpowered device."""
+    return {"reflected_torque": _rms(log["joint_torque_nm"])}
+
+
+def measure_backlash(log: Samples) -> dict[str, float]:
+    """The metric of the slow swing: the width of its last loop at half its height.
+
+    Against twist, motor angle times ratio minus joint angle, as in
+    `recording.metrics.backlash_width`; a cable that only pulls has no loop about zero.
+    """
+    ratio = log.metadata[RATIO]
+    swing = (log["time_s"].size - 1) / SWINGS
+    # From trough to trough, so that both crossings of the middle lie inside.
+    last = slice(round((SWINGS - 1.25) * swing), round((SWINGS - 0.25) * swing) + 1)
+    torque, desired = log["joint_torque_nm"][last], log["desired_torque_nm"][last]
+    if not np.ptp(torque) >= LEAST_GAIN * np.ptp(desired):
+        return {"backlash_width": math.nan}
+    twist = ratio * log["motor_angle_rad"][last] - log["joint_angle_rad"][last]
+    middle = 0.5 * (torque.max() + torque.min())
+    return {"backlash_width": loop_width(twist, torque - middle)}
+
+
+def measure_bandwidth(log: Samples) -> dict[str, float]:
+    """The metric of the held joint."""
+    step = float(log["time_s"][1])
+    return {
+        "bandwidth": bandwidth(log["desired_torque_nm"], log["joint_torque_nm"], step)
+    }
+
+
+def bandwidth(desired: Array, actual: Array, step: float) -> float:
+    """Frequency at which a response has fallen 3 dB below that at its lowest band [Hz].
+
+    The response is the cross spectrum of the two signals over the power spectrum of the
+    desired one, each summed over bands of a sixth of an octave.
+
+    Args:
+        desired: excitation with power in all of the band of the chirp, (T,).
+        actual: what follows it, (T,).
+        step: time between samples [s].
+
+    Returns:
+        The frequency, on a logarithmic scale between the centres of bands; `CHIRP_HIGH`
+        if the response stays above, and 0 if its lowest band is below `LEAST_GAIN`.
+    """
+    wanted = np.fft.rfft(desired - desired.mean())
+    found = np.fft.rfft(actual - actual.mean())
+    frequency = np.fft.rfftfreq(desired.size, step)
+    octaves = math.log2(CHIRP_HIGH / CHIRP_LOW)
+    # The lowest lines are few, so the lowest band is an octave.
+    upper = np.arange(1.0, octaves + 1e-9, 1.0 / BANDS_PER_OCTAVE)
+    edges = CHIRP_LOW * 2.0 ** np.concatenate([[0.0], upper])
+    places = np.searchsorted(frequency, edges)
+    cross = np.add.reduceat(found * wanted.conj(), places)[:-1]
+    power = np.add.reduceat(np.abs(wanted) ** 2, places)[:-1]
+    gain = np.abs(cross) / power
+    centre = np.sqrt(edges[1:] * edges[:-1])
+    if not gain[0] >= LEAST_GAIN:
+        return 0.0
+    below = np.flatnonzero(gain < gain[0] / math.sqrt(2.0))
+    if below.size == 0:
+        return CHIRP_HIGH
+    k = int(below[0])
+    share = (gain[k - 1] - gain[0] / math.sqrt(2.0)) / (gain[k - 1] - gain[k])
+    return float(centre[k - 1] * (centre[k] / centre[k - 1]) ** share)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,235 @@
+"""A study before it runs: how designs are tried, which ones, and in which batches.
+
+All that can be wrong with a study is found here, before anything runs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cc_mujoco.control import controller
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.human import from_csv
+from cc_mujoco.human.checks import number
+from cc_mujoco.recording.episode import VERSIONED
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.designs import (
+    Given,
+    Range,
+    from_file,
+    grid,
+    latin_hypercube,
+    read_range,
+)
+from cc_mujoco.whatif.evaluate import Design, episodes
+from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.whatif.trial import CHIRP_TIME, CONTROL_PERIOD, Trial
+
+BATCH = 96
+"""Most designs that are simulated together: enough that Python's share is small, few
+enough that they stay near the processor's cache."""
+
+MEMORY, SAMPLE = 250e6, 300.0
+"""What a batch may keep, and what a design keeps of a control step [byte]."""
+
+SAMPLINGS = ("grid", "lhs")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study that can be run."""
+
+    trial: Trial
+    designs: tuple[Design, ...]
+    ranges: Mapping[str, Range]
+    """Of each variable; of a list of designs, the values that occur."""
+    full: bool
+    """Whether the designs are every combination of the levels of the ranges."""
+    batches: tuple[tuple[int, ...], ...]
+    """Indices of designs that are simulated together."""
+    source: str
+    """Name of the trajectory, or path of its CSV file."""
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Variables that take more than one value."""
+        return tuple(
+            name
+            for name in self.ranges
+            if any(d[name] != self.designs[0][name] for d in self.designs)
+        )
+
+    def describe(self) -> dict[str, Any]:
+        """What the study is, as plain JSON: equal for studies with equal tables."""
+        trial = {
+            field.name: getattr(self.trial, field.name)
+            for field in dataclasses.fields(self.trial)
+        }
+        trial |= {"trajectory": self.source, "metrics": list(self.trial.metrics)}
+        text = json.dumps(self.designs)
+        motion = repr(self.trial.trajectory)
+        return {
+            "trial": trial,
+            "motion": hashlib.sha256(motion.encode()).hexdigest(),
+            "variables": list(self.ranges),
+            "designs": len(self.designs),
+            "batches": len(self.batches),
+            "digest": hashlib.sha256(text.encode()).hexdigest(),
+            "versions": {
+                name: importlib.import_module(name).__version__ for name in VERSIONED
+            },
+        }
+
+
+def make_plan(
+    scene: str,
+    vary: Mapping[str, Given] | None = None,
+    designs: str | Path | Sequence[Mapping[str, object]] | None = None,
+    *,
+    sampling: str = "grid",
+    samples: int | None = None,
+    trajectory: str | None = None,
+    task: str | None = None,
+    controller: str = "pi",
+    duration: float = 10.0,
+    seed: int = 0,
+    timestep: float | None = None,
+    metrics: Sequence[str] = (),
+) -> Plan:
+    """Plan a study; the arguments are those of `study`.
+
+    Raises:
+        CableError: what is wrong, in one sentence.
+    """
+    trial, builder = _trial(
+        scene, trajectory, task, controller, duration, seed, timestep, metrics
+    )
+    if (vary is None or not vary) == (designs is None):
+        raise CableError("give what to vary, or a list of designs, and not both.")
+    look_up("sampling", sampling, dict.fromkeys(SAMPLINGS))
+    if (sampling == "lhs") != (samples is not None):
+        raise CableError("sampling 'lhs' needs a number of samples, a grid has none.")
+    ranges: dict[str, Range] = {}
+    rows: Sequence[Mapping[str, object]]
+    if designs is not None:
+        rows = from_file(designs) if isinstance(designs, (str, Path)) else list(designs)
+    else:
+        assert vary is not None
+        ranges = {
+            name: read_range(name, given, builder.cables)
+            for name, given in vary.items()
+        }
+        if samples is not None:
+            rows = latin_hypercube(ranges, samples, seed)
+        else:
+            rows = grid(ranges)
+    checked = _check(builder, rows)
+    if designs is not None:
+        names = list(checked[0])
+        ranges = {n: Range(tuple(dict.fromkeys(d[n] for d in checked))) for n in names}
+    full = designs is None and samples is None
+    source = trajectory or builder.scene.default("trajectory")
+    batches = _batches(builder, checked, max(duration, CHIRP_TIME))
+    return Plan(trial, tuple(checked), ranges, full, batches, source)
+
+
+def _trial(
+    scene: str,
+    trajectory: str | None,
+    task: str | None,
+    law: str,
+    duration: float,
+    seed: int,
+    timestep: float | None,
+    metrics: Sequence[str],
+) -> tuple[Trial, Builder]:
+    """How designs are tried, and the builder of the scene."""
+    builder = Builder(scene, timestep)
+    step = float(builder.spec.option.timestep)
+    skip = round(CONTROL_PERIOD / step) if step > 0.0 else 0
+    if skip < 1 or not math.isclose(skip * step, CONTROL_PERIOD):
+        raise CableError(
+            f"the time step must divide the {1e3 * CONTROL_PERIOD:g} ms between two "
+            f"calls of the controller, which {1e3 * step:g} ms does not."
+        )
+    for name in metrics:
+        look_up("metric", name, METRICS)
+    number("duration", duration, 0.05, 1e6, "s")
+    if not (isinstance(seed, int) and seed >= 0):
+        raise CableError(f"seed must be an integer >= 0, not {seed!r}.")
+    home = builder.scene
+    source = trajectory or home.default("trajectory")
+    trial = Trial(
+        scene,
+        from_csv(source) if source.lower().endswith(".csv") else source,
+        task or home.default("task"),
+        law,
+        duration,
+        seed,
+        step,
+        tuple(dict.fromkeys(metrics)) or tuple(METRICS),
+    )
+    model = builder.model({})
+    for episode in episodes(trial, builder).values():
+        exo = episode.exo(model)
+        exo.author.write(np.random.default_rng(seed))
+        controller(law, exo.drive)
+    return trial, builder
+
+
+def _check(builder: Builder, rows: Sequence[Mapping[str, object]]) -> list[Design]:
+    """Every design as it is used.
+
+    Raises:
+        CableError: designs are impossible; says which is the first, why, and how many.
+    """
+    checked: list[Design] = []
+    wrong: list[tuple[int, str]] = []
+    for index, row in enumerate(rows):
+        try:
+            checked.append(builder.check(row))
+        except CableError as error:
+            wrong.append((index, str(error).rstrip(".")))
+    if wrong:
+        index, why = wrong[0]
+        text = ", ".join(f"{name}={_short(v)}" for name, v in rows[index].items())
+        many = (
+            f" ({len(wrong)} of {len(rows)} are impossible)" if len(wrong) > 1 else ""
+        )
+        raise CableError(f"design {index} ({text}) is impossible: {why}{many}.")
+    if not checked:
+        raise CableError("there are no designs.")
+    return checked
+
+
+def _short(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _batches(
+    builder: Builder, designs: Sequence[Design], longest: float
+) -> tuple[tuple[int, ...], ...]:
+    """Designs of equal layout together, at least eight batches for the threads.
+
+    Nothing about the machine counts, so that a study is resumed on any other.
+    """
+    room = int(MEMORY / SAMPLE * CONTROL_PERIOD / longest)
+    size = max(1, min(BATCH, room, math.ceil(len(designs) / 8)))
+    layouts: dict[tuple[object, ...], list[int]] = {}
+    for index, design in enumerate(designs):
+        layouts.setdefault(builder.layout(design), []).append(index)
+    return tuple(
+        tuple(members[i : i + size])
+        for members in layouts.values()
+        for i in range(0, len(members), size)
+    )

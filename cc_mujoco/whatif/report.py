@@ -1,0 +1,231 @@
+"""What a finished study leaves beside its table: ranking, effects, figures."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cc_mujoco.figures import save, style
+from cc_mujoco.files import replacing
+from cc_mujoco.whatif.charts import effects_plot, heat_maps, pareto_plot
+from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.whatif.pareto import Objective, costs, order, pareto
+from cc_mujoco.whatif.plan import Plan
+from cc_mujoco.whatif.sensitivity import Sensitivity, sensitivity
+from cc_mujoco.whatif.variables import VARIABLES
+
+RANKING, PARETO, SOBOL, EFFECTS = (
+    "ranking.md",
+    "pareto.parquet",
+    "sobol.parquet",
+    "effects.parquet",
+)
+LISTED = 20
+"""Designs in the ranking."""
+
+
+def write_report(
+    folder: Path, plan: Plan, table: pa.Table, objectives: Sequence[Objective]
+) -> tuple[Path, ...]:
+    """Write all that is made of a table.
+
+    Args:
+        folder: where.
+        plan: the study.
+        table: its table.
+        objectives: what the ranking and the Pareto set go by; all metrics by default,
+            and then there is no Pareto set.
+
+    Returns:
+        The files that were written.
+    """
+    found = [
+        one
+        for name in plan.trial.metrics
+        if (one := sensitivity(plan, table, name)) is not None
+    ]
+    goals = tuple(objectives) or tuple(
+        Objective(name, METRICS[name].high) for name in plan.trial.metrics
+    )
+    cost = costs(table, goals)
+    best = pareto(cost)
+    written = [folder / SOBOL, folder / EFFECTS]
+    _write_table(folder / SOBOL, sobol_table(found))
+    _write_table(folder / EFFECTS, effects_table(found))
+    drawings = {}
+    with style():
+        if objectives:
+            _write_table(folder / PARETO, table.filter(pa.array(best)))
+            written.append(folder / PARETO)
+        if len(objectives) > 1 and best.any():
+            drawings["pareto"] = pareto_plot(table, objectives, best)
+        if found:
+            drawings["effects"] = effects_plot(found)
+            if (maps := heat_maps(plan, table, found)) is not None:
+                drawings["heatmaps"] = maps
+        for stem, drawing in drawings.items():
+            save(folder / f"{stem}.png", drawing)
+            written.append(folder / f"{stem}.png")
+    text = markdown(plan, table, goals, bool(objectives), cost, found)
+    with replacing(folder / RANKING) as partial:
+        partial.write_text(text, encoding="utf-8")
+    return (folder / RANKING, *written)
+
+
+def markdown(
+    plan: Plan,
+    table: pa.Table,
+    goals: Sequence[Objective],
+    chosen: bool,
+    cost: np.ndarray,
+    found: Iterable[Sensitivity],
+) -> str:
+    """The ranking as Markdown, with effects and indices below."""
+    trial = plan.trial
+    failed = [text for text in table["failed"].to_pylist() if text]
+    parts = [
+        f"# What if: {trial.scene}, {len(table)} designs",
+        f"Trajectory {plan.source}, task {trial.task}, controller {trial.controller}, "
+        f"{trial.duration:g} s, seed {trial.seed}, time step "
+        f"{1e3 * trial.timestep:g} ms.",
+    ]
+    if failed:
+        parts.append(
+            f"{len(failed)} designs failed in simulation; the first: {failed[0]}."
+        )
+    names = ", ".join(goal.text for goal in goals)
+    for goal in goals:
+        if lacking := table[goal.name].null_count - len(failed):
+            parts.append(f"{lacking} designs have no {goal.name}.")
+    if chosen:
+        parts.append(f"Objectives: {names}. Pareto set: {int(pareto(cost).sum())}.")
+    else:
+        parts.append(f"No objectives were given; the order is by all metrics: {names}.")
+    parts.append("## Ranking")
+    rule = "by mean rank in the objectives"
+    if chosen:
+        rule = f"the Pareto set (marked *) first, each part {rule}"
+    parts.append(f"The best {min(LISTED, len(table))}: {rule}.")
+    parts.append(_ranking(plan, table, goals, cost, chosen))
+    parts.append("## What each metric depends on")
+    parts += [_sensitivity(one) for one in found] or ["No metric varies."]
+    parts.append("## Metrics")
+    parts.append(
+        _rows(
+            ("metric", "unit", "meaning"),
+            ((m, METRICS[m].unit, METRICS[m].meaning) for m in trial.metrics),
+        )
+    )
+    return "\n\n".join(parts) + "\n"
+
+
+def sobol_table(found: Iterable[Sensitivity]) -> pa.Table:
+    """Indices of all metrics, one per row; `other` is null but for pairs."""
+    rows: list[tuple[object, ...]] = []
+    for one in found:
+        for name in one.first:
+            rows.append((one.metric, "first", name, None, one.first[name], one.how))
+            rows.append((one.metric, "total", name, None, one.total[name], one.how))
+        for (name, other), share in one.pairs.items():
+            rows.append((one.metric, "pair", name, other, share, one.how))
+    kinds = [("metric", pa.string()), ("kind", pa.string()), ("variable", pa.string()),
+             ("other", pa.string()), ("share", pa.float64()),
+             ("how", pa.string())]  # fmt: skip
+    return _table(kinds, rows)
+
+
+def effects_table(found: Iterable[Sensitivity]) -> pa.Table:
+    """Main effects of all metrics, one value of a variable per row, as text."""
+    rows = []
+    for one in found:
+        for name, (values, means) in one.effects.items():
+            texts = one.levels.get(name) or [f"{value:.12g}" for value in values]
+            rows += [
+                (one.metric, name, text, float(mean))
+                for text, mean in zip(texts, means, strict=True)
+            ]
+    kinds = [("metric", pa.string()), ("variable", pa.string()),
+             ("value", pa.string()), ("mean", pa.float64())]  # fmt: skip
+    return _table(kinds, rows)
+
+
+def _ranking(
+    plan: Plan,
+    table: pa.Table,
+    goals: Sequence[Objective],
+    cost: np.ndarray,
+    chosen: bool,
+) -> str:
+    places = order(cost)[:LISTED]
+    best = pareto(cost) if chosen else np.zeros(len(cost), dtype=np.bool_)
+    metrics = [goal.name for goal in goals]
+    metrics += [name for name in plan.trial.metrics if name not in metrics]
+    columns = ["design", *plan.varied, *metrics]
+    head = [_headed(name) for name in columns]
+    rows = []
+    for place in places:
+        row = table.slice(int(place), 1).to_pylist()[0]
+        cells = [_cell(row[name]) for name in columns]
+        cells[0] += "*" if best[place] else ""
+        rows.append(cells)
+    return _rows(head, rows)
+
+
+def _sensitivity(one: Sensitivity) -> str:
+    rows = []
+    for name in sorted(one.total, key=lambda n: one.total[n], reverse=True):
+        values, means = one.effects[name]
+        low, high = int(np.argmin(means)), int(np.argmax(means))
+        text = one.levels.get(name) or [f"{value:.4g}" for value in values]
+        rows.append(
+            (
+                name,
+                f"{one.first[name]:.3f}",
+                f"{one.total[name]:.3f}",
+                f"{means[low]:.4g} at {text[low]}",
+                f"{means[high]:.4g} at {text[high]}",
+            )
+        )
+    unit = METRICS[one.metric].unit
+    head = ("variable", "first order", "total", f"least mean [{unit}]",
+            f"greatest mean [{unit}]")  # fmt: skip
+    parts = [f"### {one.metric}", f"Sobol's indices: {one.how}.", _rows(head, rows)]
+    large = sorted(one.pairs.items(), key=lambda item: -item[1])[:5]
+    pairs = [f"{a} with {b} {share:.3f}" for (a, b), share in large if share >= 0.005]
+    if pairs:
+        parts.append(f"Together only: {'; '.join(pairs)}.")
+    return "\n\n".join(parts)
+
+
+def _headed(name: str) -> str:
+    thing = METRICS.get(name) or VARIABLES.get(name.rpartition(".")[2])
+    return name if thing is None or thing.unit == "1" else f"{name} [{thing.unit}]"
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def _table(
+    kinds: Sequence[tuple[str, pa.DataType]], rows: Sequence[tuple[object, ...]]
+) -> pa.Table:
+    columns = list(itertools.zip_longest(*rows)) if rows else [()] * len(kinds)
+    arrays = [pa.array(c, k) for c, (_, k) in zip(columns, kinds, strict=True)]
+    return pa.Table.from_arrays(arrays, schema=pa.schema(kinds))
+
+
+def _write_table(path: Path, table: pa.Table) -> None:
+    with replacing(path) as partial:
+        pq.write_table(table, partial, compression="zstd")

@@ -1,0 +1,191 @@
+"""What matters: main effects, and how much of a metric's variance each variable makes.
+
+Sobol's indices split the variance of a metric among variables and pairs of them. Where
+the designs are a full grid and all have the number, the split is exact over that grid.
+Otherwise a surface is fitted (`surface`) and the indices are those of the surface over
+the ranges, by the estimator of Saltelli et al. (2010) in `scipy.stats.sobol_indices`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from scipy.stats import qmc, sobol_indices, uniform
+
+from cc_mujoco.whatif.plan import Plan
+from cc_mujoco.whatif.surface import Axis, Surface, axes_of, fit
+from cc_mujoco.whatif.variables import Value
+
+Array = NDArray[np.float64]
+
+POWER = 11
+"""The estimates use 2 to this many points."""
+CURVE = 9
+"""Points of a main effect of a fitted surface."""
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What one metric depends on.
+
+    Attributes:
+        metric: its name.
+        how: where the numbers come from, for a reader.
+        first: part of the variance that each variable makes alone.
+        total: the same with all its interactions.
+        pairs: what two variables make only together.
+        effects: values of each variable and mean of the metric there.
+        levels: texts of the values of variables that are no numbers.
+        surface: what the numbers are of, where they are not exact.
+    """
+
+    metric: str
+    how: str
+    first: dict[str, float]
+    total: dict[str, float]
+    pairs: dict[tuple[str, str], float]
+    effects: dict[str, tuple[Array, Array]]
+    levels: dict[str, tuple[str, ...]]
+    """Texts of the values where they are no numbers."""
+    surface: Surface | None = None
+
+
+def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
+    """What a metric depends on, or None where that cannot be said.
+
+    It cannot where the metric does not vary, or too few designs have it.
+    """
+    y = np.asarray(table[metric].to_numpy(zero_copy_only=False), dtype=np.float64)
+    varied = plan.varied
+    good = np.isfinite(y)
+    if (
+        not varied
+        or good.sum() < 2
+        or not np.ptp(y[good]) > 1e-12 * np.abs(y[good]).max()
+    ):
+        return None
+    if plan.full and good.all():
+        return _exact(plan, metric, y)
+    axes = axes_of(plan.ranges, varied)
+    x = _coded(plan, axes)
+    surface = fit(x[good], y[good])
+    if surface is None:
+        return None
+    return _fitted(plan, metric, axes, surface)
+
+
+def _coded(plan: Plan, axes: Sequence[Axis]) -> Array:
+    columns = [
+        axis.code([design[name] for design in plan.designs])
+        for name, axis in zip(plan.varied, axes, strict=True)
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def _exact(plan: Plan, metric: str, y: Array) -> Sensitivity:
+    """Means over the other variables of a full grid."""
+    names = plan.varied
+    shape = [len(plan.ranges[name].levels) for name in plan.ranges]
+    keep = [i for i, name in enumerate(plan.ranges) if name in names]
+    cube = y.reshape(shape).reshape([shape[i] for i in keep])
+    every = set(range(len(names)))
+    variance = float(cube.var())
+
+    def closed(*own: int) -> float:
+        mean = cube.mean(axis=tuple(every - set(own)))
+        return float(mean.var()) / variance
+
+    first = {name: closed(i) for i, name in enumerate(names)}
+    total = {name: 1.0 - closed(*(every - {i})) for i, name in enumerate(names)}
+    if len(names) == 1:
+        total = {names[0]: 1.0}
+    pairs = {
+        (names[i], names[j]): closed(i, j) - first[names[i]] - first[names[j]]
+        for i, j in itertools.combinations(range(len(names)), 2)
+    }
+    effects, levels = {}, {}
+    for i, name in enumerate(names):
+        mean = cube.mean(axis=tuple(every - {i}))
+        effects[name], texts = _effect(plan.ranges[name].levels, mean)
+        if texts:
+            levels[name] = texts
+    how = f"exact over the grid of {len(y)} designs"
+    return Sensitivity(metric, how, first, total, pairs, effects, levels)
+
+
+def _fitted(
+    plan: Plan, metric: str, axes: Sequence[Axis], surface: Surface
+) -> Sensitivity:
+    """Sobol's indices of the surface over the ranges."""
+    names, count = plan.varied, len(plan.varied)
+
+    def at(unit: Array) -> Array:
+        columns = [axis.sample(u) for axis, u in zip(axes, unit.T, strict=True)]
+        return surface(np.stack(columns, axis=-1))
+
+    if count == 1:
+        first, total = {names[0]: 1.0}, {names[0]: 1.0}
+    else:
+        found = sobol_indices(
+            func=lambda unit: at(unit.T),
+            n=2**POWER,
+            dists=[uniform()] * count,
+            rng=np.random.default_rng(0),
+        )
+        first = dict(zip(names, map(float, np.ravel(found.first_order)), strict=True))
+        total = dict(zip(names, map(float, np.ravel(found.total_order)), strict=True))
+    pairs = _pairs(at, names)
+    effects, levels = {}, {}
+    spread = qmc.Sobol(count, rng=np.random.default_rng(1)).random_base2(9)
+    for i, (name, axis) in enumerate(zip(names, axes, strict=True)):
+        shares = axis.shares(CURVE)
+        means = np.empty(shares.size)
+        for k, share in enumerate(shares):
+            points = spread.copy()
+            points[:, i] = share
+            means[k] = at(points).mean()
+        effects[name], texts = _effect(axis.values.at(shares), means)
+        if texts:
+            levels[name] = texts
+    how = (
+        f"Saltelli's estimate on a thin-plate spline fitted to {surface.designs} "
+        f"designs, R^2 = {surface.r_squared:.3f} at designs left out"
+    )
+    return Sensitivity(metric, how, first, total, pairs, effects, levels, surface)
+
+
+def _effect(
+    values: Sequence[Value], means: Array
+) -> tuple[tuple[Array, Array], tuple[str, ...]]:
+    """A main effect; texts count 0, 1, 2, ... and are given beside."""
+    if any(isinstance(value, str) for value in values):
+        places = np.arange(len(values), dtype=np.float64)
+        return (places, means), tuple(str(value) for value in values)
+    return (np.array(values, dtype=np.float64), means), ()
+
+
+def _pairs(
+    at: Callable[[Array], Array], names: Sequence[str]
+) -> dict[tuple[str, str], float]:
+    """What pairs make only together: closed indices from points that share columns."""
+    count = len(names)
+    points = qmc.Sobol(2 * count, rng=np.random.default_rng(2)).random_base2(POWER)
+    one, other = points[:, :count], points[:, count:]
+    base = at(one)
+    variance, mean = float(base.var()), float(base.mean())
+
+    def closed(*own: int) -> float:
+        mixed = other.copy()
+        mixed[:, own] = one[:, own]
+        return float(np.mean((base - mean) * (at(mixed) - mean))) / variance
+
+    alone = [closed(i) for i in range(count)]
+    return {
+        (names[i], names[j]): closed(i, j) - alone[i] - alone[j]
+        for i, j in itertools.combinations(range(count), 2)
+    }

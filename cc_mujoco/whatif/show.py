@@ -1,0 +1,79 @@
+"""One design of a finished study, played again and recorded."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import pyarrow.parquet as pq
+
+from cc_mujoco.control import controller
+from cc_mujoco.errors import CableError
+from cc_mujoco.recording import EpisodeLog, play
+from cc_mujoco.recording.columns import MODEL_XML
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.evaluate import Design
+from cc_mujoco.whatif.store import TABLE, read_study
+from cc_mujoco.whatif.trial import CONTROL_PERIOD
+
+
+def show(
+    folder: str | Path,
+    row: int,
+    progress: Callable[[float], object] | None = None,
+) -> tuple[EpisodeLog, mujoco.MjModel]:
+    """Play a design of a study in the whole scene.
+
+    Args:
+        folder: of the study.
+        row: number of the design, column `design` of its table.
+        progress: called with the simulated time [s].
+
+    Returns:
+        The log of its episode, bit for bit the one that the study measured, and the
+        model it was played on.
+
+    Raises:
+        CableError: there is no finished study or no such row, or the design fails.
+    """
+    folder = Path(folder)
+    about = read_study(folder)
+    design = _design(folder, row, about["variables"])
+    trial = about["trial"]
+    builder = Builder(trial["scene"], trial["timestep"])
+    model = builder.model(design, whole=True)
+    base = builder.scene.cls
+
+    class Chosen(base):  # type: ignore[misc, valid-type]
+        SETUP = dataclasses.replace(base.SETUP, load=lambda: model)
+
+    env = Chosen(
+        trajectory=trial["trajectory"],
+        task=trial["task"],
+        duration=trial["duration"],
+        frame_skip=round(CONTROL_PERIOD / trial["timestep"]),
+    )
+    names = {key: trial[key] for key in ("trajectory", "task", "controller")}
+    log = play(
+        env,
+        controller(trial["controller"], env.drive),
+        seed=trial["seed"],
+        about={**names, "design": row, "variables": design},
+        progress=progress,
+    )
+    log = EpisodeLog(log.columns, {**log.metadata, MODEL_XML: builder.xml(design)})
+    return log, model
+
+
+def _design(folder: Path, row: int, names: list[str]) -> Design:
+    if not (folder / TABLE).exists():
+        raise CableError(f"the study in {folder} is not finished; run it again.")
+    table = pq.read_table(folder / TABLE, columns=names)
+    if not 0 <= row < len(table):
+        raise CableError(
+            f"the study in {folder} has designs 0 to {len(table) - 1}, not {row}."
+        )
+    found: Design = table.slice(row, 1).to_pylist()[0]
+    return found

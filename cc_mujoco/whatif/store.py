@@ -1,0 +1,168 @@
+"""The folder of a study: finished batches while it runs, its table at the end.
+
+`study.json` says what the study is; `parts` holds a file for every finished batch,
+whole or not at all, so that an interrupted study goes on where it was; `table.parquet`
+is the table of all, and takes the place of the parts.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing, require_writable
+from cc_mujoco.whatif.evaluate import Result
+from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.whatif.plan import Plan
+from cc_mujoco.whatif.variables import VARIABLES
+
+STUDY, PARTS, TABLE = "study.json", "parts", "table.parquet"
+
+
+class Store:
+    """What a study has finished, kept in a folder or, without one, in memory."""
+
+    def __init__(self, plan: Plan, folder: Path | None) -> None:
+        """Open the folder and see what is done.
+
+        Args:
+            plan: the study.
+            folder: where its table lies; made if need be.
+
+        Raises:
+            CableError: the folder holds another study or cannot be written.
+        """
+        self._plan, self._folder = plan, folder
+        self._found: dict[int, list[Result]] = {}
+        self.whole: pa.Table | None = None
+        """The table of an earlier run that finished."""
+        if folder is None:
+            return
+        if folder.exists() and not folder.is_dir():
+            raise CableError(f"{folder} is a file; the study needs a folder.")
+        require_writable(folder)
+        about = plan.describe()
+        parts = sorted((folder / PARTS).glob("[0-9]*.parquet"))
+        if parts or (folder / TABLE).exists():
+            _require_same(folder, about)
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
+            with replacing(folder / STUDY) as partial:
+                partial.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+        if (folder / TABLE).exists():
+            self.whole = pq.read_table(folder / TABLE)
+            return
+        for path in parts:
+            self._found[int(path.stem)] = _read_part(path, plan.trial.metrics)
+
+    def missing(self) -> list[int]:
+        """Batches that are still to be done."""
+        if self.whole is not None:
+            return []
+        return [n for n in range(len(self._plan.batches)) if n not in self._found]
+
+    def keep(self, batch: int, results: Sequence[Result]) -> None:
+        """Keep the results of a batch."""
+        self._found[batch] = list(results)
+        if self._folder is None:
+            return
+        parts = self._folder / PARTS
+        parts.mkdir(exist_ok=True)
+        columns = _columns(results, self._plan.trial.metrics)
+        with replacing(parts / f"{batch:06d}.parquet") as partial:
+            pq.write_table(pa.table(columns), partial)
+
+    def table(self) -> pa.Table:
+        """The table of all designs, in their order; `missing` must be empty."""
+        if self.whole is None:
+            self.whole = self._join()
+            if self._folder is not None:
+                with replacing(self._folder / TABLE) as partial:
+                    pq.write_table(self.whole, partial, compression="zstd")
+                shutil.rmtree(self._folder / PARTS, ignore_errors=True)
+        return self.whole
+
+    def _join(self) -> pa.Table:
+        plan = self._plan
+        rows: list[Result | None] = [None] * len(plan.designs)
+        for number, members in enumerate(plan.batches):
+            for index, result in zip(members, self._found[number], strict=True):
+                rows[index] = result
+        results = [row for row in rows if row is not None]
+        columns: dict[str, pa.Array] = {"design": pa.array(range(len(results)))}
+        for name in plan.ranges:
+            columns[name] = pa.array([design[name] for design in plan.designs])
+        columns |= _columns(results, plan.trial.metrics)
+        fields = [_field(name, array.type) for name, array in columns.items()]
+        return pa.Table.from_arrays(list(columns.values()), schema=pa.schema(fields))
+
+
+def read_study(folder: Path) -> dict[str, Any]:
+    """What the study in a folder is.
+
+    Raises:
+        CableError: there is none.
+    """
+    try:
+        found = json.loads((folder / STUDY).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise CableError(
+            f"{folder} holds no study; give the folder of `cc-mujoco whatif --out`."
+        ) from None
+    return dict(found)
+
+
+def _require_same(folder: Path, about: Mapping[str, Any]) -> None:
+    there = read_study(folder)
+    for key, value in about.items():
+        found = there.get(key)
+        if found == value:
+            continue
+        if isinstance(value, dict) and isinstance(found, dict):
+            key = next(k for k in {**found, **value} if found.get(k) != value.get(k))
+        raise CableError(
+            f"{folder} holds a study that differs in its {key}; choose another folder, "
+            "or delete that one."
+        )
+
+
+def _columns(results: Sequence[Result], metrics: Sequence[str]) -> dict[str, pa.Array]:
+    """Columns of metrics, null where there is no number, and of failures."""
+    columns = {
+        name: pa.array(
+            [row.metrics[name] for row in results], pa.float64(), from_pandas=True
+        )
+        for name in metrics
+    }
+    reasons = [row.failed or None for row in results]
+    return columns | {"failed": pa.array(reasons, pa.string())}
+
+
+def _read_part(path: Path, metrics: Sequence[str]) -> list[Result]:
+    return [
+        Result(
+            {n: float("nan") if row[n] is None else row[n] for n in metrics},
+            row["failed"] or "",
+        )
+        for row in pq.read_table(path).to_pylist()
+    ]
+
+
+def _field(name: str, kind: pa.DataType) -> pa.Field:
+    if name == "design":
+        about = {"unit": "1", "meaning": "number of the design"}
+    elif name == "failed":
+        about = {"unit": "1", "meaning": "why the simulation failed, if it did"}
+    else:
+        metric, variable = METRICS.get(name), VARIABLES.get(name.rpartition(".")[2])
+        thing = metric or variable
+        assert thing is not None
+        about = {"unit": thing.unit, "meaning": thing.meaning}
+    return pa.field(name, kind, metadata=about)

@@ -1,0 +1,112 @@
+"""A whole study in one call.
+
+table = study("wrist", {"friction": "0.05:0.3:10", "loops": [1, 2, 3]})
+table.sort_by("backlash_width").slice(0, 5).to_pandas()
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pyarrow as pa
+
+from cc_mujoco.whatif.designs import Given
+from cc_mujoco.whatif.plan import Plan, make_plan
+from cc_mujoco.whatif.run import Progress, run_here, run_on_cluster
+from cc_mujoco.whatif.store import Store
+
+
+def study(
+    scene: str,
+    vary: Mapping[str, Given] | None = None,
+    designs: str | Path | Sequence[Mapping[str, object]] | None = None,
+    *,
+    sampling: str = "grid",
+    samples: int | None = None,
+    trajectory: str | None = None,
+    task: str | None = None,
+    controller: str = "pi",
+    duration: float = 10.0,
+    seed: int = 0,
+    timestep: float | None = None,
+    metrics: Sequence[str] = (),
+    threads: int = 0,
+    scheduler: str | None = None,
+    out: str | Path | None = None,
+    progress: Progress = lambda done: None,
+) -> pa.Table:
+    """Simulate many designs of a scene's transmission and measure each.
+
+    Args:
+        scene: `wrist` or `ankle`.
+        vary: range or values of each variable, see `VARIABLES`: `"low:high:count"`,
+            `"low:high:count:log"`, `"1,2,3"`, a number or a sequence of values.
+        designs: instead of `vary`, the designs themselves, or a CSV or TOML file.
+        sampling: `grid`, every combination; or `lhs`, a Latin hypercube.
+        samples: designs of the Latin hypercube.
+        trajectory: how the wearer moves, a name or the path of a CSV file; that of the
+            scene by default, as is the task.
+        task: what the wearer should feel.
+        controller: what drives the motor.
+        duration: of the episode of each design [s].
+        seed: of everything random, sampling included.
+        timestep: of the physics, a divisor of 1 ms [s]; that of the scene by default.
+        metrics: names of `METRICS`; all of them by default.
+        threads: that simulate; 0 means one per processor.
+        scheduler: address of a Dask scheduler whose workers simulate instead.
+        out: folder that keeps what is finished, and the table; a study that was
+            interrupted there goes on. Without one nothing is written.
+        progress: called with the number of designs done.
+
+    Returns:
+        A row per design: its number, its variables, its metrics (null where there is
+        no such number) and `failed`, the reason where the simulation failed.
+
+    Raises:
+        CableError: something about the study is impossible; raised before it runs.
+    """
+    plan = make_plan(
+        scene,
+        vary,
+        designs,
+        sampling=sampling,
+        samples=samples,
+        trajectory=trajectory,
+        task=task,
+        controller=controller,
+        duration=duration,
+        seed=seed,
+        timestep=timestep,
+        metrics=metrics,
+    )
+    folder = None if out is None else Path(out)
+    return carry_out(plan, folder, threads, scheduler, progress)
+
+
+def carry_out(
+    plan: Plan,
+    folder: Path | None = None,
+    threads: int = 0,
+    scheduler: str | None = None,
+    progress: Progress = lambda done: None,
+) -> pa.Table:
+    """Run what a plan still lacks and return its table; see `study`."""
+    store = Store(plan, folder)
+    missing = store.missing()
+    before = len(plan.designs) - sum(len(plan.batches[n]) for n in missing)
+
+    def told(done: float) -> None:
+        progress(before + done)
+
+    told(0.0)
+    if scheduler is None:
+        batches = run_here(plan, missing, threads, told)
+    else:
+        batches = run_on_cluster(plan, missing, scheduler, told)
+    # Closed at once if it is interrupted here, so that what is under way ends too.
+    with contextlib.closing(batches):
+        for number, results in batches if missing else ():
+            store.keep(number, results)
+    return store.table()

@@ -1,0 +1,104 @@
+"""What every design is put through, and the cue cards of a run: tests and their parts.
+
+A trial is the episode that a study asks for and, where a metric needs them, two tests
+that say more of the hardware alone:
+
+- `backdrive`: the wearer moves along the same trajectory and the motor gives no torque;
+- `backlash`: the joint is held, and the motor's torque swings slowly to and fro, as in
+  Experiment 1 of the thesis;
+- `bandwidth`: the joint is held, and the desired torque is a chirp.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.human import Task, Trajectory
+from cc_mujoco.human.motion import Motion, progress
+
+Array = NDArray[np.float64]
+Real = TypeVar("Real", float, Array)
+
+CONTROL_PERIOD = 1e-3
+"""Time between two calls of the controller [s]."""
+
+SWINGS, SWING_TIME = 2, 2.0
+"""Of the backlash test: number and length [s]; what counts is from the last trough but
+one to the last. They go as far as the scene's own motor would if nothing rubbed."""
+
+CHIRP_TIME = 6.0
+CHIRP_LOW, CHIRP_HIGH = 0.5, 60.0
+CHIRP_SHARE = 0.2
+"""Duration [s], range [Hz] and amplitude of the chirp that the bandwidth is measured
+with, as a part of the largest torque of the scene's own motor at the joint."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How each design of a study is tried."""
+
+    scene: str
+    trajectory: str | Trajectory
+    """Name, or what a CSV file holds."""
+    task: str
+    controller: str
+    duration: float
+    """Length of the episode [s]."""
+    seed: int
+    timestep: float
+    """Of the physics [s]."""
+    metrics: tuple[str, ...]
+    """Names of `METRICS`."""
+
+    @property
+    def frame_skip(self) -> int:
+        """Physics steps between two calls of the controller."""
+        return round(CONTROL_PERIOD / self.timestep)
+
+
+@dataclass(frozen=True)
+class Hold(Trajectory):
+    """No motion: the joint stays at angle 0. Phase: fraction of the episode."""
+
+    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
+        still = np.zeros_like(time)
+        return Motion(time, still, still, still, progress(time, duration))
+
+
+@dataclass(frozen=True)
+class Swing(Task):
+    """A desired torque that swings as a sine, `SWINGS` times."""
+
+    amplitude: float
+    """Signed [Nm]."""
+    bias: float
+    """Constant part [Nm]; a cable that only pulls needs one."""
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Desired torque [Nm]; see `Task.torque`."""
+        wave = self.bias + self.amplitude * np.sin(2.0 * math.pi * SWINGS * phase)
+        torque: Real = 0.0 * angle + wave
+        return torque
+
+
+@dataclass(frozen=True)
+class Chirp(Task):
+    """A desired torque whose frequency grows exponentially with the phase."""
+
+    amplitude: float
+    """Signed [Nm]."""
+    bias: float
+    """Constant part [Nm]; a cable that only pulls needs one."""
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Desired torque [Nm]; see `Task.torque`."""
+        octaves = math.log(CHIRP_HIGH / CHIRP_LOW)
+        cycles = CHIRP_LOW * CHIRP_TIME * np.expm1(octaves * phase) / octaves
+        wave = self.bias + self.amplitude * np.sin(2.0 * math.pi * cycles)
+        torque: Real = 0.0 * angle + wave
+        return torque

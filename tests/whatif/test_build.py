@@ -1,0 +1,140 @@
+"""Designs become models: what changes, what stays, what is impossible."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from cc_mujoco import engine
+from cc_mujoco.errors import CableError
+from cc_mujoco.whatif.build import Builder
+
+SCENES = ("wrist", "ankle")
+
+
+@pytest.fixture(scope="module", params=SCENES)
+def builder(request: pytest.FixtureRequest) -> Builder:
+    return Builder(str(request.param))
+
+
+def test_a_bare_model_moves_as_the_whole_one_bit_for_bit(builder: Builder) -> None:
+    design = builder.check(
+        {"friction": 0.12, "joint_radius": 0.09, "motor_torque": 2.0}
+    )
+    rng = np.random.default_rng(0)
+    speed = 0.5 * rng.standard_normal(builder.model(design).nv)
+    states = []
+    for whole in (False, True):
+        model = builder.model(design, whole)
+        data = mujoco.MjData(model)
+        data.qvel[:] = speed
+        for step in range(400):
+            data.ctrl[model.actuator("motor").id] = 2.0 * np.sin(step / 40.0)
+            mujoco.mj_step(model, data)
+        states.append(np.concatenate([data.qpos, data.qvel, data.plugin_state]))
+    assert np.array_equal(states[0], states[1])
+
+
+def test_a_design_says_what_the_cable_is(builder: Builder) -> None:
+    design = {"friction": 0.3, "static_friction": 0.0, "loops": 2, "segments": 7}
+    for cable in engine.from_mjcf(builder.model(builder.check(design))).values():
+        assert (cable.friction, cable.segments) == (0.3, 7)
+        assert cable.wrap == pytest.approx(4.0 * math.pi)
+    nominal = next(iter(builder.cables.values()))
+    longer = builder.cables_of({"length": 2.0 * nominal.length})
+    assert all(c.wrap == pytest.approx(nominal.wrap) for c in longer.values())
+    assert all(c.length == pytest.approx(2.0 * nominal.length) for c in longer.values())
+    bent = builder.cables_of({"wrap": 3.0})
+    assert all(c.wrap == pytest.approx(3.0) for c in bent.values())
+    assert all(c.length == pytest.approx(nominal.length) for c in bent.values())
+    thick = builder.cables_of({"diameter": 2.0 * builder.scene.diameter})
+    stiffness = nominal.axial_stiffness
+    assert all(
+        c.axial_stiffness == pytest.approx(4 * stiffness) for c in thick.values()
+    )
+    strength = builder.strength({"diameter": 2.0 * builder.scene.diameter})
+    assert all(
+        s == pytest.approx(4 * builder.scene.strength) for s in strength.values()
+    )
+
+
+def test_pulleys_and_lever_set_the_ratio(builder: Builder) -> None:
+    setup = builder.scene.cls.SETUP
+    design = {"motor_radius": 0.03, "joint_radius": 0.09}
+    model = builder.model(design)
+    data = mujoco.MjData(model)
+    data.qvel[int(model.joint(setup.joint).dofadr[0])] = 1.0
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    for near, far in _ends(model):
+        arm = data.actuator_velocity[far]
+        assert abs(arm) == pytest.approx(0.09, rel=1e-3)
+        assert abs(model.actuator_gear[near, 0]) == 0.03
+
+
+def test_one_cable_may_differ_from_the_other() -> None:
+    builder = Builder("wrist")
+    cables = builder.cables_of({"friction": 0.2, "extensor.friction": 0.4})
+    assert cables["flexor"].friction == 0.2
+    assert cables["extensor"].friction == 0.4
+    model = builder.model({"flexor.motor_radius": 0.03})
+    assert np.sort(np.abs(model.actuator_gear[2:, 0])).tolist() == [
+        0.02,
+        0.03,
+        0.104,
+        0.104,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("design", "wrong"),
+    [
+        ({"friction": 0.7}, "static_friction"),
+        ({"loops": 1, "bend_radius": 0.2}, "set the same thing"),
+        ({"flexor.loops": 1, "wrap": 2}, "set the same thing"),
+        ({"conduit": "2"}, "length:radius"),
+        ({"route": "nowhere"}, "must be a tendon"),
+        ({"segments": 1000}, "time step"),
+        ({"rotor_inertia": 1e-9, "motor_radius": 0.2}, "time step"),
+    ],
+)
+def test_impossible_designs_say_why(design: dict[str, object], wrong: str) -> None:
+    with pytest.raises(CableError, match=wrong):
+        Builder("wrist").check(design)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_stable_step_is_that_of_the_model(scene: str) -> None:
+    builder = Builder(scene)
+    design = {"segments": 31, "joint_radius": 0.15, "rotor_inertia": 1e-4}
+    model = builder.model(design)
+    data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    moment = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(
+        moment,
+        data.actuator_moment,
+        data.moment_rownnz,
+        data.moment_rowadr,
+        data.moment_colind,
+    )
+    stiffness = np.zeros(model.nv)
+    for cable, ends in zip(engine.from_mjcf(model).values(), _ends(model), strict=True):
+        for end in ends:
+            last = 2 * cable.segments * cable.axial_stiffness / cable.length
+            stiffness += last * moment[end] ** 2
+    held = stiffness > 0.0
+    limit = np.min(2.0 / np.sqrt(stiffness[held] / model.dof_M0[held]))
+    assert builder.stable_step(design) == pytest.approx(float(limit), rel=1e-9)
+
+
+def _ends(model: mujoco.MjModel) -> list[tuple[int, int]]:
+    found = []
+    for index in range(model.nplugin):
+        near, far = np.flatnonzero(model.actuator_plugin == index)
+        out = model.actuator_outadr
+        found.append((int(out[near]), int(out[far])))
+    return found

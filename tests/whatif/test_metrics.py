@@ -1,0 +1,110 @@
+"""Metrics against signals whose numbers are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from cc_mujoco.whatif.metrics import bandwidth, measure_backlash, measure_episode
+from cc_mujoco.whatif.trial import CHIRP_HIGH, CHIRP_TIME, SWING_TIME, SWINGS, Chirp
+
+Array = NDArray[np.float64]
+DT = 1e-3
+
+
+@dataclass
+class Log:
+    """Columns made up for a test."""
+
+    columns: Mapping[str, Array]
+    cables: tuple[str, ...] = ()
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        return {"ratio": 0.5}
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+
+def _chirp(bias: float = 0.0) -> Array:
+    phase = np.arange(0.0, CHIRP_TIME + DT / 2, DT) / CHIRP_TIME
+    return np.asarray(Chirp(1.0, bias).torque(0.0 * phase, 0.0 * phase, phase))
+
+
+@pytest.mark.parametrize("corner", [5.0, 15.0, 30.0])
+def test_bandwidth_of_a_first_order_lag_is_its_corner(corner: float) -> None:
+    share = 1.0 - math.exp(-2.0 * math.pi * corner * DT)
+    desired = _chirp(bias=1.25)
+    response = lfilter([share], [1.0, share - 1.0], desired)
+    # The lag has lost some already at the lowest band, which is the reference.
+    assert bandwidth(desired, response, DT) == pytest.approx(corner, rel=0.15)
+    assert bandwidth(desired, 0.1 * response, DT) == pytest.approx(corner, rel=0.15)
+
+
+def test_bandwidth_ends_at_the_chirp_and_begins_at_nothing() -> None:
+    desired = _chirp()
+    assert bandwidth(desired, desired, DT) == CHIRP_HIGH
+    assert bandwidth(desired, 0.01 * desired, DT) == 0.0
+    assert bandwidth(desired, 0.0 * desired, DT) == 0.0
+
+
+@pytest.mark.parametrize("bias", [0.0, 3.0])
+def test_backlash_is_the_play_of_a_gear(bias: float) -> None:
+    width, stiffness = 0.02, 50.0
+    phase = np.arange(0.0, SWINGS * SWING_TIME + DT / 2, DT) / (SWINGS * SWING_TIME)
+    twist = 0.1 * np.sin(2.0 * math.pi * SWINGS * phase)
+    # Play: the output follows the input when it is half the width away from it.
+    output, found = 0.0, np.empty_like(twist)
+    for i, angle in enumerate(twist):
+        output = min(max(output, angle - width / 2), angle + width / 2)
+        found[i] = output
+    torque = stiffness * found + bias
+    log = Log(
+        {
+            "time_s": phase,
+            "motor_angle_rad": 2.0 * twist,
+            "joint_angle_rad": 0.0 * twist,
+            "joint_torque_nm": torque,
+            "desired_torque_nm": stiffness * twist,
+        }
+    )
+    assert measure_backlash(log)["backlash_width"] == pytest.approx(width, rel=0.01)
+    stuck = Log({**log.columns, "joint_torque_nm": 1e-3 * torque})
+    assert math.isnan(measure_backlash(stuck)["backlash_width"])
+
+
+def test_numbers_of_an_episode() -> None:
+    time = np.arange(0.0, 1.0 + DT / 2, DT)
+    tension = np.where(time < 0.25, 0.0, 10.0 + 5.0 * time)
+    log = Log(
+        {
+            "time_s": time,
+            "motor_torque_nm": -2.0 * np.ones_like(time),
+            "motor_velocity_rad_s": -3.0 * time,
+            "joint_torque_nm": np.ones_like(time),
+            "joint_velocity_rad_s": np.zeros_like(time),
+            "desired_torque_nm": np.zeros_like(time),
+            "dissipated_a_j": 6.0 * time,
+            "tension_a_proximal_n": 2.0 * tension,
+            "tension_a_distal_n": tension,
+            "tension_a_nodes_n": np.stack([2.0 * tension, tension], axis=-1),
+        },
+        ("a",),
+    )
+    found = measure_episode(log, {"a": 100.0})
+    assert found["efficiency"] == 0.0
+    assert found["tracking_error"] == pytest.approx(1.0)
+    assert found["peak_motor_torque"] == 2.0
+    assert found["peak_motor_power"] == pytest.approx(6.0)
+    assert found["slack_margin"] == 0.0
+    assert found["slack_share"] == pytest.approx(0.25, abs=2e-3)
+    assert found["peak_tension"] == pytest.approx(30.0)
+    assert found["strength_used"] == pytest.approx(0.3)

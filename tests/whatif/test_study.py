@@ -1,0 +1,237 @@
+"""Studies: the same table however they are run, interrupted or shown."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from cc_mujoco.control import Controller, Drive
+from cc_mujoco.control.controllers import CONTROLLERS
+from cc_mujoco.errors import CableError
+from cc_mujoco.whatif import METRICS, VARIABLES, carry_out, make_plan, study
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.evaluate import evaluate
+from cc_mujoco.whatif.laws import Laws
+from cc_mujoco.whatif.metrics import measure_episode
+from cc_mujoco.whatif.show import show
+
+EPISODE = tuple(name for name, metric in METRICS.items() if metric.test == "episode")
+VARY = {
+    "friction": "0.05:0.2:3",
+    "motor_radius": [0.02, 0.03],
+    "motor_torque": "0.05,1",
+}
+SHORT: dict[str, Any] = {"duration": 0.3, "metrics": EPISODE, "trajectory": "sine"}
+
+
+def test_a_row_is_the_recording_of_its_design_bit_for_bit(tmp_path: Path) -> None:
+    table = study("wrist", VARY, out=tmp_path, **SHORT)
+    strength = Builder("wrist").strength({})
+    for row in (0, 5, 11):
+        log, model = show(tmp_path, row)
+        found = measure_episode(log, strength)
+        for name in EPISODE:
+            value = table[name][row].as_py()
+            assert found[name] == value or (math.isnan(found[name]) and value is None)
+        assert log.metadata["variables"]["friction"] == table["friction"][row].as_py()
+        assert abs(model.actuator("flexor_proximal").gear[0]) == pytest.approx(
+            table["motor_radius"][row].as_py()
+        )
+        assert "flexor_route" in log.metadata["model_xml"]
+
+
+def test_an_ankle_is_shown_as_it_was_measured(tmp_path: Path) -> None:
+    vary = {"joint_radius": [0.1, 0.13], "rotor_inertia": [0.005, 0.008]}
+    table = study("ankle", vary, out=tmp_path, duration=0.3, metrics=EPISODE)
+    log, _ = show(tmp_path, 3)
+    found = measure_episode(log, Builder("ankle").strength({}))
+    assert found["tracking_error"] == table["tracking_error"][3].as_py()
+
+
+def test_the_table_is_the_same_on_any_number_of_threads() -> None:
+    vary = {"friction": "0.05:0.2:3", "segments": [5, 20], "loops": [1, 2]}
+    tables = [study("wrist", vary, threads=n, **SHORT) for n in (1, 2, 3)]
+    assert len(tables[0]) == 12
+    assert tables[1].equals(tables[0], check_metadata=True)
+    assert tables[2].equals(tables[0])
+
+
+def test_a_design_is_the_same_in_any_company() -> None:
+    plan = make_plan("wrist", VARY, **SHORT)
+    together = evaluate(plan.trial, plan.designs)
+    for index in (0, 7):
+        alone = evaluate(plan.trial, [plan.designs[index]])
+        assert np.array_equal(
+            list(alone[0].metrics.values()),
+            list(together[index].metrics.values()),
+            equal_nan=True,
+        )
+
+
+class _StopError(Exception):
+    pass
+
+
+def test_an_interrupted_study_goes_on_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = make_plan("wrist", VARY, **SHORT)
+    expected = carry_out(plan)
+    reached: list[float] = []
+
+    def stop(done: float) -> None:
+        reached.append(done)
+        if done >= 5.0:
+            raise _StopError
+
+    with pytest.raises(_StopError):
+        carry_out(plan, tmp_path, threads=1, progress=stop)
+    parts = list((tmp_path / "parts").iterdir())
+    assert 0 < len(parts) < len(plan.batches)
+    assert not (tmp_path / "table.parquet").exists()
+    with pytest.raises(CableError, match="not finished"):
+        show(tmp_path, 0)
+
+    calls = []
+    real = evaluate
+    monkeypatch.setattr(
+        "cc_mujoco.whatif.run.evaluate",
+        lambda *arguments: calls.append(1) or real(*arguments),
+    )
+    resumed: list[float] = []
+    table = carry_out(plan, tmp_path, progress=resumed.append)
+    assert len(calls) == len(plan.batches) - len(parts)
+    assert resumed[0] == sum(len(b) for b in plan.batches[: len(parts)])
+    assert table.equals(expected)
+    assert not (tmp_path / "parts").exists()
+    calls.clear()
+    assert carry_out(plan, tmp_path).equals(expected)
+    assert not calls
+
+
+def test_a_folder_keeps_one_study(tmp_path: Path) -> None:
+    study("wrist", {"friction": [0.1]}, out=tmp_path, **SHORT)
+    with pytest.raises(CableError, match="differs in its digest"):
+        study("wrist", {"friction": [0.2]}, out=tmp_path, **SHORT)
+    with pytest.raises(CableError, match="differs in its seed"):
+        study("wrist", {"friction": [0.1]}, out=tmp_path, seed=1, **SHORT)
+
+
+def test_a_design_that_fails_is_a_row_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Mad(Controller):
+        """Gives no number where the motor is strong."""
+
+        def reset(self, where: Any = None) -> None:
+            """Nothing to forget."""
+
+        def torque(self, observation: Any) -> Any:
+            """Zero, or not a number."""
+            mad = np.asarray(self.drive.high) > 0.5
+            return np.where(mad, np.nan, 0.0 * observation["joint_angle_rad"])
+
+    monkeypatch.setitem(CONTROLLERS, "mad", Mad)
+    metrics = ("slack_margin", "reflected_torque")
+    vary = {"motor_torque": [0.1, 1.0, 0.2]}
+    table = study("wrist", vary, controller="mad", duration=0.2, metrics=metrics)
+    failed = table["failed"].to_pylist()
+    assert failed[0] is failed[2] is None
+    assert re.fullmatch(
+        r"the simulation diverged at 0.001 s \(mjWARN_BADCTRL\)", failed[1]
+    )
+    assert table["reflected_torque"][1].as_py() is None
+    alone = study("wrist", {"motor_torque": [0.1]}, controller="mad", duration=0.2,
+                  metrics=metrics)  # fmt: skip
+    assert table.slice(0, 1).drop_columns("design").equals(alone.drop_columns("design"))
+
+
+def test_controllers_that_need_a_drive_each_get_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Scalar(Controller):
+        """Works with the numbers of one device only."""
+
+        def __init__(self, drive: Drive) -> None:
+            super().__init__(drive)
+            self.gain = math.sqrt(drive.high)
+
+        def reset(self, where: Any = None) -> None:
+            """Nothing to forget."""
+
+        def torque(self, observation: Any) -> Any:
+            """Proportional to the angle."""
+            return self.gain * observation["joint_angle_rad"]
+
+    monkeypatch.setitem(CONTROLLERS, "scalar", Scalar)
+    drives = [Drive(5.0, -high, high, 1e-3) for high in (1.0, 4.0, 9.0)]
+    laws = Laws("scalar", drives)
+    seen = {
+        name: np.ones(3)
+        for name in (
+            "motor_angle_rad",
+            "motor_velocity_rad_s",
+            "joint_angle_rad",
+            "joint_torque_nm",
+            "desired_torque_nm",
+        )
+    }
+    assert laws.torque(seen).tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+def test_every_controller_drives_different_designs_as_each_alone(name: str) -> None:
+    vary = {"motor_radius": [0.02, 0.03], "motor_torque": [0.05, 1.0]}
+    try:
+        plan = make_plan("wrist", vary, controller=name, **SHORT)
+    except CableError as error:
+        pytest.skip(f"not in this scene: {error}")
+    together = evaluate(plan.trial, plan.designs)
+    for design, result in zip(plan.designs, together, strict=True):
+        (alone,) = evaluate(plan.trial, [design])
+        assert np.array_equal(
+            list(alone.metrics.values()), list(result.metrics.values()), equal_nan=True
+        )
+
+
+@pytest.mark.parametrize(
+    ("changes", "wrong"),
+    [
+        ({"trajectory": "swep"}, "did you mean 'sweep'"),
+        ({"task": "tunel"}, "did you mean 'tunnel'"),
+        ({"controller": "pid"}, "did you mean 'pi'"),
+        ({"metrics": ["efficency"]}, "did you mean 'efficiency'"),
+        ({"timestep": 0.0003}, "must divide the 1 ms"),
+        ({"duration": 0.0}, "duration"),
+        ({"seed": -1}, "seed"),
+        ({"sampling": "random"}, "sampling"),
+        ({"sampling": "lhs"}, "number of samples"),
+        ({"designs": [{"friction": 0.1}]}, "not both"),
+        ({"scheduler": "nowhere"}, "no Dask scheduler|needs Dask"),
+        ({"vary": {"friction": "0.6:0.8:3"}}, r"design 1 .*\(2 of 3 are impossible\)"),
+    ],
+)
+def test_an_impossible_study_is_one_sentence(
+    changes: dict[str, Any], wrong: str
+) -> None:
+    arguments: dict[str, Any] = {"vary": {"friction": [0.1]}, **SHORT, **changes}
+    with pytest.raises(CableError, match=wrong) as error:
+        study("wrist", **arguments)
+    assert "\n" not in str(error.value)
+
+
+def test_the_table_says_what_its_columns_are() -> None:
+    table = study("wrist", designs=[{"friction": 0.1}], duration=0.1, timestep=1e-3)
+    assert table.column_names == ["design", "friction", *METRICS, "failed"]
+    for field in table.schema:
+        assert field.metadata[b"meaning"]
+    unit = table.schema.field("peak_motor_power").metadata[b"unit"]
+    assert unit == METRICS["peak_motor_power"].unit.encode()
+    assert table.schema.field("reflected_torque").type == pa.float64()
+    assert not set(METRICS) & set(VARIABLES)

@@ -2,6 +2,7 @@
 
     cc-mujoco play wrist --trajectory sine --seed 1
     cc-mujoco reproduce pretension loops
+    cc-mujoco benchmark --scene wrist --controllers pi stiction
     cc-mujoco list
 
 Exit codes: 0 done, 2 input that cannot be used (one sentence on standard error),
@@ -22,6 +23,7 @@ from typing import Annotated
 
 import tyro
 
+from cc_mujoco.commands.benchmark import Benchmark
 from cc_mujoco.commands.listing import Listing
 from cc_mujoco.commands.play import Play
 from cc_mujoco.commands.reproduce import Reproduce
@@ -29,11 +31,17 @@ from cc_mujoco.errors import CableError, look_up
 
 PROGRAM = "cc-mujoco"
 
-COMMANDS = {"play": Play, "reproduce": Reproduce, "list": Listing}
+COMMANDS = {
+    "play": Play,
+    "reproduce": Reproduce,
+    "benchmark": Benchmark,
+    "list": Listing,
+}
 
 Command = (
     Annotated[Play, tyro.conf.subcommand("play")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+    | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
     | Annotated[Listing, tyro.conf.subcommand("list")]
 )
 
@@ -62,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parse(arguments: Sequence[str]) -> Play | Reproduce | Listing:
+def _parse(arguments: Sequence[str]) -> Play | Reproduce | Benchmark | Listing:
     """Parse; what cannot be parsed is a `CableError` of one sentence."""
     if arguments and not arguments[0].startswith("-"):
         look_up("command", arguments[0], COMMANDS)

@@ -3,6 +3,7 @@
     cc-mujoco play wrist --trajectory sine --seed 1
     cc-mujoco reproduce pretension loops
     cc-mujoco whatif --scene wrist --vary friction=0.05:0.3:10 --vary loops=1,2,3
+    cc-mujoco benchmark --scene wrist --controllers pi stiction
     cc-mujoco list
 
 Exit codes: 0 done, 2 input that cannot be used (one sentence on standard error),
@@ -23,6 +24,7 @@ from typing import Annotated
 
 import tyro
 
+from cc_mujoco.commands.benchmark import Benchmark
 from cc_mujoco.commands.diagnose import Diagnose
 from cc_mujoco.commands.listing import Listing
 from cc_mujoco.commands.play import Play
@@ -39,6 +41,7 @@ COMMANDS = {
     "diagnose": Diagnose,
     "whatif": WhatIf,
     "whatif-show": WhatIfShow,
+    "benchmark": Benchmark,
     "list": Listing,
 }
 
@@ -48,6 +51,7 @@ Command = (
     | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]
     | Annotated[WhatIf, tyro.conf.subcommand("whatif")]
     | Annotated[WhatIfShow, tyro.conf.subcommand("whatif-show")]
+    | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
     | Annotated[Listing, tyro.conf.subcommand("list")]
 )
 

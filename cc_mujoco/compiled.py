@@ -2,7 +2,7 @@
 
 Numba keeps compiled code beside the source and drops it when that file changes, but
 not when a function that it calls, in another file, does. So compiled code older than
-any source of the package's compiled parts is removed at import.
+any source of its part, or of the parts that it calls, is removed at import.
 """
 
 from __future__ import annotations
@@ -20,16 +20,21 @@ FloatArray = NDArray[np.float64]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_PARTS = ("transmission", "engine")
+_CALLS = {
+    "transmission": ("transmission", "engine"),
+    "engine": ("transmission", "engine"),
+    "control": ("transmission", "engine", "control"),
+}
+"""Parts of the package that are compiled, and those whose code is in theirs."""
 
 
 def _drop_stale_code() -> None:
     root = Path(__file__).parent
-    sources = [root / "compiled.py"]
-    for part in _PARTS:
-        sources += (root / part).glob("*.py")
-    newest = max(source.stat().st_mtime for source in sources)
-    for part in _PARTS:
+    for part, called in _CALLS.items():
+        sources = [root / "compiled.py"]
+        for other in called:
+            sources += (root / other).glob("*.py")
+        newest = max(source.stat().st_mtime for source in sources)
         for index in (root / part / "__pycache__").glob("*.nbi"):
             try:
                 if index.stat().st_mtime < newest:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
-from cc_mujoco.control import Drive
+from cc_mujoco.control import Drive, Strand
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.human import Wearer
 
@@ -119,8 +119,15 @@ class Device:
     def drive(self, period: float) -> Drive:
         """What a controller called once a period [s] knows of the device."""
         limit = self.torque_limit
-        pulls = [self.model.actuator_gear[near, 0] < 0.0 for near, _ in self._ends]
-        return Drive(self.ratio, -limit, limit, period, one_way=all(pulls))
+        near = [float(self.model.actuator_gear[end, 0]) for end, _ in self._ends]
+        strands = tuple(
+            Strand(cable, arm, far)
+            for cable, arm, far in zip(
+                engine.from_mjcf(self.model).values(), near, self._arms(), strict=True
+            )
+        )
+        pulls = all(arm < 0.0 for arm in near)
+        return Drive(self.ratio, -limit, limit, period, pulls, (strands,))
 
     def start(self, data: mujoco.MjData, angles: Array, commands: Array) -> None:
         """Bring a simulation to the start of an episode: at rest, cables at pretension.
@@ -188,13 +195,15 @@ class Device:
         }
 
     def _ratio(self) -> float:
+        return self._arms()[0] / float(self.model.actuator_gear[self._ends[0][0], 0])
+
+    def _arms(self) -> list[float]:
+        """Displacement of every distal end per joint angle, neutral pose [m/rad]."""
         data = mujoco.MjData(self.model)
         data.qvel[self._joint_v] = 1.0
         mujoco.mj_fwdPosition(self.model, data)
         mujoco.mj_fwdVelocity(self.model, data)
-        near, far = self._ends[0]
-        arm = data.actuator_velocity[far]
-        return float(arm / self.model.actuator_gear[near, 0])
+        return [float(data.actuator_velocity[far]) for _, far in self._ends]
 
 
 def physics_of(data: mujoco.MjData) -> Physics:

@@ -2,17 +2,36 @@
 
 from __future__ import annotations
 
-from cc_mujoco.control.controller import MEASURED, Controller, Drive
+from cc_mujoco.control.controller import MEASURED, TENSIONS, Controller
 from cc_mujoco.control.controllers import CONTROLLERS, controller
+from cc_mujoco.control.disturbance import DisturbanceObserver
+from cc_mujoco.control.drive import Drive, Strand
+from cc_mujoco.control.external import External, Policy, features
 from cc_mujoco.control.feed_forward import FeedForward
-from cc_mujoco.control.proportional_integral import ProportionalIntegral
+from cc_mujoco.control.model import CableModel
+from cc_mujoco.control.model_based import ModelBased
+from cc_mujoco.control.proportional_integral import Feedback, ProportionalIntegral
+from cc_mujoco.control.stiction import StictionCompensation
+from cc_mujoco.control.tensions import AdaptiveModel, FusedFeedback
 
 __all__ = [
     "CONTROLLERS",
     "MEASURED",
+    "TENSIONS",
+    "AdaptiveModel",
+    "CableModel",
     "Controller",
+    "DisturbanceObserver",
     "Drive",
+    "External",
     "FeedForward",
+    "Feedback",
+    "FusedFeedback",
+    "ModelBased",
+    "Policy",
     "ProportionalIntegral",
+    "StictionCompensation",
+    "Strand",
     "controller",
+    "features",
 ]

@@ -1,4 +1,4 @@
-"""What a controller is, what it may measure, and what it knows of its device.
+"""What a controller is and what it may measure.
 
     controller = CONTROLLERS["pi"](env.unwrapped.drive)
     controller.reset()
@@ -12,21 +12,20 @@ the same bits.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.errors import CableError
+from cc_mujoco.control.drive import Drive
 
 MEASURED = (
     "motor_angle_rad",
     "motor_velocity_rad_s",
     "joint_angle_rad",
+    "joint_velocity_rad_s",
     "joint_torque_nm",
     "desired_torque_nm",
 )
@@ -36,39 +35,9 @@ The names are those of the columns of an episode log, hence keys of `info`. Cabl
 tensions, slip, slack and the wearer's intention are known to a simulation alone.
 """
 
-
-@dataclass(frozen=True)
-class Drive:
-    """What a controller knows of its device beforehand."""
-
-    ratio: float
-    """Joint torque per motor torque without friction, signed [-]."""
-    low: float
-    """Least torque of the motor [Nm]."""
-    high: float
-    """Greatest torque of the motor [Nm]."""
-    period: float
-    """Time between two calls of a controller [s]."""
-    one_way: bool = False
-    """Whether the cables only transmit positive motor torque: one cable pulls, none
-    pulls back."""
-
-    def __post_init__(self) -> None:
-        """Refuse a drive that cannot be controlled."""
-        if not (math.isfinite(self.ratio) and self.ratio != 0.0):
-            raise CableError(
-                f"Drive.ratio must be a finite number other than 0, not {self.ratio!r}."
-            )
-        if not self.low < self.high:
-            raise CableError(
-                f"Drive.low must be below Drive.high = {self.high!r} Nm, "
-                f"not {self.low!r} Nm."
-            )
-        if not (math.isfinite(self.period) and self.period > 0.0):
-            raise CableError(
-                f"Drive.period must be a positive number of seconds, "
-                f"not {self.period!r}."
-            )
+TENSIONS = "tension_sensors_n"
+"""What is measured besides where `Drive.sensors` says so: (..., cables, sensors) [N].
+"""
 
 
 class Controller(ABC):
@@ -96,8 +65,14 @@ class Controller(ABC):
 
         Args:
             observation: At least the keys `MEASURED`, each a number or an array over
-                environments; others are not read.
+                environments; others are not read, except `TENSIONS` where the drive
+                has such sensors.
 
         Returns:
             A float for numbers, an array for arrays.
         """
+
+    def limited(self, torque: Any) -> Any:
+        """A torque within the limits of the motor, a float for a number [Nm]."""
+        within = np.clip(torque, self.drive.low, self.drive.high)
+        return within if isinstance(within, np.ndarray) else float(within)

@@ -8,14 +8,26 @@
 
 from __future__ import annotations
 
-from cc_mujoco.control.controller import Controller, Drive
+from cc_mujoco.control.controller import Controller
+from cc_mujoco.control.disturbance import DisturbanceObserver
+from cc_mujoco.control.drive import Drive
+from cc_mujoco.control.external import Policy, from_callable
 from cc_mujoco.control.feed_forward import FeedForward
-from cc_mujoco.control.proportional_integral import ProportionalIntegral
+from cc_mujoco.control.model_based import ModelBased
+from cc_mujoco.control.proportional_integral import Feedback, ProportionalIntegral
+from cc_mujoco.control.stiction import StictionCompensation
+from cc_mujoco.control.tensions import AdaptiveModel, FusedFeedback
 from cc_mujoco.errors import look_up
 
 CONTROLLERS: dict[str, type[Controller]] = {
     "none": FeedForward,
+    "feedback": Feedback,
     "pi": ProportionalIntegral,
+    "fused": FusedFeedback,
+    "model": ModelBased,
+    "stiction": StictionCompensation,
+    "disturbance": DisturbanceObserver,
+    "adaptive": AdaptiveModel,
 }
 """Every controller with its default gains, to be called with a `Drive`."""
 
@@ -24,7 +36,8 @@ def controller(name: str, drive: Drive) -> Controller:
     """Make a controller.
 
     Args:
-        name: A key of `CONTROLLERS`.
+        name: A key of `CONTROLLERS`, `module:function` or a policy's file `*.zip`; see
+            `external`.
         drive: The device to be driven; environments have it as `unwrapped.drive`.
 
     Returns:
@@ -33,4 +46,8 @@ def controller(name: str, drive: Drive) -> Controller:
     Raises:
         CableError: If there is no such controller; names the nearest and all others.
     """
+    if name.endswith(".zip"):
+        return Policy(drive, name)
+    if ":" in name:
+        return from_callable(name, drive)
     return look_up("controller", name, CONTROLLERS)(drive)

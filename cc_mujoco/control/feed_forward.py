@@ -25,6 +25,4 @@ class FeedForward(Controller):
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
-        torque = observation["desired_torque_nm"] / self.drive.ratio
-        limited = np.clip(torque, self.drive.low, self.drive.high)
-        return limited if isinstance(limited, np.ndarray) else float(limited)
+        return self.limited(observation["desired_torque_nm"] / self.drive.ratio)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.control.controller import Controller, Drive
+from cc_mujoco.control.controller import Controller
+from cc_mujoco.control.drive import Drive
 from cc_mujoco.human.checks import number
 
 
@@ -24,9 +25,9 @@ class ProportionalIntegral(Controller):
     devices of this package are stable at 1 kHz, inertia and stretch included.
 
     Anti-windup by clamping: while the motor is at a limit, the integral does not move
-    further beyond; and where cables only pull, the integral never asks for less than no
-    torque. It would pay out cable for as long as friction holds back some tension, and
-    the motor would then have to catch the slack at speed.
+    further beyond; and where cables only pull, the integral never takes more than what
+    is fed forward. It would pay out cable for as long as friction holds back some
+    tension, and the motor would then have to catch the slack at speed.
     """
 
     def __init__(
@@ -61,18 +62,40 @@ class ProportionalIntegral(Controller):
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
-        drive = self.drive
         desired = observation["desired_torque_nm"]
-        error = desired - observation["joint_torque_nm"]
+        ahead = desired / self.drive.ratio if self.feed_forward else 0.0
+        return self.closed(ahead, desired - observation["joint_torque_nm"])
+
+    def closed(self, ahead: Any, error: Any) -> Any:
+        """Close the loop around a feed-forward.
+
+        Args:
+            ahead: Motor torque that is fed forward [Nm].
+            error: Desired less measured joint torque [Nm].
+
+        Returns:
+            Torque of the motor within its limits [Nm].
+        """
+        drive = self.drive
         following = self._sum + self.integral * drive.period * error / drive.ratio
         if drive.one_way:
-            following = np.maximum(following, 0.0)
-        wanted = self.proportional * error
-        if self.feed_forward:
-            wanted = wanted + desired
-        torque = wanted / drive.ratio + following
-        limited = np.clip(torque, drive.low, drive.high)
+            following = np.maximum(following, -np.maximum(ahead, 0.0))
+        torque = ahead + self.proportional * error / drive.ratio + following
+        limited = self.limited(torque)
         # Beyond a limit, and the error would push further.
         winding = (torque - limited) * (error / drive.ratio) > 0.0
         self._sum = np.where(winding, self._sum, following)
-        return limited if isinstance(limited, np.ndarray) else float(limited)
+        return limited
+
+
+class Feedback(ProportionalIntegral):
+    """Feedback alone: proportional and integral, without feed-forward.
+
+    The "model-free linear feedback controller" of the thesis, section 4.3.1.
+    """
+
+    def __init__(
+        self, drive: Drive, proportional: float = 1.0, integral: float = 2.0
+    ) -> None:
+        """Prepare for the first episode; see `ProportionalIntegral`."""
+        super().__init__(drive, proportional, integral, feed_forward=False)

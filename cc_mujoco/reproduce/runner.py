@@ -41,6 +41,8 @@ EXPERIMENTS: dict[str, str] = {
     "directions": "3.2.2: redundant tension sensors, direction of motion unknown",
     "noise": "3.2.2: noise of every sensor from data, and weights",
     "online": "3.2.3: friction, bend and stiffness estimated while running",
+    "tracking": "Simulation 1: one cable, output moving, six schemes of control",
+    "spring": "Simulation 2: two cables render a spring, with and without a model",
     "predecessors": "Chapter 1: the models that came before, and what each can show",
 }
 """Names that `reproduce` takes, in the order of the thesis, with what they are.

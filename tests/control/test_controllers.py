@@ -11,20 +11,38 @@ import pytest
 from cc_mujoco.control import (
     CONTROLLERS,
     MEASURED,
+    TENSIONS,
     Controller,
     Drive,
     ProportionalIntegral,
+    Strand,
     controller,
 )
 from cc_mujoco.errors import CableError
+from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.transmission import Cable, Section
 
-WRIST = Drive(ratio=5.2, low=-1.0, high=1.0, period=0.001)
-ANKLE = Drive(ratio=-4.8, low=-50.0, high=50.0, period=0.001, one_way=True)
+CABLE = Cable(friction=0.1, segments=8, conduit=(Section(1.0, 0.3),))
+SENSORS = Sensors((0, 4, 8), (0.2, 0.2, 0.2))
+PAIR = (Strand(CABLE, -0.02, -0.104), Strand(CABLE, 0.02, 0.104))
+WRIST = Drive(5.2, -1.0, 1.0, 0.001, strands=(PAIR,), sensors=(SENSORS, SENSORS))
+ANKLE = Drive(
+    ratio=-4.8,
+    low=-50.0,
+    high=50.0,
+    period=0.001,
+    one_way=True,
+    strands=((Strand(CABLE.replace(axial_stiffness=6e4), -0.025, 0.12),),),
+    sensors=(SENSORS,),
+)
 
 
-def reading(desired: Any, torque: Any) -> dict[str, Any]:
+def reading(desired: Any, torque: Any, drive: Drive = WRIST) -> dict[str, Any]:
     """Everything that may be measured, and nothing else."""
     everything: dict[str, Any] = dict.fromkeys(MEASURED, 0.0 * desired)
+    shape = (*np.shape(desired), len(drive.cables), 3)
+    tension = 10.0 + 0.5 * np.sin(np.asarray(desired))[..., None, None] * np.ones(shape)
+    everything |= {"motor_angle_rad": 0.05 * desired, TENSIONS: tension}
     return everything | {"desired_torque_nm": desired, "joint_torque_nm": torque}
 
 
@@ -105,9 +123,9 @@ def test_scalars_and_arrays_give_the_same_bits(name: str, drive: Drive) -> None:
             for law, ended in zip(single, where, strict=True):
                 if ended:
                     law.reset()
-        together = many.torque(reading(desired[step], torque[step]))
+        together = many.torque(reading(desired[step], torque[step], drive))
         apart = [
-            law.torque(reading(float(desired[step, i]), float(torque[step, i])))
+            law.torque(reading(float(desired[step, i]), float(torque[step, i]), drive))
             for i, law in enumerate(single)
         ]
         assert all(type(value) is float for value in apart)

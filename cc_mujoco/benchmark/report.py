@@ -1,0 +1,131 @@
+"""Tables of the benchmark: means over seeds with intervals, differences in pairs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from cc_mujoco.benchmark.cell import Cell, Played
+from cc_mujoco.benchmark.scores import SCORES
+
+BASELINE = "pi"
+"""The controller that all others are compared with, seed by seed."""
+CONFIDENCE = 0.95
+
+Results = Sequence[tuple[Cell, Played]]
+
+
+class Interval(NamedTuple):
+    """Mean and half the width of its confidence interval; NaN where there is none."""
+
+    mean: float
+    half: float
+
+    def __str__(self) -> str:
+        """Mean and half width to the digits that count."""
+        if math.isnan(self.mean):
+            return "-"
+        if math.isnan(self.half) or self.half == 0.0:
+            return f"{self.mean:.3g}"
+        digits = max(0, 1 - math.floor(math.log10(self.half)))
+        return f"{self.mean:.{digits}f} ± {self.half:.{digits}f}"
+
+
+def interval(values: NDArray[np.float64]) -> Interval:
+    """Mean over seeds with its 95 % interval (Student), without NaN."""
+    values = values[np.isfinite(values)]
+    if values.size == 0:
+        return Interval(math.nan, math.nan)
+    mean = float(np.mean(values))
+    if values.size == 1:
+        return Interval(mean, math.nan)
+    spread = float(np.std(values, ddof=1)) / math.sqrt(values.size)
+    factor = float(student.ppf(0.5 + CONFIDENCE / 2.0, values.size - 1))
+    return Interval(mean, factor * spread)
+
+
+def over_conditions(
+    results: Results, scene: str, controller: str, score: str
+) -> NDArray[np.float64]:
+    """A score of every seed, mean over trajectories and tasks that have it (seeds,)."""
+    rows = [
+        played.scores[score]
+        for cell, played in results
+        if cell.scene == scene and cell.controller == controller
+    ]
+    table = np.array(rows)
+    known = np.isfinite(table)
+    total = np.where(known, table, 0.0).sum(axis=0)
+    return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan)
+
+
+def markdown(results: Results) -> str:
+    """All tables as Markdown."""
+    parts = ["# Benchmark of torque controllers"]
+    for scene in dict.fromkeys(cell.scene for cell, _ in results):
+        parts += [
+            f"## {scene}",
+            "RMS error [Nm], mean over seeds ± half of the 95 % interval:",
+            errors_table(results, scene),
+            f"RMS error less that of `{BASELINE}` in the same seeds [Nm]:",
+            errors_table(results, scene, paired=True),
+            "All scores, mean over trajectories and tasks:",
+            scores_table(results, scene),
+        ]
+    parts.append("\n".join(f"- `{s.name}` [{s.unit}]: {s.meaning}" for s in SCORES))
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def errors_table(results: Results, scene: str, *, paired: bool = False) -> str:
+    """RMS errors, a row per controller and a column per trajectory and task."""
+    found = {
+        (cell.controller, cell.trajectory, cell.task): played.scores["rms_error"]
+        for cell, played in results
+        if cell.scene == scene
+    }
+    laws = list(dict.fromkeys(key[0] for key in found))
+    plays = list(dict.fromkeys(key[1:] for key in found))
+    if paired and BASELINE not in laws:
+        return ""
+    rows = []
+    for law in laws:
+        if paired and law == BASELINE:
+            continue
+        cells = []
+        for play in plays:
+            values = found[(law, *play)]
+            if paired:
+                values = values - found[(BASELINE, *play)]
+            cells.append(str(interval(values)))
+        rows.append([f"`{law}`", *cells])
+    return _table(["controller", *(f"{a}, {b}" for a, b in plays)], rows)
+
+
+def scores_table(results: Results, scene: str) -> str:
+    """Every score, a row per controller."""
+    laws = dict.fromkeys(cell.controller for cell, _ in results if cell.scene == scene)
+    rows = []
+    for law in laws:
+        cells = []
+        for score in SCORES:
+            values = over_conditions(results, scene, law, score.name)
+            if score.name == "failed":
+                cells.append(f"{np.mean(values):.0%}")
+            else:
+                cells.append(str(interval(values)))
+        rows.append([f"`{law}`", *cells])
+    heads = [
+        score.name.replace("_", " ") + (f" [{score.unit}]" if score.unit != "1" else "")
+        for score in SCORES
+    ]
+    return _table(["controller", *heads], rows)
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)

@@ -1,0 +1,94 @@
+"""`cc-mujoco benchmark`: controllers against each other."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from cc_mujoco.errors import CableError
+
+Names = Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME ...]")]
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Play every controller, trajectory, task and seed; write tables and figures."""
+
+    interrupted: ClassVar[str] = "cells that were finished are kept"
+
+    scene: Annotated[str, tyro.conf.arg(metavar="SCENE")] = "all"
+    """wrist, ankle or all."""
+    controllers: Names = ()
+    """Names, `module:function` or policy files; all that `list` shows unless given."""
+    trajectories: Names = ()
+    """How the wearer moves; the defaults depend on the scene."""
+    tasks: Names = ()
+    """What the wearer should feel; the defaults depend on the scene."""
+    seeds: int = 5
+    """Number of seeds: noise, errors of the models, random motions."""
+    duration: float = 6.0
+    """Length of an episode in seconds."""
+    out: Annotated[Path, tyro.conf.arg(metavar="PATH")] = Path("runs", "benchmark")
+    """Folder for the results."""
+    workers: int = 0
+    """Processes that play; one per processor unless given. They change no result."""
+    record: Names = ()
+    """Cells whose first seed is recorded too, as SCENE-CONTROLLER-TRAJECTORY-TASK."""
+    again: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Play also what an earlier run of the same code has finished."""
+
+    def run(self) -> None:
+        """Play what is not done yet; print the tables."""
+        if self.out.exists() and not self.out.is_dir():
+            raise CableError(f"--out {self.out} is a file; it must be a folder.")
+        for name, value, least in (
+            ("seeds", self.seeds, 1),
+            ("workers", self.workers, 0),
+        ):
+            if value < least:
+                raise CableError(f"--{name} must be {least} or greater, not {value}.")
+
+        from tqdm import tqdm
+
+        from cc_mujoco.benchmark import CONDITIONS, Cell, Plan, run
+        from cc_mujoco.benchmark.writing import write, write_recording
+        from cc_mujoco.control import CONTROLLERS
+        from cc_mujoco.files import require_writable
+
+        plan = Plan(
+            tuple(CONDITIONS) if self.scene == "all" else (self.scene,),
+            self.controllers or tuple(CONTROLLERS),
+            self.trajectories,
+            self.tasks,
+            self.seeds,
+            self.duration,
+        )
+        cells = {cell.name: cell for cell in plan.cells()}
+        for name in self.record:
+            if name not in cells:
+                raise CableError.unknown("cell", name, cells)
+        plan.check()
+        require_writable(self.out)
+        with tqdm(
+            total=len(cells), unit="cell", disable=not sys.stderr.isatty()
+        ) as bar:
+
+            def told(cell: Cell, fresh: bool) -> None:
+                bar.update()
+
+            results = run(
+                plan,
+                self.out,
+                workers=self.workers or os.cpu_count() or 1,
+                again=self.again,
+                finished=told,
+            )
+        print(write(self.out, results))
+        for name in self.record:
+            print(f"recorded:   {write_recording(self.out, cells[name])}")
+        print(f"see also:   {self.out}")

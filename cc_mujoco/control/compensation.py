@@ -1,0 +1,201 @@
+r"""Motor torque that puts a desired torque on the joint through friction, compiled.
+
+Which distal tensions make the desired torque? One cable leaves no choice. Of two that
+pull against each other, motor and joint can only exchange length: with the arms
+\(f_i\) at the joint, all \((s_i - s_i^0)/f_i\) are equal, where \(s_i\) is the stretch
+of cable i and \(s_i^0\) that of the pretension. While a cable slips as a whole its
+stretch is in proportion to its distal tension, so the torque follows from that one
+number, piecewise linearly: a cable that would have to push is slack instead.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.control.stepping import Counts
+from cc_mujoco.transmission import PARAMETERS, kernel
+from cc_mujoco.transmission import friction as law
+
+_SCALARS = len(PARAMETERS)
+_EA = law.INDEX["axial_stiffness"]
+_FRICTION = law.INDEX["friction"]
+_PRETENSION = law.INDEX["pretension"]
+
+
+@compiled
+def _stretches(prm: FloatArray, n: int, way: float) -> tuple[float, float]:
+    """Stretch in the pretension [m], and per distal tension while all slips [m/N].
+
+    `way` is the direction of slip, 0 for a tension that is the same all along.
+    """
+    values = prm[:_SCALARS]
+    angle = kernel.segment_angles(prm, n)
+    stiffness = kernel.node_stiffness(prm, n)
+    level, rest, unit = 1.0, 0.0, 0.0
+    for i in range(n + 1):
+        j = n - i
+        if i > 0 and way != 0.0:
+            growth = law.ratio(values[_FRICTION], angle[j])
+            level = level * growth if way < 0.0 else level / growth
+        rest += values[_PRETENSION] / stiffness[j]
+        unit += level / stiffness[j]
+    return rest, unit
+
+
+@compiled
+def _shared(
+    prm: FloatArray,
+    n: Counts,
+    far: FloatArray,
+    way: FloatArray,
+    desired: float,
+    share: FloatArray,
+) -> None:
+    """Distal tension of every cable that together make the joint torque [N].
+
+    Args:
+        prm: packed parameters (cables, numbers).
+        n: segments.
+        far: arms at the joint [m/rad].
+        way: direction in which each cable slips.
+        desired: joint torque [Nm].
+        share: out.
+    """
+    if n.size == 1:
+        share[0] = max(-desired / far[0], 0.0)
+        return
+    taut = np.ones(n.size, dtype=np.bool_)
+    for _ in range(n.size):
+        # Torque = -sum f_i (s_i0 + f_i g) / unit_i of the cables that are taut.
+        constant, slope = 0.0, 0.0
+        for k in range(n.size):
+            if taut[k]:
+                rest, unit = _stretches(prm[k], n[k], way[k])
+                constant -= far[k] * rest / unit
+                slope -= far[k] ** 2 / unit
+        if slope == 0.0:
+            break
+        angle = (desired - constant) / slope
+        again = False
+        for k in range(n.size):
+            rest, unit = _stretches(prm[k], n[k], way[k])
+            tension = (rest + far[k] * angle) / unit
+            share[k] = max(tension, 0.0) if taut[k] else 0.0
+            if taut[k] and tension < 0.0:
+                taut[k], again = False, True
+        if not again:
+            break
+
+
+@compiled
+def dynamic(
+    prm: FloatArray,
+    n: Counts,
+    near: FloatArray,
+    far: FloatArray,
+    way: FloatArray,
+    gain: FloatArray,
+    desired: FloatArray,
+) -> FloatArray:
+    """Compensation of dynamic friction (4.2): every distal tension times its gain.
+
+    Args:
+        prm: packed parameters (rows, cables, numbers).
+        n: segments of every cable.
+        near: arms at the motor [m/rad].
+        far: arms at the joint [m/rad].
+        way: direction in which every cable last slipped as a whole (rows, cables).
+        gain: proximal per distal tension at that time (rows, cables).
+        desired: joint torque (rows,) [Nm].
+
+    Returns:
+        Motor torque (rows,) [Nm].
+    """
+    share = np.empty(n.size)
+    found = np.empty(desired.size)
+    for row in range(desired.size):
+        _shared(prm[row], n, far, way[row], desired[row], share)
+        torque = 0.0
+        for k in range(n.size):
+            torque -= near[k] * gain[row, k] * share[k]
+        found[row] = torque
+    return found
+
+
+@compiled
+def whole(
+    prm: FloatArray,
+    n: Counts,
+    near: FloatArray,
+    far: FloatArray,
+    state: FloatArray,
+    way: FloatArray,
+    desired: FloatArray,
+) -> FloatArray:
+    """Torque at which the whole of every cable slips the way the motor shall turn.
+
+    Listing 4.1: where part of a cable stands still, the proximal tension is the one at
+    which (2.7) fails at every node that does, and at which the desired tension arrives.
+    Where all of it moves that way already this is the compensation of dynamic friction.
+
+    Args:
+        prm: packed parameters (rows, cables, numbers).
+        n: segments of every cable.
+        near: arms at the motor [m/rad].
+        far: arms at the joint [m/rad].
+        state: of the model (rows, cables, numbers).
+        way: sense in which the motor shall turn, 1, -1 or 0 for as it is (rows,).
+        desired: joint torque (rows,) [Nm].
+
+    Returns:
+        Motor torque (rows,) [Nm].
+    """
+    share, senses = np.empty(n.size), np.empty(n.size)
+    found = np.empty(desired.size)
+    for row in range(desired.size):
+        for k in range(n.size):
+            senses[k] = np.sign(near[k]) * way[row]
+        _shared(prm[row], n, far, senses, desired[row], share)
+        torque = 0.0
+        for k in range(n.size):
+            tension = share[k]
+            if way[row] != 0.0:
+                tension = _breakaway(
+                    prm[row, k], n[k], state[row, k], senses[k], tension
+                )
+            torque -= near[k] * tension
+        found[row] = torque
+    return found
+
+
+@compiled
+def _breakaway(
+    prm: FloatArray, n: int, state: FloatArray, sense: float, wanted: float
+) -> float:
+    """Proximal tension at which all segments slip one way, `wanted` at the end [N]."""
+    t = kernel.STATE_HEADER
+    values = prm[:_SCALARS]
+    angle = kernel.segment_angles(prm, n)
+    holding = law.holding_coefficient(values)
+    step = 1.0 / kernel.node_stiffness(prm, n)[1] if n > 1 else 0.0
+    length = step * values[_EA]
+    need = wanted
+    for i in range(n):
+        j = n - 1 - i
+        slip, speed = state[t + n + 1 + j], state[t + 2 * n + 1 + j]
+        moving = slip * sense > 0.0
+        slipped = abs(slip) if moving else 0.0
+        growth = law.ratio(law.kinetic_coefficient(values, slipped, speed), angle[j])
+        drag = law.drag(values, length, growth)
+        held = max(state[t + j + 1], 0.0)
+        hold = law.ratio(holding, angle[j])
+        if sense < 0.0:
+            need = growth * need + drag
+            if not moving:
+                need = max(need, hold * held + drag)
+        else:
+            need = max(need - drag, 0.0) / growth
+            if not moving:
+                need = min(need, max(held - drag, 0.0) / hold)
+    return need

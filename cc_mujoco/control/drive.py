@@ -1,0 +1,94 @@
+"""What a controller knows of its device beforehand: motor, ratio, cables, sensors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.transmission.parameters import Cable
+
+
+@dataclass(frozen=True)
+class Strand:
+    """One cable between the motor's pulley and the joint's, as its data sheet has it.
+
+    A cable's displacement is positive from the motor to the joint, so a cable that
+    winding the motor draws in has a negative `near`.
+    """
+
+    cable: Cable
+    near: float
+    """Displacement of the proximal end per motor angle [m/rad], signed."""
+    far: float
+    """Displacement of the distal end per joint angle [m/rad], signed."""
+
+    def __post_init__(self) -> None:
+        """Refuse an arm that transmits nothing."""
+        for name in ("near", "far"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value != 0.0):
+                raise CableError(
+                    f"Strand.{name} must be a finite length other than 0, "
+                    f"not {value!r} m."
+                )
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a controller knows of its device beforehand."""
+
+    ratio: float
+    """Joint torque per motor torque without friction, signed [-]."""
+    low: float
+    """Least torque of the motor [Nm]."""
+    high: float
+    """Greatest torque of the motor [Nm]."""
+    period: float
+    """Time between two calls of a controller [s]."""
+    one_way: bool = False
+    """Whether the cables only transmit positive motor torque: one cable pulls, none
+    pulls back."""
+    strands: tuple[tuple[Strand, ...], ...] = ()
+    """The cables, as far as they are known: once for all environments, or once for
+    each. Controllers with a model need them."""
+    sensors: tuple[Sensors, ...] = ()
+    """Tension sensors along every cable, where the device has them."""
+
+    def __post_init__(self) -> None:
+        """Refuse a drive that cannot be controlled."""
+        if not (math.isfinite(self.ratio) and self.ratio != 0.0):
+            raise CableError(
+                f"Drive.ratio must be a finite number other than 0, not {self.ratio!r}."
+            )
+        if not self.low < self.high:
+            raise CableError(
+                f"Drive.low must be below Drive.high = {self.high!r} Nm, "
+                f"not {self.low!r} Nm."
+            )
+        if not (math.isfinite(self.period) and self.period > 0.0):
+            raise CableError(
+                f"Drive.period must be a positive number of seconds, "
+                f"not {self.period!r}."
+            )
+        shapes = {
+            tuple((s.near, s.far, s.cable.segments) for s in row)
+            for row in self.strands
+        }
+        if len(shapes) > 1 or () in shapes:
+            raise CableError(
+                "Drive.strands must have the same cables in every environment, at "
+                "least one, with equal arms and segments; only their other parameters "
+                "may differ."
+            )
+        if self.sensors and len(self.sensors) != len(self.cables):
+            raise CableError(
+                f"Drive.sensors must be given for each of the {len(self.cables)} "
+                f"cables, not for {len(self.sensors)}."
+            )
+
+    @property
+    def cables(self) -> tuple[Strand, ...]:
+        """The cables of the first environment; none if they are not known."""
+        return self.strands[0] if self.strands else ()

@@ -1,0 +1,226 @@
+r"""The cables as a controller believes them: the kernel itself, run as an observer.
+
+    model = CableModel(drive)
+    model.follow(observation["motor_angle_rad"], observation["joint_torque_nm"])
+    model.tension(0), model.slip(0)          # of the first cable, proximal to distal
+
+Motor angle and joint torque are measured; they drive the model completely (position at
+one end, tension at the other, thesis Fig. 2.2), and the model gives what is not
+measured: which parts of the cables move, the tensions along them, the torque that the
+motor should need. It knows parameters, never the true state of the device. Where both
+are noisy this pair is the better one: an end of a cable is stiff, so that the last bits
+of a joint encoder would be newtons.
+
+One model holds the cables of many environments; each row is computed by itself.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.control.drive import Drive, Strand
+from cc_mujoco.control.stepping import Counts, balance, side_torque
+from cc_mujoco.errors import CableError
+from cc_mujoco.transmission import PARAMETERS, kernel
+
+_FRICTIONS = [
+    place
+    for place, parameter in enumerate(PARAMETERS)
+    if parameter.name in ("friction", "static_friction")
+]
+_MOST_FRICTION = 5.0
+
+
+class CableModel:
+    """Cables driven by motor angle and joint torque, in every environment.
+
+    Attributes:
+        packed: parameters, (rows, cables, numbers), as `kernel.pack` makes them.
+        state: (rows, cables, numbers), as the kernel has it.
+        joint: angle of the joint since the start, as the model finds it (rows,) [rad].
+        way: direction in which a cable last slipped as a whole, (rows, cables): 1
+            towards the joint, -1 towards the motor, 0 never.
+        gain: proximal per distal tension at that moment (rows, cables); 1 before.
+        factor: what the drive's friction is multiplied by, (rows, cables).
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        """Prepare; the number of environments is that of the first observation.
+
+        Args:
+            drive: The device; its `strands` must be known.
+
+        Raises:
+            CableError: If they are not.
+        """
+        if not drive.strands:
+            raise CableError(
+                "a controller with a model needs to know the cables; this Drive has "
+                "no strands."
+            )
+        self.drive = drive
+        cables = drive.cables
+        self.segments: Counts = np.array([s.cable.segments for s in cables])
+        self.near: FloatArray = np.array([s.near for s in cables])
+        self.far: FloatArray = np.array([s.far for s in cables])
+        self._sections = [
+            [np.array(s.cable.conduit, dtype=float) for s in row]
+            for row in drive.strands
+        ]
+        most = int(self.segments.max())
+        self._size = kernel.parameter_size(most), kernel.state_size(most)
+        self._work = np.empty(kernel.work_size(most))
+        self._allocate(len(drive.strands))
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Take the next observation for the start of an episode: rest, pretension.
+
+        Args:
+            where: Mask of the environments that start anew; all of them by default.
+        """
+        self._fresh |= True if where is None else where
+
+    def follow(self, motor_angle: ArrayLike, joint_torque: ArrayLike) -> None:
+        """Take what is measured at the next instant, a number or (rows,) each.
+
+        Args:
+            motor_angle: [rad], from anywhere.
+            joint_torque: of the cables on the joint [Nm].
+        """
+        angle = np.atleast_1d(np.asarray(motor_angle, dtype=float))
+        torque = np.atleast_1d(np.asarray(joint_torque, dtype=float))
+        if angle.size != self._rows:
+            self._allocate(angle.size)
+        if self._fresh.any():
+            self._begin(angle)
+        _follow(
+            self.packed,
+            self.segments,
+            self.near,
+            self.far,
+            self.state,
+            angle - self._zero,
+            torque,
+            self.joint,
+            self.way,
+            self.gain,
+            self.drive.period,
+            self._work,
+        )
+
+    def scale_friction(self, factor: ArrayLike) -> None:
+        """Believe in another friction from now on.
+
+        Args:
+            factor: Of the drive's friction coefficients, a number, (rows, 1) or
+                (rows, cables).
+        """
+        factors = np.broadcast_to(factor, (self._rows, self.segments.size))
+        for row, cable in np.argwhere(factors != self.factor).tolist():
+            self._pack(row, cable, float(factors[row, cable]))
+
+    def tension(self, cable: int) -> FloatArray:
+        """Tension of every node of a cable (rows, segments + 1) [N]."""
+        first = kernel.STATE_HEADER
+        node = self.state[:, cable, first : first + self.segments[cable] + 1]
+        tension: FloatArray = np.maximum(node, 0.0)
+        return tension
+
+    def slip(self, cable: int) -> NDArray[np.int8]:
+        """Direction of slip of every segment in the last step (rows, segments)."""
+        n = int(self.segments[cable])
+        first = kernel.STATE_HEADER + n + 1
+        slip = np.sign(self.state[:, cable, first : first + n])
+        direction: NDArray[np.int8] = slip.astype(np.int8)
+        return direction
+
+    def motor_torque(self) -> FloatArray:
+        """Torque that the motor puts into the cables, by the model (rows,) [Nm]."""
+        return _motor_torques(self.segments, self.near, self.state)
+
+    def _allocate(self, rows: int) -> None:
+        known, cables = len(self.drive.strands), self.segments.size
+        if known not in (1, rows):
+            raise CableError(
+                f"Drive.strands has cables for {known} environments; it must be 1 or "
+                f"as many as observed, {rows}."
+            )
+        self._rows = rows
+        self.packed: FloatArray = np.zeros((rows, cables, self._size[0]))
+        self.factor: FloatArray = np.ones((rows, cables))
+        self.state: FloatArray = np.zeros((rows, cables, self._size[1]))
+        self.joint: FloatArray = np.zeros(rows)
+        self._zero: FloatArray = np.zeros(rows)
+        self.way: FloatArray = np.zeros((rows, cables))
+        self.gain: FloatArray = np.ones((rows, cables))
+        self._fresh: NDArray[np.bool_] = np.ones(rows, dtype=np.bool_)
+
+    def _begin(self, angle: FloatArray) -> None:
+        for row in np.flatnonzero(self._fresh).tolist():
+            for cable, strand in enumerate(self._strands(row)):
+                n = strand.cable.segments
+                self._pack(row, cable, 1.0)
+                kernel.initialize(
+                    self.packed[row, cable], n, 0.0, 0.0, self.state[row, cable]
+                )
+        fresh = self._fresh
+        self._zero[fresh] = angle[fresh]
+        self.joint[fresh], self.way[fresh], self.gain[fresh] = 0.0, 0.0, 1.0
+        fresh[:] = False
+
+    def _strands(self, row: int) -> tuple[Strand, ...]:
+        return self.drive.strands[row % len(self.drive.strands)]
+
+    def _pack(self, row: int, cable: int, factor: float) -> None:
+        strand = self._strands(row)[cable].cable
+        values = np.array([getattr(strand, p.name) for p in PARAMETERS])
+        values[_FRICTIONS] = np.minimum(factor * values[_FRICTIONS], _MOST_FRICTION)
+        sections = self._sections[row % len(self._sections)][cable]
+        kernel.pack(values, sections, strand.segments, self.packed[row, cable])
+        self.factor[row, cable] = factor
+
+
+@compiled
+def _follow(
+    prm: FloatArray,
+    n: Counts,
+    near: FloatArray,
+    far: FloatArray,
+    state: FloatArray,
+    motor: FloatArray,
+    torque: FloatArray,
+    joint: FloatArray,
+    way: FloatArray,
+    gain: FloatArray,
+    dt: float,
+    work: FloatArray,
+) -> None:
+    """Step every environment to a motor angle and a joint torque."""
+    t = kernel.STATE_HEADER
+    new = np.zeros(state.shape[1:])
+    for row in range(motor.size):
+        joint[row] = balance(
+            prm[row], n, near, far, state[row], True, motor[row], joint[row],
+            torque[row], dt, new, work,
+        )  # fmt: skip
+        for k in range(n.size):
+            first = t + n[k] + 1
+            sign = np.sign(new[k, first])
+            for j in range(n[k]):
+                if new[k, first + j] * sign <= 0.0:
+                    sign = 0.0
+            low, high = new[k, t], new[k, t + n[k]]
+            if sign != 0.0 and min(low, high) > 0.0:
+                way[row, k] = sign
+                gain[row, k] = low / high
+        state[row] = new
+
+
+@compiled
+def _motor_torques(n: Counts, near: FloatArray, state: FloatArray) -> FloatArray:
+    found = np.empty(state.shape[0])
+    for row in range(found.size):
+        found[row] = side_torque(n, near, state[row], False)[0]
+    return found

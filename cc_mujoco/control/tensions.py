@@ -1,0 +1,203 @@
+"""Controllers that use tension sensors along the cables (thesis Fig. 4.1, 3.2)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.control.controller import TENSIONS
+from cc_mujoco.control.drive import Drive
+from cc_mujoco.control.model import CableModel
+from cc_mujoco.control.proportional_integral import ProportionalIntegral
+from cc_mujoco.control.stiction import StictionCompensation
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation.friction import FrictionEstimator
+from cc_mujoco.estimation.fusion import fuse, gains
+from cc_mujoco.human.checks import number
+from cc_mujoco.transmission.literal import Mesh
+
+SENSED_EVERY = 5
+"""Steps between two readings that the friction estimators take."""
+
+
+def _readings(observation: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Tensions (rows, cables, sensors) [N]."""
+    if TENSIONS not in observation:
+        raise CableError(
+            f"this controller needs tension sensors; the observation has no {TENSIONS}."
+        )
+    told = np.asarray(observation[TENSIONS], dtype=float)
+    return told[None] if told.ndim == 2 else told
+
+
+def _require_sensors(drive: Drive, least: int) -> None:
+    if not drive.sensors or min(len(s.nodes) for s in drive.sensors) < least:
+        raise CableError(
+            f"this controller needs at least {least} tension sensors along every "
+            "cable; Drive.sensors has fewer."
+        )
+
+
+class FusedFeedback(ProportionalIntegral):
+    """Feedback of fused tension sensors: no joint torque sensor is used.
+
+    Noisy tension sensors along the cables are fused into the tensions at the joint
+    (`estimation.fusion`); the model, driven by the motor's angle and the fused
+    tensions, says which parts slip. Feed-forward and PI as in `pi` act on the torque
+    that follows (thesis Fig. 4.1). Where slip ties no sensor to the joint, the last
+    estimate stays.
+    """
+
+    def __init__(
+        self, drive: Drive, proportional: float = 1.0, integral: float = 2.0
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device, with cables and at least one sensor along each.
+            proportional: Kp [-].
+            integral: Ki [1/s].
+
+        Raises:
+            CableError: If cables or sensors are not known, or a gain is negative.
+        """
+        super().__init__(drive, proportional, integral)
+        _require_sensors(drive, 1)
+        self.model = CableModel(drive)
+        self._cables = [_Fused(drive, k) for k in range(len(drive.cables))]
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Start at rest in the pretension; see `Controller.reset`."""
+        super().reset(where)
+        self.model.reset(where)
+        for cable in self._cables:
+            cable.reset(where)
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Torque of the motor [Nm]; see `Controller.torque`."""
+        desired = observation["desired_torque_nm"]
+        told = _readings(observation)
+        torque = np.zeros(told.shape[0])
+        for cable in self._cables:
+            torque = torque - cable.far * cable.tension
+        self.model.follow(observation["motor_angle_rad"], torque)
+        torque = np.zeros(told.shape[0])
+        for k, cable in enumerate(self._cables):
+            torque = torque - cable.far * cable.fuse(told[:, k], self.model.slip(k))
+        measured = float(torque[0]) if np.ndim(desired) == 0 else torque
+        return self.closed(desired / self.drive.ratio, desired - measured)
+
+
+class _Fused:
+    """Distal tension of one cable in every environment."""
+
+    def __init__(self, drive: Drive, cable: int) -> None:
+        strands = [row[cable] for row in drive.strands]
+        self.far = strands[0].far
+        meshes = [Mesh.of(strand.cable) for strand in strands]
+        self._mesh = dataclasses.replace(
+            meshes[0], angle=np.stack([mesh.angle for mesh in meshes])
+        )
+        self._sensors = drive.sensors[cable]
+        self._nodes = self._sensors.on(strands[0].cable)
+        self._rest = np.array([strand.cable.pretension for strand in strands])
+        self.reset(None)
+
+    def reset(self, where: NDArray[np.bool_] | None) -> None:
+        self.tension: NDArray[np.float64] = (
+            self._rest if where is None else np.where(where, self._rest, self.tension)
+        )
+
+    def fuse(
+        self, told: NDArray[np.float64], slip: NDArray[np.int8]
+    ) -> NDArray[np.float64]:
+        gain = gains(self._mesh, slip, self._nodes)[..., -1:]
+        found = fuse(told, gain, self._sensors.deviation).tension[..., 0]
+        self.tension = np.where(
+            np.isfinite(found), np.maximum(found, 0.0), self.tension
+        )
+        return self.tension
+
+
+class AdaptiveModel(StictionCompensation):
+    """Stiction compensation with a model whose friction is estimated as it runs.
+
+    A `FrictionEstimator` per cable learns from tension sensors along it and from the
+    model's directions of slip; the model takes the estimate over (thesis 3.2.3).
+    """
+
+    def __init__(
+        self,
+        drive: Drive,
+        proportional: float = 1.0,
+        integral: float = 2.0,
+        settling: float = 0.03,
+        memory: float = 200.0,
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device, with cables and at least two sensors along each.
+            proportional: Kp [-].
+            integral: Ki [1/s].
+            settling: See `ModelBased`.
+            memory: Readings after which one has faded to 1/e; one in `SENSED_EVERY`
+                steps is read.
+
+        Raises:
+            CableError: If cables or sensors are not known, or a gain is negative.
+        """
+        super().__init__(drive, proportional, integral, settling=settling)
+        _require_sensors(drive, 2)
+        number("memory", memory, 1.0, 1e9, "readings")
+        self._memory = memory
+        self._estimators: list[list[FrictionEstimator]] = []
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Return to the drive's friction; see `Controller.reset`."""
+        super().reset(where)
+        if where is None:
+            self._estimators = []
+        for row, estimators in enumerate(self._estimators):
+            if where is not None and where[row]:
+                for estimator in estimators:
+                    estimator.reset()
+
+    def friction(self) -> NDArray[np.float64]:
+        """Estimates of the friction coefficient (rows, cables); empty at the start."""
+        return np.array([[e.friction for e in row] for row in self._estimators])
+
+    def follow(self, observation: Mapping[str, Any], joint_torque: Any) -> None:
+        """Have the model follow the device and learn its friction."""
+        told = _readings(observation)
+        if not self._estimators:
+            self._estimators = [self._row(row) for row in range(told.shape[0])]
+        self.model.follow(observation["motor_angle_rad"], joint_torque)
+        due = np.broadcast_to(self._calls % SENSED_EVERY == 0, told.shape[0])
+        for k in range(told.shape[1]) if due.any() else ():
+            slip = self.model.slip(k)
+            for row in np.flatnonzero(due & slip.any(axis=1)):
+                self._estimators[row][k].update(told[row, k], slip[row])
+        believed = [
+            [strand.cable.friction for strand in self._strands(row)]
+            for row in range(told.shape[0])
+        ]
+        factor = np.maximum(self.friction(), 1e-3) / np.array(believed)
+        # Not for every last bit: packing a cable takes longer than stepping it.
+        changed = np.abs(factor / self.model.factor - 1.0) > 0.002
+        self.model.scale_friction(np.where(changed, factor, self.model.factor))
+
+    def _row(self, row: int) -> list[FrictionEstimator]:
+        return [
+            FrictionEstimator(strand.cable, sensors, memory=self._memory)
+            for strand, sensors in zip(
+                self._strands(row), self.drive.sensors, strict=True
+            )
+        ]
+
+    def _strands(self, row: int) -> Any:
+        return self.drive.strands[row % len(self.drive.strands)]

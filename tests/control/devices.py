@@ -1,0 +1,47 @@
+"""Devices without inertia for the tests of controllers with a model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.control import Drive, Strand
+from cc_mujoco.transmission import Cable, Section
+
+WRAP = 3.0
+
+
+def cable(friction: float = 0.1, segments: int = 10) -> Cable:
+    """A cable of 2 m and three radians."""
+    return Cable(
+        friction=friction,
+        segments=segments,
+        pretension=12.0,
+        conduit=(Section(2.0, 2.0 / WRAP),),
+    )
+
+
+def pull_pull(friction: float = 0.1) -> Drive:
+    """Two cables on equal pulleys of 10 cm."""
+    own = cable(friction)
+    pair = (Strand(own, -0.1, -0.1), Strand(own, 0.1, 0.1))
+    return Drive(1.0, -20.0, 20.0, 0.001, strands=(pair,))
+
+
+def single(friction: float = 0.1) -> Drive:
+    """One cable whose torques are tensions and whose angles are displacements."""
+    row = (Strand(cable(friction), -1.0, -1.0),)
+    return Drive(1.0, 0.0, 500.0, 0.001, one_way=True, strands=(row,))
+
+
+def there_and_back(duration: float = 4.0, reach: float = 0.4) -> FloatArray:
+    """Joint angle that goes out and comes back at constant speed [rad], 1 kHz."""
+    time = np.arange(0.0, duration, 0.001)
+    return reach * (1.0 - np.abs(2.0 * time / duration - 1.0))
+
+
+def growth(friction: Any) -> Any:
+    """Tension ratio of the whole cable."""
+    return np.exp(friction * WRAP)

@@ -1,0 +1,89 @@
+"""The model in a controller follows a device that it cannot see into."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cc_mujoco.control import CableModel, Drive, Strand
+from cc_mujoco.errors import CableError
+from cc_mujoco.transmission import Transmission
+from control.devices import cable, pull_pull, single, there_and_back
+
+PERIOD = 0.001
+
+
+def test_motor_angle_and_joint_torque_tell_everything_of_a_pull_pull_pair() -> None:
+    angle = there_and_back()
+    torque = 1.2 * np.sin(np.arange(angle.size) / 700.0)
+    plant = Transmission.pull_pull(cable(), 0.1, 0.1)
+    truth = plant.replay(PERIOD, motor_torque=torque, joint_angle=angle)
+    model = CableModel(pull_pull())
+    worst = np.zeros(2)
+    for i in range(angle.size):
+        model.follow(truth.motor_angle[i], truth.joint_torque[i])
+        found = np.array([model.joint[0], model.motor_torque()[0]])
+        known = [truth.joint_angle[i], truth.motor_torque[i]]
+        worst = np.maximum(worst, np.abs(found - known))
+    assert worst[0] < 1e-6
+    assert worst[1] < 1e-4
+    for k in range(2):
+        assert model.tension(k)[0, 0] == pytest.approx(
+            truth.tension_proximal[k, -1], rel=1e-4
+        )
+
+
+def test_gain_is_that_of_the_capstan_and_stays_during_partial_motion() -> None:
+    plant = Transmission.single(cable(), 1.0, 1.0)
+    time = np.arange(0.0, 1.2, PERIOD)
+    pulled = np.where(time < 1.0, 0.02 * time, 0.04 - 0.02 * time)
+    drawn = plant.replay(
+        PERIOD, motor_angle=pulled, joint_torque=np.full(time.size, 15.0)
+    )
+    model = CableModel(single())
+    for i in range(time.size):
+        model.follow(pulled[i], drawn.joint_torque[i])
+        if i == 999:
+            assert model.way[0, 0] == -1.0
+            assert model.gain[0, 0] == pytest.approx(np.exp(0.3), rel=1e-9)
+        if i == 1002:  # turned back: part of the cable has not noticed
+            assert np.any(model.slip(0) == 0)
+            assert model.way[0, 0] == -1.0
+    assert model.way[0, 0] == 1.0
+    assert model.gain[0, 0] == pytest.approx(np.exp(-0.3), rel=1e-9)
+
+
+def test_every_environment_may_have_a_cable_of_its_own() -> None:
+    rows = tuple((Strand(cable(mu), -1.0, -1.0),) for mu in (0.05, 0.1, 0.2))
+    drive = dataclasses.replace(single(), strands=rows)
+    model = CableModel(drive)
+    for pulled in np.linspace(0.0, 0.05, 200):
+        model.follow(np.full(3, pulled), np.full(3, 12.0))
+    assert model.gain[:, 0] == pytest.approx(np.exp([0.15, 0.3, 0.6]))
+    model.scale_friction(2.0)
+    for pulled in np.linspace(0.05, 0.1, 200):
+        model.follow(np.full(3, pulled), np.full(3, 12.0))
+    assert model.gain[:, 0] == pytest.approx(np.exp([0.3, 0.6, 1.2]))
+
+
+def test_only_the_environments_that_start_anew_forget() -> None:
+    model = CableModel(single())
+    for pulled in np.linspace(0.0, 0.05, 200):
+        model.follow(np.full(2, pulled), np.full(2, 12.0))
+    model.reset(np.array([True, False]))
+    model.follow(np.full(2, 0.05), np.full(2, 12.0))
+    assert model.tension(0)[0] == pytest.approx(12.0)
+    assert model.tension(0)[1, 0] == pytest.approx(12.0 * np.exp(0.3))
+
+
+def test_a_drive_without_cables_or_with_cables_for_others_is_refused() -> None:
+    with pytest.raises(CableError, match="needs to know the cables"):
+        CableModel(Drive(1.0, -1.0, 1.0, 0.001))
+    rows = dataclasses.replace(single(), strands=single().strands * 2)
+    with pytest.raises(CableError, match="2 environments"):
+        CableModel(rows).follow(np.zeros(3), np.zeros(3))
+    mixed = (single().strands[0], pull_pull().strands[0])
+    with pytest.raises(CableError, match="same cables"):
+        dataclasses.replace(single(), strands=mixed)

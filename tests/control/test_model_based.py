@@ -1,0 +1,165 @@
+"""Controllers with a model: friction taken over, stiction crossed, errors corrected."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cc_mujoco.control import (
+    TENSIONS,
+    AdaptiveModel,
+    Controller,
+    DisturbanceObserver,
+    Drive,
+    FusedFeedback,
+    ModelBased,
+    ProportionalIntegral,
+    StictionCompensation,
+)
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.reproduce.inertia_free import InertiaFree
+from control.devices import growth, pull_pull, single, there_and_back
+
+
+def errors(drive: Drive, law: Controller, angle: Any, desired: Any) -> Any:
+    """Error of the joint torque in every sample [Nm]."""
+    log = InertiaFree(drive).run(law, angle, desired)
+    return log["joint_torque_nm"] - desired
+
+
+@given(friction=st.floats(0.02, 0.4), level=st.floats(15.0, 60.0))
+@settings(max_examples=6)
+def test_feed_forward_alone_is_right_once_the_cable_moves(
+    friction: float, level: float
+) -> None:
+    drive = single(friction)
+    law = ModelBased(drive, proportional=0.0, integral=0.0, settling=0.0)
+    device, desired = InertiaFree(drive), np.full(1500, level)
+    log = device.run(law, 0.1 * np.arange(1500) / 1000.0, desired)
+    assert law.model.way[0, 0] == -1.0
+    assert log["joint_torque_nm"][-1] == pytest.approx(level, rel=1e-6)
+    assert log["motor_torque_nm"][-1] == pytest.approx(
+        level * growth(friction), rel=1e-6
+    )
+
+
+def test_wrong_friction_leaves_the_error_that_the_capstan_law_says() -> None:
+    drive, desired = single(0.2), np.full(2000, 30.0)
+    angle = 0.2 * np.arange(2000) / 1000.0
+    for mismatch in (-0.3, 0.1):
+        law = ModelBased(drive, 0.0, 0.0, mismatch=mismatch, settling=0.0)
+        error = errors(drive, law, angle, desired)[-1]
+        assert error == pytest.approx(30.0 * (growth(0.2 * mismatch) - 1.0), rel=1e-6)
+
+
+def test_mismatch_may_vary_with_time() -> None:
+    drive, desired = single(0.2), np.full(3000, 30.0)
+    angle = 0.2 * np.arange(3000) / 1000.0
+    law = ModelBased(
+        drive, 0.0, 0.0, mismatch=lambda time: 0.1 * np.cos(time), settling=0.0
+    )
+    error = errors(drive, law, angle, desired)[2000:]
+    expected = 30.0 * (growth(0.2 * 0.1 * np.cos(np.arange(2000, 3000) / 1000.0)) - 1)
+    assert error == pytest.approx(expected, abs=0.01)
+
+
+def test_moving_joint_is_tracked_far_better_than_without_a_model() -> None:
+    drive, angle = pull_pull(), there_and_back()
+    moving = (np.arange(angle.size) % 2000) > 1000
+    plain = errors(drive, ProportionalIntegral(drive), angle, -angle)[moving]
+    model = errors(drive, ModelBased(drive, settling=0.0), angle, -angle)[moving]
+    assert np.std(model) < 0.2 * np.std(plain)
+    assert np.max(np.abs(model)) < 0.2 * np.max(np.abs(plain))
+
+
+def test_stiction_compensation_crosses_a_reversal_at_once() -> None:
+    drive, angle = pull_pull(), there_and_back()
+    after = slice(2000, 2400)
+    lasting = []
+    for kind in (ModelBased, StictionCompensation):
+        law = kind(drive, settling=0.0)
+        error = np.abs(errors(drive, law, angle, -angle)[after])
+        lasting.append(int(np.flatnonzero(error > 0.02)[-1]) + 1)
+    assert lasting[1] <= 20
+    assert lasting[0] > 2 * lasting[1]
+
+
+def test_disturbance_observer_takes_back_friction_that_the_model_lacks() -> None:
+    drive, believed = single(0.2), single(0.14)
+    angle, desired = 0.2 * np.arange(3000) / 1000.0, np.full(3000, 30.0)
+    without = ModelBased(believed, 0.0, 0.0, settling=0.0)
+    law = DisturbanceObserver(believed, 0.0, 0.0, settling=0.0)
+    assert abs(errors(drive, without, angle, desired)[-1]) > 4.0
+    assert abs(errors(drive, law, angle, desired)[-1]) < 0.01
+
+
+class Sensed(Controller):
+    """A controller of a device whose tension sensors are added to what is measured."""
+
+    def __init__(self, law: Controller, device: InertiaFree, noise: float) -> None:
+        super().__init__(law.drive)
+        self.law, self.device, self.noise = law, device, noise
+        self.random = np.random.default_rng(0)
+
+    def reset(self, where: Any = None) -> None:
+        self.law.reset(where)
+
+    def torque(self, observation: Any) -> Any:
+        nodes = list(self.law.drive.sensors[0].nodes)
+        told = [
+            self.device.tension(k)[nodes] for k in range(len(self.law.drive.cables))
+        ]
+        noisy = np.array(told) + self.noise * self.random.normal(size=(len(told), 3))
+        return self.law.torque({**observation, TENSIONS: noisy})
+
+
+def sensed(drive: Drive, deviation: float) -> Drive:
+    sensors = Sensors((0, 5, 10), (deviation,) * 3)
+    return dataclasses.replace(drive, sensors=(sensors,) * len(drive.cables))
+
+
+def test_adaptive_controller_finds_the_friction_of_the_device() -> None:
+    believed = sensed(pull_pull(0.06), 0.1)
+    device, angle = InertiaFree(pull_pull(0.1)), there_and_back()
+    law = AdaptiveModel(believed, settling=0.0)
+    device.run(Sensed(law, device, 0.1), angle, -angle)
+    assert law.friction()[0] == pytest.approx(0.1, rel=0.03)
+    assert law.model.factor[0] == pytest.approx(0.1 / 0.06, rel=0.03)
+
+
+def test_fused_feedback_needs_no_joint_torque_sensor() -> None:
+    drive = sensed(pull_pull(), 0.3)
+    device, angle = InertiaFree(drive), there_and_back()
+    log = device.run(Sensed(FusedFeedback(drive), device, 0.3), angle, -angle)
+    usual = InertiaFree(drive).run(ProportionalIntegral(drive), angle, -angle)
+    late = slice(1000, None)
+    found, known = log["joint_torque_nm"][late], usual["joint_torque_nm"][late]
+    # A single sensor on each of two pulleys of 0.1 m has an error of 0.042 Nm.
+    assert np.sqrt(np.mean((found - known) ** 2)) < 0.035
+    broken = Sensed(FusedFeedback(drive), device, 0.3).law
+    with pytest.raises(CableError, match="tension sensors"):
+        device.run(broken, angle, -angle)
+
+
+@pytest.mark.parametrize("kind", [AdaptiveModel, FusedFeedback])
+def test_sensors_that_are_not_there_are_asked_for(kind: Any) -> None:
+    with pytest.raises(CableError, match="tension sensors along every cable"):
+        kind(pull_pull())
+
+
+def test_bad_parameters_are_refused() -> None:
+    drive = pull_pull()
+    with pytest.raises(CableError, match="mismatch"):
+        ModelBased(drive, mismatch=-1.5)
+    with pytest.raises(CableError, match="settling"):
+        ModelBased(drive, settling=-1.0)
+    with pytest.raises(CableError, match="tolerance"):
+        StictionCompensation(drive, tolerance=-1.0)
+    with pytest.raises(CableError, match="cutoff"):
+        DisturbanceObserver(drive, cutoff=0.0)

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import mujoco
 
-from cc_mujoco.diagnosis import mechanics, sensing
+from cc_mujoco.diagnosis import mechanical, sensing
 from cc_mujoco.diagnosis.bench import Bench
-from cc_mujoco.diagnosis.mechanics import Values
+from cc_mujoco.diagnosis.mechanical import Values
 
 
 @dataclass(frozen=True)
@@ -46,33 +46,33 @@ REALISATIONS: dict[str, Realisation] = {
         "the cables' pulley turns on a hinge of its own and takes the joint along "
         "through a fixed tendon with two limits; the pulley has the least inertia that "
         "the time step allows",
-        mechanics.backlash,
+        mechanical.backlash,
     ),
     "motor_cogging": Realisation(
         ("cogging_cosine", "cogging_sine", "cogging_order"),
         "the cogging torque of MuJoCo's DC motor, as an actuator without input",
-        mechanics.cogging,
+        mechanical.cogging,
     ),
     "joint_gravity": Realisation(
         ("gravity_sine", "gravity_cosine"),
         "the same with one period per turn: independent of the joint's axis in space "
         "and of the mass of the scene",
-        mechanics.gravity,
+        mechanical.gravity,
     ),
     "joint_stiffness": Realisation(
         ("joint_stiffness",),
         "stiffness of the joint, about 0",
-        mechanics.stiffness,
+        mechanical.stiffness,
     ),
     "joint_inertia": Realisation(
         ("joint_inertia",),
         "armature of the joint; a weightless body that rides along shows it",
-        mechanics.joint_inertia,
+        mechanical.joint_inertia,
     ),
     "motor_inertia": Realisation(
         ("motor_inertia",),
         "armature of the motor; a weightless body that rides along shows it",
-        mechanics.motor_inertia,
+        mechanical.motor_inertia,
     ),
     "torque_sensor_gain": Realisation(
         ("motor_torque_gain", "joint_torque_gain"),

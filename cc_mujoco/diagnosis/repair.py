@@ -20,7 +20,7 @@ import mujoco
 
 from cc_mujoco.diagnosis.bench import Bench
 from cc_mujoco.diagnosis.instruments import instrument
-from cc_mujoco.diagnosis.mechanics import Values, rim_stiffness
+from cc_mujoco.diagnosis.mechanical import Values, rim_stiffness
 from cc_mujoco.diagnosis.realisation import REALISATIONS
 from cc_mujoco.engine import to_mjcf
 from cc_mujoco.errors import CableError

@@ -16,7 +16,8 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, Knob
-from cc_mujoco.diagnosis.fitting import THREADS, Masks, Problem
+from cc_mujoco.diagnosis import fitting
+from cc_mujoco.diagnosis.fitting import Masks, Problem
 from cc_mujoco.errors import CableError
 
 _NEAR = 1e-3
@@ -80,7 +81,7 @@ def screen(
         ]
         return max(found, key=lambda s: s.explained, default=None)
 
-    with ThreadPoolExecutor(THREADS) as pool:
+    with ThreadPoolExecutor(fitting.THREADS) as pool:
         every = list(pool.map(best, ids))
     return sorted(
         (signature for signature in every if signature is not None),

@@ -1,0 +1,236 @@
+"""How often `cc-mujoco diagnose` is right, on rigs in which an effect is hidden.
+
+    python scripts/diagnose_benchmark.py --study final --seeds 2 --out runs/benchmark
+
+Rigs, motions and sensors come from `hidden_rig`, which shares no code with the package.
+Every case is generated, written to files, read back, diagnosed, and only then compared
+with its label. Studies draw from disjoint seeds: `development` and `calibration` were
+used to set thresholds, `final` only to measure. Cases that are done are kept; the table
+is written anew after each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+SCRIPTS = Path(__file__).resolve().parent
+sys.path.insert(0, str(SCRIPTS))
+
+STUDIES = {"development": 1000, "calibration": 2000, "final": 3000}
+"""First seed of every study."""
+PAIRS = (
+    ("viscous_friction", "backlash"),
+    ("viscous_friction", "joint_gravity"),
+    ("load_independent_friction", "motor_inertia"),
+    ("stribeck_friction", "viscous_friction"),
+    ("asymmetric_friction", "joint_stiffness"),
+    ("pulley_eccentricity", "viscous_friction"),
+)
+
+
+def cases(
+    study: str, seeds: int, strength: float, kinds: list[str]
+) -> Iterator[dict[str, Any]]:
+    """Cases of a study: what is hidden, how strongly, and the seed of rig and motion."""
+    from hidden_rig.effects import NAMED, UNKNOWN
+
+    first = STUDIES[study]
+    hidden: list[tuple[str, tuple[str, ...]]] = []
+    if "named" in kinds:
+        hidden += [("named", (name,)) for name in NAMED]
+    if "unknown" in kinds:
+        hidden += [("unknown", (name,)) for name in UNKNOWN]
+    if "none" in kinds:
+        hidden += [("none", ())] * 10
+    if "pair" in kinds:
+        hidden += [("pair", pair) for pair in PAIRS]
+    for turn in range(seeds):
+        for place, (kind, names) in enumerate(hidden):
+            seed = first + 100 * turn + place
+            yield {"kind": kind, "hidden": names, "seed": seed, "strength": strength}
+
+
+def run(case: dict[str, Any]) -> dict[str, Any]:
+    """Generate, diagnose and record one case."""
+    from hidden_rig.dataset import make_dataset
+    from hidden_rig.generate import facts_of, write_data
+    from hidden_rig.nominal import make_rig
+    from hidden_rig.strength import calibrate, measure
+
+    from assets import SCENES
+    from cc_mujoco.diagnosis import fitting
+    from cc_mujoco.diagnosis.bench import Bench
+    from cc_mujoco.diagnosis.diagnose import reason
+    from cc_mujoco.diagnosis.findings import to_fix
+    from cc_mujoco.diagnosis.intake import load
+
+    fitting.THREADS = 1
+    seed = case["seed"]
+    rig = make_rig(seed)
+    amounts = {
+        name: calibrate(rig, name, case["strength"], "rich", seed)
+        for name in case["hidden"]
+    }
+    reached = measure(rig, amounts, "rich", seed).refit if amounts else 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        data = Path(folder) / "data"
+        write_data(
+            data, make_dataset(rig, amounts, "rich", seed), facts_of("rich", seed)
+        )
+        begin = time.perf_counter()
+        dataset, findings = load([data])
+        wrong = to_fix(findings)
+        record = {**case, "amounts": amounts, "reached": reached}
+        if wrong:
+            return {
+                **record,
+                "verdict": "fix-data",
+                "named": [],
+                "said": wrong[0].statement,
+            }
+        found = reason(dataset, Bench.of(SCENES["bench"])).diagnosis
+    stiffness = found.baseline.parameters.get("axial_stiffness")
+    return {
+        **record,
+        "verdict": found.verdict,
+        "named": [effect.id for effect in found.effects],
+        "ties": [list(tie) for tie in found.ties],
+        "said": found.statement,
+        "gap": {
+            name: [g.rmse_before, g.rmse_after, g.noise_floor, g.gap_closed]
+            for name, g in found.gap.items()
+        },
+        "stiffness": None
+        if stiffness is None
+        else [stiffness.value, *stiffness.ci95, rig.axial_stiffness],
+        "candidates": [
+            [[c.id, c.reduction, c.reason] for c in step] for step in found.runner_ups
+        ],
+        "seconds": time.perf_counter() - begin,
+    }
+
+
+def judged(record: dict[str, Any]) -> str:
+    """One word for how a case went."""
+    hidden, named = list(record["hidden"]), record["named"]
+    tied = [set(tie) for tie in record.get("ties", [])]
+    if record["kind"] == "none":
+        return (
+            "right"
+            if record["verdict"] in ("none", "unknown") and not named
+            else "wrong"
+        )
+    if record["kind"] == "unknown":
+        return {"unknown": "right", "none": "silent"}.get(record["verdict"], "wrong")
+    if record["kind"] == "pair":
+        return (
+            "right"
+            if set(hidden) <= set(named)
+            else ("half" if set(hidden) & set(named) else "wrong")
+        )
+    if named and named[0] == hidden[0]:
+        return "right"
+    if any(hidden[0] in tie and len(tie) == 2 for tie in tied):
+        return "tie"
+    return "silent" if not named else "wrong"
+
+
+def summary(records: list[dict[str, Any]]) -> str:
+    """Markdown: rates by kind, then a line for each effect."""
+    lines = [
+        "| hidden | cases | right | in a tie of two | silent | wrong |",
+        "|---|---|---|---|---|---|",
+    ]
+    for kind in ("named", "none", "unknown", "pair"):
+        of = [r for r in records if r["kind"] == kind]
+        if of:
+            words = [judged(r) for r in of]
+            share = [
+                f"{words.count(w) / len(of):.0%}"
+                for w in ("right", "tie", "silent", "wrong")
+            ]
+            lines.append(f"| {kind} | {len(of)} | {' | '.join(share)} |")
+    closed = [
+        1.0
+        - (sum(g[1] ** 2 - g[2] ** 2 for g in r["gap"].values()))
+        / max(sum(g[0] ** 2 - g[2] ** 2 for g in r["gap"].values()), 1e-12)
+        for r in records
+        if r["kind"] == "named" and judged(r) == "right"
+    ]
+    shares = [
+        1.0
+        - sum(g[1] ** 2 for g in r["gap"].values())
+        / sum(g[0] ** 2 for g in r["gap"].values())
+        for r in records
+        if r["kind"] == "named" and judged(r) == "right"
+    ]
+    cover = [s[1] <= s[3] <= s[2] for r in records if (s := r.get("stiffness"))]
+    if closed:
+        lines += [
+            "",
+            f"Median gap closed {np.median(closed):.2f}, of the squared error {np.median(shares):.0%}.",
+        ]
+    if cover:
+        lines.append(f"Intervals of the stiffness cover {np.mean(cover):.0%}.")
+    lines += ["", "| hidden | R | verdict | named | ties |", "|---|---|---|---|---|"]
+    for r in records:
+        hidden = ", ".join(r["hidden"]) or "none"
+        ties = "; ".join(", ".join(tie) for tie in r.get("ties", []))
+        lines.append(
+            f"| {hidden} | {r['reached']:.1f} | {r['verdict']} | {', '.join(r['named'])} | {ties} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Run what is missing and write the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--study", choices=STUDIES, default="final")
+    parser.add_argument(
+        "--seeds", type=int, default=1, help="rounds over all that can be hidden"
+    )
+    parser.add_argument("--strength", type=float, default=2.0, help="R of every effect")
+    parser.add_argument(
+        "--kinds", nargs="+", default=["named", "none", "unknown", "pair"]
+    )
+    parser.add_argument("--only", nargs="+", default=[], help="ids")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("runs", "diagnose_benchmark"))
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    kept = options.out / f"{options.study}.jsonl"
+    records = (
+        [json.loads(line) for line in kept.read_text().splitlines()]
+        if kept.exists()
+        else []
+    )
+    done = {(r["seed"], r["strength"]) for r in records}
+    wanted = [
+        case
+        for case in cases(options.study, options.seeds, options.strength, options.kinds)
+        if (case["seed"], case["strength"]) not in done
+        and (not options.only or set(case["hidden"]) & set(options.only))
+    ]
+    with ProcessPoolExecutor(options.jobs) as pool:
+        waiting = [pool.submit(run, case) for case in wanted]
+        for future in tqdm(as_completed(waiting), total=len(waiting), unit="case"):
+            records.append(future.result())
+            with kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(records[-1]) + "\n")
+            (options.out / f"{options.study}.md").write_text(summary(records))
+    print(summary(records))
+
+
+if __name__ == "__main__":
+    main()

@@ -183,6 +183,26 @@ PARAMETERS = (
         0.0,
         "d: friction times 1 + d t, t the time since the start",
     ),
+    Parameter(
+        "stiffening",
+        "1/N",
+        0.0,
+        1.0,
+        0.0,
+        "s: axial stiffness times 1 + s T, to 100-fold; 0 is off",
+    ),
+    Parameter(
+        "creep",
+        "1",
+        0.0,
+        1.0,
+        0.0,
+        "share of the pretension that the rest pose loses in the end, as the cable "
+        "grows longer; 0 is off",
+    ),
+    Parameter(
+        "creep_time", "s", 0.0, 1e9, 60.0, "time scale of that loss", low_open=True
+    ),
 )
 """Scalar parameters; their order is that of the packed vector of the kernel."""
 
@@ -234,6 +254,9 @@ class Cable:
     ageing_time: float = PARAMETERS[15].default
     wrap_growth: float = PARAMETERS[16].default
     friction_drift: float = PARAMETERS[17].default
+    stiffening: float = PARAMETERS[18].default
+    creep: float = PARAMETERS[19].default
+    creep_time: float = PARAMETERS[20].default
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""

@@ -203,6 +203,18 @@ PARAMETERS = (
     Parameter(
         "creep_time", "s", 0.0, 1e9, 60.0, "time scale of that loss", low_open=True
     ),
+    Parameter(
+        "eccentricity",
+        "m",
+        0.0,
+        0.1,
+        0.0,
+        "e: radius of the proximal pulley plus e cos(q - phase) at its angle q; "
+        "0 is off",
+    ),
+    Parameter(
+        "eccentricity_phase", "rad", -10.0, 10.0, 0.0, "angle of its largest radius"
+    ),
 )
 """Scalar parameters; their order is that of the packed vector of the kernel."""
 
@@ -257,6 +269,8 @@ class Cable:
     stiffening: float = PARAMETERS[18].default
     creep: float = PARAMETERS[19].default
     creep_time: float = PARAMETERS[20].default
+    eccentricity: float = PARAMETERS[21].default
+    eccentricity_phase: float = PARAMETERS[22].default
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""

@@ -20,6 +20,7 @@ __all__ = ["SCENES", "scene_path"]
 SCENES: dict[str, str] = {
     "wrist": "wrist_handle.xml",
     "ankle": "ankle_exo.xml",
+    "bench": "bench.xml",
     "finger": "tendon_finger.xml",
 }
 """File of each scene, by the name that `scene_path` and the command line take."""

@@ -63,17 +63,16 @@ def cases(
 
 def run(case: dict[str, Any]) -> dict[str, Any]:
     """Generate, diagnose and record one case."""
-    from hidden_rig.dataset import make_dataset
-    from hidden_rig.generate import facts_of, write_data
-    from hidden_rig.nominal import make_rig
-    from hidden_rig.strength import calibrate, measure
-
     from assets import SCENES
     from cc_mujoco.diagnosis import fitting
     from cc_mujoco.diagnosis.bench import Bench
     from cc_mujoco.diagnosis.diagnose import reason
     from cc_mujoco.diagnosis.findings import to_fix
     from cc_mujoco.diagnosis.intake import load
+    from hidden_rig.dataset import make_dataset
+    from hidden_rig.generate import facts_of, write_data
+    from hidden_rig.nominal import make_rig
+    from hidden_rig.strength import calibrate, measure
 
     fitting.THREADS = 1
     seed = case["seed"]

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import EFFECTS, Knob
 from cc_mujoco.diagnosis import fitting
+from cc_mujoco.diagnosis.effects import EFFECTS, Knob
 from cc_mujoco.diagnosis.fitting import Masks, Problem
 from cc_mujoco.errors import CableError
 

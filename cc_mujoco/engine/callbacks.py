@@ -47,7 +47,7 @@ from cc_mujoco.engine.memory import (
     types,
     warn,
 )
-from cc_mujoco.transmission import kernel
+from cc_mujoco.transmission import eccentric, kernel
 from cc_mujoco.transmission.parameters import MAX_SECTIONS
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
@@ -217,6 +217,24 @@ def _length(data: int, block: int, end: int) -> float:
 
 
 @internal
+def _proximal(model: int, block: int, length: float) -> tuple[float, float]:
+    """Displacement of the proximal end [m] and the lever of its tension.
+
+    `length` is that of its actuator. The parameters must be up to date.
+    """
+    prm = _parameters(block)
+    gear = ends.gear(model, load_word(block + _PROXIMAL))
+    e, phase = (
+        load_real(prm + 8 * config.ECCENTRICITY),
+        load_real(prm + 8 * config.PHASE),
+    )
+    return (
+        eccentric.wound(length, gear, e, phase),
+        eccentric.lever(length, gear, e, phase),
+    )
+
+
+@internal
 def _committed_time(state: int, n: int) -> int:
     """Address of the time of the committed configuration."""
     return state + 8 * kernel.state_size(n)
@@ -245,6 +263,10 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             values = np.empty(config.SCALARS)
             sections = np.empty((MAX_SECTIONS, 2))
             key, _ = config.read(attributes, values, sections)
+            _, first, _ = ends.find(model, instance)
+            radius = abs(ends.gear(model, ends.output(model, first)))
+            if key == config.VALID and values[config.ECCENTRICITY] >= radius:
+                key = config.ECCENTRICITY
             route = config.value(attributes, config.ROUTE)
             if key == config.VALID and route.size > 0:
                 tendon = ends.find_route(model, instance, route)
@@ -374,10 +396,11 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         if not _up_to_date(block, model, instance):
             return
         n = load_word(block + _SEGMENTS)
+        start = fields.real(model, fields.LENGTH0, load_word(block + _PROXIMAL))
         kernel.initialize(
             floats(_parameters(block), kernel.parameter_size(n)),
             n,
-            fields.real(model, fields.LENGTH0, load_word(block + _PROXIMAL)),
+            _proximal(model, block, start)[0],
             fields.real(model, fields.LENGTH0, load_word(block + _DISTAL)),
             floats(state, kernel.state_size(n)),
         )
@@ -390,15 +413,15 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         block = fields.block(data, instance)
         state = fields.state(model, data, instance)
         n = load_word(block + _SEGMENTS)
-        u_proximal = _length(data, block, _PROXIMAL)
+        fits = _up_to_date(block, model, instance)
+        u_proximal, lever = _proximal(model, block, _length(data, block, _PROXIMAL))
         u_distal = _length(data, block, _DISTAL)
         dt = _elapsed(model, data, load_real(_committed_time(state, n)))
-        fits = _up_to_date(block, model, instance)
         if fits:
             _follow(block, model, data)
         if fits and _evaluate(block, state, u_proximal, u_distal, dt):
             tension = _new(block, n) + 8 * kernel.STATE_HEADER
-            proximal = max(load_real(tension), 0.0)
+            proximal = max(load_real(tension), 0.0) * lever
             distal = max(load_real(tension + 8 * n), 0.0)
         else:
             # MuJoCo sees the bad acceleration, warns and resets, as for any other.
@@ -423,7 +446,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         block = fields.block(data, instance)
         state = fields.state(model, data, instance)
         n = load_word(block + _SEGMENTS)
-        u_proximal = _length(data, block, _PROXIMAL)
+        u_proximal, _ = _proximal(model, block, _length(data, block, _PROXIMAL))
         u_distal = _length(data, block, _DISTAL)
         dt = fields.timestep(model)
         time = 0.0

@@ -45,6 +45,8 @@ _FRICTION = KEYS.index("friction")
 _STATIC = KEYS.index("static_friction")
 _PRETENSION = KEYS.index("pretension")
 _EXPONENT = KEYS.index("tension_exponent")
+ECCENTRICITY = KEYS.index("eccentricity")
+PHASE = KEYS.index("eccentricity_phase")
 _DEFAULT_SEGMENTS = Cable.segments
 _LOW = np.array([p.low for p in PARAMETERS])
 _HIGH = np.array([p.high for p in PARAMETERS])
@@ -64,6 +66,8 @@ def _allowed(key: str) -> str:
         + PARAMETERS[_STATIC].allowed,
         "tension_exponent": "0 (off) where `pretension` is 0, and "
         + PARAMETERS[_EXPONENT].allowed,
+        "eccentricity": PARAMETERS[ECCENTRICITY].allowed
+        + ", less than the `gear` of the proximal end",
         "segments": SEGMENTS_ALLOWED,
         "conduit": CONDUIT_ALLOWED,
         "route": "the name of a spatial tendon of the model",

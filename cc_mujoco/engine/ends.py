@@ -55,6 +55,12 @@ def output(model: int, actuator: int) -> int:
 
 
 @internal
+def gear(model: int, out: int) -> float:
+    """Signed pulley radius of an end, by its index in `actuator_length` [m]."""
+    return fields.real(model, fields.ACTUATOR_GEAR, 6 * out)
+
+
+@internal
 def _fits(model: int, actuator: int) -> bool:
     kind = fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator)
     target = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
@@ -85,8 +91,7 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
         return append(message, used, _COUNT_END)
     for actuator in (first, second):
         fits = _fits(model, actuator)
-        gear = fields.real(model, fields.ACTUATOR_GEAR, 6 * output(model, actuator))
-        if not fits or gear == 0.0:
+        if not fits or gear(model, output(model, actuator)) == 0.0:
             used = append(message, used, _ACTUATOR)
             used = quote(message, used, fields.actuator_name(model, actuator))
             return append(message, used, _GEAR if fits else _TRANSMISSION)

@@ -64,7 +64,7 @@ def rest_state(cable: Cable, tension: ArrayLike | None = None) -> FloatArray:
             raise CableError("initial tension must be finite and not negative")
         _require_held(cable, node)
         state[kernel.STATE_HEADER : kernel.STATE_HEADER + n + 1] = node
-        state[3] = float(np.sum(node / kernel.node_stiffness(prm, n)))
+        state[3] = kernel.stretch(prm, n, state)
     return state
 
 

@@ -38,6 +38,8 @@ _AGEING = INDEX["ageing_friction"]
 _AGEING_TIME = INDEX["ageing_time"]
 _WRAP_GROWTH = INDEX["wrap_growth"]
 _DRIFT = INDEX["friction_drift"]
+_STIFFENING = INDEX["stiffening"]
+_CREEP = INDEX["creep"]
 
 MAX_EXPONENT = 30.0
 """Largest mu times wrap angle of one segment; beyond it (a ratio of 1e13) it is cut."""
@@ -134,9 +136,11 @@ def scaled(values: FloatArray) -> bool:
 
 @compiled
 def plain(values: FloatArray) -> bool:
-    """Whether coefficients are constant: of no rate, history, direction or load."""
+    """Whether all is constant: of no rate, history, direction, load or time."""
     return bool(
-        values[_VISCOUS] == 0.0
+        values[_STIFFENING] == 0.0
+        and values[_CREEP] == 0.0
+        and values[_VISCOUS] == 0.0
         and values[_STRIBECK] == 0.0
         and (values[_STATIC] == 0.0 or values[_MEMORY] == 0.0)
         and values[_ASYMMETRY] == 0.0

@@ -32,9 +32,12 @@ the stretch of the cable at all times.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.transmission import elasticity as elastic
 from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission.fronts import march, pushed
 from cc_mujoco.transmission.graph import sweep
@@ -52,6 +55,7 @@ _TIME, _TRAVEL = 4, 5
 _HEADER = 40
 _SOLVER_WORK = 10  # per node, for `march` and `sweep`
 _STEP_WORK = 10  # per segment, behind it: slip, coefficients and bristles
+_NODE_WORK = 2  # per node, behind that: tension before the step, stiffness in it
 _SHIFT, _SLIPPED, _GROWTH, _GROWTH_LEFT, _HOLD_RIGHT = 0, 1, 2, 3, 4
 _HOLD_LEFT, _DRAG, _VISCOSITY, _SPRING, _HELD = 5, 6, 7, 8, 9
 _SEGMENT_STATE = 5  # numbers per segment behind those of the nodes
@@ -70,6 +74,11 @@ _END_COMPLIANCE = law.INDEX["end_compliance"]
 _BRISTLE = law.INDEX["bristle_length"]
 _AGEING = law.INDEX["ageing_friction"]
 _MEMORY = law.INDEX["memory_length"]
+_STIFFENING = law.INDEX["stiffening"]
+_CREEP = law.INDEX["creep"]
+_CREEP_TIME = law.INDEX["creep_time"]
+_ROUNDS = 8
+_CURVED = 1e-7  # relative error of tension up to which a straight line will do
 _SCALARS = len(PARAMETERS)
 
 
@@ -88,7 +97,7 @@ def parameter_size(n: int) -> int:
 @compiled
 def work_size(n: int) -> int:
     """Length of the scratch vector of a step of a cable of n segments."""
-    return _SOLVER_WORK * (n + 1) + _STEP_WORK * n
+    return (_SOLVER_WORK + _NODE_WORK) * (n + 1) + _STEP_WORK * n
 
 
 @compiled
@@ -181,6 +190,8 @@ def initialize(
     state[1] = u_distal
     stretch = prm[_PRETENSION] * prm[_LENGTH] / prm[_EA]
     state[3] = stretch + prm[_PRETENSION] * prm[_END_COMPLIANCE]
+    if prm[_STIFFENING] > 0.0:
+        state[3] = _rest_stretch(prm, prm[_PRETENSION])
     for i in range(n + 1):
         state[STATE_HEADER + i] = prm[_PRETENSION]
 
@@ -189,6 +200,35 @@ def initialize(
 def _compliance(prm: FloatArray) -> float:
     """Compliance of the cable with its end spring [m/N]."""
     return float(prm[_LENGTH] / prm[_EA] + prm[_END_COMPLIANCE])
+
+
+@compiled
+def _rest_stretch(prm: FloatArray, tension: float) -> float:
+    """Stretch of the cable with its end spring at a uniform tension [m]."""
+    return elastic.stretch_of(
+        tension, prm[_LENGTH], prm[_EA], prm[_STIFFENING], prm[_END_COMPLIANCE]
+    )
+
+
+@compiled
+def _piece(prm: FloatArray, n: int, i: int) -> tuple[float, float, float, float]:
+    """Node i for `elasticity.py`: length, stiffness EA, stiffening, end spring."""
+    length = prm[_LENGTH] / n
+    if i in (0, n):
+        length *= 0.5
+    spring = prm[_END_COMPLIANCE] if i == n else 0.0
+    return length, prm[_EA], prm[_STIFFENING], spring
+
+
+@compiled
+def stretch(prm: FloatArray, n: int, state: FloatArray) -> float:
+    """Stretch of all nodes [m], which `state[3]` follows."""
+    total = 0.0
+    for i in range(n + 1):
+        length, ea, stiffening, spring = _piece(prm, n, i)
+        tension = state[STATE_HEADER + i]
+        total += elastic.stretch_of(tension, length, ea, stiffening, spring)
+    return total
 
 
 @compiled
@@ -216,14 +256,25 @@ def slack(prm: FloatArray, n: int, state: FloatArray) -> float:
 @compiled
 def stored(prm: FloatArray, n: int, state: FloatArray) -> float:
     """Elastic energy of the cable and of the bristles on it [J]."""
-    stiffness = node_stiffness(prm, n)
-    total = 0.0
-    for i in range(n + 1):
-        total += 0.5 * max(state[STATE_HEADER + i], 0.0) ** 2 / stiffness[i]
+    total = _elastic_energy(prm, n, state[STATE_HEADER : STATE_HEADER + n + 1])
     if prm[_BRISTLE] > 0.0:
         first = STATE_HEADER + 1 + 3 * n
         for j in range(n):
             total += 0.5 * abs(state[first + j] * state[first + n + j])
+    return total
+
+
+@compiled
+def _elastic_energy(prm: FloatArray, n: int, tension: FloatArray) -> float:
+    """Elastic energy of the cable and its end spring [J]."""
+    stiffness = node_stiffness(prm, n)
+    total = 0.0
+    for i in range(n + 1):
+        if prm[_STIFFENING] == 0.0:
+            total += 0.5 * max(tension[i], 0.0) ** 2 / stiffness[i]
+        else:
+            length, ea, stiffening, spring = _piece(prm, n, i)
+            total += elastic.energy_at(tension[i], length, ea, stiffening, spring)
     return total
 
 
@@ -293,6 +344,8 @@ def step(
     drag = prm[a + 3 * n : a + 4 * n]
     compliance = prm[a + 4 * n : a + 5 * n + 1]
     tension = state[t : t + n + 1]
+    if prm[_CREEP] > 0.0:
+        tension = _creep(prm, n, state, dt, new_state, work)
     node = new_state[t : t + n + 1]
     shift = _row(work, n, _SHIFT)
     varying = not plain or prm[_STATIC] > 0.0
@@ -321,14 +374,28 @@ def step(
             )  # fmt: skip
             solved = solved and node[0] >= 0.0 and node[n] >= 0.0
     if not solved:
-        _coefficients(prm, n, state, tension, dt, work)
         stiffness = node_stiffness(prm, n)
-        near_p, near_q = _end(near, near_value, -near_moved, tension[0], stiffness[0])
-        far_p, far_q = _end(far, far_value, far_moved, tension[n], stiffness[n])
-        _solve(
-            prm, n, state, tension, stiffness, near_p, near_q, far_p, far_q, node, work
-        )
-    _commit(prm, n, state, near, near_value, far, far_value, dt, new_state, work)
+        curved = prm[_STIFFENING] > 0.0
+        if curved:
+            stiffness = _tangent(prm, n, tension, work)
+        for _ in range(_ROUNDS if curved else 1):
+            _coefficients(prm, n, state, tension, dt, work)
+            near_p, near_q = _end(
+                near, near_value, -near_moved, tension[0], stiffness[0]
+            )
+            far_p, far_q = _end(far, far_value, far_moved, tension[n], stiffness[n])
+            _solve(
+                prm, n, state, tension, stiffness,
+                near_p, near_q, far_p, far_q, node, work,
+            )  # fmt: skip
+            if not curved or _straightened(
+                prm, n, tension, near, near_moved, far, far_moved,
+                node, stiffness, work,
+            ):  # fmt: skip
+                break
+    _commit(
+        prm, n, state, tension, near, near_value, far, far_value, dt, new_state, work
+    )
     return OK
 
 
@@ -353,6 +420,108 @@ def _held(
         if pushed(left, right, hold_right[j], hold_left[j], drag[j]) != 0:
             return False
     return True
+
+
+@compiled
+def _creep(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    dt: float,
+    new_state: FloatArray,
+    work: FloatArray,
+) -> FloatArray:
+    """Let the cable grow longer, all parts alike; return the tension of its nodes.
+
+    The elastic energy that goes is dissipated.
+    """
+    time, scale = state[_TIME], prm[_CREEP_TIME]
+    before = 1.0 + prm[_CREEP] * math.expm1(-time / scale)
+    after = 1.0 + prm[_CREEP] * math.expm1(-(time + dt) / scale)
+    rest = prm[_PRETENSION]
+    grown = _rest_stretch(prm, rest * before) - _rest_stretch(prm, rest * after)
+    start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n
+    old = state[STATE_HEADER : STATE_HEADER + n + 1]
+    tension = work[start : start + n + 1]
+    for i in range(n + 1):
+        share = _piece(prm, n, i)[0] / prm[_LENGTH]
+        tension[i] = _pulled(prm, n, i, old[i], -share * grown)
+    lost = _elastic_energy(prm, n, old) - _elastic_energy(prm, n, tension)
+    new_state[2] += max(lost, 0.0)
+    new_state[3] -= grown
+    return tension
+
+
+@compiled
+def _pulled(prm: FloatArray, n: int, i: int, tension: float, stretched: float) -> float:
+    """Tension of node i after it was stretched further [m]."""
+    if stretched == 0.0:
+        return tension
+    length, ea, stiffening, spring = _piece(prm, n, i)
+    if stiffening == 0.0:
+        return tension + node_stiffness(prm, n)[i] * stretched
+    total = stretched + elastic.stretch_of(tension, length, ea, stiffening, spring)
+    return elastic.tension_of(total, length, ea, stiffening, spring)
+
+
+@compiled
+def _stretched(prm: FloatArray, n: int, i: int, before: float, after: float) -> float:
+    """Stretch of node i between two tensions [m]."""
+    length, ea, stiffening, spring = _piece(prm, n, i)
+    if stiffening == 0.0:
+        return (after - before) / node_stiffness(prm, n)[i]
+    stretch = elastic.stretch_of(after, length, ea, stiffening, spring)
+    return stretch - elastic.stretch_of(before, length, ea, stiffening, spring)
+
+
+@compiled
+def _tangent(
+    prm: FloatArray, n: int, tension: FloatArray, work: FloatArray
+) -> FloatArray:
+    """Stiffness of the nodes (n+1,) where they are [N/m], a view into `work`."""
+    start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n + n + 1
+    stiffness = work[start : start + n + 1]
+    for i in range(n + 1):
+        length, ea, stiffening, spring = _piece(prm, n, i)
+        compliance = elastic.compliance_at(tension[i], length, ea, stiffening, spring)
+        stiffness[i] = 1.0 / compliance
+    return stiffness
+
+
+@compiled
+def _straightened(
+    prm: FloatArray,
+    n: int,
+    tension: FloatArray,
+    near: int,
+    near_moved: float,
+    far: int,
+    far_moved: float,
+    node: FloatArray,
+    stiffness: FloatArray,
+    work: FloatArray,
+) -> bool:
+    """Lay straight lines through a solution, for another round.
+
+    Returns:
+        Whether the lines it was found with were right already.
+    """
+    shift = _row(work, n, _SHIFT)
+    largest = 0.0
+    for i in range(n + 1):
+        largest = max(largest, node[i])
+    right = True
+    for i in range(n + 1):
+        if (i == 0 and near == TENSION) or (i == n and far == TENSION):
+            continue
+        left = near_moved if i == 0 else shift[i - 1]
+        stretched = (far_moved if i == n else shift[i]) - left
+        true = _pulled(prm, n, i, tension[i], stretched)
+        if abs(max(true, 0.0) - node[i]) > _CURVED * largest:
+            right = False
+        if abs(true - tension[i]) > _CURVED * largest:
+            stiffness[i] = (true - tension[i]) / stretched
+    return right
 
 
 @compiled
@@ -511,6 +680,7 @@ def _commit(
     prm: FloatArray,
     n: int,
     state: FloatArray,
+    tension: FloatArray,
     near: int,
     near_value: float,
     far: int,
@@ -526,10 +696,13 @@ def _commit(
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.
     left = near_value - state[0]
+    curved = prm[_STIFFENING] > 0.0
     for i in range(n + 1):
         right = shift[i] if i < n else far_value - state[1]
-        strained = state[t + i] + stiffness[i] * (right - left)
-        if new_state[t + i] <= 0.0:
+        strained = tension[i] + stiffness[i] * (right - left)
+        if curved:
+            strained = _pulled(prm, n, i, tension[i], right - left)
+        elif new_state[t + i] <= 0.0:
             strained = min(strained, 0.0)
         if (i == 0 and near == TENSION) or (i == n and far == TENSION):
             strained = max(new_state[t + i], 0.0)
@@ -538,13 +711,13 @@ def _commit(
     if near == POSITION:
         new_state[0] = near_value
     else:
-        stretch = (new_state[t] - state[t]) / stiffness[0]
-        new_state[0] = state[0] + shift[0] - stretch
+        stretched = _stretched(prm, n, 0, tension[0], new_state[t])
+        new_state[0] = state[0] + shift[0] - stretched
     if far == POSITION:
         new_state[1] = far_value
     else:
-        stretch = (new_state[t + n] - state[t + n]) / stiffness[n]
-        new_state[1] = state[1] + shift[n - 1] + stretch
+        stretched = _stretched(prm, n, n, tension[n], new_state[t + n])
+        new_state[1] = state[1] + shift[n - 1] + stretched
     lost = 0.0
     slipped = shift
     if prm[_BRISTLE] > 0.0:
@@ -553,10 +726,10 @@ def _commit(
     values = prm[:_SCALARS]
     remembers = prm[_STRIBECK] > 0.0
     ages = prm[_AGEING] > 0.0
-    low, low_before = max(new_state[t], 0.0), max(state[t], 0.0)
+    low, low_before = max(new_state[t], 0.0), max(tension[0], 0.0)
     for j in range(n):
         moved = slipped[j]
-        high, high_before = max(new_state[t + j + 1], 0.0), max(state[t + j + 1], 0.0)
+        high, high_before = max(new_state[t + j + 1], 0.0), max(tension[j + 1], 0.0)
         force, before = high - low, high_before - low_before
         low, low_before = high, high_before
         # Mean friction over the slip; after a reversal slip begins at the new friction.
@@ -577,8 +750,8 @@ def _commit(
     if prm[_PLAIN] == 0.0:
         new_state[_TIME] = state[_TIME] + dt
         new_state[_TRAVEL] = state[_TRAVEL] + (new_state[1] - state[1])
-    new_state[2] = state[2] + lost
-    new_state[3] = state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])
+    new_state[2] += lost
+    new_state[3] = new_state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])
 
 
 @compiled

@@ -183,6 +183,38 @@ PARAMETERS = (
         0.0,
         "d: friction times 1 + d t, t the time since the start",
     ),
+    Parameter(
+        "stiffening",
+        "1/N",
+        0.0,
+        1.0,
+        0.0,
+        "s: axial stiffness times 1 + s T, to 100-fold; 0 is off",
+    ),
+    Parameter(
+        "creep",
+        "1",
+        0.0,
+        1.0,
+        0.0,
+        "share of the pretension that the rest pose loses in the end, as the cable "
+        "grows longer; 0 is off",
+    ),
+    Parameter(
+        "creep_time", "s", 0.0, 1e9, 60.0, "time scale of that loss", low_open=True
+    ),
+    Parameter(
+        "eccentricity",
+        "m",
+        0.0,
+        0.1,
+        0.0,
+        "e: radius of the proximal pulley plus e cos(q - phase) at its angle q; "
+        "0 is off",
+    ),
+    Parameter(
+        "eccentricity_phase", "rad", -10.0, 10.0, 0.0, "angle of its largest radius"
+    ),
 )
 """Scalar parameters; their order is that of the packed vector of the kernel."""
 
@@ -242,6 +274,11 @@ class Cable:
     ageing_time: float = PARAMETERS[15].default
     wrap_growth: float = PARAMETERS[16].default
     friction_drift: float = PARAMETERS[17].default
+    stiffening: float = PARAMETERS[18].default
+    creep: float = PARAMETERS[19].default
+    creep_time: float = PARAMETERS[20].default
+    eccentricity: float = PARAMETERS[21].default
+    eccentricity_phase: float = PARAMETERS[22].default
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""

@@ -25,6 +25,7 @@ from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import kernel
 from cc_mujoco.transmission.conduit import packed, rest_state
+from cc_mujoco.transmission.eccentric import lever, wound
 from cc_mujoco.transmission.parameters import Cable
 
 ANGLE, TORQUE = 0, 1
@@ -84,6 +85,21 @@ class Transmission:
                 raise CableError(f"{name} is {value!r}; it must be positive and finite")
         if not (math.isfinite(self.backlash) and self.backlash >= 0.0):
             raise CableError(f"backlash is {self.backlash!r} rad; it must be 0 or more")
+        first = self.cables[0]
+        for cable in self.cables:
+            if cable.eccentricity >= self.motor_radius:
+                raise CableError(
+                    f"cable parameter `eccentricity` is {cable.eccentricity!r}; it "
+                    f"must be less than motor_radius = {self.motor_radius!r}"
+                )
+            if (cable.eccentricity, cable.eccentricity_phase) != (
+                first.eccentricity,
+                first.eccentricity_phase,
+            ):
+                raise CableError(
+                    "both cables of a transmission run on one motor pulley; their "
+                    "`eccentricity` and `eccentricity_phase` must be the same"
+                )
 
     @classmethod
     def pull_pull(
@@ -160,9 +176,20 @@ class Transmission:
         # Cables see the pulley: displacement r * angle, force torque / r.
         near_arm = self.motor_radius / self.gear_ratio
         far_arm = self.joint_radius
-        near = near * near_arm if near_kind == ANGLE else near / near_arm
-        far = far * far_arm if far_kind == ANGLE else far / far_arm
         first = self.cables[0]
+        if near_kind == TORQUE and first.eccentricity > 0.0:
+            raise CableError(
+                "motor_torque is prescribed and the motor pulley is eccentric; "
+                "prescribe motor_angle, or set `eccentricity` to 0"
+            )
+        turned, levers = near, np.ones(near.size)
+        near = near * near_arm if near_kind == ANGLE else near / near_arm
+        if first.eccentricity > 0.0:
+            swing = first.eccentricity, first.eccentricity_phase
+            radius = self.motor_radius
+            levers = np.array([lever(x, radius, *swing) for x in near])
+            near = np.array([wound(x, radius, *swing) for x in near])
+        far = far * far_arm if far_kind == ANGLE else far / far_arm
         second = self.cables[-1]
         count = len(self.cables)
         out = np.empty((4 + 3 * count, near.size))
@@ -183,8 +210,8 @@ class Transmission:
             out,
         )
         return Driven(
-            out[0] / near_arm,
-            out[1] * near_arm,
+            turned if near_kind == ANGLE else out[0] / near_arm,
+            out[1] * near_arm * levers,
             out[2] / far_arm,
             out[3] * far_arm,
             out[4 : 4 + count],

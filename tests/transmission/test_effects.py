@@ -8,8 +8,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cc_mujoco.transmission import replay
-from transmission.test_kernel_physics import BENT, STRAIGHT, sliding, wander, work_in
+from cc_mujoco.transmission import Conduit, kernel, replay, rest_state
+from cc_mujoco.transmission.conduit import packed
+from transmission.test_kernel_physics import (
+    BENT,
+    STRAIGHT,
+    sliding,
+    trapezoid,
+    wander,
+    work_in,
+)
 
 
 def ends(seed, samples=2000, size=0.01):
@@ -190,3 +198,96 @@ def test_bristles_make_a_reversal_round_and_leave_the_capstan_ratio():
     assert rigid.moving_fraction[-15] < 0.2
     drop = rigid.tension_distal[-20] - rigid.tension_distal[-1]
     assert soft.tension_distal[-20] - soft.tension_distal[-1] < 0.9 * drop
+
+
+@pytest.mark.parametrize("spring", [0.0, 2e-4])
+def test_a_stiffening_cable_has_its_closed_form_whatever_the_path(spring):
+    cable = STRAIGHT.replace(
+        friction=0.0, stiffening=0.04, end_compliance=spring, segments=7
+    )
+    near, far = ends(2, size=9e-3)
+    motion = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+
+    def stretch(tension):
+        taut = 2.0 * np.log1p(0.04 * np.maximum(tension, 0.0)) / (0.04 * 4000.0)
+        return taut + spring * tension
+
+    stretched = stretch(motion.tension_distal) - motion.slack
+    assert stretched == pytest.approx(stretch(10.0) + far - near, abs=1e-9)
+    assert motion.slack.max() > 0.0
+    assert motion.tension_proximal == pytest.approx(motion.tension_distal, abs=1e-5)
+    # Its energy is the work that stretched it.
+    tension = np.linspace(0.0, 40.0, 200_001)
+    work = trapezoid(tension, stretch(tension))
+    wanted = np.interp(motion.tension_distal, tension, work)
+    assert motion.stored == pytest.approx(wanted, abs=1e-7)
+
+
+def test_a_little_stiffening_is_none_and_steps_do_not_matter():
+    near, far = ends(8, samples=2401, size=6e-3)  # all corners in every tenth sample
+    cable = BENT.replace(segments=20, viscous_friction=1e-12)
+    straight = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    hardly = replay(
+        cable.replace(stiffening=1e-12), 1e-3, u_proximal=near, u_distal=far
+    )
+    assert hardly.tension_distal == pytest.approx(straight.tension_distal, abs=1e-6)
+    stiff = cable.replace(stiffening=0.05)
+    coarse = replay(stiff, 1e-3, u_proximal=near[::10], u_distal=far[::10])
+    fine = replay(stiff, 1e-3, u_proximal=near, u_distal=far)
+    largest = fine.tension_distal.max()
+    error = np.abs(coarse.tension_distal - fine.tension_distal[::10])
+    assert error.max() < 0.02 * largest
+    assert not np.allclose(fine.tension_distal, straight.tension_distal, rtol=0.05)
+
+
+def test_a_stiffening_cable_keeps_the_stretch_of_its_ends():
+    near, far = ends(9)
+    cable = BENT.replace(segments=12, stiffening=0.02, end_compliance=1e-4)
+    conduit = Conduit(cable)
+    for a, b in zip(near, far, strict=True):
+        conduit.step(1e-3, u_proximal=a, u_distal=b)
+    prm, state = packed(cable), conduit._state
+    rest = kernel.stretch(prm, 12, rest_state(cable))
+    wanted = rest + far[-1] - near[-1]
+    assert kernel.stretch(prm, 12, state) == pytest.approx(wanted, abs=1e-12)
+    assert state[3] == pytest.approx(wanted, abs=1e-12)
+
+
+def resting(cable, time, steps=200):
+    conduit = Conduit(cable)
+    for _ in range(steps):
+        conduit.step(time / steps, u_proximal=0.0, u_distal=0.0)
+    return conduit
+
+
+@pytest.mark.parametrize(
+    "other", [{}, {"stiffening": 0.05}, {"end_compliance": 3e-4}], ids=str
+)
+@pytest.mark.parametrize("steps", [1, 200])
+def test_creep_takes_the_pretension_of_the_rest_pose(other, steps):
+    cable = STRAIGHT.replace(
+        friction=0.0, segments=9, creep=0.6, creep_time=30.0, **other
+    )
+    conduit = resting(cable, 45.0, steps)
+    wanted = 10.0 * (1.0 - 0.6 * (1.0 - math.exp(-1.5)))
+    assert conduit.tension == pytest.approx(wanted, rel=1e-6)
+    lost = Conduit(cable).stored - conduit.stored
+    assert conduit.dissipated == pytest.approx(lost, rel=1e-9)
+
+
+def test_creep_under_friction_slackens_and_keeps_the_books():
+    cable = BENT.replace(segments=15, creep=1.0, creep_time=5.0)
+    conduit = Conduit(cable)
+    for u in np.linspace(0.0, 4e-3, 50):
+        conduit.step(1e-3, u_proximal=u, u_distal=0.0)
+    assert conduit.tension_proximal < conduit.tension_distal
+    stored = conduit.stored
+    for _ in range(400):
+        conduit.step(0.1, u_proximal=4e-3, u_distal=0.0)
+        assert conduit.stored <= stored
+        stored = conduit.stored
+    assert np.all(conduit.tension == 0.0)
+    # All stretch of the pretension is gone, and more was let in.
+    lost = 5e-3 * (1.0 - math.exp(-40.05 / 5.0))
+    assert conduit.slack == pytest.approx(4e-3 + lost - 5e-3, abs=1e-9)
+    assert conduit._state[3] == pytest.approx(-conduit.slack, abs=1e-12)

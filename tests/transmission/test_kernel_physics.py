@@ -29,6 +29,8 @@ TERMS_ON = {
     "ageing at once": {"ageing_friction": 0.05, "ageing_time": 0.1},
     "wrap": {"wrap_growth": 30.0},
     "drift": {"friction_drift": 0.2},
+    "stiffening": {"stiffening": 0.05},
+    "creep": {"creep": 0.5, "creep_time": 1.0},
     "all": {
         "static_friction": 0.4,
         "memory_length": 2e-3,
@@ -42,6 +44,9 @@ TERMS_ON = {
         "ageing_friction": 0.02,
         "wrap_growth": -5.0,
         "friction_drift": 0.01,
+        "stiffening": 0.01,
+        "creep": 0.2,
+        "creep_time": 5.0,
     },
 }
 
@@ -219,6 +224,7 @@ def test_a_term_that_is_off_changes_nothing(name):
         "stribeck_speed": 0.2,
         "stribeck_exponent": 2.0,
         "ageing_time": 3.0,
+        "creep_time": 2.0,
     }
     off = replay(BENT.replace(**shape), 1e-3, u_proximal=near, u_distal=far)
     on = replay(BENT.replace(**TERMS_ON[name]), 1e-3, u_proximal=near, u_distal=far)

@@ -89,6 +89,40 @@ def test_more_friction_and_pretension_widen_the_loop_of_a_locked_joint():
     assert delivered[0] > delivered[1] > delivered[2]
 
 
+def test_an_eccentric_pulley_winds_up_more_where_its_radius_is_larger():
+    """Closed form without friction, and the torque is the work per angle."""
+    cable = CABLE.replace(
+        friction=0.0, pretension=200.0, eccentricity=1e-3, eccentricity_phase=0.7
+    )
+    drive = Transmission.single(cable, 0.02, 0.104, gear_ratio=3.0)
+    motor = 12.0 * np.sin(0.7 * TIME)
+    motion = drive.replay(2e-3, motor_angle=motor, joint_angle=np.zeros_like(TIME))
+    q = motor / 3.0
+    wound = 0.02 * q + 1e-3 * (np.sin(q - 0.7) + np.sin(0.7))
+    tension = 200.0 + 4000.0 / 2.0 * wound
+    assert tension.min() > 0.0
+    assert motion.tension_distal[0] == pytest.approx(tension, abs=1e-8)
+    torque = tension * (0.02 + 1e-3 * np.cos(q - 0.7)) / 3.0
+    assert motion.motor_torque == pytest.approx(torque, abs=1e-9)
+    assert np.array_equal(motion.motor_angle, motor)
+    work = np.cumsum(torque[1:] * np.diff(motor))
+    stored = 0.5 * (tension[1:] ** 2 - 200.0**2) * 2.0 / 4000.0
+    assert work == pytest.approx(stored, abs=2e-2 * np.ptp(stored))
+
+
+def test_an_eccentric_pulley_is_checked():
+    wide = CABLE.replace(eccentricity=0.03)
+    with pytest.raises(ValueError, match="less than motor_radius"):
+        Transmission.single(wide, 0.02, 0.104)
+    little = CABLE.replace(eccentricity=1e-3)
+    with pytest.raises(ValueError, match="must be the same"):
+        Transmission((little, CABLE), 0.02, 0.104)
+    with pytest.raises(ValueError, match="prescribe motor_angle"):
+        Transmission.single(little, 0.02, 0.104).replay(
+            2e-3, motor_torque=0.0 * TIME, joint_angle=0.0 * TIME
+        )
+
+
 def test_what_is_prescribed_is_checked():
     zero = np.zeros(5)
     for given, said in (

@@ -42,7 +42,7 @@ def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scene", default="wrist")
-    parser.add_argument("--designs", type=int, default=512)
+    parser.add_argument("--designs", type=int, default=768)
     parser.add_argument("--duration", type=float, default=10.0)
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--rounds", type=int, default=3)

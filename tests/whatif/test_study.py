@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from cc_mujoco.control import Controller, Drive
+from cc_mujoco.control import MEASURED, Controller, Drive
 from cc_mujoco.control.controllers import CONTROLLERS
 from cc_mujoco.errors import CableError
 from cc_mujoco.whatif import METRICS, VARIABLES, carry_out, make_plan, study
@@ -172,16 +172,7 @@ def test_controllers_that_need_a_drive_each_get_one(
     monkeypatch.setitem(CONTROLLERS, "scalar", Scalar)
     drives = [Drive(5.0, -high, high, 1e-3) for high in (1.0, 4.0, 9.0)]
     laws = Laws("scalar", drives)
-    seen = {
-        name: np.ones(3)
-        for name in (
-            "motor_angle_rad",
-            "motor_velocity_rad_s",
-            "joint_angle_rad",
-            "joint_torque_nm",
-            "desired_torque_nm",
-        )
-    }
+    seen = {name: np.ones(3) for name in MEASURED}
     assert laws.torque(seen).tolist() == [1.0, 2.0, 3.0]
 
 

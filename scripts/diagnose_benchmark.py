@@ -63,7 +63,7 @@ def cases(
 
 def run(case: dict[str, Any]) -> dict[str, Any]:
     """Generate, diagnose and record one case."""
-    from assets import SCENES
+    from cc_mujoco.assets import scene_path
     from cc_mujoco.diagnosis import fitting
     from cc_mujoco.diagnosis.bench import Bench
     from cc_mujoco.diagnosis.diagnose import reason
@@ -98,7 +98,7 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
                 "named": [],
                 "said": wrong[0].statement,
             }
-        found = reason(dataset, Bench.of(SCENES["bench"])).diagnosis
+        found = reason(dataset, Bench.of(scene_path("bench"))).diagnosis
     stiffness = found.baseline.parameters.get("axial_stiffness")
     return {
         **record,

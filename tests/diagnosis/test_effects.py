@@ -1,0 +1,60 @@
+"""The library of effects: off is off, on is on, and every entry is complete."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis.rigs import BENCH, dataset
+
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.plant import Plant, tuned
+from cc_mujoco.diagnosis.realisation import REALISATIONS
+from cc_mujoco.diagnosis.records import prepare
+
+IDS = """viscous_friction stribeck_friction presliding load_independent_friction
+asymmetric_friction tension_dependent_friction dwell_dependent_stiction
+configuration_dependent_wrap pretension_loss friction_drift backlash
+pulley_eccentricity motor_cogging cable_stiffening end_compliance joint_gravity
+joint_stiffness joint_inertia motor_inertia torque_sensor_gain torque_sensor_offset
+sensor_delay""".split()
+
+RECORDS, _ = prepare(dataset(duration=2.0), BENCH)
+PLANT = Plant(BENCH, RECORDS, BENCH.motor_radius, BENCH.joint_radius, 8)
+VALUES = {p.name: p.start for p in tuned(BENCH, RECORDS, {})}
+
+
+def test_the_library_has_the_ids_that_verdicts_promise() -> None:
+    assert set(IDS) <= set(EFFECTS)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_off_is_the_baseline_bit_for_bit_and_on_is_not(name: str) -> None:
+    effect = EFFECTS[name]
+    plain = PLANT.simulate(VALUES)
+    off = {
+        knob.name: effect.starts[0][knob.name] if knob.low > 0.0 else 0.0
+        for knob in effect.knobs
+    }
+    for a, b in zip(plain, PLANT.simulate({**VALUES, **off}, (name,)), strict=True):
+        assert np.array_equal(a, b)
+    on = PLANT.simulate({**VALUES, **effect.starts[-1]}, (name,))
+    moved = max(float(np.max(np.abs(a - b))) for a, b in zip(plain, on, strict=True))
+    assert moved > 1e-4
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_entries_are_complete(name: str) -> None:
+    effect = EFFECTS[name]
+    assert effect.id == name
+    for text in (effect.title, effect.equation, effect.shows, effect.source):
+        assert text
+    assert set(effect.alike) <= set(EFFECTS) - {name}
+    assert any(knob.low <= 0.0 <= knob.high for knob in effect.knobs)
+    for start in effect.starts:
+        assert set(start) == {knob.name for knob in effect.knobs}
+        for knob in effect.knobs:
+            assert knob.low <= start[knob.name] <= knob.high
+    in_scene = effect.cables is not None or name in REALISATIONS
+    assert in_scene
+    if name in REALISATIONS:
+        assert set(REALISATIONS[name].parameters) == {k.name for k in effect.knobs}

@@ -258,8 +258,8 @@ def load_factor(values: FloatArray, mean: float) -> float:
     exponent: float = values[_TENSION_EXPONENT]
     if exponent == 0.0:
         return 1.0
-    load: float = max(mean / values[_PRETENSION], 0.01)
-    return load**exponent
+    load = max(mean / values[_PRETENSION], 0.01)
+    return float(load**exponent)
 
 
 @compiled

@@ -77,8 +77,9 @@ _MEMORY = law.INDEX["memory_length"]
 _STIFFENING = law.INDEX["stiffening"]
 _CREEP = law.INDEX["creep"]
 _CREEP_TIME = law.INDEX["creep_time"]
+_LEAST_STIFFENING = 1e-12  # [1/N], below which it drowns in rounding
 _ROUNDS = 8
-_CURVED = 1e-7  # relative error of tension up to which a straight line will do
+_CURVED = 1e-5  # relative error of tension up to which a straight line will do
 _SCALARS = len(PARAMETERS)
 
 
@@ -112,6 +113,8 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
     """
     for i in range(_HEADER):
         out[i] = values[i] if i < _SCALARS else 0.0
+    if out[_STIFFENING] < _LEAST_STIFFENING:
+        out[_STIFFENING] = 0.0
     total = 0.0
     for s in range(sections.shape[0]):
         total += sections[s, 0]
@@ -459,7 +462,7 @@ def _pulled(prm: FloatArray, n: int, i: int, tension: float, stretched: float) -
         return tension
     length, ea, stiffening, spring = _piece(prm, n, i)
     if stiffening == 0.0:
-        return tension + node_stiffness(prm, n)[i] * stretched
+        return float(tension + node_stiffness(prm, n)[i] * stretched)
     total = stretched + elastic.stretch_of(tension, length, ea, stiffening, spring)
     return elastic.tension_of(total, length, ea, stiffening, spring)
 
@@ -469,7 +472,7 @@ def _stretched(prm: FloatArray, n: int, i: int, before: float, after: float) -> 
     """Stretch of node i between two tensions [m]."""
     length, ea, stiffening, spring = _piece(prm, n, i)
     if stiffening == 0.0:
-        return (after - before) / node_stiffness(prm, n)[i]
+        return float((after - before) / node_stiffness(prm, n)[i])
     stretch = elastic.stretch_of(after, length, ea, stiffening, spring)
     return stretch - elastic.stretch_of(before, length, ea, stiffening, spring)
 
@@ -563,7 +566,8 @@ def _solve(
         for j in range(n):
             most = abs(held[j])
             force = max(node[j + 1], 0.0) - max(node[j], 0.0)
-            held[j] = min(max(force, -most), most)
+            # Viscosity beyond all bounds can leave a node without a number.
+            held[j] = min(max(force, -most), most) if np.isfinite(force) else 0.0
 
 
 @compiled

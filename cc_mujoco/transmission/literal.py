@@ -102,9 +102,13 @@ class Mesh:
         Raises:
             CableError: a friction term that chapter 2 does not know.
         """
-        for name in ("viscous_friction", "stribeck_friction"):
+        for name in (
+            "viscous_friction", "stribeck_friction", "load_independent_friction",
+            "friction_asymmetry", "end_compliance", "bristle_length",
+            "tension_exponent", "ageing_friction", "wrap_growth", "friction_drift",
+            "stiffening", "creep",
+        ):  # fmt: skip
             _require_zero(cable, name)
-        _require_zero(cable, "load_independent_friction")
         n = cable.segments
         wrap = segment_angles(packed(cable), n)
         static = cable.static_friction or cable.friction

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.engine import from_mjcf
-from cc_mujoco.transmission import replay
+from cc_mujoco.transmission import kernel, replay
 from engine.scenes import CONFIG, build, excitation, pull_pull, run
 
 EFFECTS = {
@@ -53,7 +53,7 @@ def test_the_plugin_is_the_kernel_on_the_motion_of_the_ends(
         u_distal=-0.05 * wrist,
         profile=True,
     )
-    first = int(m.plugin_stateadr[0]) + 6
+    first = int(m.plugin_stateadr[0]) + kernel.STATE_HEADER
     tension = np.maximum(states[:, first : first + cable.segments + 1], 0.0)
     assert tension == pytest.approx(motion.tension, rel=1e-9, abs=1e-9)
 

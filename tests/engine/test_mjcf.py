@@ -42,6 +42,10 @@ def any_cable(draw: st.DrawFn) -> Cable:
     }
     if values["static_friction"] < values["friction"]:
         values["static_friction"] = 0.0
+    # What the motor's pulley of 0.02 m and a cable without pretension allow.
+    values["eccentricity"] *= 0.19
+    if values["pretension"] == 0.0:
+        values["tension_exponent"] = 0.0
     bend = st.floats(1e-3, 1e6) | st.just(math.inf)
     sections = st.tuples(st.floats(1e-6, 1e3), bend).map(lambda s: Section(*s))
     return Cable(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.engine import cables, from_mjcf, read
-from cc_mujoco.transmission import replay
+from cc_mujoco.transmission import kernel, replay
 from engine.scenes import (
     CONFIG,
     RATES,
@@ -159,7 +159,7 @@ def test_engine_is_the_kernel(any_model: mujoco.MjModel) -> None:
         u_proximal=0.02 * motor,
         u_distal=0.05 * wrist,
     )
-    first = m.plugin_stateadr[1] + 4
+    first = m.plugin_stateadr[1] + kernel.STATE_HEADER
     n = 10
     assert np.array_equal(motion.tension_proximal, np.maximum(states[:, first], 0.0))
     assert np.array_equal(motion.tension_distal, np.maximum(states[:, first + n], 0.0))
@@ -278,6 +278,6 @@ def test_a_million_steps_of_random_excitation_stay_finite() -> None:
         batch.step(nstep=chunk)
         assert np.isfinite(plugin_state).all()
         assert np.isfinite(qpos).all()
-        largest = max(largest, float(plugin_state[:, 4:10].max()))
+        largest = max(largest, float(plugin_state[:, 6:12].max()))
     assert not np.any(batch.warning)
     assert largest > 10.0

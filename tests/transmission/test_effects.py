@@ -213,14 +213,17 @@ def test_a_stiffening_cable_has_its_closed_form_whatever_the_path(spring):
         return taut + spring * tension
 
     stretched = stretch(motion.tension_distal) - motion.slack
-    assert stretched == pytest.approx(stretch(10.0) + far - near, abs=1e-9)
+    assert stretched == pytest.approx(stretch(10.0) + far - near, abs=1e-7)
     assert motion.slack.max() > 0.0
-    assert motion.tension_proximal == pytest.approx(motion.tension_distal, abs=1e-5)
+    largest = motion.tension_distal.max()
+    assert motion.tension_proximal == pytest.approx(
+        motion.tension_distal, abs=1e-4 * largest
+    )
     # Its energy is the work that stretched it.
-    tension = np.linspace(0.0, 40.0, 200_001)
+    tension = np.linspace(0.0, motion.tension_distal.max(), 200_001)
     work = trapezoid(tension, stretch(tension))
     wanted = np.interp(motion.tension_distal, tension, work)
-    assert motion.stored == pytest.approx(wanted, abs=1e-7)
+    assert motion.stored == pytest.approx(wanted, abs=1e-5 * wanted.max())
 
 
 def test_a_little_stiffening_is_none_and_steps_do_not_matter():

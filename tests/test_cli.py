@@ -168,7 +168,7 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
         (["play", "wrist", "--csv", "x.csv", "--trajectory", "sine"], "not both"),
         (["play", "wrist", "--out", "taken"], "is a file"),
         (["play"], "SCENE"),
-        ([], "play, reproduce, list"),
+        ([], "play, reproduce, benchmark, list"),
     ],
 )
 def test_bad_input_is_one_sentence(

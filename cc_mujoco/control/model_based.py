@@ -75,11 +75,16 @@ class ModelBased(ProportionalIntegral):
         number("settling", settling, 0.0, 10.0, "s")
         self.mismatch = mismatch
         self.settling = settling
-        self.stiffness = sum(
-            strand.far**2 * strand.cable.axial_stiffness / strand.cable.length
-            for strand in drive.cables
+        self.stiffness = np.array(
+            [
+                sum(
+                    strand.far**2 * strand.cable.axial_stiffness / strand.cable.length
+                    for strand in row
+                )
+                for row in drive.strands
+            ]
         )
-        """Of all cables at the joint [Nm/rad]."""
+        """Of all cables at the joint, one for all environments or one each [Nm/rad]."""
         self.model = CableModel(drive)
         self._calls: Any = 0
 

@@ -151,7 +151,7 @@ def _map(
         centre,
         _means(place, before, bins),
         _means(place, after, bins),
-        1.96 * np.nanstd(np.array(means), axis=0),
+        1.96 * np.std(np.nan_to_num(np.array(means)), axis=0),
         max(share, 0.0),
         max(float(np.quantile(shares, 0.95)), 0.0),
     )

@@ -52,6 +52,8 @@ NUMERICS = 0.35
 """RMS change by a finer simulation, over the noise floor, that is harmless."""
 SEEN = 3.0
 """Size over its uncertainty with which a plausible effect would show."""
+UNEXPLAINED = 0.75
+"""Share of the squared error that may not remain where an effect is named."""
 LEAST = 100
 """Samples that must count."""
 
@@ -268,7 +270,7 @@ def judged(
     if tie:
         either = " or ".join(EFFECTS[name].title for name in tie)
         return "tie", f"Missing is {either}; these data cannot tell which. {told}."
-    if left > limits.misfit and left > 0.75 * misfit:
+    if left > limits.misfit and left**2 > UNEXPLAINED * misfit**2:
         return "unknown", (
             f"Something is missing; {names} explains part of it, but most of the error "
             f"remains and is none of the effects in the library. {told}."

@@ -2,8 +2,8 @@
 
 Where the cable runs, noise of the angles hardly matters; where its end sticks, the
 angle's last digit is worth newtons. So the floor is a number for every sample: the
-scatter of the simulated torques over draws of angle noise and quantisation, and the
-torque sensors' own noise.
+scatter of the simulated torques over draws of angle noise, quantisation included, and
+the torque sensors' own noise.
 """
 
 from __future__ import annotations
@@ -108,9 +108,6 @@ def _read_again(
     here = np.sum(low_passed(impulse, filtering.motion_band, filtering.rate) ** 2)
     scale = noise.deviation * np.sqrt(filtering.motion_passed / here)
     read = angle + scale * random.normal(size=angle.size)
-    if noise.resolution > 0.0:
-        start = random.uniform(0.0, noise.resolution)
-        read = np.round((read - start) / noise.resolution) * noise.resolution + start
     read = stilled(low_passed(read, filtering.motion_band, filtering.rate), width)
     return read + _unseen(read, width, random)
 

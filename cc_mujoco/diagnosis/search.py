@@ -110,8 +110,6 @@ def search(
         progress(count / MOST, f"screening {len(left)} effects")
         signatures = _screened(now, division, left)
         first = first or tuple(signatures)
-        if count > 0 and now.squares <= thresholds.misfit**2:
-            break
         chosen = _chosen(signatures)
         candidates = []
         for place, signature in enumerate(chosen):
@@ -214,7 +212,7 @@ def _decided(
 ) -> Round:
     candidates.sort(key=lambda candidate: -candidate.reduction)
     able = [candidate for candidate in candidates if not candidate.reason]
-    if not able or now.squares <= thresholds.misfit**2:
+    if not able:
         return Round(tuple(candidates), None, (), 0.0)
     sums = {c.id: blocks(c.crossed).sum(axis=1) for c in able}
     leader = able[0]

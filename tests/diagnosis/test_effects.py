@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from diagnosis.rigs import BENCH, dataset
 
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.plant import Plant, tuned
 from cc_mujoco.diagnosis.realisation import REALISATIONS
 from cc_mujoco.diagnosis.records import prepare
+from diagnosis.rigs import BENCH, dataset
 
 IDS = """viscous_friction stribeck_friction presliding load_independent_friction
 asymmetric_friction tension_dependent_friction dwell_dependent_stiction

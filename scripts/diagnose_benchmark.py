@@ -42,7 +42,7 @@ PAIRS = (
 def cases(
     study: str, seeds: int, strength: float, kinds: list[str]
 ) -> Iterator[dict[str, Any]]:
-    """Cases of a study: what is hidden, how strongly, and the seed of rig and motion."""
+    """Cases of a study: what is hidden, how strongly, seed of rig and motion."""
     from hidden_rig.effects import NAMED, UNKNOWN
 
     first = STUDIES[study]
@@ -178,7 +178,8 @@ def summary(records: list[dict[str, Any]]) -> str:
     if closed:
         lines += [
             "",
-            f"Median gap closed {np.median(closed):.2f}, of the squared error {np.median(shares):.0%}.",
+            f"Median gap closed {np.median(closed):.2f}, of the squared error "
+            f"{np.median(shares):.0%}.",
         ]
     if cover:
         lines.append(f"Intervals of the stiffness cover {np.mean(cover):.0%}.")
@@ -187,7 +188,8 @@ def summary(records: list[dict[str, Any]]) -> str:
         hidden = ", ".join(r["hidden"]) or "none"
         ties = "; ".join(", ".join(tie) for tie in r.get("ties", []))
         lines.append(
-            f"| {hidden} | {r['reached']:.1f} | {r['verdict']} | {', '.join(r['named'])} | {ties} |"
+            f"| {hidden} | {r['reached']:.1f} | {r['verdict']} | "
+            f"{', '.join(r['named'])} | {ties} |"
         )
     return "\n".join(lines) + "\n"
 

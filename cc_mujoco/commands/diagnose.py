@@ -41,10 +41,14 @@ class Diagnose:
 
         from tqdm import tqdm
 
+        from cc_mujoco.assets import SCENES, scene_path
         from cc_mujoco.diagnosis.diagnose import diagnose
         from cc_mujoco.files import require_writable
 
         require_writable(self.out)
+        scene = self.scene
+        if not scene.exists() and str(scene) in SCENES:
+            scene = scene_path(str(scene))
         with tqdm(
             total=1.0,
             bar_format="{bar}| {percentage:3.0f} %  {elapsed}  {desc}",
@@ -57,7 +61,7 @@ class Diagnose:
 
             found = diagnose(
                 self.data,
-                self.scene,
+                scene,
                 self.out,
                 dataset_toml=self.dataset,
                 command=shlex.join(["cc-mujoco", *sys.argv[1:]]),

@@ -6,6 +6,7 @@ or beside what, so every way gives the same table.
 
 from __future__ import annotations
 
+import importlib
 import os
 import threading
 from collections.abc import Callable, Generator, Iterable
@@ -99,9 +100,8 @@ def run_on_cluster(
         CableError: Dask is not installed, no scheduler answers, or the cluster gives
             up.
     """
-    distributed: Any
     try:
-        import distributed
+        distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise CableError(
             "--scheduler needs Dask: pip install 'cc_mujoco[dask]'."

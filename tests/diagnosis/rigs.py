@@ -1,82 +1,103 @@
-"""Data sets made with the package's own model, for tests of what is made of them."""
+"""The shipped bench, a motion of it, and what every effect adds to its torques."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.bench import Bench
-from cc_mujoco.diagnosis.effects import EFFECTS, Rig, Torques
-from cc_mujoco.diagnosis.trials import Dataset, Noise, Trial
-from cc_mujoco.transmission import Transmission
 
-DT = 0.004
+Signal = np.ndarray
+Torques = tuple[Signal, Signal]
+
 BENCH = Bench.of(scene_path("bench"))
-NOISE = {
-    "motor_angle_rad": Noise(2e-5, 0.0, "declared"),
-    "joint_angle_rad": Noise(2e-5, 0.0, "declared"),
-    "motor_torque_nm": Noise(0.02, 0.0, "declared"),
-    "joint_torque_nm": Noise(0.02, 0.0, "declared"),
+DT = 0.002
+TIME = DT * np.arange(500)
+JOINT = 0.05 + 0.4 * np.sin(6.9 * TIME) + 0.1 * np.sin(9.0 * TIME)
+MOTOR = 0.1 + JOINT + 0.04 * np.sin(10.7 * TIME + 1.0)
+
+
+def acceleration(angle: Signal) -> Signal:
+    """Second derivative by central differences, twice."""
+    return np.gradient(np.gradient(angle, DT), DT)
+
+
+def late(torque: Signal, by: float) -> Signal:
+    """A torque as it was `by` seconds earlier, the first one before the start."""
+    return np.interp(TIME - by, TIME, torque)
+
+
+def alone(folder: Path) -> Path:
+    """A scene with the agonist of the shipped bench only, without instruments."""
+    root = ElementTree.parse(BENCH.path).getroot()
+    plugins = root.find("extension/plugin")
+    assert plugins is not None
+    for parent, gone in (
+        (plugins, "instance[@name='antagonist']"),
+        (root.find("actuator"), "plugin[@instance='antagonist']"),
+    ):
+        assert parent is not None
+        for entry in parent.findall(gone):
+            parent.remove(entry)
+    for name in ("sensor", "custom"):
+        entry = root.find(name)
+        assert entry is not None
+        root.remove(entry)
+    path = folder / "alone.xml"
+    ElementTree.ElementTree(root).write(path)
+    return path
+
+
+Formula = Callable[[Signal, Signal], Torques]
+
+EFFECTS: dict[str, tuple[Mapping[str, float], Formula]] = {
+    "motor_cogging": (
+        {"cogging_cosine": 0.1, "cogging_sine": -0.2, "cogging_order": 7.0},
+        lambda m, j: (m + 0.1 * np.cos(7 * MOTOR) - 0.2 * np.sin(7 * MOTOR), j),
+    ),
+    "joint_gravity": (
+        {"gravity_sine": 0.5, "gravity_cosine": -0.3},
+        lambda m, j: (m, j - 0.5 * np.sin(JOINT) + 0.3 * np.cos(JOINT)),
+    ),
+    "joint_stiffness": (
+        {"joint_stiffness": 0.7},
+        lambda m, j: (m, j - 0.7 * JOINT),
+    ),
+    "joint_inertia": (
+        {"joint_inertia": 1e-3},
+        lambda m, j: (m, j - 1e-3 * acceleration(JOINT)),
+    ),
+    "motor_inertia": (
+        {"motor_inertia": -2.5e-4},
+        lambda m, j: (m - 2.5e-4 * acceleration(MOTOR), j),
+    ),
+    "torque_offset": (
+        {"motor_torque_offset": 0.2, "joint_torque_offset": -0.1},
+        lambda m, j: (m + 0.2, j - 0.1),
+    ),
+    "torque_sensor_gain": (
+        {"motor_torque_gain": 0.05, "joint_torque_gain": -0.1},
+        lambda m, j: (1.05 * m, 0.9 * j),
+    ),
+    "torque_sensor_offset": (
+        {"motor_torque_drift": 0.05, "joint_torque_drift": -0.1},
+        lambda m, j: (m + 0.05 * TIME, j - 0.1 * TIME),
+    ),
+    "sensor_delay": (
+        {"motor_torque_delay": 0.0, "joint_torque_delay": 0.0053},
+        lambda m, j: (m, late(j, 0.0053)),
+    ),
 }
+"""Values, and what the torques with the effect are, from those without."""
 
-
-def motions(duration: float, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Motor and joint angle of three trials: strokes, locked joint, both moved."""
-    time = np.arange(0.0, duration, DT)
-    random = np.random.default_rng(seed)
-    phase = random.uniform(0.0, 6.0, 4)
-    stroke = 0.7 * np.sin(2.5 * time) + 0.2 * np.sin(0.7 * time + phase[0])
-    locked = 0.06 * np.sin(3.0 * time) + 0.03 * np.sin(7.0 * time + phase[1])
-    fast = 0.3 * np.sin(6.0 * time + phase[2]) - 0.3 * np.sin(phase[2])
-    wind = 0.03 * np.sin(1.7 * time + phase[3]) - 0.03 * np.sin(phase[3])
-    return [(stroke, 0.97 * stroke), (locked, 0.0 * locked), (fast, fast + wind)]
-
-
-def dataset(
-    effects: Mapping[str, Mapping[str, float]] | None = None,
-    duration: float = 6.0,
-    seed: int = 0,
-    changes: Mapping[str, float] | None = None,
-    chosen: Sequence[int] = (0, 1, 2),
-) -> Dataset:
-    """Trials of a bench whose cables differ by `changes` and that has these effects."""
-    effects = effects or {}
-    cables = tuple(cable.replace(**dict(changes or {})) for cable in BENCH.cables)
-    rig = Rig(BENCH.motor_radius, BENCH.joint_radius)
-    for name, values in effects.items():
-        change = EFFECTS[name].cables
-        if change is not None:
-            cables = change(cables, values, rig)
-    play = effects.get("backlash", {}).get("backlash", 0.0)
-    drive = Transmission(cables, *rig, backlash=play)
-    random = np.random.default_rng(seed + 1)
-    trials = []
-    every = motions(duration, seed)
-    for place in chosen:
-        motor, joint = every[place]
-        played = drive.replay(DT, motor_angle=motor, joint_angle=joint)
-        time = DT * np.arange(motor.size)
-        shown = Torques(
-            DT, time, motor, joint, played.motor_torque, played.joint_torque
-        )
-        for name, values in effects.items():
-            act = EFFECTS[name].torques
-            if act is not None:
-                shown = act(shown, values)
-        noise = [random.normal(0.0, n.deviation, motor.size) for n in NOISE.values()]
-        trials.append(
-            Trial(
-                f"trial_{place}",
-                time,
-                motor + noise[0],
-                shown.motor + noise[2],
-                joint + noise[1],
-                shown.joint + noise[3],
-                (slice(0, motor.size),),
-                DT,
-                path=f"trial_{place}.csv",
-            )
-        )
-    return Dataset(tuple(trials), noise=NOISE)
+MECHANICAL = (
+    "motor_cogging",
+    "joint_gravity",
+    "joint_stiffness",
+    "joint_inertia",
+    "motor_inertia",
+)

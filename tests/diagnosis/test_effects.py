@@ -9,7 +9,7 @@ from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.plant import Plant, tuned
 from cc_mujoco.diagnosis.realisation import REALISATIONS
 from cc_mujoco.diagnosis.records import prepare
-from diagnosis.rigs import BENCH, dataset
+from diagnosis.recorded import BENCH, dataset
 
 IDS = """viscous_friction stribeck_friction presliding load_independent_friction
 asymmetric_friction tension_dependent_friction dwell_dependent_stiction

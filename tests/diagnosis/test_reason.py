@@ -9,7 +9,7 @@ import pytest
 
 from cc_mujoco.diagnosis.diagnose import reason
 from cc_mujoco.diagnosis.verdict import SCHEMA
-from diagnosis.rigs import BENCH, dataset
+from diagnosis.recorded import BENCH, dataset
 
 FEW = ("viscous_friction", "joint_gravity", "motor_inertia")
 TUNED = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}

@@ -168,7 +168,7 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
         (["play", "wrist", "--csv", "x.csv", "--trajectory", "sine"], "not both"),
         (["play", "wrist", "--out", "taken"], "is a file"),
         (["play"], "SCENE"),
-        ([], "play, reproduce, benchmark, list"),
+        ([], ", ".join(cli.COMMANDS)),
     ],
 )
 def test_bad_input_is_one_sentence(
@@ -188,13 +188,16 @@ def test_list_shows_every_name_with_a_meaning(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     from cc_mujoco.control import CONTROLLERS
+    from cc_mujoco.diagnosis import EFFECTS
     from cc_mujoco.human import TASKS, TRAJECTORIES
     from cc_mujoco.reproduce import EXPERIMENTS
+    from cc_mujoco.whatif import METRICS, VARIABLES
 
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     entries = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
-    assert {*SCENES, *EXPERIMENTS, *TRAJECTORIES, *TASKS, *CONTROLLERS} == set(entries)
+    played = {*SCENES, *EXPERIMENTS, *TRAJECTORIES, *TASKS, *CONTROLLERS}
+    assert played | {*VARIABLES, *METRICS, *EFFECTS} == set(entries)
 
 
 def test_help_does_not_load_what_only_playing_needs() -> None:

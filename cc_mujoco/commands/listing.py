@@ -15,13 +15,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Listing:
-    """Show every name there is: scenes, tasks, controllers, experiments, variables."""
+    """Show every name there is, each with its meaning."""
 
     interrupted: ClassVar[str] = "nothing was written"
 
     def run(self) -> None:
         """Print every name with its meaning."""
         from cc_mujoco.control import CONTROLLERS
+        from cc_mujoco.diagnosis import EFFECTS
         from cc_mujoco.human import TASKS, TRAJECTORIES
         from cc_mujoco.reproduce import EXPERIMENTS
         from cc_mujoco.whatif import METRICS, VARIABLES
@@ -35,6 +36,9 @@ class Listing:
             "tasks": _meanings(TASKS),
             "controllers": _meanings(CONTROLLERS),
             "experiments": EXPERIMENTS,
+            "effects that a diagnosis can name": {
+                name: effect.title for name, effect in EFFECTS.items()
+            },
             "variables of what-ifs": _with_units(VARIABLES),
             "metrics of what-ifs": _with_units(METRICS),
         }

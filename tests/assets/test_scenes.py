@@ -25,7 +25,6 @@ CABLES = {
 JOINTS = {
     "wrist": ("motor", "wrist"),
     "ankle": ("motor", "hip", "knee", "ankle"),
-    "bench": ("motor", "joint"),
 }
 DISTAL = {"wrist": "wrist", "ankle": "ankle", "bench": "joint"}
 WORN = ("wrist", "ankle")
@@ -91,7 +90,7 @@ def test_a_scene_is_found_by_name() -> None:
         assert scene_path(scene).is_file()
         assert scene_path(scene).is_absolute()
     with pytest.raises(
-        CableError, match=r"'wirst'.*'wrist'.*Available: ankle, finger, wrist"
+        CableError, match=r"'wirst'.*'wrist'.*Available: ankle, bench, finger"
     ):
         scene_path("wirst")
 

@@ -149,10 +149,10 @@ def tune(
             np.full(r.measured.shape, 0.02 * float(np.std(r.measured)) + 1e-9)
             for r in records
         )
-        problem = Problem(plant, free, (), flat, 0.2)
+        problem = Problem(plant, free, (), flat, flat, 0.2)
         at = fit(problem, at, counts).at
         floor = noise_floor(dataset, plant, filtering, problem.values(at), seed=seed)
-        problem = replace(problem, floor=floor)
+        problem = replace(problem, noise=floor.noise, floor=floor.tolerance)
         at = fit(problem, at, counts).at
         problem = replace(problem, weight=weight(problem.errors(at), counts))
         whole = fit(problem, at, counts)

@@ -45,7 +45,8 @@ class Problem:
         plant: simulates.
         tuned: every free parameter, baseline first.
         effects: ids that are present.
-        floor: (2, samples) of every record, standard deviation of noise [Nm].
+        noise: (2, samples) of every record, what no model explains [Nm].
+        floor: the same, by which errors are divided, see `floor.Floor` [Nm].
         weight: of a residual over its floor; below 1 where neighbours are not
             independent or where the model is known not to reach the floor.
     """
@@ -53,6 +54,7 @@ class Problem:
     plant: Plant
     tuned: tuple[Tuned, ...]
     effects: tuple[str, ...]
+    noise: tuple[FloatArray, ...]
     floor: tuple[FloatArray, ...]
     weight: float = 1.0
 

@@ -2,14 +2,17 @@
 
 Where the cable runs, noise of the angles hardly matters; where its end sticks, the
 angle's last digit is worth newtons. So the floor is a number for every sample: the
-scatter of the simulated torques over draws of angle noise, quantisation included, and
-the torque sensors' own noise.
+scatter of the simulated torques over draws of angle noise, and the torque sensors' own
+noise. By what errors are divided is a little more: spikes of noise shift in time, and
+an angle that seems to stand still may have moved by its noise.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
@@ -35,6 +38,18 @@ LEAST = 1e-3
 _QUIET = Noise(0.0, 0.0, "declared")
 
 
+class Floor(NamedTuple):
+    """Standard deviations (2, samples) of every record [Nm].
+
+    Attributes:
+        noise: of what no model can explain.
+        tolerance: by which errors are divided.
+    """
+
+    noise: tuple[FloatArray, ...]
+    tolerance: tuple[FloatArray, ...]
+
+
 def noise_floor(
     dataset: Dataset,
     plant: Plant,
@@ -42,20 +57,25 @@ def noise_floor(
     values: Values,
     effects: tuple[str, ...] = (),
     seed: int = 0,
-) -> tuple[FloatArray, ...]:
-    """Standard deviation of noise in both torques, (2, samples) per record [Nm]."""
+) -> Floor:
+    """Noise in both torques of every record, as the simulated rig passes it on."""
     random = np.random.default_rng(seed)
     noise = {n: dataset.noise.get(n, _QUIET) for n in (MOTOR_ANGLE, JOINT_ANGLE)}
     clean = plant.simulate(values, effects)
-    scatter = [np.zeros(torque.shape) for torque in clean]
+
+    def scatter(records: Sequence[Record]) -> list[FloatArray]:
+        drawn = plant.limited(records).simulate(values, effects)
+        return [(a - b) ** 2 / DRAWS for a, b in zip(drawn, clean, strict=True)]
+
+    plain = [np.zeros(torque.shape) for torque in clean]
+    wide = [np.zeros(torque.shape) for torque in clean]
     for _ in range(DRAWS):
-        drawn = plant.limited(
-            [_drawn(r, noise, filtering, random) for r in plant.records]
-        )
-        for total, torque, first in zip(
-            scatter, drawn.simulate(values, effects), clean, strict=True
-        ):
-            total += (torque - first) ** 2 / DRAWS
+        read = [_drawn(r, noise, filtering, random) for r in plant.records]
+        moved = [_unsettled(r, filtering, random) for r in read]
+        for total, square in zip(plain, scatter(read), strict=True):
+            total += square
+        for total, square in zip(wide, scatter(moved), strict=True):
+            total += square
     own = [
         dataset.noise.get(n, _QUIET).deviation ** 2 * filtering.passed
         for n in (MOTOR_TORQUE, JOINT_TORQUE)
@@ -63,9 +83,12 @@ def noise_floor(
     whole = np.concatenate([record.measured for record in plant.records], axis=1)
     least = (LEAST * np.std(whole, axis=1)) ** 2
     base = np.maximum(np.array(own), least)[:, None]
-    return tuple(
-        np.sqrt(_near(total, record.dt) + base)
-        for total, record in zip(scatter, plant.records, strict=True)
+    return Floor(
+        tuple(np.sqrt(total + base) for total in plain),
+        tuple(
+            np.sqrt(_near(total, record.dt) + base)
+            for total, record in zip(wide, plant.records, strict=True)
+        ),
     )
 
 
@@ -108,8 +131,20 @@ def _read_again(
     here = np.sum(low_passed(impulse, filtering.motion_band, filtering.rate) ** 2)
     scale = noise.deviation * np.sqrt(filtering.motion_passed / here)
     read = angle + scale * random.normal(size=angle.size)
-    read = stilled(low_passed(read, filtering.motion_band, filtering.rate), width)
-    return read + _unseen(read, width, random)
+    return stilled(low_passed(read, filtering.motion_band, filtering.rate), width)
+
+
+def _unsettled(
+    record: Record, filtering: Filtering, random: np.random.Generator
+) -> Record:
+    """The record with movements that are too small to be seen."""
+    motor, joint = (
+        angle + _unseen(angle, width, random)
+        for angle, width in zip(
+            (record.motor_angle, record.joint_angle), filtering.still, strict=True
+        )
+    )
+    return replace(record, motor_angle=motor, joint_angle=joint)
 
 
 def _unseen(angle: FloatArray, width: float, random: np.random.Generator) -> FloatArray:

@@ -51,7 +51,7 @@ def gaps(
     for row, channel in enumerate(CHANNELS):
         squares = []
         for record, mask, old, new, floor in zip(
-            records, masks, before, after, problem.floor, strict=True
+            records, masks, before, after, problem.noise, strict=True
         ):
             size = max(2, round(BLOCK / record.dt))
             columns = (

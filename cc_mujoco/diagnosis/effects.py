@@ -494,20 +494,30 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "torque_sensor_offset",
-            "offset of a torque sensor that drifts",
-            "tau + d t",
+            "offset of a torque sensor",
+            "tau + b + d t",
             "sensor",
             (
+                Knob("motor_torque_bias", "Nm", 0.1, -1e3, 1e3),
+                Knob("joint_torque_bias", "Nm", 0.1, -1e3, 1e3),
                 Knob("motor_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
                 Knob("joint_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
             ),
-            ({"motor_torque_drift": 0.01, "joint_torque_drift": 0.01},),
-            "trials much longer than a cycle",
+            (
+                {
+                    "motor_torque_bias": 0.1,
+                    "joint_torque_bias": 0.1,
+                    "motor_torque_drift": 0.01,
+                    "joint_torque_drift": 0.01,
+                },
+            ),
+            "loads of both signs; for a drift, trials much longer than a cycle",
             ("asymmetric_friction", "joint_gravity"),
             "applied where the sensor is read",
             "calibration",
             torques=lambda s, v: s.added(
-                v["motor_torque_drift"] * s.time, v["joint_torque_drift"] * s.time
+                v["motor_torque_bias"] + v["motor_torque_drift"] * s.time,
+                v["joint_torque_bias"] + v["joint_torque_drift"] * s.time,
             ),
             sensor=True,
         ),

@@ -66,7 +66,10 @@ CLOCKS = ("clock_offset", *LATE)
 Known to half a sample, and no more than one and a half; beyond that it is an effect.
 """
 OFFSET_KNOWN = 0.01
-"""Standard deviation of a torque sensor's offset, over the RMS of its readings."""
+"""Standard deviation of a torque sensor's offset, over the RMS of its readings.
+
+It is no more than five of them; beyond that it is an effect.
+"""
 RATIO_KNOWN = 0.003
 """Relative standard deviation of the ratio of two pulleys of nominal size."""
 BALANCE_KNOWN = 0.03
@@ -105,7 +108,7 @@ def tuned(
     found += [
         Tuned("pretension", "N", cable.pretension, known, -10.0, 10.0, True, 1.0),
         *(
-            Tuned(name, "Nm", 0.0, size, -100.0, 100.0, False, 1.0)
+            Tuned(name, "Nm", 0.0, size, -5.0, 5.0, False, 1.0)
             for name, size in zip(OFFSETS, sizes, strict=True)
         ),
         Tuned("joint_angle_offset", "rad", centre, 0.01, -1e3, 1e3, False),

@@ -85,9 +85,14 @@ REALISATIONS: dict[str, Realisation] = {
         sensing.torque_offset,
     ),
     "torque_sensor_offset": Realisation(
-        ("motor_torque_drift", "joint_torque_drift"),
-        "a clock in the sums that are the torques",
-        sensing.drift,
+        (
+            "motor_torque_bias",
+            "joint_torque_bias",
+            "motor_torque_drift",
+            "joint_torque_drift",
+        ),
+        "a constant and a clock in the sums that are the torques",
+        sensing.bias,
     ),
     "sensor_delay": Realisation(
         ("motor_torque_delay", "joint_torque_delay"),

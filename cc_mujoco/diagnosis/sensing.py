@@ -32,12 +32,8 @@ def angle_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
 
 def torque_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """A constant in both torques."""
-    for channel, name in (
-        (MOTOR_TORQUE, "motor_torque_offset"),
-        (JOINT_TORQUE, "joint_torque_offset"),
-    ):
-        if values[name] != 0.0:
-            add_part(spec, channel, _one(spec), values[name])
+    _constant(spec, MOTOR_TORQUE, values["motor_torque_offset"])
+    _constant(spec, JOINT_TORQUE, values["joint_torque_offset"])
 
 
 def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
@@ -51,16 +47,15 @@ def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         set_parts(spec, channel, scaled)
 
 
-def drift(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Torques that read more and more as time passes."""
-    for channel, name in (
-        (MOTOR_TORQUE, "motor_torque_drift"),
-        (JOINT_TORQUE, "joint_torque_drift"),
-    ):
-        if values[name] != 0.0:
+def bias(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Torques that read too much by a constant, and more and more as time passes."""
+    for channel, side in ((MOTOR_TORQUE, "motor"), (JOINT_TORQUE, "joint")):
+        _constant(spec, channel, values[f"{side}_torque_bias"])
+        drift = values[f"{side}_torque_drift"]
+        if drift != 0.0:
             if spec.sensor(CLOCK) is None:
                 spec.add_sensor(name=CLOCK, type=mujoco.mjtSensor.mjSENS_CLOCK)
-            add_part(spec, channel, CLOCK, values[name])
+            add_part(spec, channel, CLOCK, drift)
 
 
 def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
@@ -94,6 +89,11 @@ def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
             _late(spec, copy, own + common)
             delayed.append(Part(copy.name, part.weight))
         set_parts(spec, channel, delayed)
+
+
+def _constant(spec: mujoco.MjSpec, channel: str, value: float) -> None:
+    if value != 0.0:
+        add_part(spec, channel, _one(spec), value)
 
 
 def _late(spec: mujoco.MjSpec, sensor: mujoco.MjsSensor, delay: float) -> None:

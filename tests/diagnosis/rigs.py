@@ -84,8 +84,13 @@ EFFECTS: dict[str, tuple[Mapping[str, float], Formula]] = {
         lambda m, j: (1.05 * m, 0.9 * j),
     ),
     "torque_sensor_offset": (
-        {"motor_torque_drift": 0.05, "joint_torque_drift": -0.1},
-        lambda m, j: (m + 0.05 * TIME, j - 0.1 * TIME),
+        {
+            "motor_torque_bias": 0.2,
+            "joint_torque_bias": -0.3,
+            "motor_torque_drift": 0.05,
+            "joint_torque_drift": -0.1,
+        },
+        lambda m, j: (m + 0.2 + 0.05 * TIME, j - 0.3 - 0.1 * TIME),
     ),
     "sensor_delay": (
         {"motor_torque_delay": 0.0, "joint_torque_delay": 0.0053},

@@ -170,7 +170,12 @@ def test_lost_motion_of_a_bench_with_friction_is_the_play() -> None:
 
 
 def test_the_time_that_drifts_is_the_one_given() -> None:
-    values = {"motor_torque_drift": 0.1, "joint_torque_drift": 0.0}
+    values = {
+        "motor_torque_bias": 0.0,
+        "joint_torque_bias": 0.0,
+        "motor_torque_drift": 0.1,
+        "joint_torque_drift": 0.0,
+    }
     spec = repaired(BENCH, BENCH.cables, {"torque_sensor_offset": values})
     early = rollout(spec, TIME, MOTOR, JOINT)[0]
     later = rollout(spec, TIME + 20.0, MOTOR, JOINT)[0]

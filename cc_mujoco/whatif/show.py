@@ -9,12 +9,13 @@ from pathlib import Path
 import mujoco
 import pyarrow.parquet as pq
 
-from cc_mujoco.control import controller
+from cc_mujoco import engine
 from cc_mujoco.errors import CableError
 from cc_mujoco.recording import EpisodeLog, play
 from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import Design
+from cc_mujoco.whatif.sensing import Sensed
 from cc_mujoco.whatif.store import TABLE, read_study
 from cc_mujoco.whatif.trial import CONTROL_PERIOD
 
@@ -58,7 +59,7 @@ def show(
     names = {key: trial[key] for key in ("trajectory", "task", "controller")}
     log = play(
         env,
-        controller(trial["controller"], env.drive),
+        Sensed(trial["controller"], env.drive, engine.cables(model)),
         seed=trial["seed"],
         about={**names, "design": row, "variables": design},
         progress=progress,

@@ -116,6 +116,14 @@ class Builder:
                     f"the route of cable {name!r} must be a tendon of the scene, not "
                     f"{cable.route!r}."
                 )
+        loads = self.strength(read)
+        for name, cable in self.cables_of(read).items():
+            if cable.pretension >= loads[name]:
+                raise CableError(
+                    f"the pretension of cable {name!r} is {cable.pretension:g} N; it "
+                    f"must be below the breaking load of {loads[name]:g} N, which "
+                    "`strength` sets."
+                )
         step, limit = float(self.spec.option.timestep), self.stable_step(read)
         if step >= limit:
             raise CableError(

@@ -88,6 +88,22 @@ def test_a_design_is_the_same_in_any_company() -> None:
         )
 
 
+def test_a_damaged_folder_is_mended_or_one_sentence(tmp_path: Path) -> None:
+    plan = make_plan("wrist", {"friction": [0.1, 0.2]}, **SHORT)
+    table = carry_out(plan, tmp_path)
+    (tmp_path / "table.parquet").write_text("torn")
+    for use in (lambda: carry_out(plan, tmp_path), lambda: show(tmp_path, 0)):
+        with pytest.raises(CableError, match="delete it"):
+            use()
+    (tmp_path / "table.parquet").unlink()
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "000000.parquet").write_text("torn")
+    assert carry_out(plan, tmp_path).equals(table)
+    (tmp_path / "study.json").write_text("{}")
+    with pytest.raises(CableError, match="holds no study"):
+        show(tmp_path, 0)
+
+
 class _StopError(Exception):
     pass
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,11 +29,17 @@ class WhatIfShow:
 
         from cc_mujoco.files import require_writable
         from cc_mujoco.recording import write_episode
-        from cc_mujoco.whatif.show import show
+        from cc_mujoco.whatif.metrics import METRICS
+        from cc_mujoco.whatif.show import read_row, show
         from cc_mujoco.whatif.store import read_study
+        from cc_mujoco.whatif.variables import VARIABLES
 
         out = self.out or self.folder / f"design-{self.row}"
-        duration = float(read_study(self.folder)["trial"]["duration"])
+        about = read_study(self.folder)
+        duration, row = (
+            float(about["trial"]["duration"]),
+            read_row(self.folder, self.row),
+        )
         require_writable(out)
         with tqdm(
             total=duration,
@@ -45,10 +50,16 @@ class WhatIfShow:
             log, model = show(
                 self.folder, self.row, lambda time: bar.update(time - bar.n)
             )
-        found = write_episode(out, log, model)
-        for name, value in log.metadata["variables"].items():
-            print(f"{name:32} {value:>10}")
-        for metric in found:
-            number = f"{metric.value:.4g}" if math.isfinite(metric.value) else "-"
-            print(f"{metric.name:32} {number:>10} {metric.unit}")
+        write_episode(out, log, model)
+        for name in about["variables"]:
+            unit = VARIABLES[name.rpartition(".")[2]].unit
+            print(_line(name, row[name], unit))
+        # Those of the table: the episode's own have some names in common with them.
+        for name in about["trial"]["metrics"]:
+            print(_line(name, row[name], METRICS[name].unit))
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
+
+
+def _line(name: str, value: object, unit: str) -> str:
+    number = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{name:32} {'-' if value is None else number:>10} {unit}"

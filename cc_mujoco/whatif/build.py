@@ -3,8 +3,9 @@
     builder = Builder("wrist")
     model = builder.model({"friction": 0.1, "loops": 2})
 
-A design changes what the physics sees. The drawing keeps its pulleys and its route, and
-the inertia of pulleys and lever stays that of the scene.
+A design changes what the physics sees. The drawing keeps its pulleys and its route.
+Pulleys are solid discs of the scene's width: their inertia goes with radius^4, half of
+it to either of two cables. A lever keeps its inertia.
 """
 
 from __future__ import annotations
@@ -115,6 +116,14 @@ class Builder:
                     f"the route of cable {name!r} must be a tendon of the scene, not "
                     f"{cable.route!r}."
                 )
+        loads = self.strength(read)
+        for name, cable in self.cables_of(read).items():
+            if cable.pretension >= loads[name]:
+                raise CableError(
+                    f"the pretension of cable {name!r} is {cable.pretension:g} N; it "
+                    f"must be below the breaking load of {loads[name]:g} N, which "
+                    "`strength` sets."
+                )
         step, limit = float(self.spec.option.timestep), self.stable_step(read)
         if step >= limit:
             raise CableError(
@@ -135,7 +144,9 @@ class Builder:
         if "rotor_inertia" in design:
             motor = self.spec.joint("motor")
             more = float(design["rotor_inertia"]) - float(motor.armature)
-            inertia[self._motor_dof] += more
+            inertia[self._dofs["motor"]] += more
+        for joint, more in self._heavier(design).items():
+            inertia[self._dofs[joint]] += more
         stiffness = np.zeros_like(inertia)
         for name, cable in self.cables_of(design).items():
             own = _own(design, name)
@@ -160,13 +171,41 @@ class Builder:
             data.moment_rowadr,
             data.moment_colind,
         )
-        self._motor_dof = int(model.joint("motor").dofadr[0])
+        joints = ("motor", self.scene.cls.SETUP.joint)
+        self._dofs = {name: int(model.joint(name).dofadr[0]) for name in joints}
         found = {}
         for name, index in instances(model).items():
             near, far = np.flatnonzero(model.actuator_plugin == index)
             out = model.actuator_outadr
             found[name] = arms[out[near]], arms[out[far]]
         return model.dof_M0.copy(), found
+
+    def _heavier(self, design: Mapping[str, Value]) -> dict[str, float]:
+        """By how much the pulleys of a design exceed the scene's, by joint [kg m^2]."""
+        joints = ("motor", self.scene.cls.SETUP.joint)
+        discs = (self.scene.motor_pulley, self.scene.joint_pulley)
+        found = {}
+        for place, (joint, disc) in enumerate(zip(joints, discs, strict=True)):
+            more = 0.0
+            for name, radii in self._radii.items():
+                radius = _own(design, name).get(RADII[place], radii[place])
+                more += (float(radius) / radii[place]) ** 4 - 1.0
+            if disc and more:
+                found[joint] = disc / len(self.cables) * more
+        return found
+
+    @cached_property
+    def _radii(self) -> dict[str, tuple[float, float]]:
+        """Pulley radii of the scene, by cable; of a lever the gear of its tendon."""
+        found = {}
+        for name in self.cables:
+            near, far = (
+                abs(float(a.gear[0]))
+                for a in self.spec.actuators
+                if a.plugin.name == name
+            )
+            found[name] = near, far
+        return found
 
     def layout(self, design: Mapping[str, Value]) -> tuple[object, ...]:
         """Equal for designs whose models can be in one batch."""
@@ -205,6 +244,11 @@ class Builder:
             motor.ctrlrange = [-limit, limit]
         if "rotor_inertia" in design:
             joint.armature = float(design["rotor_inertia"])
+        for name, more in self._heavier(design).items():
+            turning = spec.joint(name)
+            # A disc has half of it about its diameters.
+            disc = 0.5 * (1.0 + np.abs(turning.axis))
+            turning.parent.inertia = turning.parent.inertia + more * disc
         if "motor_damping" in design:
             joint.damping = [float(design["motor_damping"]), 0.0, 0.0]
 

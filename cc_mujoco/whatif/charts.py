@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from scipy.spatial import Delaunay, QhullError
 
 from cc_mujoco.figures import (
     BLUE,
@@ -117,7 +118,7 @@ def _heat_map(axes: Axes, plan: Plan, table: pa.Table, one: Sensitivity) -> None
             n: plan.ranges[n].levels for n in (across, up)
         }
     else:
-        values, ticks = _of_surface(plan, one, across, up)
+        values, ticks = _of_surface(plan, table, one, across, up)
     image = axes.imshow(
         values, origin="lower", aspect="auto", cmap=TENSION_COLORS,
         interpolation="nearest",
@@ -145,9 +146,12 @@ def _means(plan: Plan, y: Array, across: str, up: str) -> Array:
 
 
 def _of_surface(
-    plan: Plan, one: Sensitivity, across: str, up: str
+    plan: Plan, table: pa.Table, one: Sensitivity, across: str, up: str
 ) -> tuple[Array, dict[str, Sequence[object]]]:
-    """The surface with the other variables in the middle, (up, across)."""
+    """The surface with the other variables in the middle, (up, across).
+
+    Blank beyond the designs that have the number.
+    """
     assert one.surface is not None
     names = plan.varied
     axes = {name: Axis(plan.ranges[name]) for name in names}
@@ -158,10 +162,27 @@ def _of_surface(
         flat = {across: x, up: y}.get(name, np.full_like(x, 0.5)).ravel()
         columns.append(axes[name].sample(flat))
     values = one.surface(np.stack(columns, axis=-1)).reshape(x.shape)
+    good = np.isfinite(_numbers(table, one.metric))
+    designs = [d for d, has in zip(plan.designs, good, strict=True) if has]
+    places = np.stack(
+        [axes[n].code([d[n] for d in designs]) for n in (across, up)], axis=-1
+    )
+    shown = [columns[names.index(n)] for n in (across, up)]
+    values[_beyond(places, np.stack(shown, axis=-1)).reshape(x.shape)] = np.nan
     ticks: dict[str, Sequence[object]] = {
         name: axes[name].values.at(shares[name]) for name in (across, up)
     }
     return values, ticks
+
+
+def _beyond(places: Array, points: Array) -> NDArray[np.bool_]:
+    """Which points lie outside the convex hull of places, all (n, 2) on scales of 1."""
+    # A little is allowed, for a hypercube does not reach the ends of its ranges.
+    grown = places.mean(axis=0) + 1.05 * (places - places.mean(axis=0))
+    try:
+        return np.asarray(Delaunay(grown).find_simplex(points) < 0)
+    except QhullError:  # places on a line
+        return np.zeros(len(points), dtype=np.bool_)
 
 
 def _numbers(table: pa.Table, name: str) -> Array:

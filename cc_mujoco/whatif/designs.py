@@ -136,26 +136,8 @@ def from_file(path: str | Path) -> list[dict[str, object]]:
         raise CableError(f"cannot read the designs {path}: {reason}.") from None
     except UnicodeDecodeError:
         raise CableError(f"{path} is not text in UTF-8.") from None
-    designs: list[dict[str, object]]
-    if path.suffix.lower() == ".toml":
-        try:
-            designs = tomllib.loads(text).get("design", [])
-        except tomllib.TOMLDecodeError as error:
-            raise CableError(f"{path} is not TOML: {error}.") from None
-        if not isinstance(designs, list) or not all(
-            isinstance(design, dict) for design in designs
-        ):
-            raise CableError(f"{path}: `design` must be tables, [[design]].")
-    else:
-        rows = csv.DictReader(text.splitlines(), restkey="", restval=None)
-        designs = []
-        for row in rows:
-            if "" in row or None in row.values():
-                raise CableError(
-                    f"{path}, line {rows.line_num}: it must have as many values as the "
-                    "first line has names."
-                )
-            designs.append({str(k).strip(): v.strip() for k, v in row.items()})
+    read = _from_toml if path.suffix.lower() == ".toml" else _from_csv
+    designs = read(path, text)
     if not designs:
         raise CableError(f"{path} has no designs.")
     names = list(designs[0])
@@ -166,6 +148,42 @@ def from_file(path: str | Path) -> list[dict[str, object]]:
                 f"the first sets {', '.join(names)}; all must set the same."
             )
     return [{name: design[name] for name in names} for design in designs]
+
+
+def _from_toml(path: Path, text: str) -> list[dict[str, object]]:
+    try:
+        found = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise CableError(f"{path} is not TOML: {error}.") from None
+    if unknown := [name for name in found if name != "design"]:
+        raise CableError(
+            f"{path} has {unknown[0]!r}; it must have tables [[design]] and nothing "
+            "else."
+        )
+    designs = found.get("design", [])
+    if not isinstance(designs, list) or not all(isinstance(d, dict) for d in designs):
+        raise CableError(f"{path}: `design` must be tables, [[design]].")
+    return designs
+
+
+def _from_csv(path: Path, text: str) -> list[dict[str, object]]:
+    lines = text.splitlines()
+    blank = next((i for i, line in enumerate(lines) if line.strip()), len(lines))
+    rows = csv.reader(lines[blank:])
+    names = [name.strip() for name in next(rows, [])]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise CableError(f"{path} names {twice[0]!r} twice; name every variable once.")
+    designs: list[dict[str, object]] = []
+    for row in rows:
+        if not row:
+            continue
+        if len(row) != len(names):
+            raise CableError(
+                f"{path}, line {blank + rows.line_num}: it must have as many values "
+                "as the first line has names."
+            )
+        designs.append(dict(zip(names, (v.strip() for v in row), strict=True)))
+    return designs
 
 
 def _read_ends(name: str, text: str) -> Range:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.control import MEASURED, Controller, Drive, controller
+from cc_mujoco.control import MEASURED, TENSIONS, Controller, Drive, controller
 
 Array = NDArray[np.float64]
 
@@ -69,6 +69,9 @@ class Laws(Controller):
                 law.reset()
             for _ in range(PROBES):
                 seen = {name: rng.normal(size=len(one_each)) for name in MEASURED}
+                if sensors := self.drive.sensors:
+                    shape = len(one_each), len(sensors), len(sensors[0].nodes)
+                    seen[TENSIONS] = rng.uniform(1.0, 50.0, size=shape)
                 together = np.asarray(joint.torque(seen))
                 if not np.array_equal(together, _each(one_each, seen)):
                     return False
@@ -78,9 +81,10 @@ class Laws(Controller):
 
 
 def _each(laws: Sequence[Controller], observation: Mapping[str, Any]) -> Array:
+    names = [*MEASURED, *([TENSIONS] if TENSIONS in observation else [])]
     return np.array(
         [
-            law.torque({name: observation[name][i] for name in MEASURED})
+            law.torque({name: observation[name][i] for name in names})
             for i, law in enumerate(laws)
         ]
     )

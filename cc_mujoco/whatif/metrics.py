@@ -65,6 +65,9 @@ METRICS: dict[str, Metric] = {
         Metric("bandwidth", "Hz", "where the joint torque, the joint held, falls 3 dB "
                f"below its response at {CHIRP_LOW:g} Hz; {CHIRP_HIGH:g} where it does "
                "not, 0 where nothing arrives", high=True, test="bandwidth"),
+        Metric("response", "1", "joint torque per desired torque, the joint held, at "
+               f"{CHIRP_LOW:g} Hz, which `bandwidth` goes by; friction makes it small",
+               high=True, test="bandwidth"),
     )
 }  # fmt: skip
 """Every metric by name."""
@@ -160,18 +163,17 @@ def measure_backlash(log: Samples) -> dict[str, float]:
 
 
 def measure_bandwidth(log: Samples) -> dict[str, float]:
-    """The metric of the held joint."""
+    """The metrics of the held joint."""
     step = float(log["time_s"][1])
+    desired, actual = log["desired_torque_nm"], log["joint_torque_nm"]
     return {
-        "bandwidth": bandwidth(log["desired_torque_nm"], log["joint_torque_nm"], step)
+        "bandwidth": bandwidth(desired, actual, step),
+        "response": float(response(desired, actual, step)[1][0]),
     }
 
 
 def bandwidth(desired: Array, actual: Array, step: float) -> float:
     """Frequency at which a response has fallen 3 dB below that at its lowest band [Hz].
-
-    The response is the cross spectrum of the two signals over the power spectrum of the
-    desired one, each summed over bands of a sixth of an octave.
 
     Args:
         desired: excitation with power in all of the band of the chirp, (T,).
@@ -181,6 +183,31 @@ def bandwidth(desired: Array, actual: Array, step: float) -> float:
     Returns:
         The frequency, on a logarithmic scale between the centres of bands; `CHIRP_HIGH`
         if the response stays above, and 0 if its lowest band is below `LEAST_GAIN`.
+    """
+    centre, gain = response(desired, actual, step)
+    if not gain[0] >= LEAST_GAIN:
+        return 0.0
+    below = np.flatnonzero(gain < gain[0] / math.sqrt(2.0))
+    if below.size == 0:
+        return CHIRP_HIGH
+    k = int(below[0])
+    share = (gain[k - 1] - gain[0] / math.sqrt(2.0)) / (gain[k - 1] - gain[k])
+    return float(centre[k - 1] * (centre[k] / centre[k - 1]) ** share)
+
+
+def response(desired: Array, actual: Array, step: float) -> tuple[Array, Array]:
+    """How much of what is desired arrives, by frequency.
+
+    The cross spectrum of the two signals over the power spectrum of the desired one,
+    each summed over bands of a sixth of an octave, of which the lowest is an octave.
+
+    Args:
+        desired: excitation with power in all of the band of the chirp, (T,).
+        actual: what follows it, (T,).
+        step: time between samples [s].
+
+    Returns:
+        Centres of the bands [Hz]; absolute values of the response there.
     """
     wanted = np.fft.rfft(desired - desired.mean())
     found = np.fft.rfft(actual - actual.mean())
@@ -193,15 +220,7 @@ def bandwidth(desired: Array, actual: Array, step: float) -> float:
     cross = np.add.reduceat(found * wanted.conj(), places)[:-1]
     power = np.add.reduceat(np.abs(wanted) ** 2, places)[:-1]
     gain = np.abs(cross) / power
-    centre = np.sqrt(edges[1:] * edges[:-1])
-    if not gain[0] >= LEAST_GAIN:
-        return 0.0
-    below = np.flatnonzero(gain < gain[0] / math.sqrt(2.0))
-    if below.size == 0:
-        return CHIRP_HIGH
-    k = int(below[0])
-    share = (gain[k - 1] - gain[0] / math.sqrt(2.0)) / (gain[k - 1] - gain[k])
-    return float(centre[k - 1] * (centre[k] / centre[k - 1]) ** share)
+    return np.sqrt(edges[1:] * edges[:-1]), gain
 
 
 def _rms(values: Array) -> float:

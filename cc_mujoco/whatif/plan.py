@@ -33,6 +33,7 @@ from cc_mujoco.whatif.designs import (
 )
 from cc_mujoco.whatif.evaluate import Design, episodes
 from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.whatif.sensing import equip
 from cc_mujoco.whatif.trial import CHIRP_TIME, CONTROL_PERIOD, Trial
 
 BATCH = 96
@@ -183,7 +184,7 @@ def _trial(
     for episode in episodes(trial, builder).values():
         exo = episode.exo(model)
         exo.author.write(np.random.default_rng(seed))
-        controller(law, exo.drive)
+        controller(law, equip(exo.drive))
     return trial, builder
 
 

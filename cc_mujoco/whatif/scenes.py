@@ -23,6 +23,10 @@ class Scene:
     """Breaking load of the cable [N]."""
     diameter: float
     """Diameter of the cable [m]."""
+    motor_pulley: float
+    """Inertia of the motor's pulley about its axis [kg m^2]; grows as radius^4."""
+    joint_pulley: float = 0.0
+    """The same at the joint; 0 where a lever is in its place, which keeps its own."""
     lever: tuple[str, ...] = ()
     """Sites that move with the lever: the two ends of the free rope at the joint."""
 
@@ -38,13 +42,20 @@ class Scene:
 
 SCENES: dict[str, Scene] = {
     # The wire rope of the scene's comment: 0.15 mm^2 of metal at 1770 N/mm^2, the
-    # common grade of rope wire (EN 10264-2).
-    "wrist": Scene("WristHandle", strength=265.0, diameter=0.6e-3),
-    # The synthetic rope of the scene's comment.
+    # common grade of rope wire (EN 10264-2). Its pulleys are there too.
+    "wrist": Scene(
+        "WristHandle",
+        strength=265.0,
+        diameter=0.6e-3,
+        motor_pulley=1.6e-5,
+        joint_pulley=1.1e-3,
+    ),
+    # The synthetic rope and the drum of the scene's comments.
     "ankle": Scene(
         "AnkleExo",
         strength=8000.0,
         diameter=3e-3,
+        motor_pulley=1.5e-4,
         lever=("conduit_shank", "heel_lever"),
     ),
 }

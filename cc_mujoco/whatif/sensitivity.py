@@ -8,6 +8,7 @@ the ranges, by the estimator of Saltelli et al. (2010) in `scipy.stats.sobol_ind
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -76,7 +77,13 @@ def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
     surface = fit(x[good], y[good])
     if surface is None:
         return None
-    return _fitted(plan, metric, axes, surface)
+    found = _fitted(plan, metric, axes, surface)
+    if lacking := int((~good).sum()):
+        how = (
+            f"{found.how}; {lacking} designs have no number, and it says nothing there"
+        )
+        found = dataclasses.replace(found, how=how)
+    return found
 
 
 def _coded(plan: Plan, axes: Sequence[Axis]) -> Array:

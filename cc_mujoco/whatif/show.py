@@ -5,17 +5,18 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import mujoco
-import pyarrow.parquet as pq
 
-from cc_mujoco.control import controller
+from cc_mujoco import engine
 from cc_mujoco.errors import CableError
 from cc_mujoco.recording import EpisodeLog, play
 from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import Design
-from cc_mujoco.whatif.store import TABLE, read_study
+from cc_mujoco.whatif.sensing import Sensed
+from cc_mujoco.whatif.store import read_study, read_table
 from cc_mujoco.whatif.trial import CONTROL_PERIOD
 
 
@@ -58,7 +59,7 @@ def show(
     names = {key: trial[key] for key in ("trajectory", "task", "controller")}
     log = play(
         env,
-        controller(trial["controller"], env.drive),
+        Sensed(trial["controller"], env.drive, engine.cables(model)),
         seed=trial["seed"],
         about={**names, "design": row, "variables": design},
         progress=progress,
@@ -68,12 +69,20 @@ def show(
 
 
 def _design(folder: Path, row: int, names: list[str]) -> Design:
-    if not (folder / TABLE).exists():
-        raise CableError(f"the study in {folder} is not finished; run it again.")
-    table = pq.read_table(folder / TABLE, columns=names)
+    found = read_row(folder, row)
+    return {name: found[name] for name in names}
+
+
+def read_row(folder: str | Path, row: int) -> dict[str, Any]:
+    """A row of the table of a study, by column.
+
+    Raises:
+        CableError: there is no finished study or no such row.
+    """
+    table = read_table(Path(folder))
     if not 0 <= row < len(table):
         raise CableError(
             f"the study in {folder} has designs 0 to {len(table) - 1}, not {row}."
         )
-    found: Design = table.slice(row, 1).to_pylist()[0]
+    found: dict[str, Any] = table.slice(row, 1).to_pylist()[0]
     return found

@@ -17,12 +17,14 @@ from gymnasium.utils import seeding
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
+from cc_mujoco.control import TENSIONS
 from cc_mujoco.engine import Reader, cables
 from cc_mujoco.envs.device import Device, Physics, Setup
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.whatif.laws import Laws
+from cc_mujoco.whatif.sensing import Taps, equip
 
 Array = NDArray[np.float64]
 
@@ -110,7 +112,7 @@ def play(
     rng, _ = seeding.np_random(episode.seed)
     script = exo.author.write(rng)
     devices = [exo.device, *(episode.device(model) for model in models[1:])]
-    drives = [device.drive(exo.period) for device in devices]
+    drives = [equip(device.drive(exo.period)) for device in devices]
     law = None if episode.controller is None else Laws(episode.controller, drives)
     fleet = _Fleet(exo, devices, script, threads)
     with np.errstate(all="ignore"):  # designs that failed hold what is not a number
@@ -140,6 +142,7 @@ class _Fleet:
         readers = [Reader(models[0], name) for name in cables(models[0])]
         self._nodes = [reader.nodes for reader in readers]
         self._energies = [reader.energy for reader in readers]
+        self._taps = Taps(readers, equip(devices[0].drive(exo.period)))
         self._batch = Batch(models[0], count, threads, persistent=True)
         self._batch.set_models(models)
         self._bound = Physics(*(self._batch.bind(name) for name in Physics._fields))
@@ -184,6 +187,7 @@ class _Fleet:
         kept.actuator_force[step] = now.actuator_force
         kept.qfrc_actuator[step] = now.qfrc_actuator
         kept.plugin_state[step] = now.plugin_state[:, self._energies]
+        seen[TENSIONS] = self._taps.read(now.plugin_state)
         for place, nodes in enumerate(self._nodes):
             now.plugin_state[:, nodes].min(axis=1, out=self._least[step, :, place])
         return seen

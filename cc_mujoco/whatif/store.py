@@ -7,6 +7,7 @@ is the table of all, and takes the place of the parts.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
 from collections.abc import Mapping, Sequence
@@ -57,10 +58,12 @@ class Store:
             with replacing(folder / STUDY) as partial:
                 partial.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
         if (folder / TABLE).exists():
-            self.whole = pq.read_table(folder / TABLE)
+            self.whole = read_table(folder)
             return
         for path in parts:
-            self._found[int(path.stem)] = _read_part(path, plan.trial.metrics)
+            # A part that cannot be read is done again.
+            with contextlib.suppress(pa.ArrowException, OSError):
+                self._found[int(path.stem)] = _read_part(path, plan.trial.metrics)
 
     def missing(self) -> list[int]:
         """Batches that are still to be done."""
@@ -111,12 +114,31 @@ def read_study(folder: Path) -> dict[str, Any]:
         CableError: there is none.
     """
     try:
-        found = json.loads((folder / STUDY).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        found = dict(json.loads((folder / STUDY).read_text(encoding="utf-8")))
+        _ = found["variables"], found["trial"]["duration"]
+    except (OSError, ValueError, TypeError, KeyError):
         raise CableError(
             f"{folder} holds no study; give the folder of `cc-mujoco whatif --out`."
         ) from None
-    return dict(found)
+    return found
+
+
+def read_table(folder: Path) -> pa.Table:
+    """The table of the finished study in a folder.
+
+    Raises:
+        CableError: there is none.
+    """
+    path = folder / TABLE
+    if not path.exists():
+        raise CableError(f"the study in {folder} is not finished; run it again.")
+    try:
+        return pq.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        reason = str(error).split(". ")[0].rstrip(".")
+        raise CableError(
+            f"{path} cannot be read: {reason}; delete it and run the study again."
+        ) from None
 
 
 def _require_same(folder: Path, about: Mapping[str, Any]) -> None:

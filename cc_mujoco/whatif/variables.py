@@ -52,7 +52,7 @@ class Variable:
         if self.text:
             return str(value)
         try:
-            number = float(value)  # type: ignore[arg-type]
+            number = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
         except (TypeError, ValueError):
             number = math.nan
         above = number > self.low if self.low_open else number >= self.low

@@ -102,3 +102,70 @@ def test_more_flexed_finger_gets_less_of_the_same_pull() -> None:
         reading = read(m, d, "extensor")
         passed.append(reading.tension_distal / reading.tension_proximal)
     assert np.diff(np.log(passed)) == pytest.approx([-0.2 * 0.7] * 2, rel=1e-6)
+
+
+def along(m: mujoco.MjModel, d: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the tendon's path, (n, 3), and the turn of the path at each [rad].
+
+    The chord of an arc counts as a piece too; here it pulls nothing that moves.
+    """
+    start, count = int(d.ten_wrapadr[0]), int(d.ten_wrapnum[0])
+    points = d.wrap_xpos.reshape(-1, 3)[start : start + count]
+    piece = np.diff(points, axis=0)
+    piece /= np.linalg.norm(piece, axis=1)[:, None]
+    cosine = np.sum(piece[1:] * piece[:-1], axis=1)
+    # A chord makes half of its arc's angle with the tangents at both ends.
+    return points, np.concatenate([[0.0], np.arccos(np.minimum(cosine, 1.0)), [0.0]])
+
+
+def pulled(m: mujoco.MjModel, d: mujoco.MjData, tension: np.ndarray) -> np.ndarray:
+    """Joint torques of a tendon with this tension in each piece of its path, (nv,).
+
+    Each body is pushed by what the pieces before and behind its points pull.
+    """
+    start, count = int(d.ten_wrapadr[0]), int(d.ten_wrapnum[0])
+    points, _ = along(m, d)
+    piece = np.diff(points, axis=0)
+    piece /= np.linalg.norm(piece, axis=1)[:, None]
+    force = np.zeros((count, 3))
+    force[:-1] += tension[:, None] * piece
+    force[1:] -= tension[:, None] * piece
+    names = iter(["winch_exit", "guide", "insertion"])
+    torque = np.zeros(m.nv)
+    for point, push, geom in zip(
+        points, force, d.wrap_obj.ravel()[start : start + count], strict=True
+    ):
+        body = m.geom_bodyid[geom] if geom >= 0 else m.site(next(names)).bodyid[0]
+        jacobian = np.zeros((3, m.nv))
+        mujoco.mj_jac(m, d, jacobian, None, point, body)
+        torque += jacobian.T @ push
+    return torque
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_finger_feels_the_tension_that_the_tendon_has_where_it_pulls(way: int) -> None:
+    """The local tension, piece by piece, against what the plugin applies.
+
+    It falls along the path as exp(-friction * turn), and each piece pulls the bodies at
+    its ends with its own; the plugin knows the distal one and MuJoCo's moment arms.
+    """
+    friction = 0.3
+    m, d = load(friction)
+    pull(m, d, 0.16, 1.0)
+    if way < 0:
+        pull(m, d, 0.03, 1.0)
+    mujoco.mj_forward(m, d)
+    assert np.all(read(m, d, "extensor").slip == -way)
+    distal = -float(d.sensor("tension_extensor_distal").data[0])
+    turn = along(m, d)[1]
+    assert turn.sum() == pytest.approx(route_wrap(m, d, "extensor"), rel=1e-6)
+    behind = turn.sum() - np.cumsum(turn)[:-1]
+    local = distal * np.exp(way * friction * behind)
+    proximal = float(d.sensor("tension_extensor_proximal").data[0])
+    assert local[0] == pytest.approx(proximal, rel=1e-3)
+    assert np.ptp(local) > 0.3 * distal
+    finger = int(m.joint("finger").dofadr[0])
+    applied = float(d.qfrc_actuator[finger])
+    assert applied == pytest.approx(pulled(m, d, local)[finger], rel=1e-9)
+    # A tendon without friction would pull no less exactly, with one tension.
+    assert applied == pytest.approx(-0.012 * distal, rel=1e-6)

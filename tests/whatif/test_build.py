@@ -75,6 +75,39 @@ def test_pulleys_and_lever_set_the_ratio(builder: Builder) -> None:
         assert abs(model.actuator_gear[near, 0]) == 0.03
 
 
+@pytest.mark.parametrize(
+    ("scene", "motor", "joint"), [("wrist", 1.6e-5, 1.1e-3), ("ankle", 1.5e-4, 0.0)]
+)
+def test_pulleys_weigh_what_discs_do(scene: str, motor: float, joint: float) -> None:
+    """In the scene as the comments of its file say; else as radius to the power 4."""
+    builder = Builder(scene)
+    places = ("motor", builder.scene.cls.SETUP.joint)
+
+    def inertia(**design: float) -> np.ndarray:
+        model = builder.model(design)
+        return np.array([model.dof_M0[model.joint(n).dofadr[0]] for n in places])
+
+    small, large = inertia(motor_radius=0.01), inertia(motor_radius=0.03)
+    radius = {"wrist": 0.02, "ankle": 0.025}[scene]
+    grown = (0.03**4 - 0.01**4) / radius**4
+    assert large - small == pytest.approx([motor * grown, 0.0], rel=1e-9, abs=1e-15)
+    wide = inertia(joint_radius=0.15) - inertia(joint_radius=0.05)
+    grown = (0.15**4 - 0.05**4) / 0.104**4
+    assert wide == pytest.approx([0.0, joint * grown], rel=1e-9, abs=1e-15)
+    assert inertia(motor_radius=radius) == pytest.approx(inertia())
+    lightest = inertia(motor_radius=1e-4, joint_radius=1e-3)
+    assert inertia() - lightest == pytest.approx([motor, joint], rel=1e-6, abs=1e-15)
+
+
+def test_half_a_pulley_is_each_cable_s() -> None:
+    builder = Builder("wrist")
+    one, both = (
+        builder.model({name: 0.04}).dof_M0[0] - builder.model({}).dof_M0[0]
+        for name in ("flexor.motor_radius", "motor_radius")
+    )
+    assert [one, both] == pytest.approx([7.5 * 1.6e-5, 15.0 * 1.6e-5])
+
+
 def test_one_cable_may_differ_from_the_other() -> None:
     builder = Builder("wrist")
     cables = builder.cables_of({"friction": 0.2, "extensor.friction": 0.4})
@@ -98,7 +131,10 @@ def test_one_cable_may_differ_from_the_other() -> None:
         ({"conduit": "2"}, "length:radius"),
         ({"route": "nowhere"}, "must be a tendon"),
         ({"segments": 1000}, "time step"),
-        ({"rotor_inertia": 1e-9, "motor_radius": 0.2}, "time step"),
+        ({"pretension": 265}, "breaking load of 265 N"),
+        ({"extensor.pretension": 20, "strength": 15}, "'extensor' is 20 N"),
+        ({"diameter": 1e-4}, "breaking load of 7.36111 N"),
+        ({"rotor_inertia": 0, "axial_stiffness": 2e4}, "time step"),
     ],
 )
 def test_impossible_designs_say_why(design: dict[str, object], wrong: str) -> None:
@@ -110,6 +146,7 @@ def test_impossible_designs_say_why(design: dict[str, object], wrong: str) -> No
 def test_the_stable_step_is_that_of_the_model(scene: str) -> None:
     builder = Builder(scene)
     design = {"segments": 31, "joint_radius": 0.15, "rotor_inertia": 1e-4}
+    design["motor_radius"] = 0.03
     model = builder.model(design)
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)

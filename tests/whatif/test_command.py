@@ -60,7 +60,12 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
         sum(table["slack_margin"].to_pylist()[:2]) / 2
     )
 
+    capsys.readouterr()
     assert cli.main(["whatif-show", "study", "4"]) == 0
+    told = dict(line.split()[:2] for line in capsys.readouterr().out.splitlines()[:5])
+    assert list(told) == ["friction", "loops", *metrics]
+    for name, number in told.items():
+        assert float(number) == pytest.approx(table[name][4].as_py(), rel=1e-3)
     assert sorted(p.name for p in (out / "design-4").iterdir()) == sorted(FILES)
     log = EpisodeLog.read(out / "design-4" / "log.parquet")
     assert log.metadata["variables"] == {"friction": 0.2, "loops": 1.0}

@@ -67,12 +67,34 @@ def test_a_list_comes_from_a_file(name: str, tmp_path: Path) -> None:
         ("friction\n0.1,2\n", "line 2"),
         ("friction,loops\n0.1\n", "line 2"),
         ("friction\n", "no designs"),
+        ("\n\nfriction,loops\n\n0.1,1\n0.1\n", "line 6"),
+        ("friction,loops, friction\n0.1,1,0.2\n", "'friction' twice"),
     ],
 )
 def test_a_list_that_is_none_says_where(text: str, wrong: str, tmp_path: Path) -> None:
     (tmp_path / "list.csv").write_text(text)
     with pytest.raises(CableError, match=wrong):
         from_file(tmp_path / "list.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("[[designs]]\nfriction = 0.1\n", "'designs'"),
+        ("[[design]]\nfriction = 0.1\n[other]\n", "'other'"),
+        ("design = 3\n", "must be tables"),
+        ("[[design]]\nfriction = 0.1 0.2\n", "is not TOML"),
+    ],
+)
+def test_a_toml_with_a_slip_says_which(text: str, wrong: str, tmp_path: Path) -> None:
+    (tmp_path / "list.toml").write_text(text)
+    with pytest.raises(CableError, match=wrong):
+        from_file(tmp_path / "list.toml")
+
+
+def test_a_truth_is_no_number() -> None:
+    with pytest.raises(CableError, match="cannot be True"):
+        read_range("friction", [True], CABLES)
 
 
 def test_designs_of_a_list_must_set_the_same(tmp_path: Path) -> None:

@@ -12,8 +12,21 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from cc_mujoco.whatif.metrics import bandwidth, measure_backlash, measure_episode
-from cc_mujoco.whatif.trial import CHIRP_HIGH, CHIRP_TIME, SWING_TIME, SWINGS, Chirp
+from cc_mujoco.whatif.metrics import (
+    bandwidth,
+    measure_backlash,
+    measure_bandwidth,
+    measure_episode,
+    response,
+)
+from cc_mujoco.whatif.trial import (
+    CHIRP_HIGH,
+    CHIRP_LOW,
+    CHIRP_TIME,
+    SWING_TIME,
+    SWINGS,
+    Chirp,
+)
 
 Array = NDArray[np.float64]
 DT = 1e-3
@@ -43,10 +56,22 @@ def _chirp(bias: float = 0.0) -> Array:
 def test_bandwidth_of_a_first_order_lag_is_its_corner(corner: float) -> None:
     share = 1.0 - math.exp(-2.0 * math.pi * corner * DT)
     desired = _chirp(bias=1.25)
-    response = lfilter([share], [1.0, share - 1.0], desired)
+    actual = lfilter([share], [1.0, share - 1.0], desired)
     # The lag has lost some already at the lowest band, which is the reference.
-    assert bandwidth(desired, response, DT) == pytest.approx(corner, rel=0.15)
-    assert bandwidth(desired, 0.1 * response, DT) == pytest.approx(corner, rel=0.15)
+    assert bandwidth(desired, actual, DT) == pytest.approx(corner, rel=0.15)
+    assert bandwidth(desired, 0.1 * actual, DT) == pytest.approx(corner, rel=0.15)
+
+
+def test_response_is_what_arrives_at_each_frequency() -> None:
+    desired = _chirp()
+    centre, gain = response(desired, 0.3 * desired, DT)
+    assert gain == pytest.approx(np.full(gain.size, 0.3))
+    assert centre[0] == pytest.approx(CHIRP_LOW * math.sqrt(2.0))
+    assert np.all(np.diff(centre) > 0.0) and centre[-1] < CHIRP_HIGH
+    time = np.arange(desired.size) * DT
+    log = Log({"time_s": time, "desired_torque_nm": desired,
+               "joint_torque_nm": 0.3 * desired})  # fmt: skip
+    assert measure_bandwidth(log) == {"bandwidth": CHIRP_HIGH, "response": gain[0]}
 
 
 def test_bandwidth_ends_at_the_chirp_and_begins_at_nothing() -> None:

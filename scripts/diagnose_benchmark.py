@@ -7,6 +7,10 @@ Every case is generated, written to files, read back, diagnosed, and only then c
 with its label. Studies draw from disjoint seeds: `development` and `calibration` were
 used to set thresholds, `final` only to measure. Cases that are done are kept; the table
 is written anew after each.
+
+With `--naive` every case is also named in the naive ways of `naive_naming`, from the
+same tuned baseline; `sparse` among them needs `pip install pysindy`. A case that was
+done without keeps its record.
 """
 
 from __future__ import annotations
@@ -19,13 +23,16 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tqdm import tqdm
 
 SCRIPTS = Path(__file__).resolve().parent
 sys.path.insert(0, str(SCRIPTS))
+
+if TYPE_CHECKING:
+    from cc_mujoco.diagnosis.diagnose import Tuning
 
 STUDIES = {"development": 1000, "calibration": 2000, "final": 3000}
 """First seed of every study."""
@@ -61,8 +68,8 @@ def cases(
             yield {"kind": kind, "hidden": names, "seed": seed, "strength": strength}
 
 
-def run(case: dict[str, Any]) -> dict[str, Any]:
-    """Generate, diagnose and record one case."""
+def run(case: dict[str, Any], naive: bool = False) -> dict[str, Any]:
+    """Generate, diagnose and record one case, and name it in naive ways if wanted."""
     from cc_mujoco.assets import scene_path
     from cc_mujoco.diagnosis import slopes
     from cc_mujoco.diagnosis.bench import Bench
@@ -98,7 +105,10 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
                 "named": [],
                 "said": wrong[0].statement,
             }
-        found = reason(dataset, Bench.of(scene_path("bench"))).diagnosis
+        result = reason(dataset, Bench.of(scene_path("bench")))
+    found, seconds = result.diagnosis, time.perf_counter() - begin
+    if naive and result.tuning is not None:
+        record["naive"] = guesses(result.tuning)
     stiffness = found.baseline.parameters.get("axial_stiffness")
     return {
         **record,
@@ -116,8 +126,20 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
         "candidates": [
             [[c.id, c.reduction, c.reason] for c in step] for step in found.runner_ups
         ],
-        "seconds": time.perf_counter() - begin,
+        "seconds": seconds,
     }
+
+
+def guesses(tuning: Tuning) -> dict[str, Any]:
+    """What every naive way says, and how long it takes to say it [s]."""
+    from naive_naming import installed
+
+    said = {}
+    for name, method in installed().items():
+        begin = time.perf_counter()
+        guess = method(tuning)._asdict()
+        said[name] = {**guess, "seconds": time.perf_counter() - begin}
+    return said
 
 
 def judged(record: dict[str, Any]) -> str:
@@ -147,6 +169,8 @@ def judged(record: dict[str, Any]) -> str:
 
 def summary(records: list[dict[str, Any]]) -> str:
     """Markdown: rates by kind, then a line for each effect."""
+    from naive_naming.table import comparison
+
     lines = [
         "| hidden | cases | right | in a tie of two | silent | wrong |",
         "|---|---|---|---|---|---|",
@@ -183,6 +207,8 @@ def summary(records: list[dict[str, Any]]) -> str:
         ]
     if cover:
         lines.append(f"Intervals of the stiffness cover {np.mean(cover):.0%}.")
+    if any("naive" in r for r in records):
+        lines += ["", *comparison(records, judged)]
     lines += ["", "| hidden | R | verdict | named | ties |", "|---|---|---|---|---|"]
     for r in records:
         hidden = ", ".join(r["hidden"]) or "none"
@@ -206,6 +232,9 @@ def main() -> None:
         "--kinds", nargs="+", default=["named", "none", "unknown", "pair"]
     )
     parser.add_argument("--only", nargs="+", default=[], help="ids")
+    parser.add_argument(
+        "--naive", action="store_true", help="name in naive ways too, to compare"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs", "diagnose_benchmark"))
     options = parser.parse_args()
@@ -224,7 +253,7 @@ def main() -> None:
         and (not options.only or set(case["hidden"]) & set(options.only))
     ]
     with ProcessPoolExecutor(options.jobs) as pool:
-        waiting = [pool.submit(run, case) for case in wanted]
+        waiting = [pool.submit(run, case, options.naive) for case in wanted]
         for future in tqdm(as_completed(waiting), total=len(waiting), unit="case"):
             records.append(future.result())
             with kept.open("a", encoding="utf-8") as file:

@@ -79,6 +79,7 @@ class Result:
         problem: the final model, or None where there is none.
         at: its parameters.
         bench: of the scene.
+        tuning: the baseline, or None where there is none.
     """
 
     diagnosis: Diagnosis
@@ -86,6 +87,7 @@ class Result:
     problem: Problem | None
     at: FloatArray
     bench: Bench
+    tuning: Tuning | None = None
 
 
 def reason(
@@ -241,7 +243,7 @@ def _concluded(
         tuple(_runner_ups(step) for step in found.rounds),
         tuple(notes),
     )
-    return Result(diagnosis, evidence, problem, at, bench)
+    return Result(diagnosis, evidence, problem, at, bench, tuning)
 
 
 def judged(
@@ -361,7 +363,7 @@ def _numerics(bench: Bench, tuning: Tuning, notes: Sequence[str]) -> Result:
         f"{1.0 / tuning.problem.plant.records[0].dt:.0f} Hz, or reduce the wrap."
     )
     diagnosis = Diagnosis("fix-numerics", statement, problems=(statement, *notes))
-    return Result(diagnosis, _nothing(), None, np.zeros(0), bench)
+    return Result(diagnosis, _nothing(), None, np.zeros(0), bench, tuning)
 
 
 def diagnose(

@@ -7,7 +7,7 @@ them are independent, so that priors and intervals count for what they are worth
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -77,6 +77,14 @@ class Problem:
             for knob in EFFECTS[name].knobs
         )
         return replace(self, tuned=(*self.tuned, *more), effects=(*self.effects, name))
+
+    def placed(self, at: FloatArray, start: Mapping[str, float]) -> FloatArray:
+        """Place of the fit that continues a narrower one with an effect's `start`."""
+        new = [
+            0.0 if parameter.factor else start[parameter.name] / parameter.scale
+            for parameter in self.tuned[at.size :]
+        ]
+        return np.concatenate([at, new])
 
     def without(self, name: str) -> Problem:
         """The same without an effect."""

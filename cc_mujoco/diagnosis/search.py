@@ -154,11 +154,7 @@ def _refit(
     now: Crossed, division: Sequence[Fold], signature: Signature, thresholds: Thresholds
 ) -> Candidate:
     wider = now.problem.with_effect(signature.id, signature.start)
-    new = [
-        0.0 if parameter.factor else signature.start[parameter.name] / parameter.scale
-        for parameter in wider.tuned[len(now.problem.tuned) :]
-    ]
-    starts = [np.concatenate([fit.at, new]) for fit in now.fits]
+    starts = [wider.placed(fit.at, signature.start) for fit in now.fits]
     try:
         crossed = cross(wider, division, starts)
     except CableError as error:

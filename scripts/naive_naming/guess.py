@@ -1,0 +1,30 @@
+"""What a naive way says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+
+class Guess(NamedTuple):
+    """The name that a naive way gives to what is missing.
+
+    Attributes:
+        named: id of the effect, or None where it finds nothing missing.
+        ranking: ids, the likeliest first; named or not.
+        share: of the squared residual that is explained, by the first of the ranking
+            or, where a model has several effects, by that model.
+    """
+
+    named: str | None
+    ranking: tuple[str, ...]
+    share: float
+
+
+def decided(shares: Mapping[str, float], least: float) -> Guess:
+    """The effect with the largest share, named if it takes as much as `least`."""
+    ranking = tuple(sorted(shares, key=lambda name: -shares[name]))
+    if not ranking:
+        return Guess(None, (), 0.0)
+    first = shares[ranking[0]]
+    return Guess(ranking[0] if first >= least else None, ranking, first)

@@ -1,0 +1,126 @@
+"""What residual and features are made of: motion, simulated torques, their history."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.diagnose import Tuning
+from cc_mujoco.diagnosis.effects import acceleration
+from cc_mujoco.diagnosis.records import Record
+
+REST = 0.01
+"""Speed of the motor below which it rests [rad/s]."""
+PAUSE = 0.05
+"""Shortest rest; a motion that turns has speed 0 for a moment too [s]."""
+
+
+class Signals(NamedTuple):
+    """One record as features see it; arrays are (samples,).
+
+    Attributes:
+        dt: time between samples [s].
+        band: to which the torques are low-passed [Hz].
+        counts: whether a sample counts.
+        time: since the trial began [s].
+        motor_angle: [rad].
+        joint_angle: [rad].
+        speed: of the cable at the motor's pulley [m/s].
+        direction: sign of the speed; at rest that of the last motion.
+        motor_acceleration: [rad/s^2].
+        joint_acceleration: [rad/s^2].
+        travel: of the cable since the motion last turned [m].
+        rested: how long the last rest was [s].
+        since_rest: travel of the cable since then [m].
+        torque: (2, samples) of motor and joint, as the baseline simulates it [Nm].
+        residual: (2, samples) measured less simulated [Nm].
+        floor: (2, samples) standard deviation of noise [Nm].
+    """
+
+    dt: float
+    band: float
+    counts: NDArray[np.bool_]
+    time: FloatArray
+    motor_angle: FloatArray
+    joint_angle: FloatArray
+    speed: FloatArray
+    direction: FloatArray
+    motor_acceleration: FloatArray
+    joint_acceleration: FloatArray
+    travel: FloatArray
+    rested: FloatArray
+    since_rest: FloatArray
+    torque: FloatArray
+    residual: FloatArray
+    floor: FloatArray
+
+
+def signals(tuning: Tuning) -> tuple[Signals, ...]:
+    """Signals of every record, about the tuned baseline."""
+    problem = tuning.problem
+    values = problem.values(tuning.whole.at)
+    radius = values.get("motor_radius", problem.plant.near)
+    played = problem.plant.simulate(values, problem.effects)
+    return tuple(
+        observed(record, torque, floor, radius)
+        for record, torque, floor in zip(
+            problem.plant.records, played, problem.floor, strict=True
+        )
+    )
+
+
+def observed(
+    record: Record, torque: FloatArray, floor: FloatArray, radius: float
+) -> Signals:
+    """Signals of one record.
+
+    Args:
+        record: what was measured.
+        torque: (2, samples) of motor and joint, simulated [Nm].
+        floor: (2, samples) standard deviation of their noise [Nm].
+        radius: of the motor's pulley [m].
+    """
+    turning = np.gradient(record.motor_angle, record.dt)
+    moves = np.abs(turning) > REST
+    direction = held(np.sign(turning), moves)
+    path = radius * np.cumsum(np.abs(np.diff(record.motor_angle, prepend=0.0)))
+    turned = np.diff(direction, prepend=direction[0]) != 0.0
+    resting = _resting(moves, record.dt)
+    sets_off = moves & (resting > PAUSE)
+    return Signals(
+        record.dt,
+        record.band,
+        record.counts,
+        record.start + record.dt * np.arange(turning.size),
+        record.motor_angle,
+        record.joint_angle,
+        radius * turning,
+        direction,
+        acceleration(record.motor_angle, record.dt),
+        acceleration(record.joint_angle, record.dt),
+        path - held(path, turned),
+        held(resting, sets_off),
+        path - held(path, sets_off),
+        torque,
+        record.measured - torque,
+        floor,
+    )
+
+
+def held(values: FloatArray, taken: NDArray[np.bool_]) -> FloatArray:
+    """Every value as it was when last taken; before that the first one (samples,)."""
+    last = np.maximum.accumulate(np.where(taken, np.arange(values.size), 0))
+    found: FloatArray = values[last]
+    return found
+
+
+def _resting(moves: NDArray[np.bool_], dt: float) -> FloatArray:
+    """How long the rest before each sample was that ends with it [s]."""
+    place = np.arange(moves.size)
+    last = np.maximum.accumulate(np.where(moves, place, 0))
+    before = np.concatenate([[0], last[:-1]])
+    found: FloatArray = dt * (place - before - 1.0).clip(0.0)
+    return found

@@ -1,0 +1,74 @@
+"""The comparison as a table: `cc-mujoco diagnose` and the naive ways, case by case."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+Record = dict[str, Any]
+Judge = Callable[[Record], str]
+
+HEAD = (
+    "| method | named: cases | right | in a tie of two | silent | wrong "
+    "| first in its ranking | none: false alarms | unknown: wrongly named |",
+    "|---|---|---|---|---|---|---|---|---|",
+)
+
+
+def comparison(records: Sequence[Record], judge: Judge) -> list[str]:
+    """Lines of Markdown; every method on the same cases.
+
+    Args:
+        records: of cases; those without naive answers do not count.
+        judge: one word for how a case went, from a record of the diagnosis.
+    """
+    both = [record for record in records if "naive" in record]
+    lines = list(HEAD)
+    ranked = [(record, _ranking(record)) for record in both]
+    lines.append(_row("diagnose", ranked, judge))
+    for method in ("binned", "sparse", "bic"):
+        told = [
+            (_as_diagnosis(record, guess), list(guess["ranking"]))
+            for record in both
+            if (guess := record["naive"].get(method))
+        ]
+        if told:
+            lines.append(_row(method, told, judge))
+        else:
+            lines.append(f"| {method} | not installed |" + " |" * 7)
+    return lines
+
+
+def _as_diagnosis(record: Record, guess: Record) -> Record:
+    """The record as if the diagnosis had guessed so."""
+    named = [guess["named"]] if guess["named"] else []
+    verdict = "named" if named else "none"
+    return {**record, "verdict": verdict, "named": named, "ties": []}
+
+
+def _ranking(record: Record) -> list[str]:
+    """Effects that the diagnosis refitted first, the best first."""
+    rounds = record.get("candidates") or [[]]
+    return [candidate[0] for candidate in rounds[0]]
+
+
+def _row(method: str, told: Sequence[tuple[Record, list[str]]], judge: Judge) -> str:
+    def share(kind: str, *words: str) -> str:
+        of = [judge(record) for record, _ in told if record["kind"] == kind]
+        return _percent(sum(word in words for word in of), len(of))
+
+    named = [pair for pair in told if pair[0]["kind"] == "named"]
+    first = sum(ranking[:1] == list(record["hidden"]) for record, ranking in named)
+    cells = [
+        method,
+        str(len(named)),
+        *(share("named", word) for word in ("right", "tie", "silent", "wrong")),
+        _percent(first, len(named)),
+        share("none", "wrong"),
+        share("unknown", "wrong"),
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def _percent(part: int, whole: int) -> str:
+    return f"{part / whole:.0%} of {whole}" if whole else "-"

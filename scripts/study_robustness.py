@@ -26,7 +26,7 @@ from tqdm import tqdm
 
 from cc_mujoco.benchmark import CONDITIONS, Cell, interval, play
 from cc_mujoco.benchmark.mismatch import Mismatch
-from cc_mujoco.figures import COLORS, GREY, figure, save, style
+from cc_mujoco.figures import COLORS, GREY, figure, mark, save, style
 from cc_mujoco.files import replacing
 
 LAWS = ("pi", "model", "stiction", "adaptive")
@@ -158,6 +158,7 @@ def draw(path: Path, errors: Any) -> None:
             axes.set(xlabel=LABELS[sweep], yscale="log")
             if sweep == "noise":
                 axes.set_xscale("symlog", linthresh=1.0)
+                mark(axes.xaxis, values)
         panels[0].set(ylabel="RMS error [Nm]", title="Friction of the model")
         panels[1].set(title="Noise")
         panels[2].set(title="Delay")

@@ -1,7 +1,7 @@
 """Train a policy on the wrist handle with Stable-Baselines3, for the benchmark.
 
     pip install stable-baselines3
-    python scripts/train_policy.py --steps 200000 --out runs/policy.zip
+    python scripts/train_policy.py --steps 36000 --out runs/policy.zip
     cc-mujoco benchmark --scene wrist --controllers pi runs/policy.zip
 
 A short training with PPO on random tasks and motions: it shows how a policy gets into
@@ -77,7 +77,7 @@ def make(place: int) -> Any:
 def main() -> None:
     """Train and save."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=200_000)
+    parser.add_argument("--steps", type=int, default=36_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs", "policy.zip"))
     arguments = parser.parse_args()

@@ -66,7 +66,12 @@ def over_conditions(
 
 def markdown(results: Results) -> str:
     """All tables as Markdown."""
-    parts = ["# Benchmark of torque controllers"]
+    parts = [
+        "# Benchmark of torque controllers",
+        "RMS error [Nm], mean over trajectories, tasks and seeds, "
+        "± half of the 95 % interval over seeds:",
+        overview_table(results),
+    ]
     for scene in dict.fromkeys(cell.scene for cell, _ in results):
         parts += [
             f"## {scene}",
@@ -79,6 +84,28 @@ def markdown(results: Results) -> str:
         ]
     parts.append("\n".join(f"- `{s.name}` [{s.unit}]: {s.meaning}" for s in SCORES))
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def overview_table(results: Results) -> str:
+    """RMS error of every controller and scene, and the paired difference."""
+    scenes = list(dict.fromkeys(cell.scene for cell, _ in results))
+    laws = dict.fromkeys(cell.controller for cell, _ in results)
+    played = {(cell.scene, cell.controller) for cell, _ in results}
+    head, rows = ["controller"], [[f"`{law}`"] for law in laws]
+    for scene in scenes:
+        head += [scene, f"{scene}, less `{BASELINE}`"]
+        for law, row in zip(laws, rows, strict=True):
+            if (scene, law) not in played:
+                row += ["-", "-"]
+                continue
+            values = over_conditions(results, scene, law, "rms_error")
+            row.append(str(interval(values)))
+            if law == BASELINE or (scene, BASELINE) not in played:
+                row.append("-")
+                continue
+            base = over_conditions(results, scene, BASELINE, "rms_error")
+            row.append(str(interval(values - base)))
+    return _table(head, rows)
 
 
 def errors_table(results: Results, scene: str, *, paired: bool = False) -> str:

@@ -18,6 +18,8 @@ SMOOTH = 0.05
 """Window of the mean from which chatter is told [s]."""
 ASKED = 0.02
 """Share of the largest desired torque below which none is asked for."""
+TAUT = 0.1
+"""Share of the largest desired torque above which a cable that only pulls is taut."""
 SLACK_SHARE = 0.01
 """Share of the time that cables may be slack when they must not."""
 
@@ -55,7 +57,7 @@ def score(
         task: Its name.
         period: Time between samples [s].
         pull_pull: Whether it is a failure only if all cables are slack at once, else
-            whenever torque is asked for.
+            whenever more than `TAUT` is asked for.
 
     Returns:
         By name, NaN where an episode cannot tell.
@@ -68,7 +70,11 @@ def score(
     most = float(np.max(np.abs(desired)))
     free = np.abs(desired) <= ASKED * most
     slack = columns["slack_m"] > 0.0
-    wrong = slack.all(axis=1) if pull_pull else slack.any(axis=1) & ~free
+    wrong = (
+        slack.all(axis=1)
+        if pull_pull
+        else slack.any(axis=1) & (np.abs(desired) > TAUT * most)
+    )
     width = max(1, round(SMOOTH / period))
     mean = np.convolve(motor, np.full(width, 1.0 / width), mode="valid")
     first = (width - 1) // 2

@@ -133,5 +133,6 @@ def pareto(results: Results, scene: str) -> Figure:
             xlabel="RMS torque of the motor [Nm]",
             ylabel="RMS error [Nm]",
         )
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        if points:
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return drawing

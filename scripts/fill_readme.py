@@ -23,6 +23,7 @@ from cc_mujoco.benchmark.report import (
     OVERVIEW,
     Results,
     definitions,
+    errors_table,
     overview_table,
     scores_table,
 )
@@ -52,8 +53,12 @@ def tables(results: Results) -> str:
     parts = [OVERVIEW, overview_table(results)]
     parts.append("<details><summary>All scores, and what they are</summary>")
     for scene in dict.fromkeys(cell.scene for cell, _ in results):
-        parts.append(f"**{scene}**, mean over trajectories and tasks:")
-        parts.append(scores_table(results, scene))
+        parts += [
+            f"**{scene}**, RMS error [Nm]:",
+            errors_table(results, scene),
+            f"**{scene}**, mean over trajectories and tasks:",
+            scores_table(results, scene),
+        ]
     parts += [definitions(), "</details>"]
     return "\n\n".join(parts)
 

@@ -1,24 +1,38 @@
-"""Put the claims of `cc-mujoco reproduce` into the README.
+"""Put the claims of `cc-mujoco reproduce` and the benchmark's tables into the README.
 
-    cc-mujoco reproduce
-    python scripts/fill_readme.py [--results runs/reproduce]
+    python scripts/train_policy.py --out runs/policy.zip
+    python scripts/fill_readme.py [claims] [benchmark]
 
-Runs what is not done yet, and replaces what stands between the two marks.
+Runs what is not done yet, and replaces what stands between the marks of each block.
+The benchmark is its default run, and at the wrist the policy.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from tqdm import tqdm
+
+from cc_mujoco.benchmark import CONDITIONS, Plan, run
+from cc_mujoco.benchmark.report import (
+    OVERVIEW,
+    Results,
+    definitions,
+    errors_table,
+    overview_table,
+    scores_table,
+)
+from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.files import replacing
 from cc_mujoco.reproduce import EXPERIMENTS, Claim, reproduce, table
 
 README = Path(__file__).resolve().parents[1] / "README.md"
-BEGIN, END = "<!-- claims: begin -->", "<!-- claims: end -->"
+BLOCKS = ("claims", "benchmark")
 
 
 def block(claims: Mapping[str, Sequence[Claim]]) -> str:
@@ -34,26 +48,68 @@ def block(claims: Mapping[str, Sequence[Claim]]) -> str:
     return "\n\n".join(parts)
 
 
-def filled(readme: str, text: str) -> str:
-    """The README with this text between the marks."""
-    pattern = re.compile(f"(?<={re.escape(BEGIN)}\n).*?(?={re.escape(END)})", re.S)
+def tables(results: Results) -> str:
+    """Markdown of a benchmark: the overview; folded, all scores and what they are."""
+    parts = [OVERVIEW, overview_table(results)]
+    parts.append("<details><summary>All scores, and what they are</summary>")
+    for scene in dict.fromkeys(cell.scene for cell, _ in results):
+        parts += [
+            f"**{scene}**, RMS error [Nm]:",
+            errors_table(results, scene),
+            f"**{scene}**, mean over trajectories and tasks:",
+            scores_table(results, scene),
+        ]
+    parts += [definitions(), "</details>"]
+    return "\n\n".join(parts)
+
+
+def played(folder: Path, policy: Path) -> Results:
+    """The default run, and a policy at the wrist, which it was trained for."""
+    plans = (
+        Plan(tuple(CONDITIONS), tuple(CONTROLLERS)),
+        Plan(("wrist",), (policy.as_posix(),)),
+    )
+    for plan in plans:
+        plan.check()
+    found = []
+    with tqdm(total=sum(len(plan.cells()) for plan in plans), unit="cell") as bar:
+        for plan in plans:
+            workers = os.cpu_count() or 1
+            found += run(
+                plan, folder, workers=workers, finished=lambda *_: bar.update()
+            )
+    return found
+
+
+def filled(readme: str, name: str, text: str) -> str:
+    """The README with this text between the marks of a block."""
+    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+    pattern = re.compile(f"(?<={re.escape(begin)}\n).*?(?={re.escape(end)})", re.S)
     found, number = pattern.subn(lambda _: text + "\n", readme)
     if number != 1:
-        raise SystemExit(f"{README.name} needs one `{BEGIN}` and one `{END}`")
+        raise SystemExit(f"{README.name} needs one `{begin}` and one `{end}`")
     return found
 
 
 def main() -> None:
-    """Collect the claims and write."""
+    """Collect what the blocks need and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("blocks", nargs="*", choices=BLOCKS, default=BLOCKS)
     parser.add_argument("--results", type=Path, default=Path("runs", "reproduce"))
+    parser.add_argument("--benchmark", type=Path, default=Path("runs", "benchmark"))
+    parser.add_argument("--policy", type=Path, default=Path("runs", "policy.zip"))
     options = parser.parse_args()
-    records = reproduce([], options.results)
-    text = block({record.name: record.claims for record in records})
+    texts = {}
+    if "claims" in options.blocks:
+        records = reproduce([], options.results)
+        texts["claims"] = block({record.name: record.claims for record in records})
+    if "benchmark" in options.blocks:
+        texts["benchmark"] = tables(played(options.benchmark, options.policy))
+    readme = README.read_text(encoding="utf-8")
+    for name, text in texts.items():
+        readme = filled(readme, name, text)
     with replacing(README) as place:
-        place.write_text(
-            filled(README.read_text(encoding="utf-8"), text), encoding="utf-8"
-        )
+        place.write_text(readme, encoding="utf-8")
 
 
 if __name__ == "__main__":

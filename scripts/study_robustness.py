@@ -26,7 +26,7 @@ from tqdm import tqdm
 
 from cc_mujoco.benchmark import CONDITIONS, Cell, interval, play
 from cc_mujoco.benchmark.mismatch import Mismatch
-from cc_mujoco.figures import COLORS, GREY, figure, save, style
+from cc_mujoco.figures import COLORS, GREY, figure, mark, save, style
 from cc_mujoco.files import replacing
 
 LAWS = ("pi", "model", "stiction", "adaptive")
@@ -88,7 +88,7 @@ def main() -> None:
     """Play all, draw, and say where the curves cross."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--duration", type=float, default=5.0)
+    parser.add_argument("--duration", type=float, default=3.5)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs", "robustness"))
     arguments = parser.parse_args()
@@ -158,6 +158,7 @@ def draw(path: Path, errors: Any) -> None:
             axes.set(xlabel=LABELS[sweep], yscale="log")
             if sweep == "noise":
                 axes.set_xscale("symlog", linthresh=1.0)
+                mark(axes.xaxis, values)
         panels[0].set(ylabel="RMS error [Nm]", title="Friction of the model")
         panels[1].set(title="Noise")
         panels[2].set(title="Delay")

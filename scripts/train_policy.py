@@ -1,7 +1,7 @@
 """Train a policy on the wrist handle with Stable-Baselines3, for the benchmark.
 
-    pip install stable-baselines3
-    python scripts/train_policy.py --steps 200000 --out runs/policy.zip
+    pip install 'cc_mujoco[policy]'
+    python scripts/train_policy.py --steps 36000 --out runs/policy.zip
     cc-mujoco benchmark --scene wrist --controllers pi runs/policy.zip
 
 A short training with PPO on random tasks and motions: it shows how a policy gets into
@@ -77,13 +77,19 @@ def make(place: int) -> Any:
 def main() -> None:
     """Train and save."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=200_000)
+    parser.add_argument("--steps", type=int, default=36_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs", "policy.zip"))
     arguments = parser.parse_args()
 
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import DummyVecEnv
+    try:
+        from stable_baselines3 import PPO
+        from stable_baselines3.common.vec_env import DummyVecEnv
+        from torch import set_num_threads
+    except ModuleNotFoundError:
+        raise SystemExit(
+            "training needs Stable-Baselines3: pip install 'cc_mujoco[policy]'"
+        ) from None
 
     model = PPO(
         "MlpPolicy",
@@ -97,6 +103,8 @@ def main() -> None:
         device="cpu",
         verbose=1,
     )
+    # Sums of a thread each depend on how many there are; one gives one policy.
+    set_num_threads(1)
     model.learn(arguments.steps)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     model.save(arguments.out)

@@ -23,6 +23,7 @@ from cc_mujoco.benchmark.mismatch import Mismatch
 from cc_mujoco.benchmark.scores import SCORES, score
 from cc_mujoco.benchmark.sensing import Measuring, Sensing
 from cc_mujoco.control import controller
+from cc_mujoco.control.external import blamed
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.recording.columns import RATIO
 from cc_mujoco.recording.log import EpisodeLog, Recorder
@@ -120,7 +121,8 @@ def _play(cell: Cell, env: Any, record: bool) -> Played:
     rows = np.full((steps + 1, len(KEPT), count), np.nan)
     slack = np.zeros((steps + 1, count, len(cables)))
     going = np.ones(count, dtype=np.bool_)
-    law.reset()
+    with blamed(cell.controller):
+        law.reset()
     _, info = env.reset(seed=list(cell.seeds))
     for step in range(steps + 1):
         for place, name in enumerate(KEPT):
@@ -131,7 +133,9 @@ def _play(cell: Cell, env: Any, record: bool) -> Played:
             recorder.record({name: values[0] for name, values in info.items()})
         if step == steps:
             break
-        torque = law.torque(measuring.measure(info))
+        seen = measuring.measure(info)
+        with blamed(cell.controller):
+            torque = _one_each(law.torque(seen), cell)
         usable = np.where(np.isfinite(torque), torque, 0.0)
         _, _, diverged, _, info = env.step(env.action(usable))
         # A controller that gives no number has failed, as one that diverges.
@@ -155,6 +159,17 @@ def _play(cell: Cell, env: Any, record: bool) -> Played:
         trace,
         None if recorder is None else recorder.log(),
     )
+
+
+def _one_each(torque: Any, cell: Cell) -> Array:
+    """A torque for every seed, from one for each or one for all."""
+    given = np.asarray(torque, dtype=float)
+    if given.shape not in ((), (len(cell.seeds),)):
+        raise CableError(
+            f"controller {cell.controller!r} gave torques of shape {given.shape}; it "
+            f"must be one number, or one for each of {len(cell.seeds)} environments."
+        )
+    return np.broadcast_to(given, len(cell.seeds))
 
 
 def _about(cell: Cell, env: Any) -> dict[str, Any]:

@@ -48,7 +48,8 @@ def errors(results: Results, scene: str) -> Figure:
                 label=f"{play[0]}, {play[1]}",
             )
         axes.set_xscale("log")
-        axes.set_yticks(range(len(laws)), laws)
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.set_yticks(range(len(laws)), [law.rpartition("/")[2] for law in laws])
         axes.invert_yaxis()
         axes.set(title=f"{scene}: error of the joint torque", xlabel="RMS error [Nm]")
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -118,13 +119,20 @@ def pareto(results: Results, scene: str) -> Figure:
         for place, (law, point) in enumerate(points.items()):
             color = COLORS[place % len(COLORS)]
             axes.plot(
-                *point, "o", color=color, markersize=6, label=law.rpartition("/")[2]
+                *point,
+                "os"[place // len(COLORS) % 2],
+                color=color,
+                markersize=6,
+                label=law.rpartition("/")[2],
             )
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("{x:g}")
         axes.set(
             title=f"{scene}: error against effort",
             xlabel="RMS torque of the motor [Nm]",
             ylabel="RMS error [Nm]",
         )
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        if points:
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return drawing

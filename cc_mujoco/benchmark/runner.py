@@ -55,31 +55,31 @@ class Plan:
         """All cells, in the order of tables.
 
         Raises:
-            CableError: If there are none, or a scene is unknown.
+            CableError: If there are none, a scene is unknown, or the files of two would
+                have the same name.
         """
         if not (self.scenes and self.controllers and self.seeds >= 1):
             raise CableError(
                 "a benchmark needs at least one scene, one controller and one seed."
             )
-        found = []
+        found: dict[str, Cell] = {}
         for scene in self.scenes:
             condition = look_up("scene", scene, CONDITIONS)
             trajectories = self.trajectories or condition.trajectories
             tasks = self.tasks or condition.tasks
             for trajectory, task, law in product(trajectories, tasks, self.controllers):
                 seeds = tuple(range(self.seeds))
-                found.append(
-                    Cell(
-                        scene,
-                        law,
-                        trajectory,
-                        task,
-                        seeds,
-                        self.duration,
-                        self.mismatch,
-                    )
+                cell = Cell(
+                    scene, law, trajectory, task, seeds, self.duration, self.mismatch
                 )
-        return found
+                # What is named twice is played once.
+                other = found.setdefault(cell.name, cell)
+                if other != cell:
+                    raise CableError(
+                        f"controllers {other.controller!r} and {law!r} would have the "
+                        f"same files, {cell.name}; rename one."
+                    )
+        return list(found.values())
 
     def check(self) -> None:
         """Find out, before long work, whether every name can be used.
@@ -152,8 +152,16 @@ def run(
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
-    played = [(cell, _read(folder, cell)) for cell in cells]
-    return [(cell, result) for cell, result in played if result is not None]
+    played = []
+    for cell in cells:
+        result = _read(folder, cell)
+        if result is None:
+            raise CableError(
+                f"{folder}: {cell.name} was played and then changed by another run; "
+                "runs of their own need folders of their own."
+            )
+        played.append((cell, result))
+    return played
 
 
 def write_scores(

@@ -4,7 +4,8 @@
     controller("runs/policy.zip", drive)            # a saved policy
 
 What the function returns is a `Controller`, or a function from what is measured to the
-torque of the motor [Nm].
+torque of the motor [Nm]. An exception inside becomes a `CableError` that says where it
+was raised; the exception itself is its cause.
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Callable, Mapping
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -29,15 +33,19 @@ class External(Controller):
     It is made anew, by the function that makes it, before every episode.
     """
 
-    def __init__(self, drive: Drive, make: Callable[[Drive], Any]) -> None:
+    def __init__(
+        self, drive: Drive, make: Callable[[Drive], Any], name: str = "function"
+    ) -> None:
         """Make the function.
 
         Args:
             drive: The device to be driven.
             make: Called with the drive; returns a function of the observation.
+            name: For error messages.
         """
         super().__init__(drive)
         self._make = make
+        self._name = name
         self._law = make(drive)
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -46,8 +54,20 @@ class External(Controller):
             self._law = self._make(self.drive)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Torque of the motor [Nm]; see `Controller.torque`."""
-        return self.limited(self._law(observation))
+        """Torque of the motor [Nm]; see `Controller.torque`.
+
+        Raises:
+            CableError: If the function raises, or returns what is not real numbers.
+        """
+        with blamed(self._name):
+            torque = self._law(observation)
+        given = np.asarray(torque)
+        if given.dtype.kind not in "fiu":
+            raise CableError(
+                f"controller {self._name!r} gave {torque!r}; it must be a torque in Nm."
+            )
+        # Infinite is a division by zero, not the wish for all that the motor has.
+        return self.limited(np.where(np.isfinite(given), given, np.nan)[()])
 
 
 def from_callable(name: str, drive: Drive) -> Controller:
@@ -56,35 +76,63 @@ def from_callable(name: str, drive: Drive) -> Controller:
     Modules are found as by `import` in the folder of the call.
 
     Raises:
-        CableError: If there is no such module or function, or it makes no controller.
+        CableError: If there is no such module or function, it makes no controller, or
+            its code raises.
     """
     place, _, function = name.partition(":")
+    make = getattr(_module(name, place), function, None)
+    if not callable(make):
+        raise CableError(
+            f"controller {name!r}: module {place!r} has no function {function!r}."
+        )
+    with blamed(name):
+        made = make(drive)
+    if isinstance(made, Controller):
+        return made
+    if callable(made):
+        return External(drive, make, name)
+    raise CableError(
+        f"controller {name!r}: called with a Drive it must return a Controller or a "
+        f"function of the observation, not {made!r}."
+    )
+
+
+def _module(name: str, place: str) -> ModuleType:
     here = os.getcwd()
     sys.path.insert(0, here)
     try:
-        make = getattr(importlib.import_module(place), function)
-    except ModuleNotFoundError as error:
-        if error.name is None or not place.startswith(error.name):
+        with blamed(name):
+            return importlib.import_module(place)
+    except CableError as error:
+        missing = getattr(error.__cause__, "name", None)
+        absent = isinstance(error.__cause__, ModuleNotFoundError)
+        if place and not (absent and missing and f"{place}.".startswith(f"{missing}.")):
             raise
         raise CableError(
             f"controller {name!r}: there is no module {place!r}; it must be importable "
             f"or lie in {here}."
         ) from None
-    except AttributeError:
-        raise CableError(
-            f"controller {name!r}: module {place!r} has no {function!r}."
-        ) from None
     finally:
         sys.path.remove(here)
-    made = make(drive)
-    if isinstance(made, Controller):
-        return made
-    if callable(made):
-        return External(drive, make)
-    raise CableError(
-        f"controller {name!r}: called with a Drive it must return a Controller or a "
-        f"function of the observation, not {made!r}."
-    )
+
+
+@contextmanager
+def blamed(name: str) -> Iterator[None]:
+    """Say in one sentence which controller raised what, and where."""
+    try:
+        yield
+    except CableError:
+        raise
+    except Exception as error:
+        if isinstance(error, SyntaxError):
+            what, file, line = error.msg, error.filename, error.lineno
+        else:
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            what, file, line = str(error), last.filename, last.lineno
+        raise CableError(
+            f"controller {name!r} raised {type(error).__name__} in {file}, line "
+            f"{line}: {what}"
+        ) from error
 
 
 def features(observation: Mapping[str, Any], drive: Drive) -> NDArray[np.float32]:
@@ -128,23 +176,13 @@ class Policy(Controller):
         super().__init__(drive)
         if not os.path.isfile(path):
             raise CableError(f"policy {os.fspath(path)!r}: there is no such file.")
-        try:
-            from stable_baselines3 import PPO
-        except ModuleNotFoundError:
+        self._policy = _loaded(path)
+        spaces = self._policy.observation_space, self._policy.action_space
+        shapes = tuple(space.shape for space in spaces)
+        if shapes != ((6,), (1,)):
             raise CableError(
-                f"policy {os.fspath(path)!r} needs the package stable-baselines3, "
-                "which is not installed."
-            ) from None
-        try:
-            self._policy = PPO.load(path, device="cpu").policy
-        except (ValueError, KeyError, AttributeError) as error:
-            raise CableError(
-                f"policy {os.fspath(path)!r} is not one that PPO saved: {error}."
-            ) from None
-        if self._policy.observation_space.shape != (6,):
-            raise CableError(
-                f"policy {os.fspath(path)!r} observes "
-                f"{self._policy.observation_space.shape}; it must be (6,), `features`."
+                f"policy {os.fspath(path)!r} observes {shapes[0]}, acts {shapes[1]}; "
+                "it must observe (6,), `features`, and act (1,), a share of the torque."
             )
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -160,3 +198,30 @@ class Policy(Controller):
         ).astype(np.float64)
         torque = np.clip(share, -1.0, 1.0) * self.drive.high
         return self.limited(torque if seen.ndim == 2 else float(torque[0]))
+
+
+def _loaded(path: str | os.PathLike[str]) -> Any:
+    """The policy in a file, of whichever algorithm."""
+    try:
+        import stable_baselines3 as algorithms
+        from stable_baselines3.common.save_util import load_from_zip_file
+    except ModuleNotFoundError:
+        raise CableError(
+            f"policy {os.fspath(path)!r} needs Stable-Baselines3: "
+            "pip install 'cc_mujoco[policy]'."
+        ) from None
+    try:
+        kind = (load_from_zip_file(path, device="cpu")[0] or {})["policy_class"]
+        for name in ("PPO", "SAC", "TD3"):
+            algorithm = getattr(algorithms, name)
+            if kind in algorithm.policy_aliases.values():
+                return algorithm.load(path, device="cpu").policy
+    except Exception as error:  # whatever a file of another kind makes it raise
+        raise CableError(
+            f"policy {os.fspath(path)!r} is not one that Stable-Baselines3 saved: "
+            f"{error}"
+        ) from error
+    raise CableError(
+        f"policy {os.fspath(path)!r} is a {kind.__name__}; it must be one of PPO, A2C, "
+        "SAC, TD3 or DDPG."
+    )

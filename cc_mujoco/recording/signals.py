@@ -51,17 +51,43 @@ def loop_width(angle: Array, torque: Array) -> float:
     return float(max(touched) - min(touched))
 
 
-def lag(time: Array, desired: Array, actual: Array) -> float:
+def loop_opening(angle: Array, torque: Array) -> float:
+    """Return how far apart a torque-angle loop crosses zero torque out and back.
+
+    It is the difference between the mean angle at which the torque changes sign while
+    the angle falls and that while it rises. Friction F on a spring k opens the loop by
+    2 F/k, and by all of the motion where F exceeds the spring. `loop_width` is the
+    range of all crossings instead, which a torque that chatters about zero fills.
+
+    Args:
+        angle: Angle (T,), rad.
+        torque: Torque (T,), any unit.
+
+    Returns:
+        Opening in rad, at least 0; NaN if the torque does not cross zero both ways.
+    """
+    change = np.flatnonzero(torque[:-1] * torque[1:] < 0)
+    share = torque[change] / (torque[change] - torque[change + 1])
+    step = angle[change + 1] - angle[change]
+    at = angle[change] + share * step
+    rising = step > 0
+    if rising.all() or not rising.any():
+        return math.nan
+    return abs(float(np.mean(at[~rising]) - np.mean(at[rising])))
+
+
+def lag(time: Array, desired: Array, actual: Array, *, signed: bool = False) -> float:
     """Return the delay of one signal after another, in seconds.
 
     It is the shift, at most a quarter of the episode and at most 1 s, at which the
     correlation coefficient peaks, refined by a parabola; of several peaks within 5 %,
-    as a periodic signal has, the first. It is 0 if the actual signal leads.
+    as a periodic signal has, the nearest to 0.
 
     Args:
         time: Equally spaced times (T,), s.
         desired: Signal that should be followed (T,).
         actual: Signal that follows (T,).
+        signed: Whether a signal that leads has a negative delay; else it has 0.
 
     Returns:
         Delay in seconds; NaN if the best coefficient is below 0.5 or at the largest
@@ -72,21 +98,31 @@ def lag(time: Array, desired: Array, actual: Array) -> float:
         return math.nan
     step = float(time[-1] - time[0]) / (count - 1)
     reach = max(1, min(count // 4, round(1.0 / step)))
-    score = np.array(
-        [_correlation(desired[: count - k], actual[k:]) for k in range(reach + 1)]
-    )
+    shifts = np.arange(-reach if signed else 0, reach + 1)
+    score = np.array([_shifted(desired, actual, k) for k in shifts.tolist()])
     before = np.concatenate([[-1.0], score[:-1]])
     rising = score >= before
     falling = np.concatenate([score[:-1] >= score[1:], [True]])
-    best = int(np.argmax(rising & falling & (score >= 0.95 * score.max())))
-    if best == reach or score[best] < 0.5:
+    peaks = np.flatnonzero(rising & falling & (score >= 0.95 * score.max()))
+    if peaks.size == 0:
+        return math.nan
+    best = int(peaks[np.argmin(np.abs(shifts[peaks]))])
+    if abs(shifts[best]) == reach or score[best] < 0.5:
         return math.nan
     if best == 0:
         return 0.0
     left, middle, right = score[best - 1 : best + 2]
     bend = left - 2 * middle + right
     offset = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    return float((best + offset) * step)
+    return float((shifts[best] + offset) * step)
+
+
+def _shifted(desired: Array, actual: Array, shift: int) -> float:
+    """Correlation of what was desired with what came `shift` samples later."""
+    count = len(desired)
+    if shift < 0:
+        return _correlation(desired[-shift:], actual[: count + shift])
+    return _correlation(desired[: count - shift], actual[shift:])
 
 
 def _correlation(one: Array, other: Array) -> float:

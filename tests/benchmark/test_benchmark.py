@@ -131,13 +131,16 @@ def test_scores_of_a_perfect_episode() -> None:
 
 def test_scores_measure_what_they_are_called() -> None:
     torque = episode()["joint_torque_nm"]
-    late = scored(joint_torque_nm=np.roll(torque, 20))
-    assert late["lag"] == pytest.approx(20.0, abs=0.5)
+    for shift in (20, -20):
+        late = scored(joint_torque_nm=np.roll(torque, shift))
+        assert late["lag"] == pytest.approx(shift, abs=0.5)
     off = scored(joint_torque_nm=torque + 0.1)
     assert off["rms_error"] == pytest.approx(0.1)
     assert off["peak_error"] == pytest.approx(0.1)
-    width = scored(joint_torque_nm=torque + 0.1 * np.sign(np.gradient(torque)))
-    assert width["backlash"] == pytest.approx(0.2, rel=0.05)
+    rubbed = torque + 0.1 * np.sign(np.gradient(torque))
+    assert scored(joint_torque_nm=rubbed)["backlash"] == pytest.approx(0.2, rel=0.05)
+    rough = rubbed + 0.3 * (-1.0) ** np.arange(4000)
+    assert scored(joint_torque_nm=rough)["backlash"] == pytest.approx(0.2, rel=0.05)
     rough = scored(motor_torque_nm=0.3 + 0.1 * (-1.0) ** np.arange(4000))
     assert rough["chatter"] == pytest.approx(0.1, rel=0.05)
     free = scored("transparent", desired_torque_nm=np.zeros(4000))
@@ -162,7 +165,8 @@ def test_interval_is_that_of_student() -> None:
     found = interval(np.array([1.0, 2.0, 3.0, math.nan]))
     assert found.mean == 2.0
     assert found.half == pytest.approx(4.302652729911275 / math.sqrt(3.0))
-    assert str(found) == "2.0 ± 2.5"
+    assert str(found) == "2.0 ± 2.5 (3 of 4)"
+    assert str(interval(np.array([1.0, 2.0, 3.0]))) == "2.0 ± 2.5"
     assert str(interval(np.array([math.nan]))) == "-"
 
 
@@ -231,6 +235,53 @@ def test_table_pairs_seeds_with_the_baseline(tmp_path: Path) -> None:
     table = pq.read_table(tmp_path / "scores.parquet")
     assert table["rms_error"].to_pylist() == [1.0, 2.0, 0.5, 1.5]
     assert table["seed"].to_pylist() == [0, 1, 0, 1]
+
+
+def test_diverging_where_it_is_hard_makes_no_mean_better() -> None:
+    def fake(law: str, trajectory: str, errors: list[float]) -> tuple[Cell, Played]:
+        cell = dataclasses.replace(SHORT, controller=law, trajectory=trajectory)
+        scores = {s.name: np.full(2, math.nan) for s in SCORES}
+        scores |= {"rms_error": np.array(errors), "failed": np.isnan(errors) + 0.0}
+        return cell, Played(scores, {}, None)
+
+    results = [
+        fake("pi", "sine", [1.0, 1.0]),
+        fake("pi", "sweep", [3.0, 3.0]),
+        fake("mine", "sine", [0.1, 0.1]),
+        fake("mine", "sweep", [0.3, math.nan]),
+    ]
+    found = over_conditions(results, "wrist", "mine", "rms_error")
+    assert np.array_equal(found, [0.2, math.nan], equal_nan=True)
+    assert "| `mine` | 0.2 (1 of 2) | -1.8 (1 of 2) | 25% |" in markdown(results)
+    nowhere = over_conditions(results, "wrist", "mine", "lag")
+    assert np.isnan(nowhere).all()
+
+
+def test_a_name_given_twice_is_played_once_and_files_are_never_shared() -> None:
+    twice = Plan(("wrist",), ("pi", "pi"), ("sine", "sine"), ("spring",))
+    assert len(twice.cells()) == 1
+    with pytest.raises(CableError, match="same files"):
+        Plan(("wrist",), ("runs/p.zip", "runs_p.zip")).cells()
+
+
+def test_a_controller_that_gives_no_number_fails_and_a_wrong_shape_is_refused() -> None:
+    short = dataclasses.replace(SHORT, controller=f"{__name__}:infinite")
+    assert play(short).scores["failed"].tolist() == [1.0, 1.0]
+    for law in ("too_many", "raising"):
+        with pytest.raises(CableError, match=law):
+            play(dataclasses.replace(SHORT, controller=f"{__name__}:{law}"))
+
+
+def infinite(drive: Any) -> Any:
+    return lambda seen: np.full_like(seen["joint_torque_nm"], math.inf)
+
+
+def too_many(drive: Any) -> Any:
+    return lambda seen: np.zeros(17)
+
+
+def raising(drive: Any) -> Any:
+    return lambda seen: seen["tension_flexor_distal_n"]
 
 
 def test_what_cannot_be_played_is_refused() -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+import zipfile
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -33,12 +36,22 @@ def nothing(drive):
 
 def broken(drive):
     import a_module_that_does_not_exist
+
+def raising(drive):
+    return lambda seen: seen["a tension that no one measures"]
+
+def wordy(drive):
+    return lambda seen: "0.5"
+
+def endless(drive):
+    return lambda seen: -seen["desired_torque_nm"] * float("inf")
 """
 
 
 @pytest.fixture(autouse=True)
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "own_controllers_of_a_test.py").write_text(SOURCE)
+    (tmp_path / "unfinished_module_of_a_test.py").write_text("def f(drive:\n")
     monkeypatch.chdir(tmp_path)
 
 
@@ -69,8 +82,11 @@ def test_a_controller_class_will_do() -> None:
     ("name", "message"),
     [
         ("no_such_module_here:f", "there is no module"),
-        ("own_controllers_of_a_test:absent", "has no 'absent'"),
+        ("own_controllers_of_a_test:absent", "has no function 'absent'"),
         ("own_controllers_of_a_test:nothing", "must return a Controller"),
+        ("own_controllers_of_a_test:number", "has no function 'number'"),
+        (":f", "there is no module ''"),
+        ("unfinished_module_of_a_test:f", "SyntaxError in .*, line 1"),
         ("runs/absent.zip", "no such file"),
     ],
 )
@@ -79,9 +95,71 @@ def test_what_is_not_there_is_refused_in_a_sentence(name: str, message: str) -> 
         controller(name, DRIVE)
 
 
-def test_an_error_inside_the_module_is_not_hidden() -> None:
-    with pytest.raises(ModuleNotFoundError, match="a_module_that_does_not_exist"):
+def test_an_error_inside_is_told_with_its_place_and_not_hidden() -> None:
+    with pytest.raises(CableError, match=r"a_module_that_does_not_exist") as caught:
         named("broken")
+    assert isinstance(caught.value.__cause__, ModuleNotFoundError)
+    law = named("raising")
+    with pytest.raises(CableError, match=r"KeyError in .*own_controllers.*line \d+"):
+        law.torque({"desired_torque_nm": 1.0})
+
+
+def test_what_is_no_torque_is_refused_and_infinity_is_no_number() -> None:
+    with pytest.raises(CableError, match="must be a torque"):
+        named("wordy").torque({"desired_torque_nm": 1.0})
+    found = named("endless").torque({"desired_torque_nm": np.array([1.0, -1.0])})
+    assert np.isnan(found).all()
+
+
+class TestPolicies:
+    """Policy files; where Stable-Baselines3 is installed."""
+
+    @staticmethod
+    def saved(kind: str, path: Path, size: int = 6) -> str:
+        algorithms = pytest.importorskip("stable_baselines3")
+        box = gymnasium.spaces.Box
+
+        class Still(gymnasium.Env[np.ndarray, np.ndarray]):
+            """An environment in which nothing happens."""
+
+            observation_space = box(-10.0, 10.0, (size,), np.float32)
+            action_space = box(-1.0, 1.0, (1,), np.float32)
+
+        model = getattr(algorithms, kind)("MlpPolicy", Still(), seed=0, device="cpu")
+        model.save(path / "saved.zip")
+        return str(path / "saved.zip")
+
+    @pytest.mark.parametrize("kind", ["PPO", "A2C", "SAC", "TD3", "DDPG"])
+    def test_of_every_algorithm_for_one_and_for_many(
+        self, kind: str, tmp_path: Path
+    ) -> None:
+        law = controller(self.saved(kind, tmp_path), DRIVE)
+        random = np.random.default_rng(0)
+        many = {name: random.normal(size=3) for name in MEASURED}
+        together = law.torque(many)
+        assert together.shape == (3,)
+        assert np.all(np.abs(together) <= 1.0)
+        one = {name: float(values[1]) for name, values in many.items()}
+        assert law.torque(one) == together[1]
+
+    def test_for_something_else_is_refused(self, tmp_path: Path) -> None:
+        with pytest.raises(CableError, match="must observe"):
+            controller(self.saved("PPO", tmp_path, size=4), DRIVE)
+        with zipfile.ZipFile(tmp_path / "other.zip", "w") as file:
+            file.writestr("a.txt", "hello")
+        (tmp_path / "text.zip").write_text("hello")
+        for name in ("other.zip", "text.zip"):
+            with pytest.raises(CableError, match="not one that Stable-Baselines3"):
+                controller(name, DRIVE)
+
+
+def test_without_stable_baselines_a_policy_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "policy.zip").write_text("")
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    with pytest.raises(CableError, match=r"cc_mujoco\[policy\]"):
+        controller("policy.zip", DRIVE)
 
 
 def test_features_are_the_same_for_one_and_for_many() -> None:

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cc_mujoco.recording.metrics import (
     Metric,
@@ -18,7 +20,7 @@ from cc_mujoco.recording.metrics import (
     slack_time,
     write_metrics,
 )
-from cc_mujoco.recording.signals import lag, loop_width
+from cc_mujoco.recording.signals import lag, loop_opening, loop_width
 
 TIME = np.linspace(0.0, 6.0, 6001)
 
@@ -161,6 +163,33 @@ def test_lag_is_zero_for_a_leader_and_unknown_for_a_stranger() -> None:
     assert math.isnan(lag(TIME, noise[0], noise[1]))
     assert math.isnan(lag(TIME, 0.0 * TIME, np.sin(TIME)))
     assert math.isnan(lag(TIME[:4], TIME[:4], TIME[:4]))
+
+
+@settings(max_examples=10)
+@given(shift=st.floats(-0.3, 0.3))
+def test_lag_has_a_sign_where_it_is_asked_for(shift: float) -> None:
+    late = np.sin(3.1 * (TIME - shift)) + 0.4 * np.sin(7.7 * (TIME - shift) + 1.0)
+    wave = np.sin(3.1 * TIME) + 0.4 * np.sin(7.7 * TIME + 1.0)
+    assert lag(TIME, wave, late, signed=True) == pytest.approx(shift, abs=1e-3)
+
+
+@settings(max_examples=20)
+@given(friction=st.floats(0.01, 0.4), chatter=st.floats(0.0, 0.005))
+def test_loop_opens_by_twice_friction_over_stiffness(
+    friction: float, chatter: float
+) -> None:
+    angle = 0.5 * np.sin(2.0 * TIME)
+    torque = -angle - friction * np.cos(2.0 * TIME)
+    torque += chatter * (-1.0) ** np.arange(TIME.size)
+    # Where the spring's -angle meets friction that falls with the speed.
+    expected = 2.0 * 0.5 * friction / math.hypot(0.5, friction)
+    assert loop_opening(angle, torque) == pytest.approx(expected, abs=0.01)
+
+
+def test_a_torque_that_never_turns_opens_no_loop() -> None:
+    angle = np.sin(TIME)
+    assert math.isnan(loop_opening(angle, np.ones_like(TIME)))
+    assert math.isnan(loop_opening(TIME, np.sin(TIME)))
 
 
 def test_simple_numbers(make_log: Any) -> None:

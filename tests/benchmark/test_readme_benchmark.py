@@ -1,0 +1,106 @@
+"""The README's benchmark: whole, made by this code, and its new controller works."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cc_mujoco import cli
+from cc_mujoco.benchmark import CONDITIONS, SCORES, Cell, interval, play
+from cc_mujoco.control import CONTROLLERS
+
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+BLOCK = README.partition("<!-- benchmark: begin -->")[2].partition("<!-- benchmark: ")[
+    0
+]
+POLICY = "runs/policy.zip"
+NUMBER = r"-?\d+(?:\.\d+)?"
+ENTRY = re.compile(rf"-|{NUMBER}%|{NUMBER}(?: ± {NUMBER})?(?: \(\d of \d\))?")
+
+
+def tables(text: str) -> list[dict[str, dict[str, str]]]:
+    """Every table: entries by row and column."""
+    found = []
+    for lines in re.findall(r"(?:^\|.*\n)+", text, re.M):
+        head, _, *rows = (
+            [entry.strip() for entry in line.strip().strip("|").split(" | ")]
+            for line in lines.splitlines()
+        )
+        found.append(
+            {row[0].strip("`"): dict(zip(head, row, strict=True)) for row in rows}
+        )
+    return found
+
+
+def errors(scene: str) -> dict[str, dict[str, str]]:
+    """RMS errors of a scene by controller, then by trajectory and task."""
+    return tables(BLOCK.partition(f"**{scene}**, RMS error")[2])[0]
+
+
+def test_tables_have_every_controller_scene_and_score_and_the_policy() -> None:
+    overview = tables(BLOCK)[0]
+    assert list(overview) == [*CONTROLLERS, POLICY]
+    for scene, condition in CONDITIONS.items():
+        plays = [f"{a}, {b}" for a in condition.trajectories for b in condition.tasks]
+        known = [*CONTROLLERS, *([POLICY] if scene == "wrist" else [])]
+        assert list(errors(scene)) == known
+        scores = tables(BLOCK.partition(f"**{scene}**, mean over")[2])[0]
+        assert list(scores) == known
+        for law in known:
+            assert list(errors(scene)[law]) == ["controller", *plays]
+            assert overview[law][scene] == scores[law]["rms error [Nm]"] != "-"
+    for score in SCORES:
+        assert f"- `{score.name}` [{score.unit}]: {score.meaning}" in BLOCK
+
+
+def test_every_entry_is_a_number_or_nothing() -> None:
+    for table in tables(BLOCK):
+        for row in table.values():
+            for entry in list(row.values())[1:]:
+                assert ENTRY.fullmatch(entry), entry
+
+
+def same(text: str, values: np.ndarray) -> bool:
+    """Whether a printed entry is the mean of these values, within 2 %."""
+    now = str(interval(values))
+    numbers = [
+        np.array(re.findall(NUMBER, entry), dtype=float) for entry in (text, now)
+    ]
+    return numbers[0].shape == numbers[1].shape and np.allclose(*numbers, rtol=0.02)
+
+
+def test_a_cell_without_noise_gives_the_number_printed() -> None:
+    found = play(Cell("ankle", "none", "walk", "transparent")).scores["rms_error"]
+    assert same(errors("ankle")["none"]["walk, transparent"], found)
+    assert not same(errors("ankle")["none"]["walk, transparent"], 1.1 * found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["pi", "model"])
+def test_a_cell_with_noise_gives_the_interval_printed(law: str) -> None:
+    cell = Cell("ankle", law, "walk", "transparent", seeds=(0, 1, 2, 3, 4))
+    found = play(cell).scores["rms_error"]
+    assert same(errors("ankle")[law]["walk, transparent"], found)
+
+
+def test_new_controller_of_the_readme_enters_with_the_command_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    section = README.partition("### A new controller in fifteen lines")[2]
+    code = section.partition("```python\n")[2].partition("```")[0]
+    command = section.partition("```sh\n")[2].partition("\n```")[0]
+    assert len(code.splitlines()) <= 15
+    (tmp_path / "my_controller.py").write_text(code)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_controller", raising=False)
+    short = "--trajectories sine --tasks spring --seeds 1 --duration 1.1 --workers 1"
+    program, *words = f"{command} {short}".split()
+    assert program == "cc-mujoco"
+    assert cli.main(words) == 0
+    overview = tables(capsys.readouterr().out)[0]
+    assert list(overview) == ["pi", "stiction", "my_controller:lead"]
+    assert re.match(NUMBER, overview["my_controller:lead"]["wrist"])

@@ -14,7 +14,7 @@ import numpy as np
 
 from cc_mujoco.diagnosis import channels
 from cc_mujoco.diagnosis.alignment import check_alignment
-from cc_mujoco.diagnosis.dataset_file import DatasetFile
+from cc_mujoco.diagnosis.dataset_file import USED, DatasetFile
 from cc_mujoco.diagnosis.findings import Finding, fix, note
 from cc_mujoco.diagnosis.mechanics import mechanics
 from cc_mujoco.diagnosis.reading import Recording
@@ -25,7 +25,7 @@ from cc_mujoco.diagnosis.signs import (
     groups,
 )
 from cc_mujoco.diagnosis.smoothing import velocity
-from cc_mujoco.diagnosis.trials import Facts, FloatArray, Trial
+from cc_mujoco.diagnosis.trials import Dataset, Facts, FloatArray, Trial
 
 JOINT_TURNS, MOTOR_TURNS = 2.0, 8.0
 """Turns beyond which angles are taken for degrees, unless the unit is declared."""
@@ -72,7 +72,7 @@ def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
     if abs(known.follows) < 0.6:
         return []
     apart = known.ratio * ratio
-    if 0.25 < apart < 4.0:
+    if 0.5 < apart < 2.0:
         return []
     degrees = math.degrees(1.0)
     motor, joint = (trial.labels.get(name, name) for name in channels.ANGLES)
@@ -89,7 +89,36 @@ def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
         f"{trial.path}: the motor turns {1.0 / known.ratio:.3g} rad per joint radian, "
         f"but {ratio:.3g} in the scene; perhaps {likely}."
     )
-    return [fix(told, trial.name)]
+    impossible = not 0.25 < apart < 4.0
+    return [(fix if impossible else note)(told, trial.name)]
+
+
+def check_bench(dataset: Dataset, ratio: float) -> list[Finding]:
+    """Compare trials and what is known of the rig with a scene.
+
+    A cable that winds up moves the joint less than its pulleys would: what counts is
+    the trial that comes closest to the scene.
+
+    Args:
+        dataset: trials and constants.
+        ratio: motor angle per joint angle of the ideal transmission.
+    """
+    found = {trial.name: mechanics(trial) for trial in dataset.trials}
+    certain = [t for t in dataset.trials if abs(found[t.name].follows) > 0.6]
+    closest = min(
+        certain,
+        key=lambda t: abs(math.log(abs(found[t.name].ratio * ratio))),
+        default=None,
+    )
+    findings = check_ratio(closest, ratio) if closest else []
+    unused = [name for name in dataset.constants if name not in USED]
+    if unused:
+        told = (
+            f"{dataset.path}, [rig] gives {', '.join(unused)}, for which the scene is "
+            "believed; change it there."
+        )
+        findings.append(note(told))
+    return findings
 
 
 def _constants(recording: Recording, facts: Facts) -> list[Finding]:

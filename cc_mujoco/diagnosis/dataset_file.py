@@ -69,7 +69,12 @@ RIG: dict[str, dict[str, float]] = {
 }
 """Constants that `[rig]` may give, with the units they may come in, SI first.
 
-`axial_stiffness` is EA; `gear_ratio` is turns of the motor per turn of its pulley."""
+None is negative. `axial_stiffness` is EA; `gear_ratio` is turns of the motor per turn
+of its pulley."""
+MAY_VANISH = ("friction", "wrap_angle", "motor_inertia", "joint_inertia")
+"""Those that may be 0."""
+USED = ("motor_radius", "joint_radius", "gear_ratio", "pretension")
+"""Those that replace what the scene says; of the others the scene's value is taken."""
 
 
 @dataclass(frozen=True)
@@ -282,11 +287,16 @@ def _rig(table: _Table) -> dict[str, Constant]:
             f"{table.where}, {name}", given if is_table else {"value": given}
         )
         inner.only("value", "uncertainty", "unit")
-        value = inner.number("value")
+        value = inner.number("value", 0.0)
         if value is None:
             raise CableError(f"{inner.where} needs a `value`.")
+        if value == 0.0 and name not in MAY_VANISH:
+            raise inner.wrong("value", "more than 0")
         factor = units[inner.choice("unit", units) or next(iter(units))]
         doubt = inner.number("uncertainty", 0.0) or 0.0
+        if doubt > value > 0.0:
+            right = "one standard deviation in the unit of the value, and no larger"
+            raise inner.wrong("uncertainty", right)
         constants[name] = Constant(value * factor, doubt * factor)
     return constants
 

@@ -66,6 +66,8 @@ OFFSET_KNOWN = 0.01
 """Standard deviation of a torque sensor's offset, over the RMS of its readings."""
 RATIO_KNOWN = 0.003
 """Relative standard deviation of the ratio of two pulleys of nominal size."""
+FRICTION_MOST = 3.5
+"""Largest coefficient of friction that is fitted; cables take 5, some unbalanced."""
 BALANCE_KNOWN = 0.03
 """Standard deviation of the difference of two cables' friction, relative."""
 
@@ -78,14 +80,16 @@ def tuned(
     step = records[0].step
     centre = _angle_offset(bench, records, constants)
     pretension = constants.get("pretension", Constant(cable.pretension))
-    known = pretension.uncertainty / max(pretension.value, 1e-9) or PRETENSION_KNOWN
+    doubt = pretension.uncertainty / max(pretension.value, 1e-9) or PRETENSION_KNOWN
     wide = math.log(100.0)
+    friction = max(cable.friction, 1e-3)
+    most = min(wide, math.log(FRICTION_MOST / friction))
     whole = np.concatenate([record.measured for record in records], axis=1)
     sizes = np.maximum(OFFSET_KNOWN * np.std(whole, axis=1), 1e-6).tolist()
     found = [
-        Tuned("friction", "1", max(cable.friction, 1e-3), 1.0, -wide, wide, True),
+        Tuned("friction", "1", friction, 1.0, -wide, max(most, 0.0), True),
         Tuned("axial_stiffness", "N", cable.axial_stiffness, 1.0, -wide, wide, True),
-        Tuned("pretension", "N", pretension.value, known, -10.0, 10.0, True, 1.0),
+        Tuned("pretension", "N", pretension.value, doubt, -10.0, 10.0, True, 1.0),
         Tuned("motor_torque_offset", "Nm", 0.0, sizes[0], -100.0, 100.0, False, 1.0),
         Tuned("joint_torque_offset", "Nm", 0.0, sizes[1], -100.0, 100.0, False, 1.0),
         Tuned("joint_angle_offset", "rad", centre, 0.01, -1e3, 1e3, False),
@@ -98,7 +102,8 @@ def tuned(
     for name, given in zip(
         ("motor_radius", "joint_radius"), radii(bench, constants), strict=True
     ):
-        relative = constants.get(name, Constant(given)).uncertainty / given
+        known = constants.get(name, Constant(given))
+        relative = known.uncertainty / known.value
         if name == "joint_radius" and relative == 0.0:
             relative = RATIO_KNOWN  # a stiff cable shows the least error of the ratio
         if relative > 0.0:
@@ -116,8 +121,9 @@ def _angle_offset(
 
 
 def radii(bench: Bench, constants: Mapping[str, Constant]) -> tuple[float, float]:
-    """Radii of the motor's and the joint's pulley [m]."""
+    """Radii of the motor's and the joint's pulley [m]; a gear makes the first less."""
     near = constants.get("motor_radius", Constant(bench.motor_radius)).value
+    near /= constants.get("gear_ratio", Constant(1.0)).value
     far = constants.get("joint_radius", Constant(bench.joint_radius)).value
     return near, far
 

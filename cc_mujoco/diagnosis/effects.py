@@ -351,7 +351,7 @@ EFFECTS: dict[str, Effect] = {
             ({"backlash": 0.01}, {"backlash": 0.05}),
             "reversals of torque at several loads",
             ("presliding", "end_compliance"),
-            "pulley on its own hinge, limited fixed tendon",
+            "pulley on a hinge of its own, coupled by a fixed tendon with two limits",
             "Nordin and Gutman, Automatica 38, 2002",
         ),
         Effect(
@@ -386,7 +386,7 @@ EFFECTS: dict[str, Effect] = {
             ),
             "slow motion over several poles",
             ("pulley_eccentricity",),
-            "applied where the motor's torque is read",
+            "cogging of a `dcmotor` actuator on the motor, in the sum of its torque",
             "MuJoCo dcmotor cogging",
             torques=_cogging,
         ),
@@ -428,7 +428,7 @@ EFFECTS: dict[str, Effect] = {
             ({"gravity_sine": 0.1, "gravity_cosine": 0.1},),
             "joint angles over half a radian",
             ("joint_stiffness", "torque_sensor_gain", "torque_sensor_offset"),
-            "torque of the joint",
+            "cogging of a `dcmotor` actuator on the joint, one period per turn",
             "statics",
             torques=_gravity,
         ),
@@ -441,7 +441,7 @@ EFFECTS: dict[str, Effect] = {
             ({"joint_stiffness": 0.2},),
             "joint angles over half a radian",
             ("joint_gravity", "torque_sensor_gain"),
-            "joint stiffness",
+            "`stiffness` of the joint",
             "statics",
             torques=lambda s, v: s.added(joint=-v["joint_stiffness"] * s.joint_angle),
         ),
@@ -454,7 +454,7 @@ EFFECTS: dict[str, Effect] = {
             ({"joint_inertia": 1e-3},),
             "accelerations over a decade",
             ("sensor_delay", "joint_stiffness"),
-            "joint armature",
+            "`armature` of the joint, shown by a weightless body that rides along",
             "dynamics",
             torques=lambda s, v: s.added(
                 joint=-v["joint_inertia"] * acceleration(s.joint_angle, s.dt)
@@ -469,7 +469,7 @@ EFFECTS: dict[str, Effect] = {
             ({"motor_inertia": 1e-4},),
             "accelerations over a decade",
             ("sensor_delay", "viscous_friction"),
-            "joint armature",
+            "`armature` of the motor, shown by a weightless body that rides along",
             "dynamics",
             torques=lambda s, v: s.added(
                 motor=v["motor_inertia"] * acceleration(s.motor_angle, s.dt)
@@ -487,7 +487,7 @@ EFFECTS: dict[str, Effect] = {
             ({"motor_torque_gain": 0.05, "joint_torque_gain": 0.05},),
             "loads that hold still",
             ("joint_gravity", "joint_stiffness"),
-            "applied where the sensor is read",
+            "weights of the sensors that a torque is the sum of",
             "calibration",
             torques=_gain,
             sensor=True,
@@ -504,7 +504,7 @@ EFFECTS: dict[str, Effect] = {
             ({"motor_torque_drift": 0.01, "joint_torque_drift": 0.01},),
             "trials much longer than a cycle",
             ("asymmetric_friction", "joint_gravity"),
-            "applied where the sensor is read",
+            "a `clock` sensor in the sum that is the torque",
             "calibration",
             torques=lambda s, v: s.added(
                 v["motor_torque_drift"] * s.time, v["joint_torque_drift"] * s.time
@@ -523,7 +523,7 @@ EFFECTS: dict[str, Effect] = {
             ({"motor_torque_delay": 0.005, "joint_torque_delay": 0.005},),
             "fast and slow motion",
             ("viscous_friction", "joint_inertia", "motor_inertia"),
-            "applied where the sensor is read",
+            "`delay` of the sensors that a torque is the sum of",
             "signal chain",
             torques=_delay,
             sensor=True,

@@ -64,7 +64,7 @@ def cases(
 def run(case: dict[str, Any]) -> dict[str, Any]:
     """Generate, diagnose and record one case."""
     from cc_mujoco.assets import scene_path
-    from cc_mujoco.diagnosis import fitting
+    from cc_mujoco.diagnosis import slopes
     from cc_mujoco.diagnosis.bench import Bench
     from cc_mujoco.diagnosis.diagnose import reason
     from cc_mujoco.diagnosis.findings import to_fix
@@ -74,7 +74,7 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
     from hidden_rig.nominal import make_rig
     from hidden_rig.strength import calibrate, measure
 
-    fitting.THREADS = 1
+    slopes.THREADS = 1
     seed = case["seed"]
     rig = make_rig(seed)
     amounts = {

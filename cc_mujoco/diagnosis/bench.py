@@ -7,12 +7,14 @@ bench.transmission.replay(dt, motor_angle=..., joint_angle=...)
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from cc_mujoco.diagnosis.trials import Constant
 from cc_mujoco.engine import from_mjcf
 from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.errors import CableError
@@ -47,6 +49,22 @@ class Bench:
     def transmission(self) -> Transmission:
         """The cables on their pulleys."""
         return Transmission(self.cables, self.motor_radius, self.joint_radius)
+
+    def known(self, constants: Mapping[str, Constant]) -> Bench:
+        """The bench with what the rig's file says in place of what the scene says.
+
+        Args:
+            constants: of `[rig]`, see `dataset_file.RIG`.
+        """
+        value = {name: constant.value for name, constant in constants.items()}
+        pulleys = {"motor_radius", "joint_radius"}
+        cable = {name: v for name, v in value.items() if name not in pulleys}
+        return replace(
+            self,
+            cables=tuple(given.replace(**cable) for given in self.cables),
+            motor_radius=value.get("motor_radius", self.motor_radius),
+            joint_radius=value.get("joint_radius", self.joint_radius),
+        )
 
     @classmethod
     def of(cls, scene: str | Path) -> Bench:

@@ -14,7 +14,7 @@ import numpy as np
 
 from cc_mujoco.diagnosis import channels
 from cc_mujoco.diagnosis.alignment import check_alignment
-from cc_mujoco.diagnosis.dataset_file import USED, DatasetFile
+from cc_mujoco.diagnosis.dataset_file import DatasetFile
 from cc_mujoco.diagnosis.findings import Finding, fix, note
 from cc_mujoco.diagnosis.mechanics import mechanics
 from cc_mujoco.diagnosis.reading import Recording
@@ -77,11 +77,12 @@ def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
     degrees = math.degrees(1.0)
     motor, joint = (trial.labels.get(name, name) for name in channels.ANGLES)
     reasons = {
-        "the sides are swapped": apart / ratio**2,
         f"{joint} is in degrees": apart / degrees,
         f"{motor} is in degrees": apart * degrees,
         "the scene has other pulleys": 3.0,
     }
+    if abs(math.log(abs(ratio))) > 0.5:
+        reasons["the sides are swapped"] = apart / ratio**2
     likely = min(reasons, key=lambda text: abs(math.log(abs(reasons[text]))))
     if apart < 0.0:
         likely = "a sign is inverted"
@@ -94,13 +95,13 @@ def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
 
 
 def check_bench(dataset: Dataset, ratio: float) -> list[Finding]:
-    """Compare trials and what is known of the rig with a scene.
+    """Compare the ratio of the angles of all trials with that of a scene.
 
     A cable that winds up moves the joint less than its pulleys would: what counts is
     the trial that comes closest to the scene.
 
     Args:
-        dataset: trials and constants.
+        dataset: the trials.
         ratio: motor angle per joint angle of the ideal transmission.
     """
     found = {trial.name: mechanics(trial) for trial in dataset.trials}
@@ -110,15 +111,7 @@ def check_bench(dataset: Dataset, ratio: float) -> list[Finding]:
         key=lambda t: abs(math.log(abs(found[t.name].ratio * ratio))),
         default=None,
     )
-    findings = check_ratio(closest, ratio) if closest else []
-    unused = [name for name in dataset.constants if name not in USED]
-    if unused:
-        told = (
-            f"{dataset.path}, [rig] gives {', '.join(unused)}, for which the scene is "
-            "believed; change it there."
-        )
-        findings.append(note(told))
-    return findings
+    return check_ratio(closest, ratio) if closest else []
 
 
 def _constants(recording: Recording, facts: Facts) -> list[Finding]:

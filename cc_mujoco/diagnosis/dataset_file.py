@@ -54,27 +54,19 @@ from cc_mujoco.errors import CableError, look_up
 
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _PLAIN = {"1": 1.0}
-_INERTIA = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7}
 RIG: dict[str, dict[str, float]] = {
     "motor_radius": _LENGTH,
     "joint_radius": _LENGTH,
-    "gear_ratio": _PLAIN,
-    "cable_length": _LENGTH,
-    "wrap_angle": channels.ANGLE.factors,
     "pretension": channels.FORCE.factors,
     "axial_stiffness": channels.FORCE.factors,
     "friction": _PLAIN,
-    "motor_inertia": _INERTIA,
-    "joint_inertia": _INERTIA,
 }
-"""Constants that `[rig]` may give, with the units they may come in, SI first.
+"""Constants that `[rig]` may give in place of the scene's, with units, SI first.
 
-None is negative. `axial_stiffness` is EA; `gear_ratio` is turns of the motor per turn
-of its pulley."""
-MAY_VANISH = ("friction", "wrap_angle", "motor_inertia", "joint_inertia")
+`axial_stiffness` is EA, `friction` the coefficient mu. Everything else about the rig
+(conduits, lengths, wrap) is in the scene. None is negative."""
+MAY_VANISH = ("friction",)
 """Those that may be 0."""
-USED = ("motor_radius", "joint_radius", "gear_ratio", "pretension")
-"""Those that replace what the scene says; of the others the scene's value is taken."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from cc_mujoco.diagnosis.folds import Crossed, cross, stretches
 from cc_mujoco.diagnosis.gap import gaps, predicted, traces
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.intervals import estimates, undetermined
-from cc_mujoco.diagnosis.plant import Plant, radii, tuned
+from cc_mujoco.diagnosis.plant import Plant, tuned
 from cc_mujoco.diagnosis.records import Filtering, Record, prepare
 from cc_mujoco.diagnosis.repair import added
 from cc_mujoco.diagnosis.screen import Signature, alike
@@ -113,6 +113,7 @@ def reason(
         progress: called with the share done and what is being done.
     """
     limits = thresholds or Thresholds()
+    bench = bench.known(dataset.constants)
     records, filtering = prepare(dataset, bench)
     if sum(int(r.counts.sum()) for r in records) < LEAST:
         return _empty(
@@ -146,7 +147,7 @@ def tune(
     counts = [record.counts for record in records]
     at = np.zeros(len(free))
     for segments in SEGMENTS:
-        plant = Plant(bench, records, *radii(bench, dataset.constants), segments)
+        plant = Plant(bench, records, segments)
         flat = tuple(
             np.full(r.measured.shape, 0.02 * float(np.std(r.measured)) + 1e-9)
             for r in records
@@ -401,8 +402,8 @@ def diagnose(
         )
     progress(0.0, "reading the data")
     dataset, findings = load(list(data), dataset_toml)
-    near, far = radii(bench, dataset.constants)
-    findings += check_bench(dataset, far / near)
+    rig = bench.known(dataset.constants)
+    findings += check_bench(dataset, rig.joint_radius / rig.motor_radius)
     notes = [finding.statement for finding in findings]
     wrong = to_fix(findings)
     if wrong or not dataset.trials:

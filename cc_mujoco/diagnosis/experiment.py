@@ -39,13 +39,14 @@ class Motion:
 def catalogue(problem: Problem) -> list[Motion]:
     """Trials within the range of the data."""
     records = problem.plant.records
-    ratio = problem.plant.near / problem.plant.far
+    bench = problem.plant.bench
+    ratio = bench.motor_radius / bench.joint_radius
     swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in records)
     rate = max(
         float(np.quantile(np.abs(np.gradient(r.motor_angle, r.dt)), 0.99))
         for r in records
     )
-    wind = wind_up(problem.plant.bench)
+    wind = wind_up(bench)
     time = np.arange(0.0, 40.0, DT)
 
     def triangle(size: float, speed: float) -> FloatArray:

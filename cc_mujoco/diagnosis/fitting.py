@@ -2,16 +2,12 @@
 
 Residuals are divided by the noise floor of their channel and weighted by how many of
 them are independent, so that priors and intervals count for what they are worth.
-Friction makes simulations piecewise smooth: derivatives are differences over steps that
-are large enough to cross the pieces.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,16 +18,12 @@ from scipy.optimize import least_squares
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, Knob
 from cc_mujoco.diagnosis.plant import Plant, Tuned
+from cc_mujoco.diagnosis.slopes import WILD, Slopes
 
 Masks = Sequence[NDArray[np.bool_]]
 """For every record the samples that take part."""
 
-_STEPS = {"clock_offset": 0.05, "joint_angle_offset": 0.02, "pretension": 0.03}
-_FACTOR_STEP, _STEP = 3e-3, 0.05
 _EVALUATIONS = 12
-WILD = 3.0
-"""Errors beyond this many deviations of noise count less than their squares."""
-THREADS = max(1, min(os.cpu_count() or 1, 8))
 
 
 def knob_as_tuned(knob: Knob, start: float) -> Tuned:
@@ -95,9 +87,13 @@ class Problem:
 
     def errors(self, at: FloatArray) -> list[FloatArray]:
         """Simulated less measured over the floor, tamed; (2, samples) per record."""
+        return [tamed(error) for error in self.plainly(at)]
+
+    def plainly(self, at: FloatArray) -> list[FloatArray]:
+        """Simulated less measured over the floor; (2, samples) per record."""
         played = self.plant.simulate(self.values(at), self.effects)
         return [
-            tamed((torque - record.measured) / floor)
+            (torque - record.measured) / floor
             for torque, record, floor in zip(
                 played, self.plant.records, self.floor, strict=True
             )
@@ -105,9 +101,15 @@ class Problem:
 
     def residual(self, at: FloatArray, masks: Masks) -> FloatArray:
         """Weighted errors where the masks are set, then priors."""
+        return self.weighted(self.errors(at), at, masks)
+
+    def weighted(
+        self, errors: Sequence[FloatArray], at: FloatArray, masks: Masks
+    ) -> FloatArray:
+        """Errors where the masks are set, weighted, then priors."""
         parts = [
             self.weight * error[:, mask].ravel()
-            for error, mask in zip(self.errors(at), masks, strict=True)
+            for error, mask in zip(errors, masks, strict=True)
         ]
         known = [
             place / parameter.prior
@@ -115,25 +117,6 @@ class Problem:
             if math.isfinite(parameter.prior)
         ]
         return np.concatenate([*parts, np.array(known)])
-
-    def jacobian(self, at: FloatArray, masks: Masks) -> FloatArray:
-        """Derivative of `residual` (residuals, parameters), by differences."""
-        here = self.residual(at, masks)
-
-        def column(index: int) -> FloatArray:
-            parameter = self.tuned[index]
-            step = _STEPS.get(
-                parameter.name, _FACTOR_STEP if parameter.factor else _STEP
-            )
-            if at[index] + step > parameter.high:
-                step = -step
-            moved = at.copy()
-            moved[index] += step
-            return (self.residual(moved, masks) - here) / step
-
-        with ThreadPoolExecutor(THREADS) as pool:
-            columns = list(pool.map(column, range(at.size)))
-        return np.column_stack(columns)
 
 
 def tamed(error: FloatArray) -> FloatArray:
@@ -185,14 +168,26 @@ def fit(
     start: FloatArray,
     masks: Masks,
     evaluations: int = _EVALUATIONS,
+    slopes: Slopes | None = None,
 ) -> Fit:
-    """Least squares from a start."""
+    """Least squares from a start.
+
+    Args:
+        problem: what is fitted to what.
+        start: place of the parameters.
+        masks: samples that take part.
+        evaluations: most of them.
+        slopes: of this problem, to share what other fits have taken.
+    """
     low = np.array([parameter.low for parameter in problem.tuned])
     high = np.array([parameter.high for parameter in problem.tuned])
+    slopes = slopes or Slopes(problem)
     found = least_squares(
-        lambda at: problem.residual(at, masks),
+        lambda at: problem.weighted(
+            [tamed(error) for error in slopes.errors(at)], at, masks
+        ),
         np.clip(start, low, high),
-        jac=lambda at: problem.jacobian(at, masks),
+        jac=lambda at: slopes.jacobian(at, masks),
         bounds=(low - 1e-9, high + 1e-9),
         x_scale="jac",
         ftol=1e-3,

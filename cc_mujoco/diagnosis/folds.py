@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.fitting import Fit, Problem, fit
+from cc_mujoco.diagnosis.fitting import Fit, Problem, fit, tamed
 from cc_mujoco.diagnosis.records import Record
+from cc_mujoco.diagnosis.slopes import Slopes
 
 BLOCK = 1.0
 """Length of a block of the bootstrap [s]."""
@@ -107,15 +108,15 @@ def cross(
         starts: one per fold.
         evaluations: most of each fit.
     """
-    fits = []
+    fits, slopes = [], Slopes(problem)
     errors = [np.full(r.measured.shape, np.nan) for r in problem.plant.records]
     for fold, start in zip(division, starts, strict=True):
-        found = fit(problem, start, fold.train, evaluations)
+        found = fit(problem, start, fold.train, evaluations, slopes)
         fits.append(found)
         for kept, error, mask in zip(
-            errors, problem.errors(found.at), fold.test, strict=True
+            errors, slopes.errors(found.at), fold.test, strict=True
         ):
-            kept[:, mask] = error[:, mask]
+            kept[:, mask] = tamed(error[:, mask])
     return Crossed(problem, tuple(fits), tuple(errors))
 
 

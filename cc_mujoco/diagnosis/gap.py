@@ -11,6 +11,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.evidence import CHANNELS, Trace
 from cc_mujoco.diagnosis.fitting import Problem, fit
 from cc_mujoco.diagnosis.folds import BLOCK, trials
+from cc_mujoco.diagnosis.slopes import Slopes
 from cc_mujoco.diagnosis.verdict import Gap
 
 DRAWS = 400
@@ -25,8 +26,9 @@ def predicted(problem: Problem, start: FloatArray) -> tuple[FloatArray, ...]:
     """
     records = problem.plant.records
     found = [np.zeros(record.measured.shape) for record in records]
+    slopes = Slopes(problem)
     for fold in trials(records):
-        at = fit(problem, start, fold.train, evaluations=6).at
+        at = fit(problem, start, fold.train, 6, slopes).at
         played = problem.plant.simulate(problem.values(at), problem.effects)
         for kept, torque, train in zip(found, played, fold.train, strict=True):
             kept[:, ~train] = torque[:, ~train]

@@ -9,6 +9,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.fitting import Masks, Problem
 from cc_mujoco.diagnosis.plant import Tuned
+from cc_mujoco.diagnosis.slopes import Slopes
 from cc_mujoco.diagnosis.verdict import Value
 
 _FLAT = 1e-12
@@ -18,7 +19,7 @@ FREE = 0.3
 
 def covariance(problem: Problem, at: FloatArray, masks: Masks) -> FloatArray:
     """Of the places of all parameters; weights already count what is independent."""
-    jacobian = problem.jacobian(at, masks)
+    jacobian = Slopes(problem).jacobian(at, masks)
     values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
     values = np.maximum(values, _FLAT * max(float(values[-1]), 1e-300))
     found: FloatArray = (vectors / values) @ vectors.T
@@ -45,7 +46,7 @@ def _value(parameter: Tuned, place: float, deviation: float) -> Value:
 def undetermined(problem: Problem, at: FloatArray, masks: Masks) -> tuple[str, ...]:
     """A sentence for each combination of parameters that only priors determine."""
     found = []
-    whole = problem.jacobian(at, masks)
+    whole = Slopes(problem).jacobian(at, masks)
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
     data = whole[: whole.shape[0] - priors]
     values, vectors = np.linalg.eigh(data.T @ data)

@@ -82,11 +82,8 @@ def _scene(result: Result, path: Path) -> list[str]:
     assert problem is not None
     values = problem.values(result.at)
     cables = problem.plant.cables(values, problem.effects)
-    bench = replace(
-        result.bench,
-        motor_radius=values.get("motor_radius", problem.plant.near),
-        joint_radius=values.get("joint_radius", problem.plant.far),
-    )
+    near, far = problem.plant.radii(values)
+    bench = replace(result.bench, motor_radius=near, joint_radius=far)
     effects = {
         name: {knob.name: values[knob.name] for knob in EFFECTS[name].knobs}
         for name in problem.effects
@@ -107,8 +104,7 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
     values = problem.values(result.at)
     short = min(record.time.size, round(4.0 / record.dt))
     offset = values.get("joint_angle_offset", 0.0)
-    near = values.get("motor_radius", problem.plant.near)
-    far = values.get("joint_radius", problem.plant.far)
+    near, far = problem.plant.radii(values)
     joint = record.joint_angle[:short] + offset
     motor = led(joint[0] * far / near, record.motor_angle[:short], 1)
     time = record.start + record.dt * (np.arange(motor.size) - RAMP)

@@ -57,7 +57,10 @@ class Tuned(NamedTuple):
 
 PRETENSION_KNOWN = 0.1
 """Relative standard deviation of a pretension that nobody measured."""
-CLOCKS = ("clock_offset", "motor_torque_late", "joint_torque_late")
+OFFSETS = ("motor_torque_offset", "joint_torque_offset")
+"""What the torque sensors show without any torque [Nm]."""
+LATE = ("motor_torque_late", "joint_torque_late")
+CLOCKS = ("clock_offset", *LATE)
 """By how much the joint's angle is ahead of the motor's, and torques are late [s].
 
 Known to half a sample, and no more than one and a half; beyond that it is an effect.
@@ -75,23 +78,40 @@ BALANCE_KNOWN = 0.03
 def tuned(
     bench: Bench, records: Sequence[Record], constants: Mapping[str, Constant]
 ) -> tuple[Tuned, ...]:
-    """The baseline's parameters for these data."""
+    """The baseline's parameters for these data.
+
+    Args:
+        bench: with the values of the constants, see `Bench.known`.
+        records: that it is to explain.
+        constants: of the rig's file, for their uncertainties.
+    """
     cable = bench.cables[0]
     step = records[0].step
-    centre = _angle_offset(bench, records, constants)
-    pretension = constants.get("pretension", Constant(cable.pretension))
-    doubt = pretension.uncertainty / max(pretension.value, 1e-9) or PRETENSION_KNOWN
+
+    def unsure(name: str, value: float, otherwise: float) -> float:
+        given = constants.get(name, Constant(value)).uncertainty
+        return given / max(value, 1e-9) or otherwise
+
+    known = unsure("pretension", cable.pretension, PRETENSION_KNOWN)
     wide = math.log(100.0)
-    friction = max(cable.friction, 1e-3)
-    most = min(wide, math.log(FRICTION_MOST / friction))
     whole = np.concatenate([record.measured for record in records], axis=1)
     sizes = np.maximum(OFFSET_KNOWN * np.std(whole, axis=1), 1e-6).tolist()
+    centre = _angle_offset(bench, records)
+    friction = max(cable.friction, 1e-3)
+    most = max(0.0, min(wide, math.log(FRICTION_MOST / friction)))
     found = [
-        Tuned("friction", "1", friction, 1.0, -wide, max(most, 0.0), True),
-        Tuned("axial_stiffness", "N", cable.axial_stiffness, 1.0, -wide, wide, True),
-        Tuned("pretension", "N", pretension.value, doubt, -10.0, 10.0, True, 1.0),
-        Tuned("motor_torque_offset", "Nm", 0.0, sizes[0], -100.0, 100.0, False, 1.0),
-        Tuned("joint_torque_offset", "Nm", 0.0, sizes[1], -100.0, 100.0, False, 1.0),
+        Tuned(name, unit, value, 1.0, -wide, high, True, unsure(name, value, math.inf))
+        for name, unit, value, high in (
+            ("friction", "1", friction, most),
+            ("axial_stiffness", "N", cable.axial_stiffness, wide),
+        )
+    ]
+    found += [
+        Tuned("pretension", "N", cable.pretension, known, -10.0, 10.0, True, 1.0),
+        *(
+            Tuned(name, "Nm", 0.0, size, -100.0, 100.0, False, 1.0)
+            for name, size in zip(OFFSETS, sizes, strict=True)
+        ),
         Tuned("joint_angle_offset", "rad", centre, 0.01, -1e3, 1e3, False),
         *(Tuned(name, "s", 0.0, step, -1.5, 1.5, False, 0.5) for name in CLOCKS),
     ]
@@ -99,33 +119,22 @@ def tuned(
         found.append(
             Tuned("friction_balance", "1", 0.0, BALANCE_KNOWN, -10.0, 10.0, False, 1.0)
         )
-    for name, given in zip(
-        ("motor_radius", "joint_radius"), radii(bench, constants), strict=True
+    # A stiff cable shows the least error of the ratio, so one pulley is always unsure.
+    for name, given, otherwise in (
+        ("motor_radius", bench.motor_radius, 0.0),
+        ("joint_radius", bench.joint_radius, RATIO_KNOWN),
     ):
-        known = constants.get(name, Constant(given))
-        relative = known.uncertainty / known.value
-        if name == "joint_radius" and relative == 0.0:
-            relative = RATIO_KNOWN  # a stiff cable shows the least error of the ratio
+        relative = unsure(name, given, otherwise)
         if relative > 0.0:
             found.append(Tuned(name, "m", given, relative, -10.0, 10.0, True, 1.0))
     return tuple(found)
 
 
-def _angle_offset(
-    bench: Bench, records: Sequence[Record], constants: Mapping[str, Constant]
-) -> float:
+def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
     """Joint angle at which the motor at zero pulls neither way, roughly [rad]."""
-    near, far = radii(bench, constants)
-    gaps = [np.median(near / far * r.motor_angle - r.joint_angle) for r in records]
+    ratio = bench.motor_radius / bench.joint_radius
+    gaps = [np.median(ratio * r.motor_angle - r.joint_angle) for r in records]
     return float(np.median(gaps))
-
-
-def radii(bench: Bench, constants: Mapping[str, Constant]) -> tuple[float, float]:
-    """Radii of the motor's and the joint's pulley [m]; a gear makes the first less."""
-    near = constants.get("motor_radius", Constant(bench.motor_radius)).value
-    near /= constants.get("gear_ratio", Constant(1.0)).value
-    far = constants.get("joint_radius", Constant(bench.joint_radius)).value
-    return near, far
 
 
 @dataclass(frozen=True)
@@ -133,18 +142,14 @@ class Plant:
     """Simulates records.
 
     Attributes:
-        bench: of the scene.
+        bench: with the radii and cables that hold unless tuned.
         records: to simulate.
-        near: radius of the motor's pulley unless tuned [m].
-        far: radius of the joint's pulley unless tuned [m].
         segments: of each cable.
         substeps: simulation steps per sample.
     """
 
     bench: Bench
     records: tuple[Record, ...]
-    near: float
-    far: float
     segments: int
     substeps: int = 1
 
@@ -188,20 +193,24 @@ class Plant:
             )
             for cable, side in zip(self.bench.cables, (balance, -balance), strict=False)
         )
-        rig = Rig(
-            values.get("motor_radius", self.near), values.get("joint_radius", self.far)
-        )
+        rig = Rig(*self.radii(values))
         for name in effects:
             change = EFFECTS[name].cables
             if change is not None:
                 made = change(made, values, rig)
         return made
 
+    def radii(self, values: Values) -> tuple[float, float]:
+        """Radii of the motor's and the joint's pulley [m]."""
+        return (
+            values.get("motor_radius", self.bench.motor_radius),
+            values.get("joint_radius", self.bench.joint_radius),
+        )
+
     def _one(
         self, record: Record, values: Values, effects: Sequence[str]
     ) -> FloatArray:
-        near = values.get("motor_radius", self.near)
-        far = values.get("joint_radius", self.far)
+        near, far = self.radii(values)
         transmission = Transmission(
             self.cables(values, effects, record.pretension),
             near,
@@ -210,8 +219,8 @@ class Plant:
         )
         offset = values.get("joint_angle_offset", 0.0)
         late = values.get("clock_offset", 0.0)
-        behind = [values.get(name, 0.0) for name in CLOCKS[1:]]
-        joint = _shifted(record.joint_angle, late / record.dt) + offset
+        behind = [values.get(name, 0.0) for name in LATE]
+        joint = shifted(record.joint_angle, late / record.dt) + offset
         motor = record.motor_angle
         # From rest in pretension to the first sample.
         rest = joint[0] * far / near
@@ -237,10 +246,10 @@ class Plant:
                     shown = effect.torques(shown, values)
         shown_torques = np.array(
             [
-                _shifted(shown.motor, -behind[0] / record.dt)
-                + values.get("motor_torque_offset", 0.0),
-                _shifted(shown.joint, -(late + behind[1]) / record.dt)
-                + values.get("joint_torque_offset", 0.0),
+                shifted(shown.motor, -behind[0] / record.dt)
+                + values.get(OFFSETS[0], 0.0),
+                shifted(shown.joint, -(late + behind[1]) / record.dt)
+                + values.get(OFFSETS[1], 0.0),
             ]
         )
         return low_passed(shown_torques, record.band, 1.0 / record.dt)
@@ -267,7 +276,7 @@ def led(rest: float, angle: FloatArray, substeps: int) -> FloatArray:
     return refined
 
 
-def _shifted(signal: FloatArray, samples: float) -> FloatArray:
+def shifted(signal: FloatArray, samples: float) -> FloatArray:
     """The signal as it was `samples` samples later (samples,), linear between."""
     if samples == 0.0:
         return signal

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -166,9 +167,14 @@ def low_passed(signals: FloatArray, band: float, rate: float) -> FloatArray:
     """Zero-phase low-pass of signals (..., samples)."""
     if band >= 0.45 * rate:
         return signals
-    filter_ = butter(2, band, fs=rate, output="sos")
-    passed: FloatArray = sosfiltfilt(filter_, signals, axis=-1)
+    passed: FloatArray = sosfiltfilt(_filter(band, rate), signals, axis=-1)
     return passed
+
+
+@lru_cache(maxsize=16)
+def _filter(band: float, rate: float) -> FloatArray:
+    filter_: FloatArray = butter(2, band, fs=rate, output="sos")
+    return filter_
 
 
 def stilled(angle: FloatArray, width: float) -> FloatArray:

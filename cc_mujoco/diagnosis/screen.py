@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis import fitting
+from cc_mujoco.diagnosis import slopes
 from cc_mujoco.diagnosis.effects import EFFECTS, Knob
 from cc_mujoco.diagnosis.fitting import Masks, Problem
+from cc_mujoco.diagnosis.slopes import Slopes
 from cc_mujoco.errors import CableError
 
 _NEAR = 1e-3
@@ -55,7 +56,7 @@ def screen(
         ids: of the effects to try.
     """
     error = problem.residual(at, masks)
-    jacobian = problem.jacobian(at, masks)
+    jacobian = Slopes(problem).jacobian(at, masks)
     size = np.linalg.norm(jacobian, axis=0)
     # Parameters without any influence stay out, and those that stand at a bound: they
     # cannot do more than they have done.
@@ -81,7 +82,7 @@ def screen(
         ]
         return max(found, key=lambda s: s.explained, default=None)
 
-    with ThreadPoolExecutor(fitting.THREADS) as pool:
+    with ThreadPoolExecutor(slopes.THREADS) as pool:
         every = list(pool.map(best, ids))
     return sorted(
         (signature for signature in every if signature is not None),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +18,9 @@ from cc_mujoco.diagnosis.effects import EFFECTS, Rig
 from cc_mujoco.diagnosis.findings import Finding, to_fix
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.output import OWN
-from cc_mujoco.diagnosis.plant import radii, tuned
+from cc_mujoco.diagnosis.plant import tuned
 from cc_mujoco.diagnosis.realisation import REALISATIONS
 from cc_mujoco.diagnosis.repair import added, repaired, write
-from cc_mujoco.diagnosis.trials import Constant
 from cc_mujoco.errors import CableError
 from diagnosis import recorded
 from diagnosis.bench import RATIO, Columns, recording
@@ -84,7 +82,6 @@ def test_the_sentence_says_what_is_wrong(
     [
         ("motor_radius = -0.02", "at least 0, not -0.02"),
         ("joint_radius = 0", "more than 0"),
-        ("gear_ratio = 0", "more than 0"),
         ("pretension = -5", "at least 0"),
         ("motor_radius = { value = 0.02, uncertainty = 5 }", "no larger"),
     ],
@@ -94,20 +91,6 @@ def test_rig_constants_that_no_rig_has(tmp_path: Path, text: str, message: str) 
     (tmp_path / "dataset.toml").write_text(f"[rig]\n{text}\n", encoding="utf-8")
     with pytest.raises(CableError, match=message):
         load(tmp_path)
-
-
-def test_constants_that_are_not_used_are_said(tmp_path: Path) -> None:
-    data = replace(
-        recorded.dataset(), path="d.toml", constants={"wrap_angle": Constant(3.0)}
-    )
-    (found,) = check_bench(data, 1.0)
-    assert found.severity == "note"
-    assert "d.toml, [rig] gives wrap_angle" in found.statement
-
-
-def test_a_gear_makes_the_motor_pulley_smaller() -> None:
-    near, far = radii(BENCH, {"gear_ratio": Constant(4.0)})
-    assert (near, far) == (BENCH.motor_radius / 4.0, BENCH.joint_radius)
 
 
 def test_the_trial_closest_to_the_scene_counts(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ joint_stiffness joint_inertia motor_inertia torque_sensor_gain torque_sensor_off
 sensor_delay""".split()
 
 RECORDS, _ = prepare(dataset(duration=2.0), BENCH)
-PLANT = Plant(BENCH, RECORDS, BENCH.motor_radius, BENCH.joint_radius, 8)
+PLANT = Plant(BENCH, RECORDS, 8)
 VALUES = {p.name: p.start for p in tuned(BENCH, RECORDS, {})}
 
 

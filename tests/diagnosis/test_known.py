@@ -1,0 +1,46 @@
+"""What the rig's file says stands in place of what the scene says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cc_mujoco.diagnosis.plant import Plant, tuned
+from cc_mujoco.diagnosis.records import prepare
+from cc_mujoco.diagnosis.trials import Constant
+from diagnosis.recorded import BENCH, dataset
+
+KNOWN = {
+    "motor_radius": Constant(0.02, 0.001),
+    "friction": Constant(0.2),
+    "axial_stiffness": Constant(3e4, 6e3),
+    "pretension": Constant(40.0, 8.0),
+}
+
+
+def test_constants_replace_what_the_scene_says() -> None:
+    bench = BENCH.known(KNOWN)
+    assert bench.motor_radius == 0.02
+    assert bench.joint_radius == BENCH.joint_radius
+    for cable in bench.cables:
+        assert (cable.friction, cable.axial_stiffness) == (0.2, 3e4)
+        assert cable.pretension == 40.0
+
+
+def test_uncertainties_are_priors_and_what_is_unsure_is_fitted() -> None:
+    bench = BENCH.known(KNOWN)
+    records, _ = prepare(dataset(), bench)
+    free = {p.name: p for p in tuned(bench, records, KNOWN)}
+    assert free["friction"].prior == np.inf
+    assert free["axial_stiffness"].prior == pytest.approx(0.2)
+    assert free["pretension"].scale == pytest.approx(0.2)
+    assert free["motor_radius"].scale == pytest.approx(0.05)
+    assert "motor_radius" not in {p.name for p in tuned(BENCH, records, {})}
+
+
+def test_a_trial_s_pretension_is_relative_to_the_known_one() -> None:
+    bench = BENCH.known(KNOWN)
+    records, _ = prepare(dataset(), bench)
+    plant = Plant(bench, records, 8)
+    cables = plant.cables({"pretension": 44.0}, (), pretension=20.0)
+    assert cables[0].pretension == pytest.approx(22.0)

@@ -14,6 +14,7 @@ import numpy as np
 
 from cc_mujoco.diagnosis import channels
 from cc_mujoco.diagnosis.alignment import check_alignment
+from cc_mujoco.diagnosis.bench import Bench
 from cc_mujoco.diagnosis.dataset_file import DatasetFile
 from cc_mujoco.diagnosis.findings import Finding, fix, note
 from cc_mujoco.diagnosis.mechanics import mechanics
@@ -25,12 +26,13 @@ from cc_mujoco.diagnosis.signs import (
     groups,
 )
 from cc_mujoco.diagnosis.smoothing import velocity
-from cc_mujoco.diagnosis.trials import Dataset, Facts, FloatArray, Trial
+from cc_mujoco.diagnosis.trials import Facts, FloatArray, Trial
 
 JOINT_TURNS, MOTOR_TURNS = 2.0, 8.0
 """Turns beyond which angles are taken for degrees, unless the unit is declared."""
 _CLIPPED = 5  # samples at an extreme that are one clipped stretch
 _CLIPS = 2
+_OVERLOAD = 150.0  # tensions that no scene explains, over its pretension
 _SIDE = re.compile(r"motor|joint|handle|output|tension|torque|angle", re.I)
 _CLOCK = re.compile(r"time|clock|stamp", re.I)
 
@@ -94,24 +96,47 @@ def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
     return [(fix if impossible else note)(told, trial.name)]
 
 
-def check_bench(dataset: Dataset, ratio: float) -> list[Finding]:
-    """Compare the ratio of the angles of all trials with that of a scene.
+def check_bench(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
+    """Compare trials with a scene: the ratio of the angles, the size of the torques.
 
     A cable that winds up moves the joint less than its pulleys would: what counts is
     the trial that comes closest to the scene.
 
     Args:
-        dataset: the trials.
-        ratio: motor angle per joint angle of the ideal transmission.
+        trials: of one rig.
+        bench: of the scene, with what is known of the rig.
     """
-    found = {trial.name: mechanics(trial) for trial in dataset.trials}
-    certain = [t for t in dataset.trials if abs(found[t.name].follows) > 0.6]
+    ratio = bench.joint_radius / bench.motor_radius
+    found = {trial.name: mechanics(trial) for trial in trials}
+    certain = [t for t in trials if abs(found[t.name].follows) > 0.6]
     closest = min(
         certain,
         key=lambda t: abs(math.log(abs(found[t.name].ratio * ratio))),
         default=None,
     )
-    return check_ratio(closest, ratio) if closest else []
+    findings = check_ratio(closest, ratio) if closest else []
+    for trial in trials:
+        findings += _loads(trial, bench)
+    return findings
+
+
+def _loads(trial: Trial, bench: Bench) -> list[Finding]:
+    """Torques far beyond what the cables of a scene carry."""
+    findings = []
+    for channel, torque, radius in (
+        (channels.MOTOR_TORQUE, trial.motor_torque, bench.motor_radius),
+        (channels.JOINT_TORQUE, trial.joint_torque, bench.joint_radius),
+    ):
+        tension = float(np.sqrt(np.nanmean(torque**2))) / radius
+        share = tension / max(bench.cables[0].pretension, 1.0)
+        if share > _OVERLOAD:
+            told = (
+                f"{trial.column(channel)} takes a tension of {tension:.3g} N, "
+                f"{share:.3g} times the pretension of the scene; perhaps it is in mNm: "
+                f"declare [columns.{channel}] unit = 'mNm'."
+            )
+            findings.append(fix(told, trial.name, channel))
+    return findings
 
 
 def _constants(recording: Recording, facts: Facts) -> list[Finding]:

@@ -402,8 +402,7 @@ def diagnose(
         )
     progress(0.0, "reading the data")
     dataset, findings = load(list(data), dataset_toml)
-    rig = bench.known(dataset.constants)
-    findings += check_bench(dataset, rig.joint_radius / rig.motor_radius)
+    findings += check_bench(dataset.trials, bench.known(dataset.constants))
     notes = [finding.statement for finding in findings]
     wrong = to_fix(findings)
     if wrong or not dataset.trials:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,21 @@ def test_rig_constants_that_no_rig_has(tmp_path: Path, text: str, message: str) 
         load(tmp_path)
 
 
+def geared(ratio: float) -> Bench:
+    """A bench whose motor turns so much more than its joint."""
+    return replace(BENCH, joint_radius=ratio * BENCH.motor_radius)
+
+
+def test_torques_that_no_cable_carries_are_in_other_units() -> None:
+    trials = recorded.dataset().trials
+    assert check_bench(trials, BENCH) == []
+    large = replace(trials[0], motor_torque=1e3 * trials[0].motor_torque)
+    (found,) = to_fix(check_bench([large], BENCH))
+    assert found.channel == "motor_torque_nm"
+    assert "trial_0.csv, column motor_torque_nm" in found.statement
+    assert "'mNm'" in found.statement
+
+
 def test_the_trial_closest_to_the_scene_counts(tmp_path: Path) -> None:
     # In one trial the joint is nearly locked: the cable only winds up.
     for name, share in (("free", 1.0), ("locked", 0.02)):
@@ -100,11 +116,11 @@ def test_the_trial_closest_to_the_scene_counts(tmp_path: Path) -> None:
         columns["joint_angle_rad"] = share * columns["joint_angle_rad"]
         record(tmp_path / f"{name}.csv", columns)
     data, _ = load(tmp_path)
-    assert check_bench(data, RATIO) == []
-    (far,) = check_bench(data, 10.0 * RATIO)
+    assert check_bench(data.trials, geared(RATIO)) == []
+    (far,) = check_bench(data.trials, geared(10.0 * RATIO))
     assert far.severity == "fix"
     assert "free.csv" in far.statement
-    (near,) = check_bench(data, 4.0 * RATIO)
+    (near,) = check_bench(data.trials, geared(4.0 * RATIO))
     assert near.severity == "note"
 
 

@@ -6,9 +6,9 @@
     cc-mujoco benchmark --scene wrist --controllers pi stiction
     cc-mujoco list
 
-Exit codes: 0 done, 2 input that cannot be used (one sentence on standard error),
-130 interrupted. What an interrupted or failed run was writing is removed; what an
-earlier run left stays.
+Exit codes: 0 done, 2 input that cannot be used (one sentence on standard error; a
+diagnosis writes its report on what is wrong all the same), 130 interrupted. What an
+interrupted or failed run was writing is removed; what an earlier run left stays.
 """
 
 from __future__ import annotations

@@ -33,7 +33,14 @@ class Diagnose:
     """Of bootstraps and noise draws."""
 
     def run(self) -> None:
-        """Diagnose, write, and print the verdict."""
+        """Diagnose, write, and print the verdict.
+
+        Raises:
+            CableError: nothing can be diagnosed; where that is the fault of the data or
+                of the numerics, it is the verdict and is written before.
+        """
+        if self.seed < 0:
+            raise CableError(f"--seed is {self.seed}; it must be 0 or more.")
         if not self.data:
             raise CableError("no data given; name CSV or Parquet files, or folders.")
         if self.out.exists() and not self.out.is_dir():
@@ -69,9 +76,12 @@ class Diagnose:
                 progress=told,
             )
             bar.update(1.0 - bar.n)
+        report = self.out / "report.html"
+        if found.verdict in ("fix-data", "fix-numerics"):
+            raise CableError(f"{found.verdict}: {found.statement} See {report}.")
         print(f"{found.verdict}: {found.statement}")
         for tie in found.ties:
             print(f"  cannot tell apart: {', '.join(tie)}")
         if found.next_experiment is not None:
             print(f"  to separate them: {found.next_experiment.description}")
-        print(f"report:   {self.out / 'report.html'}")
+        print(f"report:   {report}")

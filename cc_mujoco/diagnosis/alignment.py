@@ -135,6 +135,7 @@ def _line(
     matches = np.array([window.match for window in windows])
     width = matches.shape[1]
     reach = width // 2
+    far = np.abs(np.arange(width) - reach) / max(reach, 1)
     row = np.arange(len(windows))[:, None]
     best, found = -math.inf, (0.0, 0.0)
     span = float(np.ptp(times))
@@ -146,7 +147,7 @@ def _line(
         inside = (lags >= 0) & (lags < width)
         values = np.where(inside, matches[row, np.clip(lags, 0, width - 1)], 0.0)
         # What is nearer to no delay and no drift wins, unless another is better.
-        total = values.mean(axis=0) - _NEARER * np.abs(np.arange(width) - reach) / reach
+        total = values.mean(axis=0) - _NEARER * far
         k = int(np.argmax(total))
         value = float(total[k]) - _NEARER * abs(drift) / max(most, 1e-300)
         if value > best:

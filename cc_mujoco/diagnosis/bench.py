@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from cc_mujoco.diagnosis.trials import Constant
 from cc_mujoco.engine import from_mjcf
@@ -78,9 +79,9 @@ class Bench:
             raise CableError(f"scene {path} is no file; give an MJCF file")
         try:
             spec = mujoco.MjSpec.from_file(str(path))
-            spec.compile()
+            model = spec.compile()
         except ValueError as error:
-            reason = str(error).strip().splitlines()[0]
+            reason = " ".join(str(error).split())
             raise CableError(f"scene {path} does not load: {reason}") from None
         cables = from_mjcf(spec)
         if len(cables) not in (1, 2):
@@ -88,7 +89,7 @@ class Bench:
                 f"scene {path} has {len(cables)} cables; a diagnosis takes one cable "
                 f"or a pull-pull pair (plugin `{PLUGIN}`)"
             )
-        found = {name: _ends(spec, path, name) for name in cables}
+        found = {name: _ends(spec, model, path, name) for name in cables}
         # Positive motor rotation draws the agonist towards the motor: negative gear.
         order = sorted(found, key=lambda name: found[name][1])
         (motor, near, joint, far) = found[order[0]]
@@ -123,7 +124,9 @@ class Bench:
         )
 
 
-def _ends(spec: mujoco.MjSpec, path: Path, name: str) -> tuple[str, float, str, float]:
+def _ends(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str
+) -> tuple[str, float, str, float]:
     """Joint and gear of the proximal and of the distal end of a cable."""
     ends: list[str | float] = []
     for actuator in spec.actuators:
@@ -136,6 +139,23 @@ def _ends(spec: mujoco.MjSpec, path: Path, name: str) -> tuple[str, float, str, 
                 f"scene {path}: cable {name} ends at {actuator.target!r}; a diagnosis "
                 "needs both ends on pulleys of hinge joints"
             )
-        ends += [str(actuator.target), float(actuator.gear[0])]
+        ends += [_driven(model, str(actuator.target)), float(actuator.gear[0])]
     motor, near, output, far = ends
     return str(motor), float(near), str(output), float(far)
+
+
+def _driven(model: mujoco.MjModel, joint: str) -> str:
+    """The joint that a pulley with play takes along, else the joint itself.
+
+    Play is a fixed tendon with limits whose length is pulley less joint.
+    """
+    pulley = model.joint(joint).id
+    for tendon in np.flatnonzero(model.tendon_limited):
+        first, count = model.tendon_adr[tendon], model.tendon_num[tendon]
+        wraps = slice(first, first + count)
+        if count != 2 or (model.wrap_type[wraps] != mujoco.mjtWrap.mjWRAP_JOINT).any():
+            continue
+        ends, coefficients = model.wrap_objid[wraps], model.wrap_prm[wraps]
+        if ends[0] == pulley and coefficients[0] == -coefficients[1]:
+            return str(model.joint(int(ends[1])).name)
+    return joint

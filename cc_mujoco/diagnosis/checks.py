@@ -14,6 +14,7 @@ import numpy as np
 
 from cc_mujoco.diagnosis import channels
 from cc_mujoco.diagnosis.alignment import check_alignment
+from cc_mujoco.diagnosis.bench import Bench
 from cc_mujoco.diagnosis.dataset_file import DatasetFile
 from cc_mujoco.diagnosis.findings import Finding, fix, note
 from cc_mujoco.diagnosis.mechanics import mechanics
@@ -31,6 +32,7 @@ JOINT_TURNS, MOTOR_TURNS = 2.0, 8.0
 """Turns beyond which angles are taken for degrees, unless the unit is declared."""
 _CLIPPED = 5  # samples at an extreme that are one clipped stretch
 _CLIPS = 2
+_OVERLOAD = 150.0  # tensions that no scene explains, over its pretension
 _SIDE = re.compile(r"motor|joint|handle|output|tension|torque|angle", re.I)
 _CLOCK = re.compile(r"time|clock|stamp", re.I)
 
@@ -72,16 +74,17 @@ def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
     if abs(known.follows) < 0.6:
         return []
     apart = known.ratio * ratio
-    if 0.25 < apart < 4.0:
+    if 0.5 < apart < 2.0:
         return []
     degrees = math.degrees(1.0)
     motor, joint = (trial.labels.get(name, name) for name in channels.ANGLES)
     reasons = {
-        "the sides are swapped": apart / ratio**2,
         f"{joint} is in degrees": apart / degrees,
         f"{motor} is in degrees": apart * degrees,
         "the scene has other pulleys": 3.0,
     }
+    if abs(math.log(abs(ratio))) > 0.5:
+        reasons["the sides are swapped"] = apart / ratio**2
     likely = min(reasons, key=lambda text: abs(math.log(abs(reasons[text]))))
     if apart < 0.0:
         likely = "a sign is inverted"
@@ -89,7 +92,51 @@ def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
         f"{trial.path}: the motor turns {1.0 / known.ratio:.3g} rad per joint radian, "
         f"but {ratio:.3g} in the scene; perhaps {likely}."
     )
-    return [fix(told, trial.name)]
+    impossible = not 0.25 < apart < 4.0
+    return [(fix if impossible else note)(told, trial.name)]
+
+
+def check_bench(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
+    """Compare trials with a scene: the ratio of the angles, the size of the torques.
+
+    A cable that winds up moves the joint less than its pulleys would: what counts is
+    the trial that comes closest to the scene.
+
+    Args:
+        trials: of one rig.
+        bench: of the scene, with what is known of the rig.
+    """
+    ratio = bench.joint_radius / bench.motor_radius
+    found = {trial.name: mechanics(trial) for trial in trials}
+    certain = [t for t in trials if abs(found[t.name].follows) > 0.6]
+    closest = min(
+        certain,
+        key=lambda t: abs(math.log(abs(found[t.name].ratio * ratio))),
+        default=None,
+    )
+    findings = check_ratio(closest, ratio) if closest else []
+    for trial in trials:
+        findings += _loads(trial, bench)
+    return findings
+
+
+def _loads(trial: Trial, bench: Bench) -> list[Finding]:
+    """Torques far beyond what the cables of a scene carry."""
+    findings = []
+    for channel, torque, radius in (
+        (channels.MOTOR_TORQUE, trial.motor_torque, bench.motor_radius),
+        (channels.JOINT_TORQUE, trial.joint_torque, bench.joint_radius),
+    ):
+        tension = float(np.sqrt(np.nanmean(torque**2))) / radius
+        share = tension / max(bench.cables[0].pretension, 1.0)
+        if share > _OVERLOAD:
+            told = (
+                f"{trial.column(channel)} takes a tension of {tension:.3g} N, "
+                f"{share:.3g} times the pretension of the scene; perhaps it is in mNm: "
+                f"declare [columns.{channel}] unit = 'mNm'."
+            )
+            findings.append(fix(told, trial.name, channel))
+    return findings
 
 
 def _constants(recording: Recording, facts: Facts) -> list[Finding]:

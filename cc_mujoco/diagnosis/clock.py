@@ -25,6 +25,7 @@ SLOWEST, SLOW = 25.0, 100.0
 SHORTEST, FEWEST = 0.2, 20
 """A stretch is at least so long [s], and has so many samples."""
 
+_MILLI, _FASTEST = 1e3, 1e5  # rates of times that are milliseconds [Hz]
 _MANY_DUPLICATES = 0.01
 _MANY_IRREGULAR = 0.05
 _MANY_MISSING = 0.3
@@ -76,13 +77,14 @@ def lay_out(
     findings += found
     segments = _runs(good, breaks, max(FEWEST, round(SHORTEST * rate)))
     if not segments:
-        findings.append(
-            fix(
-                f"{recording.path} has no stretch of {SHORTEST} s without a gap or a "
-                "missing reading; record without interruption.",
-                name,
+        lasts = float(time[-1] - time[0])
+        told = f"lasts {lasts:.3g} s; a trial needs at least {SHORTEST} s."
+        if lasts >= SHORTEST and len(time) >= FEWEST:
+            told = (
+                f"has no stretch of {SHORTEST} s without a gap or a missing reading; "
+                "record without interruption."
             )
-        )
+        findings.append(fix(f"{recording.path} {told}", name))
         return None, findings
     values.pop(VALID, None)
     track, found = _even(recording, Track(time, values, segments, step))
@@ -144,6 +146,10 @@ def _rate(recording: Recording, step: float) -> tuple[float, list[Finding]]:
     told = f"{recording.column(TIME)}: {rate:.4g} samples per second"
     if rate < SLOWEST:
         text = f"{told} are too few to see friction at reversals; record at 200 or more"
+        if SLOWEST < _MILLI * rate < _FASTEST:
+            text += (
+                f", or declare [columns.{TIME}] unit = 'ms' if that is what it holds"
+            )
         return rate, [fix(f"{text}.", recording.name, TIME)]
     if rate < SLOW:
         text = f"{told} blur what happens at reversals; 200 or more are better."

@@ -64,7 +64,9 @@ RIG: dict[str, dict[str, float]] = {
 """Constants that `[rig]` may give in place of the scene's, with units, SI first.
 
 `axial_stiffness` is EA, `friction` the coefficient mu. Everything else about the rig
-(conduits, lengths, wrap) is in the scene."""
+(conduits, lengths, wrap) is in the scene. None is negative."""
+MAY_VANISH = ("friction",)
+"""Those that may be 0."""
 
 
 @dataclass(frozen=True)
@@ -277,11 +279,16 @@ def _rig(table: _Table) -> dict[str, Constant]:
             f"{table.where}, {name}", given if is_table else {"value": given}
         )
         inner.only("value", "uncertainty", "unit")
-        value = inner.number("value")
+        value = inner.number("value", 0.0)
         if value is None:
             raise CableError(f"{inner.where} needs a `value`.")
+        if value == 0.0 and name not in MAY_VANISH:
+            raise inner.wrong("value", "more than 0")
         factor = units[inner.choice("unit", units) or next(iter(units))]
         doubt = inner.number("uncertainty", 0.0) or 0.0
+        if doubt > value > 0.0:
+            right = "one standard deviation in the unit of the value, and no larger"
+            raise inner.wrong("uncertainty", right)
         constants[name] = Constant(value * factor, doubt * factor)
     return constants
 

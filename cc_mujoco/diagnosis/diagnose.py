@@ -18,6 +18,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.atlas import maps, ranked
 from cc_mujoco.diagnosis.bench import Bench
+from cc_mujoco.diagnosis.checks import check_bench
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.evidence import Evidence, Isolability, Trace
 from cc_mujoco.diagnosis.experiment import propose
@@ -30,6 +31,7 @@ from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.intervals import estimates, undetermined
 from cc_mujoco.diagnosis.plant import Plant, tuned
 from cc_mujoco.diagnosis.records import Filtering, Record, prepare
+from cc_mujoco.diagnosis.repair import added
 from cc_mujoco.diagnosis.screen import Signature, alike
 from cc_mujoco.diagnosis.search import Round, Search, Thresholds, search
 from cc_mujoco.diagnosis.trials import Dataset
@@ -43,6 +45,7 @@ from cc_mujoco.diagnosis.verdict import (
     Value,
     Verdict,
 )
+from cc_mujoco.errors import CableError
 
 Progress = Callable[[float, str], None]
 
@@ -302,7 +305,8 @@ def untestable(
         clarity = s.visible * float(np.sqrt(independent))
         if clarity < SEEN:
             typical = ", ".join(
-                f"{k.name} {k.typical:g} {k.unit}" for k in EFFECTS[s.id].knobs[:1]
+                f"{k.name} {k.typical:g} {k.unit}".removesuffix(" 1")
+                for k in EFFECTS[s.id].knobs[:1]
             )
             found.append(
                 NotTestable(
@@ -393,13 +397,22 @@ def diagnose(
     from cc_mujoco.diagnosis.output import write
 
     bench = Bench.of(Path(scene))
+    if present := added(scene):
+        raise CableError(
+            f"scene {scene} has {', '.join(present)} outside its cables from an "
+            "earlier diagnosis, which no baseline tunes; give the scene before it"
+        )
     progress(0.0, "reading the data")
     dataset, findings = load(list(data), dataset_toml)
+    findings += check_bench(dataset.trials, bench.known(dataset.constants))
     notes = [finding.statement for finding in findings]
     wrong = to_fix(findings)
     if wrong or not dataset.trials:
         said = [finding.statement for finding in wrong] or ["No trial can be read."]
+        more = len(said) - 1
         statement = f"The data must be put right first: {said[0]}"
+        if more:
+            statement += f" The report lists {more} more."
         diagnosis = Diagnosis("fix-data", statement, problems=tuple(notes or said))
         result = Result(diagnosis, _nothing(), None, np.zeros(0), bench)
     else:

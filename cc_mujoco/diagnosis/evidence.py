@@ -11,7 +11,7 @@ CHANNELS = ("motor_torque_nm", "joint_torque_nm")
 """Channels that the model predicts, from both angles."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays have no truth to compare by
 class Trace:
     """One trial; arrays have one entry per compared sample.
 

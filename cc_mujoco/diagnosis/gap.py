@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +15,8 @@ from cc_mujoco.diagnosis.slopes import Slopes
 from cc_mujoco.diagnosis.verdict import Gap
 
 DRAWS = 400
+SOLID = 0.95
+"""Share of draws with a gap to close from which on its closing has an interval."""
 
 
 def predicted(problem: Problem, start: FloatArray) -> tuple[FloatArray, ...]:
@@ -77,7 +80,9 @@ def _gap(squares: FloatArray, random: np.random.Generator) -> Gap:
     draws = random.integers(0, len(squares), (DRAWS, len(squares)))
     shares = [_closed(*squares[draw].sum(axis=0)) for draw in draws]
     old, new, floor, count = squares.sum(axis=0)
-    low, high = np.quantile(shares, [0.025, 0.975]).tolist()
+    low = high = math.nan
+    if np.mean(np.isfinite(shares)) > SOLID:
+        low, high = np.nanquantile(shares, [0.025, 0.975]).tolist()
     return Gap(
         float(np.sqrt(old / count)),
         float(np.sqrt(new / count)),
@@ -88,8 +93,9 @@ def _gap(squares: FloatArray, random: np.random.Generator) -> Gap:
 
 
 def _closed(old: float, new: float, floor: float, _: float) -> float:
-    """Share of the gap that is closed; 0 where there is none."""
-    return float(1.0 - (new - floor) / (old - floor)) if old > 1.02 * floor else 0.0
+    """Share of the gap that is closed; NaN where there is none to close."""
+    gap = old - floor
+    return float(1.0 - (new - floor) / gap) if old > 1.02 * floor else math.nan
 
 
 def traces(

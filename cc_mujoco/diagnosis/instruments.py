@@ -24,7 +24,6 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.bench import Bench
 from cc_mujoco.diagnosis.evidence import CHANNELS
-from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.errors import CableError
 
 MOTOR_TORQUE, JOINT_TORQUE = CHANNELS
@@ -199,7 +198,7 @@ def _ends(spec: mujoco.MjSpec, cable: str) -> tuple[str, str]:
     near, far = (
         str(actuator.name)
         for actuator in spec.actuators
-        if actuator.plugin.plugin_name == PLUGIN and actuator.plugin.name == cable
+        if actuator.plugin.name == cable  # a written scene has no `plugin_name` here
     )
     return near, far
 

@@ -20,7 +20,6 @@ from cc_mujoco.diagnosis.instruments import (
     add_part,
     force_sensor,
 )
-from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import Cable
 
@@ -77,10 +76,8 @@ def backlash(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     hinge.damping[:] = 0.0
     hinge.stiffness[:] = 0.0
     for actuator in spec.actuators:
-        own = actuator.plugin.plugin_name == PLUGIN
-        if own and actuator.plugin.name in bench.names:
-            if actuator.target == bench.joint:
-                actuator.target = name
+        if actuator.plugin.name in bench.names and actuator.target == bench.joint:
+            actuator.target = name
     tendon = spec.add_tendon(
         name=f"{bench.joint}_backlash",
         limited=True,

@@ -14,6 +14,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.diagnose import Result
+from cc_mujoco.diagnosis.drawings import STEMS
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.plant import CLOCKS, led
 from cc_mujoco.diagnosis.recording import write_recording
@@ -24,8 +25,11 @@ from cc_mujoco.diagnosis.report import write_report
 from cc_mujoco.diagnosis.rollout import rollout
 from cc_mujoco.diagnosis.trials import Dataset
 from cc_mujoco.diagnosis.verdict import Diagnosis
+from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing_folder
 
+OWN = ("scene.xml", "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
+"""Files that only some verdicts come with."""
 TITLES = {name: effect.title for name, effect in EFFECTS.items()}
 
 
@@ -38,11 +42,18 @@ def write(
     )
     with replacing_folder(out) as place:
         if result.problem is not None:
-            said = _scene(result, place / "scene.xml")
+            try:
+                said = _scene(result, place / "scene.xml")
+            except CableError as error:  # the verdict stands without it
+                said = [f"scene.xml cannot be written: {error}."]
             diagnosis = replace(diagnosis, problems=(*diagnosis.problems, *said))
             write_recording(place / "evidence.rrd", result.evidence, TITLES)
         write_report(place, diagnosis, result.evidence, TITLES)
         diagnosis.write(place / "verdict.json")
+        written = {file.name for file in place.iterdir()}
+    for name in OWN:
+        if name not in written:  # of an earlier diagnosis with another verdict
+            (out / name).unlink(missing_ok=True)
     return diagnosis
 
 

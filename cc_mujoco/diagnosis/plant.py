@@ -72,6 +72,8 @@ It is no more than five of them; beyond that it is an effect.
 """
 RATIO_KNOWN = 0.003
 """Relative standard deviation of the ratio of two pulleys of nominal size."""
+FRICTION_MOST = 3.5
+"""Largest coefficient of friction that is fitted; cables take 5, some unbalanced."""
 BALANCE_KNOWN = 0.03
 """Standard deviation of the difference of two cables' friction, relative."""
 
@@ -98,11 +100,13 @@ def tuned(
     whole = np.concatenate([record.measured for record in records], axis=1)
     sizes = np.maximum(OFFSET_KNOWN * np.std(whole, axis=1), 1e-6).tolist()
     centre = _angle_offset(bench, records)
+    friction = max(cable.friction, 1e-3)
+    most = max(0.0, min(wide, math.log(FRICTION_MOST / friction)))
     found = [
-        Tuned(name, unit, value, 1.0, -wide, wide, True, unsure(name, value, math.inf))
-        for name, unit, value in (
-            ("friction", "1", max(cable.friction, 1e-3)),
-            ("axial_stiffness", "N", cable.axial_stiffness),
+        Tuned(name, unit, value, 1.0, -wide, high, True, unsure(name, value, math.inf))
+        for name, unit, value, high in (
+            ("friction", "1", friction, most),
+            ("axial_stiffness", "N", cable.axial_stiffness, wide),
         )
     ]
     found += [

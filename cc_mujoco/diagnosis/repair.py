@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -77,6 +78,21 @@ def repaired(
             f"scene {bench.path} cannot have the effects {', '.join(effects)}: {reason}"
         ) from None
     return spec
+
+
+def added(scene: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Effects outside the cables that a scene has from an earlier diagnosis.
+
+    Raises:
+        CableError: the scene does not load.
+    """
+    try:
+        comment = mujoco.MjSpec.from_file(os.fspath(scene)).comment
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise CableError(f"scene {scene} does not load: {reason}") from None
+    named = re.findall(r"^ {4}(\w+): ", comment, re.MULTILINE)
+    return tuple(name for name in named if name in REALISATIONS)
 
 
 def write(path: str | os.PathLike[str], spec: mujoco.MjSpec) -> None:

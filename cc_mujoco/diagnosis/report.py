@@ -111,7 +111,10 @@ def _sections(
         if excerpt is not None
     ]
     gap = drawn("gap", "RMS error on held-out data, beside the noise floor.")
-    maps = drawn("maps", "Mean error over the quantities along which it lies.")
+    maps = drawn(
+        "maps",
+        "Mean error, measured minus simulated, over what it lies along.",
+    )
     alike = drawn(
         "isolability",
         "Left: likeness of the changes that two effects make to the signals, once the "

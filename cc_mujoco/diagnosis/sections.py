@@ -92,6 +92,8 @@ def maps(evidence: Evidence) -> Html | None:
     if len(chance) == len(evidence.maps):
         return paragraph("No map shows more than chance would; the largest are drawn.")
     text = (
+        "Errors are measured minus simulated: positive where the rig shows more "
+        "torque than the simulation. "
         "Titles give the share of the variance of the baseline's error that a "
         "quantity explains. Chance keeps the mean error within the grey band in 95 % "
         "of cases."
@@ -233,7 +235,7 @@ def _values(values: Mapping[str, Value]) -> Html:
 def _nested(value: Any) -> Html:
     """A mapping as a table, with tables inside it."""
     if isinstance(value, Mapping):
-        rows = [(plain(str(key)), _nested(item)) for key, item in value.items()]
+        rows = [(str(key), _nested(item)) for key, item in value.items()]
         return table(("what", "value"), rows)
     if isinstance(value, list | tuple):
         return bullets(_nested(item) for item in value)

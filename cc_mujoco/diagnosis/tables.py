@@ -248,7 +248,7 @@ class _Readable:
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         if isinstance(error, pa.ArrowException):
-            told = " ".join(str(error).split())[:160]
+            told = " ".join(str(error).split())[:160].rstrip(".")
             raise CableError(
                 f"{self.path} is not a whole {self.path.suffix[1:]} file: {told}."
             ) from None

@@ -11,8 +11,8 @@ from cc_mujoco.diagnosis.clock import Track
 from cc_mujoco.diagnosis.findings import Finding, note
 from cc_mujoco.diagnosis.trials import FloatArray
 
-MOST = 120_000
-"""Samples that a trial may keep: four minutes at `ENOUGH`."""
+MOST = 60_000
+"""Samples that a trial may keep: two minutes at `ENOUGH`."""
 ENOUGH = 500.0
 """Averaging does not bring the rate below this [Hz]."""
 WINDOWS = 12

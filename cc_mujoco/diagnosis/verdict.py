@@ -91,8 +91,9 @@ class Gap:
         rmse_before: of the baseline.
         rmse_after: of the model with the named effects.
         noise_floor: RMS that no model could avoid.
-        gap_closed: 1 - (MSE after - floor^2)/(MSE before - floor^2).
-        ci95: of `gap_closed`, block bootstrap.
+        gap_closed: 1 - (MSE after - floor^2)/(MSE before - floor^2); more than 1 below
+            the floor, NaN where the error before is not above it.
+        ci95: of `gap_closed`, block bootstrap; NaN where there is hardly a gap.
     """
 
     rmse_before: float

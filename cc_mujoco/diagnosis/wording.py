@@ -152,11 +152,12 @@ def gap_sentence(name: str, gap: Gap) -> str:
     text = f"{start} {change} from {before} {TORQUE_UNIT} to {after} {TORQUE_UNIT}; "
     if not math.isfinite(gap.gap_closed):
         return f"{text}{ground}; there is no gap above it to close."
-    low, high = gap.ci95
+    # Below the floor, which is an estimate, there is no more to close.
+    closed, low, high = (min(value, 1.0) for value in (gap.gap_closed, *gap.ci95))
     within = ""
     if math.isfinite(low) and math.isfinite(high):
         within = f" (95 % interval {share(low)} to {share(high)})"
-    return f"{text}{ground}; {share(gap.gap_closed)} of the gap is closed{within}."
+    return f"{text}{ground}; {share(closed)} of the gap is closed{within}."
 
 
 def _places(value: float, digits: int) -> int:

@@ -89,7 +89,10 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         ("[rig]\nmotor_radius = '2 cm'", "value must be a finite number"),
         ("[rig]\nmotor_radius = {unit = 'mm'}", "needs a `value`"),
         ("[rig]\nmotor_radius = {value = 2, unit = 'in'}", "unknown unit"),
-        ("[rig]\nfriction = true", "value must be a finite number, not True"),
+        (
+            "[rig]\nfriction = true",
+            "value must be a finite number of at least 0, not True",
+        ),
         ("[trials.a]\nsplit = 'training'", "unknown split .* did you mean 'train'"),
         ("[trials.a]\nvalid = [1, 2]", "valid must be a list of"),
         ("[trials.a]\nvalid = [[2, 1]]", "valid must be a list of"),

@@ -125,6 +125,15 @@ def test_run_in_is_never_shown_however_wrong() -> None:
         assert found is not None and found.trace.time[found.part][0] >= 1.0
 
 
+def test_stretches_of_one_trial_may_differ_in_length() -> None:
+    one, other = trace("a", 20.0, True), trace("a", 9.0, True, seed=1)
+    hit = {k: v + 5.0 * (one.time > 15.0) for k, v in one.measured.items()}
+    parts = Evidence((replace(one, measured=hit), other), (), isolability())
+    with style():
+        drawings = draw(DIAGNOSES["named"], parts, NAMES)
+    assert {"traces", "traces_ordinary"} <= set(drawings)
+
+
 def test_readings_that_are_missing_do_not_count_and_leave_a_break() -> None:
     hit = trace("a", 20.0, True)
     lost = {k: np.where(hit.time > 10, np.nan, v) for k, v in hit.measured.items()}

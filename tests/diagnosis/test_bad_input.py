@@ -1,0 +1,259 @@
+"""What may be given to `cc-mujoco diagnose` by mistake: a sentence, no traceback."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cc_mujoco import cli
+from cc_mujoco.assets import scene_path
+from cc_mujoco.diagnosis.bench import Bench
+from cc_mujoco.diagnosis.checks import check_bench
+from cc_mujoco.diagnosis.effects import EFFECTS, Rig
+from cc_mujoco.diagnosis.findings import Finding, to_fix
+from cc_mujoco.diagnosis.intake import load
+from cc_mujoco.diagnosis.output import OWN
+from cc_mujoco.diagnosis.plant import tuned
+from cc_mujoco.diagnosis.realisation import REALISATIONS
+from cc_mujoco.diagnosis.repair import added, repaired, write
+from cc_mujoco.errors import CableError
+from diagnosis import recorded
+from diagnosis.bench import RATIO, Columns, recording
+from diagnosis.bench import write as record
+
+BENCH = recorded.BENCH
+
+
+def diagnose(data: Path, out: Path, *more: str, scene: str | Path = "bench") -> int:
+    """Exit code of the command."""
+    return cli.main(
+        ["diagnose", str(data), "--scene", str(scene), "--out", str(out), *more]
+    )
+
+
+def files(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def first(folder: Path, columns: Columns) -> Finding:
+    """What must be put right of a trial."""
+    record(folder / "run.csv", columns)
+    return to_fix(load(folder)[1])[0]
+
+
+def cut(seconds: float) -> Callable[[Columns], Columns]:
+    return lambda c: {name: value[: round(500 * seconds)] for name, value in c.items()}
+
+
+def milli(columns: Columns) -> Columns:
+    return {**columns, "time_s": 1e3 * columns["time_s"]}
+
+
+def torn(columns: Columns) -> Columns:
+    torque = columns["joint_torque_nm"].copy()
+    torque[::15] = np.nan
+    return {**columns, "joint_torque_nm": torque}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (cut(0.1), "lasts 0.098 s; a trial needs at least 0.2 s"),
+        (cut(0.004), "lasts 0.002 s"),
+        (milli, "declare [columns.time_s] unit = 'ms'"),
+        (torn, "without a gap or a missing reading"),
+    ],
+)
+def test_the_sentence_says_what_is_wrong(
+    tmp_path: Path, change: Callable[[Columns], Columns], message: str
+) -> None:
+    found = first(tmp_path, change(recording(5.0)))
+    assert message in found.statement
+    assert "run.csv" in found.statement
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("motor_radius = -0.02", "at least 0, not -0.02"),
+        ("joint_radius = 0", "more than 0"),
+        ("pretension = -5", "at least 0"),
+        ("motor_radius = { value = 0.02, uncertainty = 5 }", "no larger"),
+    ],
+)
+def test_rig_constants_that_no_rig_has(tmp_path: Path, text: str, message: str) -> None:
+    record(tmp_path / "run.csv", recording(1.0))
+    (tmp_path / "dataset.toml").write_text(f"[rig]\n{text}\n", encoding="utf-8")
+    with pytest.raises(CableError, match=message):
+        load(tmp_path)
+
+
+def geared(ratio: float) -> Bench:
+    """A bench whose motor turns so much more than its joint."""
+    return replace(BENCH, joint_radius=ratio * BENCH.motor_radius)
+
+
+def test_torques_that_no_cable_carries_are_in_other_units() -> None:
+    trials = recorded.dataset().trials
+    assert check_bench(trials, BENCH) == []
+    large = replace(trials[0], motor_torque=1e3 * trials[0].motor_torque)
+    (found,) = to_fix(check_bench([large], BENCH))
+    assert found.channel == "motor_torque_nm"
+    assert "trial_0.csv, column motor_torque_nm" in found.statement
+    assert "'mNm'" in found.statement
+
+
+def test_the_trial_closest_to_the_scene_counts(tmp_path: Path) -> None:
+    # In one trial the joint is nearly locked: the cable only winds up.
+    for name, share in (("free", 1.0), ("locked", 0.02)):
+        columns = recording(8.0, seed=len(name))
+        columns["joint_angle_rad"] = share * columns["joint_angle_rad"]
+        record(tmp_path / f"{name}.csv", columns)
+    data, _ = load(tmp_path)
+    assert check_bench(data.trials, geared(RATIO)) == []
+    (far,) = check_bench(data.trials, geared(10.0 * RATIO))
+    assert far.severity == "fix"
+    assert "free.csv" in far.statement
+    (near,) = check_bench(data.trials, geared(4.0 * RATIO))
+    assert near.severity == "note"
+
+
+def test_friction_stays_what_a_cable_can_have() -> None:
+    records, _ = recorded_records()
+    most = {t.name: t.value(t.high) for t in tuned(BENCH, records, {})}
+    cable = BENCH.cables[0].replace(friction=1.3 * most["friction"])
+    assert cable.friction > 4.0
+
+
+def recorded_records() -> Any:
+    from cc_mujoco.diagnosis.records import prepare
+
+    return prepare(recorded.dataset(duration=2.0), BENCH)
+
+
+def test_bad_data_are_a_verdict_a_report_and_exit_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, out = tmp_path / "data", tmp_path / "out"
+    data.mkdir()
+    record(data / "run.csv", cut(0.1)(recording(1.0)))
+    (data / "empty.csv").touch()
+    out.mkdir()
+    for name in (*OWN, "mine.txt"):
+        (out / name).touch()
+    assert diagnose(data, out) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("cc-mujoco: fix-data: The data must be put right first: ")
+    assert "empty.csv is empty" in said
+    assert "1 more" in said
+    # What an earlier verdict came with is gone; what is not ours stays.
+    assert files(out) == ["mine.txt", "report.html", "verdict.json"]
+    verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
+    assert verdict["verdict"] == "fix-data"
+    assert len(verdict["problems"]) == 2
+    assert files(tmp_path) == ["data", "out"]
+
+
+def test_a_scene_with_other_pulleys_is_bad_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    columns = recording(5.0)
+    columns["motor_angle_rad"] *= 2.0
+    columns["motor_torque_nm"] *= 0.5
+    record(tmp_path / "run.csv", columns)
+    assert diagnose(tmp_path / "run.csv", tmp_path / "out") == 2
+    assert "but 1 in the scene" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "empty file"),
+        ("hello", "does not load"),
+        ("<html/>", "html"),
+        ("<mujoco/>", "has 0 cables"),
+        ("<mujoco", "XML"),
+    ],
+)
+def test_a_scene_that_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
+) -> None:
+    record(tmp_path / "run.csv", recording(1.0))
+    scene = tmp_path / "scene.xml"
+    scene.write_text(text, encoding="utf-8")
+    assert diagnose(tmp_path / "run.csv", tmp_path / "out", scene=scene) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert not said.rstrip().endswith(":")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (("--seed", "-1"), "--seed is -1"),
+        (("--dataset", "none.toml"), "cannot read none.toml"),
+    ],
+)
+def test_options_that_cannot_be(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    more: tuple[str, ...],
+    message: str,
+) -> None:
+    record(tmp_path / "run.csv", recording(1.0))
+    assert diagnose(tmp_path / "run.csv", tmp_path / "out", *more) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_interrupt_while_writing_leaves_nothing(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cc_mujoco.diagnosis.verdict.Diagnosis.write", stop)
+    (tmp_path / "run.csv").touch()
+    assert diagnose(tmp_path / "run.csv", tmp_path / "out") == 130
+    assert "nothing was written" in capsys.readouterr().err
+    assert files(tmp_path) == ["run.csv"]
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_repaired_scene_is_a_bench_again(tmp_path: Path, name: str) -> None:
+    effect, path = EFFECTS[name], tmp_path / "scene.xml"
+    values = dict(effect.starts[0])
+    cables = tuple(cable.replace(friction=0.13) for cable in BENCH.cables)
+    if effect.cables is not None:
+        cables = effect.cables(cables, values, Rig(0.05, 0.05))
+    write(path, repaired(BENCH, cables, {name: values}))
+    again = Bench.of(path)
+    assert (again.motor, again.joint) == ("motor", "joint")
+    assert again.cables == cables
+    assert (again.motor_radius, again.joint_radius) == (0.05, 0.05)
+    if name not in REALISATIONS:
+        assert added(path) == ()
+        repaired(again, cables, {})
+    else:
+        assert added(path) == (name,)
+
+
+def test_a_scene_repaired_outside_its_cables_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene.xml"
+    write(scene, repaired(BENCH, BENCH.cables, {"backlash": {"backlash": 0.02}}))
+    record(tmp_path / "run.csv", recording(1.0))
+    assert diagnose(tmp_path / "run.csv", tmp_path / "out", scene=scene) == 2
+    assert "has backlash outside its cables" in capsys.readouterr().err
+    assert added(scene_path("bench")) == ()

@@ -78,7 +78,7 @@ def run(case: dict[str, Any], naive: bool = False) -> dict[str, Any]:
     from cc_mujoco.diagnosis.intake import load
     from hidden_rig.dataset import make_dataset
     from hidden_rig.generate import facts_of, write_data
-    from hidden_rig.nominal import make_rig
+    from hidden_rig.nominal import NOMINAL, make_rig
     from hidden_rig.strength import calibrate, measure
 
     slopes.THREADS = 1
@@ -109,7 +109,15 @@ def run(case: dict[str, Any], naive: bool = False) -> dict[str, Any]:
     found, seconds = result.diagnosis, time.perf_counter() - begin
     if naive and result.tuning is not None:
         record["naive"] = guesses(result.tuning)
-    stiffness = found.baseline.parameters.get("axial_stiffness")
+    truth = {
+        "axial_stiffness": rig.axial_stiffness,
+        "pretension": rig.pretension,
+        # The scene's wrap is taken for granted, so friction is scaled by the rest.
+        "friction": 0.5
+        * (rig.friction_a + rig.friction_b)
+        * rig.wrap
+        / NOMINAL["wrap_angle_rad"],
+    }
     return {
         **record,
         "verdict": found.verdict,
@@ -120,9 +128,11 @@ def run(case: dict[str, Any], naive: bool = False) -> dict[str, Any]:
             name: [g.rmse_before, g.rmse_after, g.noise_floor, g.gap_closed]
             for name, g in found.gap.items()
         },
-        "stiffness": None
-        if stiffness is None
-        else [stiffness.value, *stiffness.ci95, rig.axial_stiffness],
+        "intervals": {
+            name: [value.value, *value.ci95, truth[name]]
+            for name, value in found.baseline.parameters.items()
+            if name in truth
+        },
         "candidates": [
             [[c.id, c.reduction, c.reason] for c in step] for step in found.runner_ups
         ],
@@ -147,11 +157,7 @@ def judged(record: dict[str, Any]) -> str:
     hidden, named = list(record["hidden"]), record["named"]
     tied = [set(tie) for tie in record.get("ties", [])]
     if record["kind"] == "none":
-        return (
-            "right"
-            if record["verdict"] in ("none", "unknown") and not named
-            else "wrong"
-        )
+        return "right" if record["verdict"] == "none" else "wrong"
     if record["kind"] == "unknown":
         return {"unknown": "right", "none": "silent"}.get(record["verdict"], "wrong")
     if record["kind"] == "pair":
@@ -171,19 +177,16 @@ def summary(records: list[dict[str, Any]]) -> str:
     """Markdown: rates by kind, then a line for each effect."""
     from naive_naming.table import comparison
 
+    columns = ("right", "tie", "half", "silent", "wrong")
     lines = [
-        "| hidden | cases | right | in a tie of two | silent | wrong |",
-        "|---|---|---|---|---|---|",
+        "| hidden | cases | right | in a tie of two | one of two | silent | wrong |",
+        "|---|---|---|---|---|---|---|",
     ]
     for kind in ("named", "none", "unknown", "pair"):
-        of = [r for r in records if r["kind"] == kind]
-        if of:
-            words = [judged(r) for r in of]
-            share = [
-                f"{words.count(w) / len(of):.0%}"
-                for w in ("right", "tie", "silent", "wrong")
-            ]
-            lines.append(f"| {kind} | {len(of)} | {' | '.join(share)} |")
+        words = [judged(r) for r in records if r["kind"] == kind]
+        if words:
+            share = [f"{words.count(word) / len(words):.0%}" for word in columns]
+            lines.append(f"| {kind} | {len(words)} | {' | '.join(share)} |")
     closed = [
         1.0
         - (sum(g[1] ** 2 - g[2] ** 2 for g in r["gap"].values()))
@@ -198,15 +201,23 @@ def summary(records: list[dict[str, Any]]) -> str:
         for r in records
         if r["kind"] == "named" and judged(r) == "right"
     ]
-    cover = [s[1] <= s[3] <= s[2] for r in records if (s := r.get("stiffness"))]
     if closed:
         lines += [
             "",
             f"Median gap closed {np.median(closed):.2f}, of the squared error "
             f"{np.median(shares):.0%}.",
         ]
-    if cover:
-        lines.append(f"Intervals of the stiffness cover {np.mean(cover):.0%}.")
+    given = [r["intervals"] for r in records if r.get("intervals")]
+    told = [
+        f"{name} {np.mean([low <= true <= high for _, low, high, true in of]):.0%}"
+        for name in (given[0] if given else ())
+        if (of := [each[name] for each in given])
+    ]
+    if told:
+        lines += ["", f"Intervals of 95 % that cover: {', '.join(told)}."]
+    took = [r["seconds"] for r in records if "seconds" in r]
+    if took:
+        lines += ["", f"Median time of a diagnosis {np.median(took):.0f} s, one core."]
     if any("naive" in r for r in records):
         lines += ["", *comparison(records, judged)]
     lines += ["", "| hidden | R | verdict | named | ties |", "|---|---|---|---|---|"]

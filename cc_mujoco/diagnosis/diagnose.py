@@ -8,6 +8,7 @@ diagnosis.verdict, diagnosis.effects, diagnosis.gap
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +30,7 @@ from cc_mujoco.diagnosis.folds import Crossed, cross, stretches
 from cc_mujoco.diagnosis.gap import gaps, predicted, traces
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.intervals import estimates, undetermined
-from cc_mujoco.diagnosis.plant import Plant, tuned
+from cc_mujoco.diagnosis.plant import Plant, Tuned, tuned
 from cc_mujoco.diagnosis.records import Filtering, Record, prepare
 from cc_mujoco.diagnosis.repair import added
 from cc_mujoco.diagnosis.screen import Signature, alike
@@ -57,6 +58,10 @@ SEEN = 3.0
 """Size over its uncertainty with which a plausible effect would show."""
 UNEXPLAINED = 0.75
 """Share of the squared error that may not remain where an effect is named."""
+GUESSED = 0.3
+"""Relative uncertainty of a pretension from which more than one start is tried."""
+OTHERS = (0.1, 0.3, 3.0)
+"""Such starts, over the value that was given."""
 LEAST = 100
 """Samples that must count."""
 
@@ -155,9 +160,11 @@ def tune(
             for r in records
         )
         problem = Problem(plant, free, (), flat, flat, 0.2)
-        at = fit(problem, at, counts).at
+        tried = [fit(problem, start, counts) for start in _starts(free, at)]
+        at = min(tried, key=lambda found: found.cost).at
         floor = noise_floor(dataset, plant, filtering, problem.values(at), seed=seed)
         problem = replace(problem, noise=floor.noise, floor=floor.tolerance)
+        problem = problem.widened(at, counts)
         at = fit(problem, at, counts).at
         problem = replace(problem, weight=weight(problem.errors(at), counts))
         whole = fit(problem, at, counts)
@@ -167,6 +174,21 @@ def tune(
     division = stretches(records)
     crossed = cross(problem, division, [whole.at] * len(division))
     return Tuning(problem, whole, crossed, change)
+
+
+def _starts(free: Sequence[Tuned], at: FloatArray) -> list[FloatArray]:
+    """Places to fit from: several pretensions where it is anybody's guess.
+
+    Whether the slack side of a pair goes slack makes fits end in one valley or another.
+    """
+    starts = [at]
+    for index, parameter in enumerate(free):
+        if parameter.name == "pretension" and parameter.scale > GUESSED:
+            for factor in OTHERS:
+                start = at.copy()
+                start[index] = math.log(factor) / parameter.scale
+                starts.append(start)
+    return starts
 
 
 def numerics(problem: Problem, at: FloatArray) -> float:
@@ -207,17 +229,17 @@ def _concluded(
     progress(0.86, "predicting trials that were held out")
     before = predicted(tuning.problem, tuning.whole.at)
     after = predicted(problem, at) if problem.effects else before
-    measures = gaps(tuning.problem, before, after, seed)
+    measures = gaps(tuning.problem, before.torques, after.torques, seed)
     if problem.effects and all(g.rmse_after > g.rmse_before for g in measures.values()):
         # Held-out trials do not bear it out.
         problem, at, after = tuning.problem, tuning.whole.at, before
-        measures = gaps(tuning.problem, before, after, seed)
-    shown = traces(problem, before, after)
+        measures = gaps(tuning.problem, before.torques, after.torques, seed)
+    shown = traces(problem, before.torques, after.torques)
     drawn = maps(shown, seed)
     evidence = Evidence(shown, drawn, isolability(found.signatures))
     kind, statement = judged(found, problem, measures, limits)
     progress(0.95, "writing it down")
-    estimated = estimates(problem, at, counts)
+    estimated = estimates(problem, at, counts, after.places)
     ties = tuple(step.rivals for step in found.rounds if len(step.rivals) > 1)
     if not problem.effects:
         ties = ()
@@ -253,8 +275,8 @@ def judged(
     found: Search, problem: Problem, gap: Mapping[str, Gap], limits: Thresholds
 ) -> tuple[Verdict, str]:
     """The verdict in one word and in a sentence."""
-    misfit = float(np.sqrt(found.before.squares))
-    left = float(np.sqrt(found.after.squares))
+    misfit = problem.raised * float(np.sqrt(found.before.squares))
+    left = problem.raised * float(np.sqrt(found.after.squares))
     if not problem.effects:
         if misfit <= limits.misfit:
             return "none", (

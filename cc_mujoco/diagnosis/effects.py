@@ -2,9 +2,9 @@
 
 An entry says what the effect is, where it acts, what its parameters are, and how it
 changes a simulation: through the cables (`cables`), or through what the sensors of
-motor and joint show (`torques`). A parameter that is 0 is off, bit for bit. To add an
-effect, write its entry, and how MuJoCo realises it in `realisation` where it is not in
-the cable.
+motor and joint show (`torques`; `JOINT_DELAY` changes what is played, too). Parameters
+at 0 are off, bit for bit. To add an effect, write its entry, and how MuJoCo has it in
+`realisation` where it is not in the cable.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.transmission import Cable
 
 Values = Mapping[str, float]
+
+JOINT_DELAY = "joint_delay"
+"""By how much the joint's angle and torque come late together [s]."""
 
 
 class Knob(NamedTuple):
@@ -150,6 +153,20 @@ def _eccentric(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable,
     size, phase = math.hypot(cosine, sine), math.atan2(sine, cosine)
     return tuple(
         cable.replace(eccentricity=size, eccentricity_phase=phase) for cable in given
+    )
+
+
+def _stiffening(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+    # Strands bed in one by one, so two cables need not be alike. The baseline's
+    # stiffness stays that of a cable in the scene's pretension.
+    usual = values.get("pretension", given[0].pretension)
+    each = (values["stiffening"], values["stiffening_antagonist"])
+    return tuple(
+        cable.replace(
+            stiffening=stiffening,
+            axial_stiffness=cable.axial_stiffness / (1.0 + stiffening * usual),
+        )
+        for cable, stiffening in zip(given, each, strict=False)
     )
 
 
@@ -378,7 +395,7 @@ EFFECTS: dict[str, Effect] = {
             (
                 Knob("cogging_cosine", "Nm", 0.02, -100.0, 100.0),
                 Knob("cogging_sine", "Nm", 0.02, -100.0, 100.0),
-                Knob("cogging_order", "1", 1.0, 2.0, 200.0),
+                Knob("cogging_order", "1", 1.0, 3.5, 200.0),
             ),
             tuple(
                 {"cogging_cosine": 0.02, "cogging_sine": 0.02, "cogging_order": order}
@@ -393,15 +410,18 @@ EFFECTS: dict[str, Effect] = {
         Effect(
             "cable_stiffening",
             "cable that stiffens under tension",
-            "EA (1 + s T)",
+            "EA (1 + s T) / (1 + s T0)",
             "conduit",
-            (Knob("stiffening", "1/N", 2e-3, 0.0, 1.0),),
-            ({"stiffening": 2e-3},),
+            (
+                Knob("stiffening", "1/N", 2e-3, 0.0, 1.0),
+                Knob("stiffening_antagonist", "1/N", 2e-3, 0.0, 1.0),
+            ),
+            ({"stiffening": 2e-3, "stiffening_antagonist": 2e-3},),
             "large and small loads, slack, or two pretensions",
             ("end_compliance", "presliding"),
             _PLUGIN,
             "machine design practice: bedding in of strands",
-            cables=_on_both("stiffening"),
+            cables=_stiffening,
         ),
         Effect(
             "end_compliance",
@@ -523,14 +543,21 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "sensor_delay",
-            "torque that is recorded late",
-            "tau(t - d)",
+            "readings that are recorded late",
+            "tau(t - d), q_j(t - d)",
             "sensor",
             (
+                Knob(JOINT_DELAY, "s", 0.005, -0.2, 0.2),
                 Knob("motor_torque_delay", "s", 0.005, -0.2, 0.2),
                 Knob("joint_torque_delay", "s", 0.005, -0.2, 0.2),
             ),
-            ({"motor_torque_delay": 0.005, "joint_torque_delay": 0.005},),
+            (
+                {
+                    JOINT_DELAY: 0.005,
+                    "motor_torque_delay": 0.005,
+                    "joint_torque_delay": 0.005,
+                },
+            ),
             "fast and slow motion",
             ("viscous_friction", "joint_inertia", "motor_inertia"),
             "`delay` of the sensors that a torque is the sum of",

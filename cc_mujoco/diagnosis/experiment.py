@@ -120,7 +120,7 @@ def propose(
         return None
     problem = rivals[0][0]
     quiet = [
-        float(np.median(np.concatenate([f[row] for f in problem.floor])))
+        float(np.median(np.concatenate([f[row] for f in problem.noise])))
         for row in (0, 1)
     ]
     best: tuple[float, str, str] | None = None

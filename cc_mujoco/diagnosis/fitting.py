@@ -49,6 +49,7 @@ class Problem:
         floor: the same, by which errors are divided, see `floor.Floor` [Nm].
         weight: of a residual over its floor; below 1 where neighbours are not
             independent or where the model is known not to reach the floor.
+        raised: factor of the floor where the baseline is far off, see `widened`.
     """
 
     plant: Plant
@@ -57,6 +58,23 @@ class Problem:
     noise: tuple[FloatArray, ...]
     floor: tuple[FloatArray, ...]
     weight: float = 1.0
+    raised: float = 1.0
+
+    def widened(self, at: FloatArray, masks: Masks) -> Problem:
+        """The same with its floor raised to where usual errors are not wild.
+
+        Where the sensors are much better than the model, nearly every error would be
+        tamed, and fits follow the many small ones only.
+        """
+        kept = [
+            np.abs(error[:, mask]).ravel()
+            for error, mask in zip(self.plainly(at), masks, strict=True)
+        ]
+        usual = float(np.median(np.concatenate(kept))) / 0.6745
+        factor = max(1.0, usual / WILD)
+        return replace(
+            self, floor=tuple(factor * floor for floor in self.floor), raised=factor
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,9 +82,11 @@ class Problem:
         return tuple(parameter.name for parameter in self.tuned)
 
     def values(self, at: FloatArray) -> dict[str, float]:
-        """Parameters at a place of the fit."""
+        """Parameters at a place of the fit, which may be just beyond a bound."""
         return {
-            parameter.name: parameter.value(float(place))
+            parameter.name: parameter.value(
+                min(max(float(place), parameter.low), parameter.high)
+            )
             for parameter, place in zip(self.tuned, at, strict=True)
         }
 

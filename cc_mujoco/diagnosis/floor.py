@@ -42,7 +42,7 @@ class Floor(NamedTuple):
     """Standard deviations (2, samples) of every record [Nm].
 
     Attributes:
-        noise: of what no model can explain.
+        noise: of what no model can explain; not less than repetitions differ.
         tolerance: by which errors are divided.
     """
 
@@ -83,13 +83,31 @@ def noise_floor(
     whole = np.concatenate([record.measured for record in plant.records], axis=1)
     least = (LEAST * np.std(whole, axis=1)) ** 2
     base = np.maximum(np.array(own), least)[:, None]
+    alone = [total + base for total in plain]
+    short = _repeated(dataset, filtering) - np.concatenate(alone, axis=1).mean(axis=1)
     return Floor(
-        tuple(np.sqrt(total + base) for total in plain),
+        tuple(np.sqrt(each + np.maximum(short, 0.0)[:, None]) for each in alone),
         tuple(
             np.sqrt(_near(total, record.dt) + base)
             for total, record in zip(wide, plant.records, strict=True)
         ),
     )
+
+
+def _repeated(dataset: Dataset, filtering: Filtering) -> FloatArray:
+    """Variance of both torques between repetitions, less noise that filters take out.
+
+    0 where nothing was repeated.
+    """
+    found = []
+    for name in (MOTOR_TORQUE, JOINT_TORQUE):
+        floor = dataset.floor.get(name)
+        blocked = dataset.noise.get(name, _QUIET).deviation ** 2 * (
+            1 - filtering.passed
+        )
+        seen = floor is not None and floor.source != "noise"
+        found.append(floor.deviation**2 - blocked if floor and seen else 0.0)
+    return np.array(found)
 
 
 def _near(square: FloatArray, dt: float) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,22 +20,35 @@ SOLID = 0.95
 """Share of draws with a gap to close from which on its closing has an interval."""
 
 
-def predicted(problem: Problem, start: FloatArray) -> tuple[FloatArray, ...]:
-    """Torques (2, samples) of every record by parameters fitted to other trials.
+class Predicted(NamedTuple):
+    """Trials predicted by parameters that were fitted to others.
+
+    Attributes:
+        torques: (2, samples) of every record [Nm].
+        places: of the parameters, one per fold.
+    """
+
+    torques: tuple[FloatArray, ...]
+    places: tuple[FloatArray, ...]
+
+
+def predicted(problem: Problem, start: FloatArray) -> Predicted:
+    """Torques of every record by parameters fitted to other trials.
 
     Samples that no fold holds out are predicted by the last fit.
     """
     records = problem.plant.records
     found = [np.zeros(record.measured.shape) for record in records]
-    slopes = Slopes(problem)
+    slopes, places = Slopes(problem), []
     for fold in trials(records):
         at = fit(problem, start, fold.train, 6, slopes).at
+        places.append(at)
         played = problem.plant.simulate(problem.values(at), problem.effects)
         for kept, torque, train in zip(found, played, fold.train, strict=True):
             kept[:, ~train] = torque[:, ~train]
             empty = np.all(kept == 0.0, axis=0)
             kept[:, empty] = torque[:, empty]
-    return tuple(found)
+    return Predicted(tuple(found), tuple(places))
 
 
 def gaps(

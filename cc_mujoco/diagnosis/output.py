@@ -15,8 +15,8 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.diagnose import Result
 from cc_mujoco.diagnosis.drawings import STEMS
-from cc_mujoco.diagnosis.effects import EFFECTS
-from cc_mujoco.diagnosis.plant import CLOCKS, led
+from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
+from cc_mujoco.diagnosis.plant import CLOCKS, led, shifted
 from cc_mujoco.diagnosis.recording import write_recording
 from cc_mujoco.diagnosis.records import RAMP
 from cc_mujoco.diagnosis.repair import repaired
@@ -105,7 +105,8 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
     short = min(record.time.size, round(4.0 / record.dt))
     offset = values.get("joint_angle_offset", 0.0)
     near, far = problem.plant.radii(values)
-    joint = record.joint_angle[:short] + offset
+    ahead = values.get(JOINT_DELAY, 0.0) / record.dt
+    joint = shifted(record.joint_angle, ahead)[:short] + offset
     motor = led(joint[0] * far / near, record.motor_angle[:short], 1)
     time = record.start + record.dt * (np.arange(motor.size) - RAMP)
     shown = np.array(rollout(path, time, motor, led(joint[0], joint, 1)))[:, RAMP:]

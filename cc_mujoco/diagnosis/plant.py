@@ -17,7 +17,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.bench import Bench
-from cc_mujoco.diagnosis.effects import EFFECTS, Rig, Torques
+from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY, Rig, Torques
 from cc_mujoco.diagnosis.records import RAMP, Record, low_passed
 from cc_mujoco.diagnosis.trials import Constant
 from cc_mujoco.transmission import Cable, Transmission
@@ -63,12 +63,12 @@ LATE = ("motor_torque_late", "joint_torque_late")
 CLOCKS = ("clock_offset", *LATE)
 """By how much the joint's angle is ahead of the motor's, and torques are late [s].
 
-Known to half a sample, and no more than one and a half; beyond that it is an effect.
+Known to half a sample, and no more than one; beyond that it is an effect.
 """
 OFFSET_KNOWN = 0.01
 """Standard deviation of a torque sensor's offset, over the RMS of its readings.
 
-It is no more than five of them; beyond that it is an effect.
+It is no more than three of them; beyond that it is an effect.
 """
 RATIO_KNOWN = 0.003
 """Relative standard deviation of the ratio of two pulleys of nominal size."""
@@ -112,11 +112,11 @@ def tuned(
     found += [
         Tuned("pretension", "N", cable.pretension, known, -10.0, 10.0, True, 1.0),
         *(
-            Tuned(name, "Nm", 0.0, size, -5.0, 5.0, False, 1.0)
+            Tuned(name, "Nm", 0.0, size, -3.0, 3.0, False, 1.0)
             for name, size in zip(OFFSETS, sizes, strict=True)
         ),
         Tuned("joint_angle_offset", "rad", centre, 0.01, -1e3, 1e3, False),
-        *(Tuned(name, "s", 0.0, step, -1.5, 1.5, False, 0.5) for name in CLOCKS),
+        *(Tuned(name, "s", 0.0, step, -1.0, 1.0, False, 0.5) for name in CLOCKS),
     ]
     if len(bench.cables) == 2:
         found.append(
@@ -221,7 +221,7 @@ class Plant:
             backlash=values.get("backlash", 0.0) if "backlash" in effects else 0.0,
         )
         offset = values.get("joint_angle_offset", 0.0)
-        late = values.get("clock_offset", 0.0)
+        late = values.get("clock_offset", 0.0) + values.get(JOINT_DELAY, 0.0)
         behind = [values.get(name, 0.0) for name in LATE]
         joint = shifted(record.joint_angle, late / record.dt) + offset
         motor = record.motor_angle

@@ -95,7 +95,7 @@ REALISATIONS: dict[str, Realisation] = {
         sensing.bias,
     ),
     "sensor_delay": Realisation(
-        ("motor_torque_delay", "joint_torque_delay"),
+        ("joint_delay", "motor_torque_delay", "joint_torque_delay"),
         "MuJoCo's own delay of sensors, linear between steps; where a torque comes "
         "early, the angles and the other torque are delayed instead",
         sensing.delay,

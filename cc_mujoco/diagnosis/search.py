@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ PROMISING = 0.15
 """Share of the leader's explained error that a candidate needs to be refitted."""
 LOOKALIKE = 0.9
 """Cosine beyond which two signatures cannot be told apart by screening."""
+MATES = 3
+"""Most candidates that are refitted since they resemble the leader."""
 MOST = 4
 """Most effects that are added."""
 DRAWS = 400
@@ -39,8 +42,8 @@ class Thresholds:
     """
 
     reduction: float = 0.10
-    misfit: float = 1.5
-    certainty: float = 3.0
+    misfit: float = 1.25
+    certainty: float = 2.5
     agreement: float = 1.0
     rival: float = 2.0
 
@@ -122,7 +125,20 @@ def search(
             break
         now = next(c.crossed for c in candidates if c.id == step.added)
     now = _pruned(now, division, thresholds)
-    return Search(baseline, now, tuple(rounds), first)
+    return Search(baseline, now, _settled(rounds), first)
+
+
+def _settled(rounds: Sequence[Round]) -> tuple[Round, ...]:
+    """Rounds without rivals that still help when the leader has been added.
+
+    They explain something else; only what the leader made useless is tied with it.
+    """
+    found = []
+    for step, after in zip_longest(rounds, rounds[1:]):
+        helpful = {c.id for c in after.candidates if not c.reason} if after else set()
+        rivals = tuple(name for name in step.rivals if name not in helpful)
+        found.append(step._replace(rivals=rivals))
+    return tuple(found)
 
 
 def _screened(
@@ -137,17 +153,17 @@ def _screened(
 def _chosen(signatures: Sequence[Signature]) -> list[Signature]:
     if not signatures or signatures[0].explained <= 0.0:
         return []
-    least = PROMISING * signatures[0].explained
+    leader = signatures[0]
+    least = PROMISING * leader.explained
     kept = [s for s in signatures if s.explained >= least][:REFITTED]
+    # Signatures are of first order: what resembles the leader gets its chance.
     mates = [
         s
         for s in signatures
         if s not in kept
-        and s.explained > 0.0
-        and (alike(s, kept[0]) > LOOKALIKE or s.id in EFFECTS[kept[0].id].alike)
-        and s.explained >= 0.5 * least
+        and (alike(s, leader) > LOOKALIKE or s.id in EFFECTS[leader.id].alike)
     ]
-    return kept + mates[:2]
+    return kept + mates[:MATES]
 
 
 def _refit(

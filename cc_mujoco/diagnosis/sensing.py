@@ -59,19 +59,21 @@ def bias(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
 
 
 def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Delay torques; a torque that comes early delays everything else.
+    """Delay readings; one that comes early delays everything else.
 
     In MuJoCo a sensor is late by a time step or more; by less than half, it is not.
     """
-    delay = {
+    side = values["joint_delay"]
+    angles = {MOTOR_ANGLE: 0.0, JOINT_ANGLE: side}
+    torques = {
         MOTOR_TORQUE: values["motor_torque_delay"],
-        JOINT_TORQUE: values["joint_torque_delay"],
+        JOINT_TORQUE: side + values["joint_torque_delay"],
     }
-    common = max(0.0, -min(delay.values()))
-    for name in (MOTOR_ANGLE, JOINT_ANGLE):
-        if common >= 0.5 * spec.option.timestep:
-            _late(spec, spec.sensor(name), common)
-    for channel, own in delay.items():
+    common = max(0.0, -min([*angles.values(), *torques.values()]))
+    for name, own in angles.items():
+        if own + common >= 0.5 * spec.option.timestep:
+            _late(spec, spec.sensor(name), own + common)
+    for channel, own in torques.items():
         if own + common < 0.5 * spec.option.timestep:
             continue
         delayed = []

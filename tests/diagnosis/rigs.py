@@ -93,7 +93,7 @@ EFFECTS: dict[str, tuple[Mapping[str, float], Formula]] = {
         lambda m, j: (m + 0.2 + 0.05 * TIME, j - 0.3 - 0.1 * TIME),
     ),
     "sensor_delay": (
-        {"motor_torque_delay": 0.0, "joint_torque_delay": 0.0053},
+        {"joint_delay": 0.0, "motor_torque_delay": 0.0, "joint_torque_delay": 0.0053},
         lambda m, j: (m, late(j, 0.0053)),
     ),
 }

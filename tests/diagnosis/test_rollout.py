@@ -99,7 +99,11 @@ def test_effects_add_up_with_sensors_last() -> None:
 
 
 def test_a_torque_that_comes_early_delays_everything_else() -> None:
-    values = {"motor_torque_delay": -0.004, "joint_torque_delay": 0.002}
+    values = {
+        "joint_delay": 0.0,
+        "motor_torque_delay": -0.004,
+        "joint_torque_delay": 0.002,
+    }
     spec = repaired(BENCH, BENCH.cables, {"sensor_delay": values})
     assert spec.sensor("motor_angle_rad").delay == pytest.approx(0.004)
     motor, joint = rollout(spec, TIME, MOTOR, JOINT)
@@ -110,7 +114,11 @@ def test_a_torque_that_comes_early_delays_everything_else() -> None:
 def test_a_delay_shorter_than_a_sample_counts() -> None:
     slow = TIME[:200]
     motor, joint = 0.02 * np.sin(3.0 * slow), 0.0 * slow
-    values = {"motor_torque_delay": 0.0005, "joint_torque_delay": 0.0}
+    values = {
+        "joint_delay": 0.0,
+        "motor_torque_delay": 0.0005,
+        "joint_torque_delay": 0.0,
+    }
     spec = repaired(BENCH, BENCH.cables, {"sensor_delay": values})
     played = BENCH.transmission.replay(DT, motor_angle=motor, joint_angle=joint)
     wanted = np.interp(slow - 0.0005, slow, played.motor_torque)
@@ -120,7 +128,11 @@ def test_a_delay_shorter_than_a_sample_counts() -> None:
 
 
 def test_a_delay_that_no_step_resolves_is_none() -> None:
-    values = {"motor_torque_delay": 2e-5, "joint_torque_delay": -1e-5}
+    values = {
+        "joint_delay": 0.0,
+        "motor_torque_delay": 2e-5,
+        "joint_torque_delay": -1e-5,
+    }
     spec = repaired(BENCH, BENCH.cables, {"sensor_delay": values})
     assert not any(sensor.delay for sensor in spec.sensors)
     found = rollout(spec, TIME, MOTOR, JOINT)

@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +27,8 @@ from cc_mujoco.diagnosis.experiment import propose
 from cc_mujoco.diagnosis.findings import to_fix
 from cc_mujoco.diagnosis.fitting import Fit, Problem, fit, tamed, weight
 from cc_mujoco.diagnosis.floor import noise_floor
-from cc_mujoco.diagnosis.folds import Crossed, cross, stretches
-from cc_mujoco.diagnosis.gap import gaps, predicted, traces
+from cc_mujoco.diagnosis.folds import Crossed, cross, stretches, trials
+from cc_mujoco.diagnosis.gap import Predicted, gaps, predicted, traces
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.intervals import estimates, undetermined
 from cc_mujoco.diagnosis.plant import Plant, Tuned, tuned
@@ -227,13 +228,12 @@ def _concluded(
     start = np.mean([f.at for f in found.after.fits], axis=0)
     at = fit(problem, start, counts).at if problem.effects else tuning.whole.at
     progress(0.86, "predicting trials that were held out")
-    before = predicted(tuning.problem, tuning.whole.at)
-    after = predicted(problem, at) if problem.effects else before
-    measures = gaps(tuning.problem, before.torques, after.torques, seed)
-    if problem.effects and all(g.rmse_after > g.rmse_before for g in measures.values()):
-        # Held-out trials do not bear it out.
-        problem, at, after = tuning.problem, tuning.whole.at, before
-        measures = gaps(tuning.problem, before.torques, after.torques, seed)
+    held = _held_out(tuning, problem, at, seed)
+    if held is None:
+        problem, at = tuning.problem, tuning.whole.at
+        held = _held_out(tuning, problem, at, seed)
+        assert held is not None
+    before, after, measures = held
     shown = traces(problem, before.torques, after.torques)
     drawn = maps(shown, seed)
     evidence = Evidence(shown, drawn, isolability(found.signatures))
@@ -269,6 +269,34 @@ def _concluded(
         tuple(notes),
     )
     return Result(diagnosis, evidence, problem, at, bench, tuning)
+
+
+class Held(NamedTuple):
+    """Held-out data predicted without and with what was added."""
+
+    before: Predicted
+    after: Predicted
+    gap: dict[str, Gap]
+
+
+def _held_out(
+    tuning: Tuning, problem: Problem, at: FloatArray, seed: int
+) -> Held | None:
+    """Predict what was held out; None where that does not bear the effects out.
+
+    Whole trials are held out. An effect that a single trial shows, say the only one at
+    low pretension, is not to be had from the others: then it is stretches of all.
+    """
+    records = problem.plant.records
+    for division in (trials(records), stretches(records)):
+        before = predicted(tuning.problem, tuning.whole.at, division)
+        after = predicted(problem, at, division) if problem.effects else before
+        gap = gaps(tuning.problem, before.torques, after.torques, division, seed)
+        if not problem.effects or any(
+            g.rmse_after <= g.rmse_before for g in gap.values()
+        ):
+            return Held(before, after, gap)
+    return None
 
 
 def judged(

@@ -11,7 +11,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.evidence import CHANNELS, Trace
 from cc_mujoco.diagnosis.fitting import Problem, fit
-from cc_mujoco.diagnosis.folds import BLOCK, trials
+from cc_mujoco.diagnosis.folds import BLOCK, Fold
 from cc_mujoco.diagnosis.slopes import Slopes
 from cc_mujoco.diagnosis.verdict import Gap
 
@@ -21,7 +21,7 @@ SOLID = 0.95
 
 
 class Predicted(NamedTuple):
-    """Trials predicted by parameters that were fitted to others.
+    """Samples predicted by parameters that were fitted to others.
 
     Attributes:
         torques: (2, samples) of every record [Nm].
@@ -32,15 +32,17 @@ class Predicted(NamedTuple):
     places: tuple[FloatArray, ...]
 
 
-def predicted(problem: Problem, start: FloatArray) -> Predicted:
-    """Torques of every record by parameters fitted to other trials.
+def predicted(
+    problem: Problem, start: FloatArray, division: Sequence[Fold]
+) -> Predicted:
+    """Torques of every record by parameters fitted to other samples.
 
     Samples that no fold holds out are predicted by the last fit.
     """
     records = problem.plant.records
     found = [np.zeros(record.measured.shape) for record in records]
     slopes, places = Slopes(problem), []
-    for fold in trials(records):
+    for fold in division:
         at = fit(problem, start, fold.train, 6, slopes).at
         places.append(at)
         played = problem.plant.simulate(problem.values(at), problem.effects)
@@ -55,12 +57,13 @@ def gaps(
     problem: Problem,
     before: Sequence[FloatArray],
     after: Sequence[FloatArray],
+    division: Sequence[Fold],
     seed: int = 0,
 ) -> dict[str, Gap]:
     """Gap of each channel on the samples that are held out."""
     records = problem.plant.records
     masks = [np.zeros(r.counts.size, dtype=bool) for r in records]
-    for fold in trials(records):
+    for fold in division:
         for mask, test in zip(masks, fold.test, strict=True):
             mask |= test
     found = {}

@@ -21,8 +21,6 @@ PROMISING = 0.15
 """Share of the leader's explained error that a candidate needs to be refitted."""
 LOOKALIKE = 0.9
 """Cosine beyond which two signatures cannot be told apart by screening."""
-MATES = 3
-"""Most candidates that are refitted since they resemble the leader."""
 MOST = 4
 """Most effects that are added."""
 DRAWS = 400
@@ -114,11 +112,13 @@ def search(
         signatures = _screened(now, division, left)
         first = first or tuple(signatures)
         chosen = _chosen(signatures)
-        candidates = []
-        for place, signature in enumerate(chosen):
-            share = (count + place / max(len(chosen), 1)) / MOST
-            progress(share, f"refitting {signature.id}")
-            candidates.append(_refit(now, division, signature, thresholds))
+        candidates: list[Candidate] = []
+        while chosen:
+            for place, signature in enumerate(chosen):
+                share = (count + place / len(chosen)) / MOST
+                progress(share, f"refitting {signature.id}")
+                candidates.append(_refit(now, division, signature, thresholds))
+            chosen = _overlooked(signatures, candidates, thresholds)
         step = _decided(now, candidates, thresholds)
         rounds.append(step)
         if step.added is None:
@@ -153,17 +153,30 @@ def _screened(
 def _chosen(signatures: Sequence[Signature]) -> list[Signature]:
     if not signatures or signatures[0].explained <= 0.0:
         return []
-    leader = signatures[0]
-    least = PROMISING * leader.explained
-    kept = [s for s in signatures if s.explained >= least][:REFITTED]
-    # Signatures are of first order: what resembles the leader gets its chance.
-    mates = [
+    least = PROMISING * signatures[0].explained
+    return [s for s in signatures if s.explained >= least][:REFITTED]
+
+
+def _overlooked(
+    signatures: Sequence[Signature],
+    candidates: Sequence[Candidate],
+    thresholds: Thresholds,
+) -> list[Signature]:
+    """What resembles the best candidate and was not refitted.
+
+    Signatures are of first order, and screening by them may rank lookalikes wrongly.
+    """
+    leader = max(candidates, key=lambda candidate: candidate.reduction)
+    if leader.reduction < thresholds.reduction:
+        return []
+    sign = next(s for s in signatures if s.id == leader.id)
+    done = {candidate.id for candidate in candidates}
+    return [
         s
         for s in signatures
-        if s not in kept
-        and (alike(s, leader) > LOOKALIKE or s.id in EFFECTS[leader.id].alike)
+        if s.id not in done
+        and (alike(s, sign) > LOOKALIKE or s.id in EFFECTS[leader.id].alike)
     ]
-    return kept + mates[:MATES]
 
 
 def _refit(

@@ -240,16 +240,18 @@ def _decided(
     if not able:
         return Round(tuple(candidates), None, (), 0.0)
     sums = {c.id: blocks(c.crossed).sum(axis=1) for c in able}
-    leader = able[0]
-    rivals = [leader.id]
+    best = able[0]
+    rivals = [best]
     for other in able[1:]:
-        apart = sums[other.id] - sums[leader.id]
+        apart = sums[other.id] - sums[best.id]
         error = np.std(apart) * np.sqrt(apart.size)
         if apart.sum() < thresholds.rival * error:
-            rivals.append(other.id)
-    return Round(
-        tuple(candidates), leader.id, tuple(rivals), confidence(sums, leader.id)
-    )
+            rivals.append(other)
+    # Where the data do not tell, the one with fewer parameters comes first.
+    rivals.sort(key=lambda rival: len(EFFECTS[rival.id].knobs))
+    leader = rivals[0].id
+    names = tuple(rival.id for rival in rivals)
+    return Round(tuple(candidates), leader, names, confidence(sums, leader))
 
 
 def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:

@@ -161,11 +161,12 @@ def judged(record: dict[str, Any]) -> str:
     if record["kind"] == "unknown":
         return {"unknown": "right", "none": "silent"}.get(record["verdict"], "wrong")
     if record["kind"] == "pair":
-        return (
-            "right"
-            if set(hidden) <= set(named)
-            else ("half" if set(hidden) & set(named) else "wrong")
-        )
+        if set(hidden) <= set(named):
+            return "right"
+        either = set(named).union(*(tie for tie in tied if len(tie) == 2))
+        if set(hidden) <= either:
+            return "tie"
+        return "half" if set(hidden) & either else "wrong"
     if named and named[0] == hidden[0]:
         return "right"
     if any(hidden[0] in tie and len(tie) == 2 for tie in tied):

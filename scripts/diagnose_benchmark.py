@@ -8,9 +8,9 @@ with its label. Studies draw from disjoint seeds: `development` and `calibration
 used to set thresholds, `final` only to measure. Cases that are done are kept; the table
 is written anew after each.
 
-With `--naive` every case is also named in the naive ways of `naive_naming`, from the
-same tuned baseline; `sparse` among them needs `pip install pysindy`. A case that was
-done without keeps its record.
+With `--naive binned sparse bic` every case is also named in the naive ways of
+`naive_naming`, from the same tuned baseline; `sparse` among them needs
+`pip install pysindy`. A case that was done without keeps its record.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -68,7 +68,7 @@ def cases(
             yield {"kind": kind, "hidden": names, "seed": seed, "strength": strength}
 
 
-def run(case: dict[str, Any], naive: bool = False) -> dict[str, Any]:
+def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     """Generate, diagnose and record one case, and name it in naive ways if wanted."""
     from cc_mujoco.assets import scene_path
     from cc_mujoco.diagnosis import slopes
@@ -108,7 +108,7 @@ def run(case: dict[str, Any], naive: bool = False) -> dict[str, Any]:
         result = reason(dataset, Bench.of(scene_path("bench")))
     found, seconds = result.diagnosis, time.perf_counter() - begin
     if naive and result.tuning is not None:
-        record["naive"] = guesses(result.tuning)
+        record["naive"] = guesses(result.tuning, naive)
     truth = {
         "axial_stiffness": rig.axial_stiffness,
         "pretension": rig.pretension,
@@ -140,12 +140,13 @@ def run(case: dict[str, Any], naive: bool = False) -> dict[str, Any]:
     }
 
 
-def guesses(tuning: Tuning) -> dict[str, Any]:
-    """What every naive way says, and how long it takes to say it [s]."""
+def guesses(tuning: Tuning, methods: Sequence[str]) -> dict[str, Any]:
+    """What naive ways say, and how long it takes to say it [s]."""
     from naive_naming import installed
 
+    known = installed()
     said = {}
-    for name, method in installed().items():
+    for name, method in ((name, known[name]) for name in methods if name in known):
         begin = time.perf_counter()
         guess = method(tuning)._asdict()
         said[name] = {**guess, "seconds": time.perf_counter() - begin}
@@ -221,14 +222,21 @@ def summary(records: list[dict[str, Any]]) -> str:
         lines += ["", f"Median time of a diagnosis {np.median(took):.0f} s, one core."]
     if any("naive" in r for r in records):
         lines += ["", *comparison(records, judged)]
-    lines += ["", "| hidden | R | verdict | named | ties |", "|---|---|---|---|---|"]
-    for r in records:
+    lines += [
+        "",
+        "<details><summary>Every case: what was hidden, what was said</summary>",
+        "",
+        "| hidden | R | verdict | named | ties |",
+        "|---|---|---|---|---|",
+    ]
+    for r in sorted(records, key=lambda record: record["seed"]):
         hidden = ", ".join(r["hidden"]) or "none"
         ties = "; ".join(", ".join(tie) for tie in r.get("ties", []))
         lines.append(
             f"| {hidden} | {r['reached']:.1f} | {r['verdict']} | "
-            f"{', '.join(r['named'])} | {ties} |"
+            f"{', '.join(r['named']) or '-'} | {ties or '-'} |"
         )
+    lines += ["", "</details>"]
     return "\n".join(lines) + "\n"
 
 
@@ -245,7 +253,11 @@ def main() -> None:
     )
     parser.add_argument("--only", nargs="+", default=[], help="ids")
     parser.add_argument(
-        "--naive", action="store_true", help="name in naive ways too, to compare"
+        "--naive",
+        nargs="*",
+        choices=("binned", "sparse", "bic"),
+        default=[],
+        help="name in naive ways too, to compare; bic takes minutes a case",
     )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs", "diagnose_benchmark"))
@@ -271,7 +283,9 @@ def main() -> None:
             with kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(records[-1]) + "\n")
             (options.out / f"{options.study}.md").write_text(summary(records))
-    print(summary(records))
+    told = summary(records)
+    (options.out / f"{options.study}.md").write_text(told)
+    print(told)
 
 
 if __name__ == "__main__":

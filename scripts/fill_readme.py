@@ -1,10 +1,11 @@
-"""Put the claims of `cc-mujoco reproduce` and the benchmark's tables into the README.
+"""Put claims, the benchmark of controllers and that of the diagnosis into the README.
 
     python scripts/train_policy.py --out runs/policy.zip
-    python scripts/fill_readme.py [claims] [benchmark]
+    python scripts/diagnose_benchmark.py --naive binned sparse --out runs/sealed
+    python scripts/fill_readme.py [claims] [benchmark] [diagnosis]
 
-Runs what is not done yet, and replaces what stands between the marks of each block.
-The benchmark is its default run, and at the wrist the policy.
+Runs what is not done yet of the first two, and replaces what stands between the marks
+of each block. The benchmark is its default run, and at the wrist the policy.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from cc_mujoco.files import replacing
 from cc_mujoco.reproduce import EXPERIMENTS, Claim, reproduce, table
 
 README = Path(__file__).resolve().parents[1] / "README.md"
-BLOCKS = ("claims", "benchmark")
+BLOCKS = ("claims", "benchmark", "diagnosis")
 
 
 def block(claims: Mapping[str, Sequence[Claim]]) -> str:
@@ -97,6 +98,7 @@ def main() -> None:
     parser.add_argument("blocks", nargs="*", choices=BLOCKS, default=BLOCKS)
     parser.add_argument("--results", type=Path, default=Path("runs", "reproduce"))
     parser.add_argument("--benchmark", type=Path, default=Path("runs", "benchmark"))
+    parser.add_argument("--sealed", type=Path, default=Path("runs", "sealed"))
     parser.add_argument("--policy", type=Path, default=Path("runs", "policy.zip"))
     options = parser.parse_args()
     texts = {}
@@ -105,6 +107,11 @@ def main() -> None:
         texts["claims"] = block({record.name: record.claims for record in records})
     if "benchmark" in options.blocks:
         texts["benchmark"] = tables(played(options.benchmark, options.policy))
+    if "diagnosis" in options.blocks:
+        path = options.sealed / "final.md"
+        if not path.is_file():
+            raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")
+        texts["diagnosis"] = path.read_text(encoding="utf-8").strip()
     readme = README.read_text(encoding="utf-8")
     for name, text in texts.items():
         readme = filled(readme, name, text)

@@ -62,7 +62,7 @@ def signals(tuning: Tuning) -> tuple[Signals, ...]:
     """Signals of every record, about the tuned baseline."""
     problem = tuning.problem
     values = problem.values(tuning.whole.at)
-    radius = values.get("motor_radius", problem.plant.near)
+    radius, _ = problem.plant.radii(values)
     played = problem.plant.simulate(values, problem.effects)
     return tuple(
         observed(record, torque, floor, radius)

@@ -35,7 +35,7 @@ def comparison(records: Sequence[Record], judge: Judge) -> list[str]:
         if told:
             lines.append(_row(method, told, judge))
         else:
-            lines.append(f"| {method} | not installed |" + " |" * 7)
+            lines.append(f"| {method} | not run |" + " |" * 7)
     return lines
 
 

@@ -100,13 +100,13 @@ def tuning() -> Callable[..., Tuning]:
 def _tuning(hidden: dict[str, dict[str, float]]) -> Tuning:
     motor, joint = (angle - angle[0] for angle in motions(4.0, 0)[2])
     blank = record(motor, joint, np.zeros((2, motor.size)), run_in=100)
-    plant = Plant(BENCH, (blank,), BENCH.motor_radius, BENCH.joint_radius, 4)
+    plant = Plant(BENCH, (blank,), 4)
     values = {name: value for knobs in hidden.values() for name, value in knobs.items()}
     measured = plant.simulate(values, tuple(hidden))[0]
     measured += NOISE * np.random.default_rng(1).standard_normal(measured.shape)
     seen = record(motor, joint, measured, run_in=100)
     floor = (np.full(measured.shape, NOISE),)
     free = tuned(BENCH, (seen,), {})
-    problem = Problem(plant.limited([seen]), free, (), floor)
+    problem = Problem(plant.limited([seen]), free, (), floor, floor)
     found = fit(problem, np.zeros(len(free)), [seen.counts])
     return Tuning(problem, found, Crossed(problem, (found,), ()), 0.0)

@@ -56,7 +56,7 @@ def test_rows_count_cases_and_words() -> None:
         "100% of 1",
     ]
     assert cells(diagnosis)[2:6] == ["0% of 3", "0% of 3", "100% of 3", "0% of 3"]
-    assert cells(sparse)[1] == "not installed"
+    assert cells(sparse)[1] == "not run"
     assert {line.count("|") for line in (rule, diagnosis, binned, sparse)} == {10}
 
 

@@ -27,7 +27,7 @@ from cc_mujoco.diagnosis.experiment import propose
 from cc_mujoco.diagnosis.findings import to_fix
 from cc_mujoco.diagnosis.fitting import Fit, Problem, fit, tamed, weight
 from cc_mujoco.diagnosis.floor import noise_floor
-from cc_mujoco.diagnosis.folds import Crossed, cross, stretches, trials
+from cc_mujoco.diagnosis.folds import Crossed, cross, excess, stretches, trials
 from cc_mujoco.diagnosis.gap import Predicted, gaps, predicted, traces
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.intervals import estimates, undetermined
@@ -306,7 +306,7 @@ def judged(
     misfit = problem.raised * float(np.sqrt(found.before.squares))
     left = problem.raised * float(np.sqrt(found.after.squares))
     if not problem.effects:
-        if misfit <= limits.misfit:
+        if misfit <= limits.misfit or excess(found.before) < limits.certainty:
             return "none", (
                 "Nothing is missing: on data it has not seen the tuned scene is "
                 f"{misfit:.2f} times the noise floor off; rigs without any hidden "

@@ -133,3 +133,16 @@ def blocks(crossed: Crossed) -> FloatArray:
             if np.any(kept[first : first + size]):
                 found.append(np.sum(squares[:, first : first + size], axis=1))
     return np.array(found)
+
+
+def excess(crossed: Crossed) -> float:
+    """By how much held-out errors exceed the floor, over its standard error.
+
+    The error is that of blocks: a few bad moments, say one stick that broke at another
+    time, do not make a model wrong.
+    """
+    raised = crossed.problem.raised**2
+    sums = raised * blocks(crossed).sum(axis=1)
+    counts = 2.0 * np.array([np.sum(np.isfinite(e[0])) for e in crossed.errors]).sum()
+    scatter = np.std(sums) * np.sqrt(sums.size)
+    return float((sums.sum() - counts) / max(scatter, 1e-300))

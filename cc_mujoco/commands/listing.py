@@ -32,6 +32,10 @@ class Listing:
                 name: f"{scene.meaning}; plays {scene.trajectory}, {scene.task}"
                 for name, scene in SCENES.items()
             },
+            "scenes without an environment": {
+                "bench": "pull-pull bench, where a diagnosis starts from",
+                "finger": "tendon over pulleys with capstan friction",
+            },
             "trajectories": _meanings(TRAJECTORIES),
             "tasks": _meanings(TASKS),
             "controllers": _meanings(CONTROLLERS),

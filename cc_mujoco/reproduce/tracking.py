@@ -189,7 +189,7 @@ def _claims(rows: dict[str, Tracked], hard: dict[str, Tracked]) -> tuple[Claim, 
             "lag substantially reduced",
             f"RMS {alone.error:.1%} and {both.error:.1%}, "
             f"lag {1e3 * alone.delay:.0f} and {1e3 * both.delay:.0f} ms",
-            _graded(alone.error / both.error, 5.0, 2.0),
+            _graded(alone.error / both.error, 10.0, 2.0),
             f"factor {alone.error / both.error:.1f}, "
             f"and {alone.delay / both.delay:.0f} in lag",
         ),

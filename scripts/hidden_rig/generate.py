@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import shutil
 import sys
 from dataclasses import asdict
@@ -156,8 +157,8 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--trials", choices=list(SETS), default="rich")
     parser.add_argument("--seed", type=int, default=0, help="of rig, motions, noise")
     given = parser.parse_args(argv)
-    if given.strength < 0 or given.seed < 0:
-        parser.error("--strength and --seed must not be negative")
+    if not 0 <= given.strength < math.inf or given.seed < 0:
+        parser.error("--strength and --seed must be finite and not negative")
     if given.out.exists():
         parser.error(f"{given.out} is there already; name a new folder")
     generate(given.out, given.effect, given.strength, given.trials, given.seed)

@@ -84,7 +84,8 @@ def test_same_seed_same_bytes(tmp_path: Path) -> None:
     ("options", "said"),
     [
         (["--effect", "magic"], "no effect 'magic'; there are none, viscous_friction"),
-        (["--strength", "-1"], "must not be negative"),
+        (["--strength", "-1"], "finite and not negative"),
+        (["--strength", "nan"], "finite and not negative"),
         (["--trials", "poor"], "invalid choice"),
     ],
 )

@@ -2,6 +2,8 @@
 
     python scripts/train_policy.py --out runs/policy.zip
     python scripts/diagnose_benchmark.py --naive binned sparse --out runs/sealed
+    python scripts/diagnose_benchmark.py --study second --kinds none unknown \\
+        --out runs/sealed
     python scripts/fill_readme.py [claims] [benchmark] [diagnosis]
 
 Runs what is not done yet of the first two, and replaces what stands between the marks
@@ -82,6 +84,17 @@ def played(folder: Path, policy: Path) -> Results:
     return found
 
 
+def studies(folder: Path) -> str:
+    """Markdown of what `diagnose_benchmark.py` measured, study by study."""
+    parts = []
+    for study in ("final", "second"):
+        path = folder / f"{study}.md"
+        if not path.is_file():
+            raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")
+        parts.append(f"**{study}**\n\n{path.read_text(encoding='utf-8').strip()}")
+    return "\n\n".join(parts)
+
+
 def filled(readme: str, name: str, text: str) -> str:
     """The README with this text between the marks of a block."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
@@ -108,10 +121,7 @@ def main() -> None:
     if "benchmark" in options.blocks:
         texts["benchmark"] = tables(played(options.benchmark, options.policy))
     if "diagnosis" in options.blocks:
-        path = options.sealed / "final.md"
-        if not path.is_file():
-            raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")
-        texts["diagnosis"] = path.read_text(encoding="utf-8").strip()
+        texts["diagnosis"] = studies(options.sealed)
     readme = README.read_text(encoding="utf-8")
     for name, text in texts.items():
         readme = filled(readme, name, text)

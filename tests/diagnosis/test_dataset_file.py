@@ -19,21 +19,7 @@ from diagnosis.bench import recording, write
 
 DAVINCI = Path(__file__).parents[3] / "shared" / "data" / "davinci"
 
-DAVINCI_TOML = """
-name = "da Vinci grasper, tool 4"
-
-# The angle of the jaw falls where that of the spindle rises. Counted the other way, the
-# recorded torque of the jaw is the one that the transmission puts in.
-[columns.joint_angle_rad]
-sign = -1
-[columns.motor_torque_nm]
-sign = -1
-
-[trials."*_load2"]
-split = "test"
-[trials."tool4_freq2_*"]
-split = "select"
-"""
+DAVINCI_TOML = Path(__file__).parents[2] / "scripts" / "davinci.toml"
 
 
 def parsed(folder: Path, text: str) -> DatasetFile:
@@ -158,14 +144,12 @@ def test_value_is_sign_times_reading_less_offset(
 
 
 @pytest.mark.skipif(not DAVINCI.is_dir(), reason="needs measured data")
-def test_measured_data_load_and_their_signs_are_right(tmp_path: Path) -> None:
-    toml = tmp_path / "dataset.toml"
-    toml.write_text(DAVINCI_TOML)
-    dataset, findings = load(DAVINCI, toml)
+def test_measured_data_load_and_their_signs_are_right() -> None:
+    dataset, findings = load(DAVINCI, DAVINCI_TOML)
     assert [f for f in findings if f.severity == "fix"] == []
     assert len(dataset.trials) == 15
     assert dataset.trial("tool4_freq0_load2").facts.split == "test"
-    assert dataset.trial("tool4_freq2_load2").facts.split == "select"
+    assert dataset.trial("tool4_freq2_load8").facts.split == "test"
     assert dataset.trial("tool4_freq0_load8").facts.split is None
     for trial in dataset.trials:
         assert trial.rate == pytest.approx(200.0)

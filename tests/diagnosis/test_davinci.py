@@ -1,0 +1,32 @@
+"""A measured drive: what the bench lacks is named, for held-out loads, too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cc_mujoco.assets import scene_path
+from cc_mujoco.diagnosis.bench import Bench
+from cc_mujoco.diagnosis.diagnose import reason
+from cc_mujoco.diagnosis.findings import to_fix
+from cc_mujoco.diagnosis.intake import load
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT.parent / "shared" / "data" / "davinci"
+FITTED, HELD_OUT = ("freq4_load0", "freq4_load8"), ("freq4_load2", "freq4_load6")
+SUSPECTS = ("end_compliance", "load_independent_friction", "viscous_friction")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DATA.is_dir(), reason="needs measured data")
+def test_compliance_and_friction_without_load_close_the_gap_on_other_loads() -> None:
+    files = [DATA / f"tool4_{name}.csv" for name in (*FITTED, *HELD_OUT)]
+    dataset, findings = load(files, ROOT / "scripts" / "davinci.toml")
+    assert not to_fix(findings)
+    found = reason(dataset, Bench.of(scene_path("bench")), ids=SUSPECTS).diagnosis
+    named = [effect.id for effect in found.effects]
+    assert named[0] == "end_compliance"
+    assert "viscous_friction" not in named
+    for gap in found.gap.values():
+        assert gap.rmse_after < 0.85 * gap.rmse_before

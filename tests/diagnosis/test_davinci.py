@@ -14,7 +14,7 @@ from cc_mujoco.diagnosis.intake import load
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "davinci"
-FITTED, HELD_OUT = ("freq4_load0", "freq4_load8"), ("freq4_load2", "freq4_load6")
+FITTED, HELD_OUT = ("freq4_load0", "freq4_load8"), ("freq4_load2", "freq2_load6")
 SUSPECTS = ("end_compliance", "load_independent_friction", "viscous_friction")
 
 

@@ -325,7 +325,15 @@ def judged(
     tie = next((s.rivals for s in found.rounds if len(s.rivals) > 1), ())
     if tie:
         either = " or ".join(EFFECTS[name].title for name in tie)
-        return "tie", f"Missing is {either}; these data cannot tell which. {told}."
+        sure = "".join(
+            f"{EFFECTS[name].title}, and "
+            for name in problem.effects
+            if name not in tie
+        )
+        return (
+            "tie",
+            f"Missing is {sure}{either}; these data cannot tell which. {told}.",
+        )
     if left > limits.misfit and left**2 > UNEXPLAINED * misfit**2:
         return "unknown", (
             f"Something is missing; {names} explains part of it, but most of the error "

@@ -32,7 +32,7 @@ SCRIPTS = Path(__file__).resolve().parent
 sys.path.insert(0, str(SCRIPTS))
 
 if TYPE_CHECKING:
-    from cc_mujoco.diagnosis.diagnose import Tuning
+    from cc_mujoco.diagnosis.diagnose import Result, Tuning
 
 STUDIES = {"development": 1000, "calibration": 2000, "final": 3000, "second": 4000}
 """First seed of every study."""
@@ -120,6 +120,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     }
     return {
         **record,
+        "misfit": misfit(result),
         "verdict": found.verdict,
         "named": [effect.id for effect in found.effects],
         "ties": [list(tie) for tie in found.ties],
@@ -138,6 +139,14 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
         ],
         "seconds": seconds,
     }
+
+
+def misfit(result: Result) -> float:
+    """RMS held-out error of the tuned baseline over the floor; NaN without one."""
+    tuning = result.tuning
+    if tuning is None:
+        return float("nan")
+    return tuning.problem.raised * float(np.sqrt(tuning.crossed.squares))
 
 
 def guesses(tuning: Tuning, methods: Sequence[str]) -> dict[str, Any]:

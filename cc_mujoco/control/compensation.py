@@ -187,7 +187,7 @@ def _breakaway(
         moving = slip * sense > 0.0
         slipped = abs(slip) if moving else 0.0
         growth = law.ratio(law.kinetic_coefficient(values, slipped, speed), angle[j])
-        drag = law.drag(values, length, growth)
+        drag = law.drag(values, length, growth, j, n)
         held = max(state[t + j + 1], 0.0)
         hold = law.ratio(holding, angle[j])
         if sense < 0.0:

@@ -17,10 +17,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.transmission import Cable
+from cc_mujoco.transmission import PARAMETERS, Cable
 
 Values = Mapping[str, float]
 
+_LARGEST = next(p.high for p in PARAMETERS if p.name == "friction")
+"""Largest coefficient that a cable takes."""
 JOINT_DELAY = "joint_delay"
 """By how much the joint's angle and torque come late together [s]."""
 
@@ -123,19 +125,14 @@ def _on_both(*names: str, **fixed: float) -> Callable[..., tuple[Cable, ...]]:
     return cables
 
 
-def _opposed(
-    name: str, knob: str, scale: float = 1.0
-) -> Callable[..., tuple[Cable, ...]]:
-    """One parameter with opposite signs on agonist and antagonist."""
-
-    def cables(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
-        signs = (1.0, -1.0)
-        return tuple(
-            cable.replace(**{name: sign * scale * values[knob]})
-            for cable, sign in zip(given, signs, strict=False)
-        )
-
-    return cables
+def _asymmetric(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+    # Liners wear one by one, so two cables need not be alike. The antagonist moves the
+    # other way.
+    each = (values["friction_asymmetry"], -values["asymmetry_antagonist"])
+    return tuple(
+        cable.replace(friction_asymmetry=asymmetry)
+        for cable, asymmetry in zip(given, each, strict=False)
+    )
 
 
 def _wrap(given: tuple[Cable, ...], values: Values, rig: Rig) -> tuple[Cable, ...]:
@@ -143,16 +140,46 @@ def _wrap(given: tuple[Cable, ...], values: Values, rig: Rig) -> tuple[Cable, ..
     growth = values["wrap_per_angle"] / rig.joint_radius
     signs = (-1.0, 1.0)
     return tuple(
-        cable.replace(wrap_growth=sign * growth)
+        cable.replace(wrap_growth=sign * growth, wrap_reach=values["wrap_reach"])
         for cable, sign in zip(given, signs, strict=False)
     )
 
 
-def _eccentric(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
-    cosine, sine = values["eccentricity_cosine"], values["eccentricity_sine"]
-    size, phase = math.hypot(cosine, sine), math.atan2(sine, cosine)
+def _tension_dependent(
+    given: tuple[Cable, ...], values: Values, _: Rig
+) -> tuple[Cable, ...]:
+    # A cable refers to its own pretension, which may be that of one trial; the
+    # baseline's friction stays that of a cable in the scene's.
+    usual = max(values.get("pretension", given[0].pretension), 1e-9)
+    exponent = values["tension_exponent"]
     return tuple(
-        cable.replace(eccentricity=size, eccentricity_phase=phase) for cable in given
+        cable.replace(
+            tension_exponent=exponent,
+            friction=min(
+                cable.friction * (cable.pretension / usual) ** exponent, _LARGEST
+            ),
+        )
+        if cable.pretension > 0.0
+        else cable
+        for cable in given
+    )
+
+
+def _eccentric(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+    def wave(name: str) -> tuple[float, float]:
+        cosine, sine = values[f"{name}_cosine"], values[f"{name}_sine"]
+        return math.hypot(cosine, sine), math.atan2(sine, cosine)
+
+    size, phase = wave("eccentricity")
+    ovality, second = wave("ovality")
+    return tuple(
+        cable.replace(
+            eccentricity=size,
+            eccentricity_phase=phase,
+            ovality=ovality,
+            ovality_phase=second,
+        )
+        for cable in given
     )
 
 
@@ -262,28 +289,43 @@ EFFECTS: dict[str, Effect] = {
         Effect(
             "load_independent_friction",
             "friction that needs no tension",
-            "dT/dx += s f_0",
+            "dT/dx += s f_0, and s F at the seal of either end",
             "conduit",
-            (Knob("load_independent_friction", "N/m", 1.0, 0.0, 1e4),),
-            ({"load_independent_friction": 1.0},),
+            (
+                Knob("load_independent_friction", "N/m", 1.0, 0.0, 1e4),
+                Knob("seal_proximal", "N", 1.0, 0.0, 1e4),
+                Knob("seal_distal", "N", 1.0, 0.0, 1e4),
+            ),
+            (
+                {
+                    "load_independent_friction": 1.0,
+                    "seal_proximal": 1.0,
+                    "seal_distal": 1.0,
+                },
+            ),
             "two levels of load or pretension",
             ("tension_dependent_friction",),
             _PLUGIN,
             "Palli and Melchiorri, Mechatronics 24, 2014",
-            cables=_on_both("load_independent_friction"),
+            cables=_on_both(
+                "load_independent_friction", "seal_proximal", "seal_distal"
+            ),
         ),
         Effect(
             "asymmetric_friction",
             "friction that depends on the direction of motion",
             "mu (1 + s a)",
             "conduit",
-            (Knob("friction_asymmetry", "1", 0.1, -0.9, 0.9),),
-            ({"friction_asymmetry": 0.1},),
+            (
+                Knob("friction_asymmetry", "1", 0.1, -0.9, 0.9),
+                Knob("asymmetry_antagonist", "1", 0.1, -0.9, 0.9),
+            ),
+            ({"friction_asymmetry": 0.1, "asymmetry_antagonist": 0.1},),
             "motion in both directions at several loads",
             ("torque_sensor_offset",),
             _PLUGIN,
             "Duclusaud et al., arXiv 2410.08650 (directional friction)",
-            cables=_opposed("friction_asymmetry", "friction_asymmetry"),
+            cables=_asymmetric,
         ),
         Effect(
             "tension_dependent_friction",
@@ -296,34 +338,42 @@ EFFECTS: dict[str, Effect] = {
             ("load_independent_friction", "configuration_dependent_wrap"),
             _PLUGIN,
             "Jung, Pan, Kang, Tribology International 41, 2008",
-            cables=_on_both("tension_exponent"),
+            cables=_tension_dependent,
         ),
         Effect(
             "dwell_dependent_stiction",
             "break-away friction that grows with rest",
-            "mu_s = mu + b ln(1 + t/1 s)",
+            "mu_s = mu + b ln(1 + t/t_a)",
             "conduit",
             (
                 Knob("ageing_friction", "1", 0.05, 0.0, 2.0),
                 Knob("memory_length", "m", 1e-3, 1e-5, 0.02),
+                Knob("ageing_time", "s", 1.0, 1e-3, 100.0),
             ),
             (
-                {"ageing_friction": 0.05, "memory_length": 3e-4},
-                {"ageing_friction": 0.05, "memory_length": 3e-3},
+                {"ageing_friction": 0.02, "memory_length": 2e-4, "ageing_time": 0.05},
+                {"ageing_friction": 0.05, "memory_length": 3e-4, "ageing_time": 1.0},
+                {"ageing_friction": 0.05, "memory_length": 3e-3, "ageing_time": 1.0},
             ),
             "pauses of different length",
             ("stribeck_friction",),
             _PLUGIN,
-            "Dieterich, Pure and Applied Geophysics 116, 1978",
-            cables=_on_both("ageing_friction", "memory_length"),
+            "Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, JGR 88, 1983",
+            cables=_on_both("ageing_friction", "memory_length", "ageing_time"),
         ),
         Effect(
             "configuration_dependent_wrap",
             "wrap that changes with the joint angle",
-            "theta (1 + k q)",
+            "theta (1 + k q) in the last part of the conduit",
             "conduit",
-            (Knob("wrap_per_angle", "1/rad", 0.1, -5.0, 5.0),),
-            ({"wrap_per_angle": 0.1},),
+            (
+                Knob("wrap_per_angle", "1/rad", 0.1, -5.0, 5.0),
+                Knob("wrap_reach", "1", 0.5, 0.05, 1.0),
+            ),
+            (
+                {"wrap_per_angle": 0.1, "wrap_reach": 0.9},
+                {"wrap_per_angle": 0.3, "wrap_reach": 0.3},
+            ),
             "motion at different joint angles",
             ("joint_gravity", "pulley_eccentricity", "tension_dependent_friction"),
             _PLUGIN,
@@ -373,14 +423,23 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "pulley_eccentricity",
-            "eccentric motor pulley",
-            "r (1 + e/r cos(q_m - p))",
+            "motor pulley that is eccentric or oval",
+            "r + e cos(q_m - p) + o cos(2 q_m - s)",
             "motor",
             (
                 Knob("eccentricity_cosine", "m", 5e-4, -0.05, 0.05),
                 Knob("eccentricity_sine", "m", 5e-4, -0.05, 0.05),
+                Knob("ovality_cosine", "m", 2e-4, -0.05, 0.05),
+                Knob("ovality_sine", "m", 2e-4, -0.05, 0.05),
             ),
-            ({"eccentricity_cosine": 5e-4, "eccentricity_sine": 5e-4},),
+            (
+                {
+                    "eccentricity_cosine": 5e-4,
+                    "eccentricity_sine": 5e-4,
+                    "ovality_cosine": 2e-4,
+                    "ovality_sine": 2e-4,
+                },
+            ),
             "half a turn of the motor pulley or more",
             ("torque_sensor_gain", "joint_gravity", "motor_cogging"),
             _PLUGIN,

@@ -18,7 +18,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.bench import Bench
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY, Rig, Torques
-from cc_mujoco.diagnosis.records import RAMP, Record, low_passed
+from cc_mujoco.diagnosis.records import LEAD, RAMP, Record, low_passed
 from cc_mujoco.diagnosis.trials import Constant
 from cc_mujoco.transmission import Cable, Transmission
 
@@ -225,15 +225,10 @@ class Plant:
         behind = [values.get(name, 0.0) for name in LATE]
         joint = shifted(record.joint_angle, late / record.dt) + offset
         motor = record.motor_angle
-        # From rest in pretension to the first sample.
-        rest = joint[0] * far / near
         dt = record.dt / self.substeps
-        played = transmission.replay(
-            dt,
-            motor_angle=led(rest, motor, self.substeps),
-            joint_angle=led(joint[0], joint, self.substeps),
-        )
-        keep = slice(RAMP * self.substeps, None, self.substeps)
+        led_motor, led_joint = led(motor, joint, far / near, self.substeps)
+        played = transmission.replay(dt, motor_angle=led_motor, joint_angle=led_joint)
+        keep = slice(LEAD * self.substeps, None, self.substeps)
         shown = Torques(
             record.dt,
             record.start + record.dt * np.arange(motor.size, dtype=np.float64),
@@ -268,15 +263,31 @@ class Plant:
         return replace(self, records=tuple(records))
 
 
-def led(rest: float, angle: FloatArray, substeps: int) -> FloatArray:
-    """The angle after a ramp from rest, refined to `substeps` per sample."""
-    ramp = np.linspace(rest, angle[0], RAMP + 1)[:-1]
-    whole = np.concatenate([ramp, angle])
+def led(
+    motor: FloatArray, joint: FloatArray, ratio: float, substeps: int
+) -> tuple[FloatArray, FloatArray]:
+    """Both angles after a lead-in, refined to `substeps` per sample.
+
+    It begins at the pose 0, where the cables are in pretension and to which wrap and
+    pulleys refer, takes both ends to where the joint is, then the motor to its place.
+
+    Args:
+        motor: (samples,) [rad].
+        joint: (samples,) [rad].
+        ratio: turns of the motor per turn of the joint.
+        substeps: of every sample.
+    """
+    there = np.linspace(0.0, 1.0, RAMP + 1)[:-1] * joint[0]
+    rest = ratio * joint[0]
+    settling = np.linspace(rest, motor[0], RAMP + 1)[:-1]
+    led_motor = np.concatenate([ratio * there, settling, motor])
+    led_joint = np.concatenate([there, np.full(RAMP, joint[0]), joint])
     if substeps == 1:
-        return whole
-    at = np.arange(whole.size * substeps - substeps + 1) / substeps
-    refined: FloatArray = np.interp(at, np.arange(whole.size), whole)
-    return refined
+        return led_motor, led_joint
+    size = led_motor.size
+    at = np.arange(size * substeps - substeps + 1) / substeps
+    old = np.arange(size)
+    return np.interp(at, old, led_motor), np.interp(at, old, led_joint)
 
 
 def shifted(signal: FloatArray, samples: float) -> FloatArray:

@@ -6,8 +6,9 @@ smoothed angles is not a smoothed corner. Angles then stand still where their no
 moves less than a few of its deviations: a cable that sticks turns the slightest
 movement of its end into tension, and noise would shake it loose.
 
-What the cable did before a trial is unknown: a short ramp from rest in pretension leads
-to the first sample, and samples do not count until the motor has moved the whole cable.
+What the cable did before a trial is unknown: a short lead-in from rest in pretension
+goes to the first sample, and samples do not count until the motor has moved the whole
+cable.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ MOTION_BAND = 60.0
 RATE = 250.0
 """Least samples per second kept."""
 RAMP = 20
-"""Samples that lead from rest to the first sample."""
+"""Samples of either part of a lead-in, see `plant.led`."""
+LEAD = 2 * RAMP
+"""Samples that lead from rest in the pose 0 to the first sample."""
 RUN_IN = 3.0
 """Travel of the motor before samples count, over the travel that winds up the cable."""
 STILL = 3.0

@@ -224,13 +224,13 @@ def _proximal(model: int, block: int, length: float) -> tuple[float, float]:
     """
     prm = _parameters(block)
     gear = ends.gear(model, load_word(block + _PROXIMAL))
-    e, phase = (
-        load_real(prm + 8 * config.ECCENTRICITY),
-        load_real(prm + 8 * config.PHASE),
-    )
+    e = load_real(prm + 8 * config.ECCENTRICITY)
+    phase = load_real(prm + 8 * config.ECCENTRICITY_PHASE)
+    ovality = load_real(prm + 8 * config.OVALITY)
+    second = load_real(prm + 8 * config.OVALITY_PHASE)
     return (
-        eccentric.wound(length, gear, e, phase),
-        eccentric.lever(length, gear, e, phase),
+        eccentric.wound(length, gear, e, phase, ovality, second),
+        eccentric.lever(length, gear, e, phase, ovality, second),
     )
 
 
@@ -265,8 +265,10 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             key, _ = config.read(attributes, values, sections)
             _, first, _ = ends.find(model, instance)
             radius = abs(ends.gear(model, ends.output(model, first)))
-            if key == config.VALID and values[config.ECCENTRICITY] >= radius:
-                key = config.ECCENTRICITY
+            swing = values[config.ECCENTRICITY] + values[config.OVALITY]
+            if key == config.VALID and swing >= radius:
+                alone = values[config.ECCENTRICITY] >= radius
+                key = config.ECCENTRICITY if alone else config.OVALITY
             route = config.value(attributes, config.ROUTE)
             if key == config.VALID and route.size > 0:
                 tendon = ends.find_route(model, instance, route)

@@ -46,7 +46,9 @@ _STATIC = KEYS.index("static_friction")
 _PRETENSION = KEYS.index("pretension")
 _EXPONENT = KEYS.index("tension_exponent")
 ECCENTRICITY = KEYS.index("eccentricity")
-PHASE = KEYS.index("eccentricity_phase")
+ECCENTRICITY_PHASE = KEYS.index("eccentricity_phase")
+OVALITY = KEYS.index("ovality")
+OVALITY_PHASE = KEYS.index("ovality_phase")
 _DEFAULT_SEGMENTS = Cable.segments
 _LOW = np.array([p.low for p in PARAMETERS])
 _HIGH = np.array([p.high for p in PARAMETERS])
@@ -68,6 +70,8 @@ def _allowed(key: str) -> str:
         + PARAMETERS[_EXPONENT].allowed,
         "eccentricity": PARAMETERS[ECCENTRICITY].allowed
         + ", less than the `gear` of the proximal end",
+        "ovality": PARAMETERS[OVALITY].allowed
+        + ", with `eccentricity` less than the `gear` of the proximal end",
         "segments": SEGMENTS_ALLOWED,
         "conduit": CONDUIT_ALLOWED,
         "route": "the name of a spatial tendon of the model",

@@ -102,7 +102,12 @@ class SlopeFit:
                 f"sensors are at nodes {list(sensors.nodes)}; a slope takes at least "
                 "two different ones"
             )
-        for name in ("load_independent_friction", "viscous_friction"):
+        for name in (
+            "load_independent_friction",
+            "seal_proximal",
+            "seal_distal",
+            "viscous_friction",
+        ):
             if getattr(cable, name) > 0.0:
                 raise CableError(
                     f"cable parameter `{name}` is {getattr(cable, name)!r}; the slope "

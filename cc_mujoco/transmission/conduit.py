@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import kernel
-from cc_mujoco.transmission.friction import holding_coefficient, ratio
+from cc_mujoco.transmission.friction import drag, holding_coefficient, ratio
 from cc_mujoco.transmission.parameters import PARAMETERS, Cable, Section
 
 
@@ -74,8 +74,8 @@ def _require_held(cable: Cable, node: FloatArray) -> None:
     hold = holding_coefficient(prm[: len(PARAMETERS)])
     for j, angle in enumerate(kernel.segment_angles(prm, n)):
         low, high = sorted((float(node[j]), float(node[j + 1])))
-        drag = cable.load_independent_friction * cable.length / n
-        if high > (ratio(hold, float(angle)) * low + drag) * (1.0 + 1e-9):
+        free = drag(prm[: len(PARAMETERS)], cable.length / n, 1.0, j, n)
+        if high > (ratio(hold, float(angle)) * low + free) * (1.0 + 1e-9):
             raise CableError(
                 f"initial tension jumps from {node[j]:g} N to {node[j + 1]:g} N "
                 f"between nodes {j} and {j + 1}, more than friction holds"

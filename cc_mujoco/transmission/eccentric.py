@@ -1,8 +1,12 @@
-"""A proximal pulley whose axis is off its centre.
+"""A proximal pulley whose axis is off its centre, or which is not round.
 
-At pulley angle q the cable leaves it at radius r0 + e cos(q - phase), so that it has
-wound up r0 q + e (sin(q - phase) + sin(phase)). Both functions are of the signed gear,
-whose magnitude is r0, and of the length gear q that a round pulley winds up.
+At pulley angle q the cable leaves it at radius r0 + e cos(q - p) + o cos(2 q - s), so
+that it has wound up
+
+    r0 q + e (sin(q - p) + sin(p)) + o/2 (sin(2 q - s) + sin(s)).
+
+Both functions are of the signed gear, whose magnitude is r0, and of the length gear q
+that a round pulley winds up.
 """
 
 from __future__ import annotations
@@ -13,17 +17,28 @@ from cc_mujoco.compiled import compiled
 
 
 @compiled
-def wound(length: float, gear: float, eccentricity: float, phase: float) -> float:
-    """Displacement of the cable on the pulley [m]."""
-    if eccentricity == 0.0:
+def wound(
+    length: float, gear: float, e: float, phase: float, ovality: float, second: float
+) -> float:
+    """Displacement of the cable on the pulley [m]; `second` is the ovality's phase."""
+    if e == 0.0 and ovality == 0.0:
         return length
-    swing = math.sin(length / gear - phase) + math.sin(phase)
-    return length + math.copysign(eccentricity, gear) * swing
+    q = length / gear
+    swing = e * (math.sin(q - phase) + math.sin(phase))
+    if ovality != 0.0:
+        swing += 0.5 * ovality * (math.sin(2.0 * q - second) + math.sin(second))
+    return length + math.copysign(1.0, gear) * swing
 
 
 @compiled
-def lever(length: float, gear: float, eccentricity: float, phase: float) -> float:
+def lever(
+    length: float, gear: float, e: float, phase: float, ovality: float, second: float
+) -> float:
     """Radius over mean radius, with which a tension acts on the pulley."""
-    if eccentricity == 0.0:
+    if e == 0.0 and ovality == 0.0:
         return 1.0
-    return 1.0 + eccentricity / abs(gear) * math.cos(length / gear - phase)
+    q = length / gear
+    wave = e * math.cos(q - phase)
+    if ovality != 0.0:
+        wave += ovality * math.cos(2.0 * q - second)
+    return 1.0 + wave / abs(gear)

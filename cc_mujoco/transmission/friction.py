@@ -30,6 +30,8 @@ _STRIBECK = INDEX["stribeck_friction"]
 _STRIBECK_SPEED = INDEX["stribeck_speed"]
 _STRIBECK_EXPONENT = INDEX["stribeck_exponent"]
 _LOAD_INDEPENDENT = INDEX["load_independent_friction"]
+_SEAL_PROXIMAL = INDEX["seal_proximal"]
+_SEAL_DISTAL = INDEX["seal_distal"]
 _ASYMMETRY = INDEX["friction_asymmetry"]
 _BRISTLE = INDEX["bristle_length"]
 _PRETENSION = INDEX["pretension"]
@@ -37,6 +39,7 @@ _TENSION_EXPONENT = INDEX["tension_exponent"]
 _AGEING = INDEX["ageing_friction"]
 _AGEING_TIME = INDEX["ageing_time"]
 _WRAP_GROWTH = INDEX["wrap_growth"]
+_WRAP_REACH = INDEX["wrap_reach"]
 _DRIFT = INDEX["friction_drift"]
 _STIFFENING = INDEX["stiffening"]
 _CREEP = INDEX["creep"]
@@ -81,6 +84,18 @@ TERMS = (
         "capstan intercept; Palli and Melchiorri, Mechatronics 24, 2014",
     ),
     Term(
+        "proximal_seal",
+        "seal_proximal",
+        "T jumps by s F at the proximal end",
+        "dry friction of wipers and ferrules",
+    ),
+    Term(
+        "distal_seal",
+        "seal_distal",
+        "T jumps by s F at the distal end",
+        "dry friction of wipers and ferrules",
+    ),
+    Term(
         "asymmetric",
         "friction_asymmetry",
         "mu *= 1 + a towards proximal, 1 - a towards distal",
@@ -103,8 +118,8 @@ TERMS = (
     Term(
         "ageing",
         "ageing_friction",
-        "mu += beta ln(1 + t/t_0) after rest of time t",
-        "Dieterich, Pure Appl. Geophys. 116, 1978",
+        "mu += beta ln(1 + t/t_0) with contacts of age t",
+        "Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, J. Geophys. Res. 88, 1983",
     ),
     Term(
         "configuration_dependent",
@@ -159,12 +174,17 @@ def _grown(length: float, growth: float) -> float:
 
 
 @compiled
-def drag(values: FloatArray, length: float, growth: float) -> float:
-    """B of a segment of `length` [m] with E = `growth` [N]."""
+def drag(values: FloatArray, length: float, growth: float, j: int, n: int) -> float:
+    """B of segment j of n, of `length` [m] and with E = `growth` [N]."""
     load_independent: float = values[_LOAD_INDEPENDENT]
-    if load_independent == 0.0:
-        return 0.0
-    return load_independent * _grown(length, growth)
+    total = 0.0
+    if load_independent != 0.0:
+        total = load_independent * _grown(length, growth)
+    if j == 0:
+        total += values[_SEAL_PROXIMAL]
+    if j == n - 1:
+        total += values[_SEAL_DISTAL]
+    return total
 
 
 @compiled
@@ -247,9 +267,14 @@ def drift_factor(values: FloatArray, time: float) -> float:
 
 
 @compiled
-def wrap_factor(values: FloatArray, travel: float) -> float:
-    """Factor on every wrap angle, the distal end `travel` from its rest [m]."""
-    return float(max(1.0 + values[_WRAP_GROWTH] * travel, 0.0))
+def wrap_factor(values: FloatArray, travel: float, j: int, n: int) -> float:
+    """Factor on the wrap angle of segment j of n.
+
+    The distal end is `travel` from its rest [m].
+    """
+    share = j + 1 - n * (1.0 - values[_WRAP_REACH])
+    bent = min(max(share, 0.0), 1.0) * values[_WRAP_GROWTH]
+    return float(max(1.0 + bent * travel, 0.0))
 
 
 @compiled
@@ -266,10 +291,15 @@ def load_factor(values: FloatArray, mean: float) -> float:
 def aged(values: FloatArray, age: float, slip: float, dt: float) -> float:
     """Age ln(1 + t/t_0) of the contacts after a step with this much slip [m].
 
-    Rest adds to t. Slip renews contacts, and so takes age away over `memory_length`.
+    Contacts grow older and slip over `memory_length` renews them: dt' = 1 - |v| t'/l,
+    exact for the mean speed of the step (Ruina, J. Geophys. Res. 88, 1983).
     """
+    scale = values[_AGEING_TIME]
     if slip == 0.0:
-        return math.log(math.exp(age) + dt / values[_AGEING_TIME])
+        return math.log(math.exp(age) + dt / scale)
     if values[_MEMORY] == 0.0:
         return 0.0
-    return age * math.exp(-abs(slip) / values[_MEMORY])
+    ways = abs(slip) / values[_MEMORY]
+    kept = math.exp(-ways)
+    gained = dt * (-math.expm1(-ways) / ways)
+    return math.log1p(math.expm1(age) * kept + gained / scale)

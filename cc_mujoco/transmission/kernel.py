@@ -67,6 +67,7 @@ _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _FRICTION = law.INDEX["friction"]
 _LOAD_INDEPENDENT = law.INDEX["load_independent_friction"]
+_SEALS = law.INDEX["seal_proximal"], law.INDEX["seal_distal"]
 _STRIBECK = law.INDEX["stribeck_friction"]
 _STATIC = law.INDEX["static_friction"]
 _ASYMMETRY = law.INDEX["friction_asymmetry"]
@@ -159,7 +160,7 @@ def _follow_angles(prm: FloatArray, n: int) -> None:
         prm[a + 2 * n + j] = (
             growth if hold == values[_FRICTION] else law.ratio(hold, angle)
         )
-        prm[a + 3 * n + j] = law.drag(values, length, growth)
+        prm[a + 3 * n + j] = law.drag(values, length, growth, j, n)
 
 
 @compiled
@@ -367,7 +368,8 @@ def step(
             return OK
     if quick:
         stretch = state[3] + far_moved - near_moved
-        if stretch <= 0.0 and prm[_LOAD_INDEPENDENT] == 0.0:
+        dragged = prm[_LOAD_INDEPENDENT] + prm[_SEALS[0]] + prm[_SEALS[1]] > 0.0
+        if stretch <= 0.0 and not dragged:
             _slacken(prm, n, tension, near_moved, stretch, shift, node)
             solved = True
         else:
@@ -632,10 +634,7 @@ def _coefficients(
     hold_right, hold_left = _row(work, n, _HOLD_RIGHT), _row(work, n, _HOLD_LEFT)
     drag, viscosity = _row(work, n, _DRAG), _row(work, n, _VISCOSITY)
     resting = law.holding_coefficient(values)
-    drift, bend = 1.0, 1.0
-    if scaled:
-        drift = law.drift_factor(values, state[_TIME] + dt)
-        bend = law.wrap_factor(values, state[_TRAVEL])
+    drift = law.drift_factor(values, state[_TIME] + dt) if scaled else 1.0
     first = STATE_HEADER + n + 1
     for j in range(n):
         slip = state[first + j]
@@ -645,7 +644,9 @@ def _coefficients(
             drag[j] = prm[a + 3 * n + j]
             viscosity[j] = 0.0
         else:
-            angle = bend * prm[a + j]
+            angle = prm[a + j]
+            if scaled:
+                angle *= law.wrap_factor(values, state[_TRAVEL], j, n)
             mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
             speed = state[first + n + j]
             coefficient = law.kinetic_coefficient(values, abs(slip), speed)
@@ -659,7 +660,7 @@ def _coefficients(
                 coefficient = factor * (coefficient + extra)
                 right_hold = left_hold = law.ratio(holding, angle)
             growth[j] = growth_left[j] = law.ratio(coefficient, angle)
-            drag[j] = law.drag(values, length, growth[j])
+            drag[j] = law.drag(values, length, growth[j], j, n)
             viscosity[j] = law.viscosity(values, length, growth[j], dt)
             if asymmetry != 0.0:
                 right, left = 1.0 - asymmetry, 1.0 + asymmetry

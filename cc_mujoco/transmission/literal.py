@@ -104,9 +104,9 @@ class Mesh:
         """
         for name in (
             "viscous_friction", "stribeck_friction", "load_independent_friction",
-            "friction_asymmetry", "end_compliance", "bristle_length",
-            "tension_exponent", "ageing_friction", "wrap_growth", "friction_drift",
-            "stiffening", "creep",
+            "seal_proximal", "seal_distal", "friction_asymmetry", "end_compliance",
+            "bristle_length", "tension_exponent", "ageing_friction", "wrap_growth",
+            "friction_drift", "stiffening", "creep",
         ):  # fmt: skip
             _require_zero(cable, name)
         n = cable.segments

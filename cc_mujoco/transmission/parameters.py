@@ -124,6 +124,17 @@ PARAMETERS = (
         "drag per conduit length that needs no tension; 0 is off",
     ),
     Parameter(
+        "seal_proximal",
+        "N",
+        0.0,
+        1e5,
+        0.0,
+        "drag of the seal at the proximal end; needs no tension; 0 is off",
+    ),
+    Parameter(
+        "seal_distal", "N", 0.0, 1e5, 0.0, "the same at the distal end of the conduit"
+    ),
+    Parameter(
         "friction_asymmetry",
         "1",
         -0.9,
@@ -161,8 +172,8 @@ PARAMETERS = (
         0.0,
         5.0,
         0.0,
-        "beta: friction after a rest of time t grows by beta ln(1 + t / ageing_time), "
-        "which slip over `memory_length` takes back; 0 is off",
+        "beta: friction grows by beta ln(1 + t / ageing_time) with the age t of the "
+        "contacts, which slip over `memory_length` renews; 0 is off",
     ),
     Parameter(
         "ageing_time", "s", 0.0, 1e6, 1.0, "time scale of that growth", low_open=True
@@ -174,6 +185,15 @@ PARAMETERS = (
         1e3,
         0.0,
         "g: wrap angles times 1 + g u, u the distal displacement from the rest pose",
+    ),
+    Parameter(
+        "wrap_reach",
+        "1",
+        0.0,
+        1.0,
+        1.0,
+        "share of the conduit, from its distal end, in which they do",
+        low_open=True,
     ),
     Parameter(
         "friction_drift",
@@ -215,8 +235,20 @@ PARAMETERS = (
     Parameter(
         "eccentricity_phase", "rad", -10.0, 10.0, 0.0, "angle of its largest radius"
     ),
+    Parameter(
+        "ovality",
+        "m",
+        0.0,
+        0.1,
+        0.0,
+        "o: radius of the proximal pulley plus o cos(2 q - phase); 0 is off",
+    ),
+    Parameter(
+        "ovality_phase", "rad", -10.0, 10.0, 0.0, "twice an angle of largest radius"
+    ),
 )
 """Scalar parameters; their order is that of the packed vector of the kernel."""
+_DEFAULT = {parameter.name: parameter.default for parameter in PARAMETERS}
 
 MAX_SEGMENTS = 1000
 MAX_SECTIONS = 64
@@ -256,29 +288,34 @@ class Cable:
         CableError: a value is outside its range.
     """
 
-    axial_stiffness: float = PARAMETERS[0].default
-    pretension: float = PARAMETERS[1].default
-    friction: float = PARAMETERS[2].default
-    static_friction: float = PARAMETERS[3].default
-    memory_length: float = PARAMETERS[4].default
-    viscous_friction: float = PARAMETERS[5].default
-    stribeck_friction: float = PARAMETERS[6].default
-    stribeck_speed: float = PARAMETERS[7].default
-    stribeck_exponent: float = PARAMETERS[8].default
-    load_independent_friction: float = PARAMETERS[9].default
-    friction_asymmetry: float = PARAMETERS[10].default
-    end_compliance: float = PARAMETERS[11].default
-    bristle_length: float = PARAMETERS[12].default
-    tension_exponent: float = PARAMETERS[13].default
-    ageing_friction: float = PARAMETERS[14].default
-    ageing_time: float = PARAMETERS[15].default
-    wrap_growth: float = PARAMETERS[16].default
-    friction_drift: float = PARAMETERS[17].default
-    stiffening: float = PARAMETERS[18].default
-    creep: float = PARAMETERS[19].default
-    creep_time: float = PARAMETERS[20].default
-    eccentricity: float = PARAMETERS[21].default
-    eccentricity_phase: float = PARAMETERS[22].default
+    axial_stiffness: float = _DEFAULT["axial_stiffness"]
+    pretension: float = _DEFAULT["pretension"]
+    friction: float = _DEFAULT["friction"]
+    static_friction: float = _DEFAULT["static_friction"]
+    memory_length: float = _DEFAULT["memory_length"]
+    viscous_friction: float = _DEFAULT["viscous_friction"]
+    stribeck_friction: float = _DEFAULT["stribeck_friction"]
+    stribeck_speed: float = _DEFAULT["stribeck_speed"]
+    stribeck_exponent: float = _DEFAULT["stribeck_exponent"]
+    load_independent_friction: float = _DEFAULT["load_independent_friction"]
+    seal_proximal: float = _DEFAULT["seal_proximal"]
+    seal_distal: float = _DEFAULT["seal_distal"]
+    friction_asymmetry: float = _DEFAULT["friction_asymmetry"]
+    end_compliance: float = _DEFAULT["end_compliance"]
+    bristle_length: float = _DEFAULT["bristle_length"]
+    tension_exponent: float = _DEFAULT["tension_exponent"]
+    ageing_friction: float = _DEFAULT["ageing_friction"]
+    ageing_time: float = _DEFAULT["ageing_time"]
+    wrap_growth: float = _DEFAULT["wrap_growth"]
+    wrap_reach: float = _DEFAULT["wrap_reach"]
+    friction_drift: float = _DEFAULT["friction_drift"]
+    stiffening: float = _DEFAULT["stiffening"]
+    creep: float = _DEFAULT["creep"]
+    creep_time: float = _DEFAULT["creep_time"]
+    eccentricity: float = _DEFAULT["eccentricity"]
+    eccentricity_phase: float = _DEFAULT["eccentricity_phase"]
+    ovality: float = _DEFAULT["ovality"]
+    ovality_phase: float = _DEFAULT["ovality_phase"]
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""

@@ -55,6 +55,16 @@ class Driven:
     dissipated: FloatArray
 
 
+def _shape(cable: Cable) -> tuple[float, float, float, float]:
+    """What `eccentric.wound` and `eccentric.lever` take of the motor's pulley."""
+    return (
+        cable.eccentricity,
+        cable.eccentricity_phase,
+        cable.ovality,
+        cable.ovality_phase,
+    )
+
+
 @dataclass(frozen=True)
 class Transmission:
     """Cables on a motor pulley and a joint pulley.
@@ -87,18 +97,20 @@ class Transmission:
             raise CableError(f"backlash is {self.backlash!r} rad; it must be 0 or more")
         first = self.cables[0]
         for cable in self.cables:
-            if cable.eccentricity >= self.motor_radius:
-                raise CableError(
-                    f"cable parameter `eccentricity` is {cable.eccentricity!r}; it "
-                    f"must be less than motor_radius = {self.motor_radius!r}"
-                )
-            if (cable.eccentricity, cable.eccentricity_phase) != (
-                first.eccentricity,
-                first.eccentricity_phase,
+            for name, size in (
+                ("eccentricity", cable.eccentricity),
+                ("ovality", cable.eccentricity + cable.ovality),
             ):
+                if size >= self.motor_radius:
+                    raise CableError(
+                        f"cable parameter `{name}` is {getattr(cable, name)!r}; "
+                        "`eccentricity` and `ovality` together must be less than "
+                        f"motor_radius = {self.motor_radius!r}"
+                    )
+            if _shape(cable) != _shape(first):
                 raise CableError(
                     "both cables of a transmission run on one motor pulley; their "
-                    "`eccentricity` and `eccentricity_phase` must be the same"
+                    "`eccentricity`, `ovality` and both phases must be the same"
                 )
 
     @classmethod
@@ -177,18 +189,19 @@ class Transmission:
         near_arm = self.motor_radius / self.gear_ratio
         far_arm = self.joint_radius
         first = self.cables[0]
-        if near_kind == TORQUE and first.eccentricity > 0.0:
+        shape = _shape(first)
+        round_pulley = shape[0] == shape[2] == 0.0
+        if near_kind == TORQUE and not round_pulley:
             raise CableError(
-                "motor_torque is prescribed and the motor pulley is eccentric; "
-                "prescribe motor_angle, or set `eccentricity` to 0"
+                "motor_torque is prescribed and the motor pulley is not round; "
+                "prescribe motor_angle, or set `eccentricity` and `ovality` to 0"
             )
         turned, levers = near, np.ones(near.size)
         near = near * near_arm if near_kind == ANGLE else near / near_arm
-        if first.eccentricity > 0.0:
-            swing = first.eccentricity, first.eccentricity_phase
+        if not round_pulley:
             radius = self.motor_radius
-            levers = np.array([lever(x, radius, *swing) for x in near])
-            near = np.array([wound(x, radius, *swing) for x in near])
+            levers = np.array([lever(x, radius, *shape) for x in near])
+            near = np.array([wound(x, radius, *shape) for x in near])
         far = far * far_arm if far_kind == ANGLE else far / far_arm
         second = self.cables[-1]
         count = len(self.cables)

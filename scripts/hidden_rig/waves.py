@@ -10,13 +10,23 @@ from hidden_rig.plant import Plant
 
 
 @compiled
-def _elastic(k: float, stretch: float, h: float, bend: float) -> float:
-    """Tension over pretension of a strand that stiffens as it beds in."""
-    if h == 0.0:
-        return k * stretch
-    x = abs(k * stretch) / bend
+def _bedded(y: float, h: float, bend: float) -> float:
+    """Tension over that of reference at `y`, the same of a strand that is linear."""
+    x = abs(y) / bend
     log_cosh = x + math.log1p(math.exp(-2.0 * x)) - math.log(2.0)
-    return k * stretch + h * bend * log_cosh
+    return y + h * bend * log_cosh
+
+
+@compiled
+def _laid(tension: float, h: float, bend: float) -> float:
+    """Where `_bedded`, which only grows, is this tension (Newton)."""
+    y = tension
+    for _ in range(50):
+        miss = _bedded(y, h, bend) - tension
+        y -= miss / (1.0 + h * math.tanh(y / bend))
+        if abs(miss) < 1e-9:
+            break
+    return y
 
 
 @compiled
@@ -53,13 +63,19 @@ def step_cable(
     mass = p.line_density * p.length / n
     drag = p.viscous / n
     h = p.stiffening * (1.0 if c == 0 else 0.33)
+    # How stiff a strand is depends on its tension, not on how it was laid in.
+    slack = rest - p.reference_tension
+    laid = _laid(slack, h, p.stiffening_tension) if h != 0.0 else 0.0
     proximal = 0.0
     before = 0.0
     for i in range(n + 1):
         here = cables.place[c, i] if i < n else far
         here_speed = cables.speed[c, i] if i < n else far_speed
         k = cables.stiffness[c, i]
-        elastic = rest + _elastic(k, near - here, h, p.stiffening_tension)
+        elastic = rest + k * (near - here)
+        if h != 0.0:
+            bedded = _bedded(laid + k * (near - here), h, p.stiffening_tension)
+            elastic = p.reference_tension + bedded
         rate = near_speed - here_speed
         tension = elastic + p.material_time * k * rate
         if tension <= 0.0:

@@ -20,7 +20,10 @@ EFFECTS = {
     "drift": {"friction_drift": "2"},
     "stiffening": {"stiffening": "0.05"},
     "creep": {"creep": "0.5", "creep_time": "0.1"},
+    "seals": {"seal_proximal": "1", "seal_distal": "0.5"},
+    "wrap near the joint": {"wrap_growth": "-8", "wrap_reach": "0.3"},
     "eccentric": {"eccentricity": "2e-3", "eccentricity_phase": "0.6"},
+    "oval": {"ovality": "1e-3", "ovality_phase": "-0.3"},
 }
 EVERY = {key: value for effect in EFFECTS.values() for key, value in effect.items()}
 CASES = EFFECTS | {"every": EVERY}
@@ -30,7 +33,9 @@ def wound(config: dict[str, str], gear: float, angle: np.ndarray) -> np.ndarray:
     """Displacement of the proximal end on its pulley."""
     e = float(config.get("eccentricity", 0.0))
     phase = float(config.get("eccentricity_phase", 0.0))
+    o, second = float(config.get("ovality", 0)), float(config.get("ovality_phase", 0))
     swing = e * (np.sin(angle - phase) + np.sin(phase))
+    swing += 0.5 * o * (np.sin(2.0 * angle - second) + np.sin(second))
     return gear * angle + np.sign(gear) * swing
 
 
@@ -94,6 +99,8 @@ def test_tension_acts_on_the_motor_with_the_lever_of_the_moment() -> None:
 def test_an_eccentricity_that_is_no_pulley_is_refused() -> None:
     with pytest.raises(ValueError, match=r"`eccentricity` is '0\.02'; .*`gear`"):
         build(pull_pull(CONFIG | {"eccentricity": "0.02"}))
+    with pytest.raises(ValueError, match=r"`ovality` is '0\.006'; .*`eccentricity`"):
+        build(pull_pull(CONFIG | {"eccentricity": "0.014", "ovality": "0.006"}))
 
 
 def test_friction_that_depends_on_tension_needs_a_pretension() -> None:

@@ -43,7 +43,8 @@ def any_cable(draw: st.DrawFn) -> Cable:
     if values["static_friction"] < values["friction"]:
         values["static_friction"] = 0.0
     # What the motor's pulley of 0.02 m and a cable without pretension allow.
-    values["eccentricity"] *= 0.19
+    values["eccentricity"] *= 0.09
+    values["ovality"] *= 0.09
     if values["pretension"] == 0.0:
         values["tension_exponent"] = 0.0
     bend = st.floats(1e-3, 1e6) | st.just(math.inf)

@@ -72,10 +72,20 @@ def test_the_excess_of_a_rest_fades_over_the_memory_length():
         memory_length=1e-3,
     )
     for after in (5e-4, 1e-3, 3e-3):
-        excess = 0.05 * math.log(1.0 + 10.0) * math.exp(-after / 1e-3)
+        excess = 0.05 * math.log(1.0 + 10.0 * math.exp(-after / 1e-3))
         found = broken_away(cable, 10.0, after)
         # A stiff cable, so nearly all of the motion is slip.
         assert found == pytest.approx((0.1 + excess) * cable.wrap, rel=0.02)
+
+
+@pytest.mark.parametrize("speed", [0.002, 0.05])
+def test_contacts_that_slide_keep_the_age_of_one_memory_length(speed):
+    """Ruina's steady state: age = memory length over speed."""
+    ageing = {"ageing_friction": 0.05, "ageing_time": 0.01, "memory_length": 1e-3}
+    cable = BENT.replace(friction=0.1, **ageing)
+    low, high = sliding(cable, speed)
+    coefficient = 0.1 + 0.05 * math.log(1.0 + 1e-3 / speed / 0.01)
+    assert math.log(high / low) == pytest.approx(coefficient * cable.wrap, rel=1e-3)
 
 
 def test_age_is_kept_while_the_slip_has_not_taken_it():
@@ -112,6 +122,27 @@ def test_wrap_that_grows_with_the_distal_end(way):
     ratio = np.log(motion.tension_distal[-1] / motion.tension_proximal[-1])
     wrap = BENT.wrap * (1.0 + 2.0 * u[-2])
     assert way * ratio == pytest.approx(0.21 * wrap, rel=1e-9)
+
+
+@pytest.mark.parametrize("segments", [1, 7, 20])
+def test_wrap_that_grows_in_the_last_part_of_the_conduit_only(segments):
+    cable = BENT.replace(wrap_growth=2.0, wrap_reach=0.3, segments=segments)
+    u = np.linspace(0.0, 0.2, 4000)
+    motion = replay(cable, 1e-3, u_proximal=u, u_distal=u)
+    ratio = np.log(motion.tension_distal[-1] / motion.tension_proximal[-1])
+    wrap = BENT.wrap * (1.0 + 0.3 * 2.0 * u[-2])
+    assert ratio == pytest.approx(0.21 * wrap, rel=1e-9)
+
+
+def test_the_part_that_bends_is_at_the_distal_end():
+    cable = BENT.replace(wrap_growth=5.0, wrap_reach=0.5, segments=20)
+    u = np.linspace(0.0, 0.2, 4000)
+    motion = replay(cable, 1e-3, u_proximal=u, u_distal=u, profile=True)
+    steps = np.diff(np.log(motion.tension[-1]))
+    assert steps[:10] == pytest.approx(0.21 * BENT.wrap / 20, rel=1e-9)
+    assert steps[10:] == pytest.approx(
+        0.21 * BENT.wrap / 20 * (1 + 5 * u[-2]), rel=1e-9
+    )
 
 
 def test_wrap_that_shrinks_ends_at_a_straight_cable():

@@ -21,6 +21,8 @@ TERMS_ON = {
     "viscous": {"viscous_friction": 30.0},
     "stribeck": {"stribeck_friction": 0.1, "memory_length": 1e-3},
     "load_independent": {"load_independent_friction": 2.0},
+    "proximal seal": {"seal_proximal": 1.5},
+    "distal seal": {"seal_distal": 0.8},
     "asymmetric": {"friction_asymmetry": 0.4},
     "end spring": {"end_compliance": 3e-4},
     "bristles": {"bristle_length": 5e-4},
@@ -28,6 +30,7 @@ TERMS_ON = {
     "ageing": {"ageing_friction": 0.05, "ageing_time": 0.1, "memory_length": 1e-3},
     "ageing at once": {"ageing_friction": 0.05, "ageing_time": 0.1},
     "wrap": {"wrap_growth": 30.0},
+    "wrap near the joint": {"wrap_growth": 30.0, "wrap_reach": 0.3},
     "drift": {"friction_drift": 0.2},
     "stiffening": {"stiffening": 0.05},
     "creep": {"creep": 0.5, "creep_time": 1.0},
@@ -37,12 +40,15 @@ TERMS_ON = {
         "viscous_friction": 30.0,
         "stribeck_friction": 0.1,
         "load_independent_friction": 2.0,
+        "seal_proximal": 0.2,
+        "seal_distal": 0.1,
         "friction_asymmetry": -0.3,
         "end_compliance": 1e-4,
         "bristle_length": 1e-4,
         "tension_exponent": 0.2,
         "ageing_friction": 0.02,
         "wrap_growth": -5.0,
+        "wrap_reach": 0.7,
         "friction_drift": 0.01,
         "stiffening": 0.01,
         "creep": 0.2,
@@ -269,6 +275,32 @@ def test_load_independent_friction_in_steady_sliding():
     straight = STRAIGHT.replace(friction=0.0, load_independent_friction=3.0)
     low, high = sliding(straight, 0.05)
     assert high - low == pytest.approx(6.0, rel=1e-6)
+
+
+def test_seals_in_steady_sliding():
+    """The distal seal's drag is carried through the conduit, the proximal one's not."""
+    cable = BENT.replace(seal_proximal=2.0, seal_distal=1.0, segments=200)
+    low, high = sliding(cable, 0.05)
+    expected = (low + 1.0) * math.exp(0.21 * BENT.wrap) + 2.0
+    assert high == pytest.approx(expected, rel=2e-3)
+    straight = STRAIGHT.replace(friction=0.0, seal_proximal=2.0, seal_distal=1.0)
+    low, high = sliding(straight, 0.05)
+    assert high - low == pytest.approx(3.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("end", ["seal_proximal", "seal_distal"])
+def test_a_seal_holds_its_end(end):
+    """Without other friction nothing moves inside before the seal lets go."""
+    cable = STRAIGHT.replace(friction=0.0, segments=20, **{end: 3.0})
+    conduit = Conduit(cable)
+    stiffness = 20.0 * cable.axial_stiffness / cable.length
+    beyond = 19.5 if end == "seal_distal" else 0.5  # segments between motor and seal
+    slips = 3.0 / stiffness * beyond
+    for u in np.linspace(0.0, -0.99 * slips, 50):
+        conduit.step(1e-3, u_proximal=u, u_distal=0.0)
+    assert conduit.tension_distal == pytest.approx(10.0, rel=1e-9)
+    conduit.step(1e-3, u_proximal=-1.2 * slips, u_distal=0.0)
+    assert conduit.tension_distal > 10.0
 
 
 def break_away(cable):

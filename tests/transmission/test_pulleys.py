@@ -110,10 +110,27 @@ def test_an_eccentric_pulley_winds_up_more_where_its_radius_is_larger():
     assert work == pytest.approx(stored, abs=2e-2 * np.ptp(stored))
 
 
+def test_an_oval_pulley_winds_up_more_where_its_radius_is_larger():
+    cable = CABLE.replace(
+        friction=0.0, pretension=200.0, ovality=8e-4, ovality_phase=0.4
+    )
+    drive = Transmission.single(cable, 0.02, 0.104)
+    q = 4.0 * np.sin(0.7 * TIME)
+    motion = drive.replay(2e-3, motor_angle=q, joint_angle=np.zeros_like(TIME))
+    wound = 0.02 * q + 4e-4 * (np.sin(2.0 * q - 0.4) + np.sin(0.4))
+    tension = 200.0 + 4000.0 / 2.0 * wound
+    assert motion.tension_distal[0] == pytest.approx(tension, abs=1e-8)
+    torque = tension * (0.02 + 8e-4 * np.cos(2.0 * q - 0.4))
+    assert motion.motor_torque == pytest.approx(torque, abs=1e-9)
+
+
 def test_an_eccentric_pulley_is_checked():
     wide = CABLE.replace(eccentricity=0.03)
     with pytest.raises(ValueError, match="less than motor_radius"):
         Transmission.single(wide, 0.02, 0.104)
+    together = CABLE.replace(eccentricity=0.015, ovality=0.005)
+    with pytest.raises(ValueError, match=r"`ovality` is 0\.005; .*less than motor"):
+        Transmission.single(together, 0.02, 0.104)
     little = CABLE.replace(eccentricity=1e-3)
     with pytest.raises(ValueError, match="must be the same"):
         Transmission((little, CABLE), 0.02, 0.104)

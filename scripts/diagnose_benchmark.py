@@ -1,12 +1,13 @@
 """How often `cc-mujoco diagnose` is right, on rigs in which an effect is hidden.
 
-    python scripts/diagnose_benchmark.py --study final --seeds 2 --out runs/benchmark
+    python scripts/diagnose_benchmark.py --strength 2 4 --out runs/benchmark
 
 Rigs, motions and sensors come from `hidden_rig`, which shares no code with the package.
 Every case is generated, written to files, read back, diagnosed, and only then compared
 with its label. Studies draw from disjoint seeds: `development` and `calibration` were
 used to set thresholds, `final` only to measure, once; what that taught was measured on
-`second`. Cases that are done are kept; the table is written anew after each.
+`second`, and what both taught on `third`. Cases that are done are kept; the table is
+written anew after each.
 
 With `--naive binned sparse bic` every case is also named in the naive ways of
 `naive_naming`, from the same tuned baseline; `sparse` among them needs
@@ -17,9 +18,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -34,8 +37,13 @@ sys.path.insert(0, str(SCRIPTS))
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis.diagnose import Result, Tuning
 
-STUDIES = {"development": 1000, "calibration": 2000, "final": 3000, "second": 4000}
+STUDIES = {
+    "development": 1000, "calibration": 2000, "final": 3000, "second": 4000,
+    "third": 5000,
+}  # fmt: skip
 """First seed of every study."""
+SHOWN = 1.25
+"""Error over the floor that effect-free rigs stay below: beyond it, something shows."""
 PAIRS = (
     ("viscous_friction", "backlash"),
     ("viscous_friction", "joint_gravity"),
@@ -47,25 +55,24 @@ PAIRS = (
 
 
 def cases(
-    study: str, seeds: int, strength: float, kinds: list[str]
+    study: str, seeds: int, strengths: Sequence[float], kinds: list[str]
 ) -> Iterator[dict[str, Any]]:
     """Cases of a study: what is hidden, how strongly, seed of rig and motion."""
     from hidden_rig.effects import NAMED, UNKNOWN
 
     first = STUDIES[study]
     hidden: list[tuple[str, tuple[str, ...]]] = []
-    if "named" in kinds:
-        hidden += [("named", (name,)) for name in NAMED]
-    if "unknown" in kinds:
-        hidden += [("unknown", (name,)) for name in UNKNOWN]
-    if "none" in kinds:
-        hidden += [("none", ())] * 10
-    if "pair" in kinds:
-        hidden += [("pair", pair) for pair in PAIRS]
-    for turn in range(seeds):
+    hidden += [("named", (name,)) for name in NAMED]
+    hidden += [("unknown", (name,)) for name in UNKNOWN]
+    hidden += [("none", ())] * 10
+    hidden += [("pair", pair) for pair in PAIRS]
+    for turn, strength in enumerate(list(strengths) * seeds):
         for place, (kind, names) in enumerate(hidden):
-            seed = first + 100 * turn + place
-            yield {"kind": kind, "hidden": names, "seed": seed, "strength": strength}
+            if kind in kinds:
+                seed = first + 100 * turn + place
+                yield {
+                    "kind": kind, "hidden": names, "seed": seed, "strength": strength
+                }  # fmt: skip
 
 
 def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
@@ -75,6 +82,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     from cc_mujoco.diagnosis.bench import Bench
     from cc_mujoco.diagnosis.diagnose import reason
     from cc_mujoco.diagnosis.findings import to_fix
+    from cc_mujoco.diagnosis.gap import overall
     from cc_mujoco.diagnosis.intake import load
     from hidden_rig.dataset import make_dataset
     from hidden_rig.generate import facts_of, write_data
@@ -129,6 +137,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
             name: [g.rmse_before, g.rmse_after, g.noise_floor, g.gap_closed]
             for name, g in found.gap.items()
         },
+        "closed": overall(found.gap) if found.gap else float("nan"),
         "intervals": {
             name: [value.value, *value.ci95, truth[name]]
             for name, value in found.baseline.parameters.items()
@@ -187,39 +196,78 @@ def judged(record: dict[str, Any]) -> str:
 
 
 def summary(records: list[dict[str, Any]]) -> str:
-    """Markdown: rates by kind, then a line for each effect."""
+    """Markdown: rates by kind and strength, confusion, then every case."""
     from naive_naming.table import comparison
 
     columns = ("right", "tie", "half", "silent", "wrong")
     lines = [
-        "| hidden | cases | right | in a tie of two | one of two | silent | wrong |",
+        "| hidden | R | cases | right | in a tie | one of two | silent | wrong |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for kind in ("named", "pair", "unknown", "none"):
+        for strength in sorted({r["strength"] for r in records if r["kind"] == kind}):
+            words = [
+                judged(r)
+                for r in records
+                if r["kind"] == kind and r["strength"] == strength
+            ]
+            size = "-" if kind == "none" else f"{strength:g}"
+            share = [f"{words.count(word) / len(words):.0%}" for word in columns]
+            lines.append(f"| {kind} | {size} | {len(words)} | {' | '.join(share)} |")
+    lines += ["", *_figures(records)]
+    if any("naive" in r for r in records):
+        lines += ["", *comparison(records, judged)]
+    lines += [
+        "",
+        "| hidden | what was said first, and how often |",
+        "|---|---|",
+        *(f"| {hidden} | {told} |" for hidden, told in confusion(records).items()),
+        "",
+        "<details><summary>Every case: what was hidden, what was said</summary>",
+        "",
+        "| hidden | R | error | verdict | named | ties | gap closed |",
         "|---|---|---|---|---|---|---|",
     ]
-    for kind in ("named", "none", "unknown", "pair"):
-        words = [judged(r) for r in records if r["kind"] == kind]
-        if words:
-            share = [f"{words.count(word) / len(words):.0%}" for word in columns]
-            lines.append(f"| {kind} | {len(words)} | {' | '.join(share)} |")
-    closed = [
-        1.0
-        - (sum(g[1] ** 2 - g[2] ** 2 for g in r["gap"].values()))
-        / max(sum(g[0] ** 2 - g[2] ** 2 for g in r["gap"].values()), 1e-12)
-        for r in records
-        if r["kind"] == "named" and judged(r) == "right"
-    ]
-    shares = [
-        1.0
-        - sum(g[1] ** 2 for g in r["gap"].values())
-        / sum(g[0] ** 2 for g in r["gap"].values())
-        for r in records
-        if r["kind"] == "named" and judged(r) == "right"
-    ]
-    if closed:
-        lines += [
-            "",
-            f"Median gap closed {np.median(closed):.2f}, of the squared error "
-            f"{np.median(shares):.0%}.",
+    for r in sorted(records, key=lambda record: record["seed"]):
+        hidden = ", ".join(r["hidden"]) or "none"
+        ties = "; ".join(", ".join(tie) for tie in r.get("ties", []))
+        closed = r.get("closed", math.nan)
+        lines.append(
+            f"| {hidden} | {r['reached']:.1f} | {r.get('misfit', math.nan):.1f} | "
+            f"{r['verdict']} | {', '.join(r['named']) or '-'} | {ties or '-'} | "
+            f"{closed:.2f} |".replace("nan", "-")
+        )
+    lines += ["", "</details>"]
+    return "\n".join(lines) + "\n"
+
+
+def _figures(records: list[dict[str, Any]]) -> list[str]:
+    """Sentences: the gap, what intervals cover, how long it took."""
+    found = []
+    right = [r for r in records if r["kind"] == "named" and judged(r) == "right"]
+    if right:
+        closed: dict[float, list[float]] = {}
+        for r in sorted(right, key=lambda record: record["strength"]):
+            closed.setdefault(r["strength"], []).append(r["closed"])
+        shares = [
+            f"{np.nanmedian(each):.2f} at R = {size:g}" for size, each in closed.items()
         ]
+        found.append(f"Median gap closed: {', '.join(shares)}.")
+    shown = [r for r in records if r["kind"] == "named" and r.get("misfit", 0) > SHOWN]
+    if shown:
+        words = [judged(r) for r in shown]
+        found.append(
+            f"Single effects at which the tuned baseline is more than {SHOWN:g} times "
+            f"the floor off: {len(shown)}, of which right "
+            f"{words.count('right') / len(words):.0%}, right or in a tie "
+            f"{(words.count('right') + words.count('tie')) / len(words):.0%}."
+        )
+    more = [len(set(r["named"]) - set(r["hidden"])) for r in right]
+    if more:
+        found.append(
+            f"Rightly named cases in which another effect was named as well: "
+            f"{np.mean([count > 0 for count in more]):.0%}."
+        )
     given = [r["intervals"] for r in records if r.get("intervals")]
     told = [
         f"{name} {np.mean([low <= true <= high for _, low, high, true in of]):.0%}"
@@ -227,38 +275,43 @@ def summary(records: list[dict[str, Any]]) -> str:
         if (of := [each[name] for each in given])
     ]
     if told:
-        lines += ["", f"Intervals of 95 % that cover: {', '.join(told)}."]
+        found.append(
+            f"Intervals of 95 % that cover, of {len(given)}: {', '.join(told)}."
+        )
     took = [r["seconds"] for r in records if "seconds" in r]
     if took:
-        lines += ["", f"Median time of a diagnosis {np.median(took):.0f} s, one core."]
-    if any("naive" in r for r in records):
-        lines += ["", *comparison(records, judged)]
-    lines += [
-        "",
-        "<details><summary>Every case: what was hidden, what was said</summary>",
-        "",
-        "| hidden | R | verdict | named | ties |",
-        "|---|---|---|---|---|",
-    ]
-    for r in sorted(records, key=lambda record: record["seed"]):
-        hidden = ", ".join(r["hidden"]) or "none"
-        ties = "; ".join(", ".join(tie) for tie in r.get("ties", []))
-        lines.append(
-            f"| {hidden} | {r['reached']:.1f} | {r['verdict']} | "
-            f"{', '.join(r['named']) or '-'} | {ties or '-'} |"
-        )
-    lines += ["", "</details>"]
-    return "\n".join(lines) + "\n"
+        found.append(f"Median time of a diagnosis {np.median(took):.0f} s, one core.")
+    return [line for sentence in found for line in (sentence, "")][:-1]
+
+
+def confusion(records: list[dict[str, Any]]) -> dict[str, str]:
+    """By what was hidden alone: first names or verdicts with their counts."""
+    told: dict[str, Counter[str]] = {}
+    for r in sorted(records, key=lambda record: record["seed"] % 100):
+        if r["kind"] == "pair":
+            continue
+        first = r["verdict"]
+        if first == "named":
+            first = r["named"][0]
+        elif first == "tie":
+            first = " or ".join(r["ties"][0])
+        told.setdefault(", ".join(r["hidden"]) or "none", Counter())[first] += 1
+    return {
+        hidden: ", ".join(f"{name} {count}" for name, count in counts.most_common())
+        for hidden, counts in told.items()
+    }
 
 
 def main() -> None:
     """Run what is missing and write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--study", choices=STUDIES, default="final")
+    parser.add_argument("--study", choices=STUDIES, default="third")
     parser.add_argument(
         "--seeds", type=int, default=1, help="rounds over all that can be hidden"
     )
-    parser.add_argument("--strength", type=float, default=2.0, help="R of every effect")
+    parser.add_argument(
+        "--strength", type=float, nargs="+", default=[2.0], help="R of every effect"
+    )
     parser.add_argument(
         "--kinds", nargs="+", default=["named", "none", "unknown", "pair"]
     )

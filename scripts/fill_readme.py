@@ -84,14 +84,11 @@ def played(folder: Path, policy: Path) -> Results:
 
 
 def studies(folder: Path) -> str:
-    """Markdown of what `diagnose_benchmark.py` measured, study by study."""
-    parts = []
-    for study in ("final", "second"):
-        path = folder / f"{study}.md"
-        if not path.is_file():
-            raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")
-        parts.append(f"**{study}**\n\n{path.read_text(encoding='utf-8').strip()}")
-    return "\n\n".join(parts)
+    """Markdown of what `diagnose_benchmark.py` measured last."""
+    path = folder / "third.md"
+    if not path.is_file():
+        raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")
+    return path.read_text(encoding="utf-8").strip()
 
 
 def filled(readme: str, name: str, text: str) -> str:

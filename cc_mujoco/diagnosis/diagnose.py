@@ -57,8 +57,8 @@ NUMERICS = 0.35
 """RMS change by a finer simulation, over the noise floor, that is harmless."""
 SEEN = 3.0
 """Size over its uncertainty with which a plausible effect would show."""
-UNEXPLAINED = 0.75
-"""Share of the squared error that may not remain where an effect is named."""
+EXPLAINED = 0.7
+"""Share of the squared error beyond the floor that named effects have to take."""
 GUESSED = 0.3
 """Relative uncertainty of a pretension from which more than one start is tried."""
 OTHERS = (0.1, 0.3, 3.0)
@@ -334,10 +334,11 @@ def judged(
             "tie",
             f"Missing is {sure}{either}; these data cannot tell which. {told}.",
         )
-    if left > limits.misfit and left**2 > UNEXPLAINED * misfit**2:
+    explained = 1.0 - (left**2 - 1.0) / (misfit**2 - 1.0) if misfit > 1.0 else 1.0
+    if left > limits.misfit and explained < EXPLAINED:
         return "unknown", (
-            f"Something is missing; {names} explains part of it, but most of the error "
-            f"remains and is none of the effects in the library. {told}."
+            f"Something is missing; {names} explains {explained:.0%} of it, and the "
+            f"rest is none of the effects in the library. {told}."
         )
     return "named", f"Missing is {names}. Held-out error of {told}."
 

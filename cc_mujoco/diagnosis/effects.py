@@ -399,15 +399,25 @@ EFFECTS: dict[str, Effect] = {
         Effect(
             "friction_drift",
             "friction that drifts during a trial",
-            "mu (1 + d t)",
+            "mu (1 + d t + h W), W the heat of friction that is left",
             "conduit",
-            (Knob("friction_drift", "1/s", 0.01, -1.0, 1.0),),
-            ({"friction_drift": 0.01},),
+            (
+                Knob("friction_drift", "1/s", 0.01, -1.0, 1.0),
+                Knob("friction_heating", "1/J", 0.02, -10.0, 10.0),
+                Knob("cooling_time", "s", 10.0, 1.0, 1e3),
+            ),
+            (
+                {
+                    "friction_drift": 0.01,
+                    "friction_heating": 0.02,
+                    "cooling_time": 10.0,
+                },
+            ),
             "trials much longer than a cycle",
             ("pretension_loss",),
             _PLUGIN,
             "thesis 3.2.3",
-            cables=_on_both("friction_drift"),
+            cables=_on_both("friction_drift", "friction_heating", "cooling_time"),
         ),
         Effect(
             "backlash",

@@ -41,7 +41,7 @@ class Thresholds:
 
     reduction: float = 0.10
     misfit: float = 1.25
-    certainty: float = 2.5
+    certainty: float = 2.0
     agreement: float = 1.0
     rival: float = 2.0
 
@@ -210,10 +210,12 @@ def _objection(
         )
     if certainty < thresholds.certainty:
         return f"its gain is {certainty:.1f} standard errors"
-    spread, mean = amplitude(crossed, name)
-    if spread > thresholds.agreement * mean:
-        return "its size differs between the halves of the data"
     knobs = {knob.name: knob for knob in EFFECTS[name].knobs}
+    spread, mean = amplitude(crossed, name)
+    # Where a scale is fitted as well, size and scale trade for each other.
+    scaled = any(knob.low > 0.0 for knob in knobs.values())
+    if not scaled and spread > thresholds.agreement * mean:
+        return "its size differs between the halves of the data"
     for parameter, place in zip(crossed.problem.tuned, crossed.fits[0].at, strict=True):
         if parameter.name in knobs and knobs[parameter.name].low <= 0.0:
             if place >= parameter.high * 0.999:

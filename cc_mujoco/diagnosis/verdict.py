@@ -87,6 +87,8 @@ class Where:
 class Gap:
     """Error of one channel on held-out data, before and after.
 
+    RMS, weighted by how well the angles tell the torque at that moment, see `gap`.
+
     Attributes:
         rmse_before: of the baseline.
         rmse_after: of the model with the named effects.

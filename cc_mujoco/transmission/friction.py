@@ -41,6 +41,8 @@ _AGEING_TIME = INDEX["ageing_time"]
 _WRAP_GROWTH = INDEX["wrap_growth"]
 _WRAP_REACH = INDEX["wrap_reach"]
 _DRIFT = INDEX["friction_drift"]
+_HEATING = INDEX["friction_heating"]
+_COOLING = INDEX["cooling_time"]
 _STIFFENING = INDEX["stiffening"]
 _CREEP = INDEX["creep"]
 
@@ -128,6 +130,12 @@ TERMS = (
         "a routing that bends with the joint; thesis Experiment 1b",
     ),
     Term("drift", "friction_drift", "mu *= 1 + d t", "wear and weather, thesis 3.2.3"),
+    Term(
+        "heating",
+        "friction_heating",
+        "mu *= 1 + h W, dW/dt = friction power - W/t_c",
+        "a liner that warms up by its own friction, one thermal mass",
+    ),
 )
 """The friction terms that exist."""
 
@@ -146,6 +154,7 @@ def scaled(values: FloatArray) -> bool:
         or values[_AGEING] != 0.0
         or values[_WRAP_GROWTH] != 0.0
         or values[_DRIFT] != 0.0
+        or values[_HEATING] != 0.0
     )
 
 
@@ -261,9 +270,18 @@ def bristle_force(force: float, stretch: float, stiffness: float) -> float:
 
 
 @compiled
-def drift_factor(values: FloatArray, time: float) -> float:
-    """Factor on every coefficient, `time` after the start [s]."""
-    return float(max(1.0 + values[_DRIFT] * time, 0.0))
+def drift_factor(values: FloatArray, time: float, heat: float) -> float:
+    """Factor on every coefficient, `time` after the start [s] with `heat` [J]."""
+    drift = values[_DRIFT] * time + values[_HEATING] * heat
+    return float(max(1.0 + drift, 0.0))
+
+
+@compiled
+def warmed(values: FloatArray, heat: float, lost: float, dt: float) -> float:
+    """Heat in the conduit after a step in which friction lost this energy [J]."""
+    if values[_HEATING] == 0.0:
+        return 0.0
+    return float((heat + lost) * math.exp(-dt / values[_COOLING]))
 
 
 @compiled

@@ -18,12 +18,13 @@ State vector, `state_size(n)` floats:
     3                  stretch of the cable, negative where it is slack [m]
     4                  time since the start [s], while a term depends on the state
     5                  way of the distal end since the start [m], likewise
-    6 : 7 + n          tension of node i [N]; negative where slack, see `slack`
-    7 + n : 7 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
-    7 + 2 n : 7 + 3 n  remembered slip speed of segment j [m/s]
-    7 + 3 n : 7 + 4 n  friction of segment j that its bristles hold [N]
-    7 + 4 n : 7 + 5 n  stretch of these bristles [m]
-    7 + 5 n : 7 + 6 n  age of the contacts of segment j at rest, see `friction.aged`
+    6                  heat of friction in the conduit [J], while friction depends on it
+    7 : 8 + n          tension of node i [N]; negative where slack, see `slack`
+    8 + n : 8 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
+    8 + 2 n : 8 + 3 n  remembered slip speed of segment j [m/s]
+    8 + 3 n : 8 + 4 n  friction of segment j that its bristles hold [N]
+    8 + 4 n : 8 + 5 n  stretch of these bristles [m]
+    8 + 5 n : 8 + 6 n  age of the contacts of segment j, see `friction.aged`
 
 Node 0 is the proximal end, node n the distal end. Node i carries the strain of the
 cable between the centres of the segments beside it, so that the sum of T_i h_i / EA is
@@ -50,8 +51,8 @@ POSITION, TENSION = 0, 1
 OK, NOT_FINITE = 0, 1
 """Status of a step; on NOT_FINITE the new state is the old one."""
 
-STATE_HEADER = 6
-_TIME, _TRAVEL = 4, 5
+STATE_HEADER = 7
+_TIME, _TRAVEL, _HEAT = 4, 5, 6
 _HEADER = 40
 _SOLVER_WORK = 10  # per node, for `march` and `sweep`
 _STEP_WORK = 10  # per segment, behind it: slip, coefficients and bristles
@@ -634,7 +635,9 @@ def _coefficients(
     hold_right, hold_left = _row(work, n, _HOLD_RIGHT), _row(work, n, _HOLD_LEFT)
     drag, viscosity = _row(work, n, _DRAG), _row(work, n, _VISCOSITY)
     resting = law.holding_coefficient(values)
-    drift = law.drift_factor(values, state[_TIME] + dt) if scaled else 1.0
+    drift = 1.0
+    if scaled:
+        drift = law.drift_factor(values, state[_TIME] + dt, state[_HEAT])
     first = STATE_HEADER + n + 1
     for j in range(n):
         slip = state[first + j]
@@ -755,6 +758,7 @@ def _commit(
     if prm[_PLAIN] == 0.0:
         new_state[_TIME] = state[_TIME] + dt
         new_state[_TRAVEL] = state[_TRAVEL] + (new_state[1] - state[1])
+        new_state[_HEAT] = law.warmed(prm[:_SCALARS], state[_HEAT], lost, dt)
     new_state[2] += lost
     new_state[3] = new_state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])
 

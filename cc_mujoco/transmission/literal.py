@@ -106,7 +106,7 @@ class Mesh:
             "viscous_friction", "stribeck_friction", "load_independent_friction",
             "seal_proximal", "seal_distal", "friction_asymmetry", "end_compliance",
             "bristle_length", "tension_exponent", "ageing_friction", "wrap_growth",
-            "friction_drift", "stiffening", "creep",
+            "friction_drift", "friction_heating", "stiffening", "creep",
         ):  # fmt: skip
             _require_zero(cable, name)
         n = cable.segments

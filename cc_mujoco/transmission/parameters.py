@@ -201,7 +201,24 @@ PARAMETERS = (
         -1e3,
         1e3,
         0.0,
-        "d: friction times 1 + d t, t the time since the start",
+        "d: friction times 1 + d t + h W, t the time since the start",
+    ),
+    Parameter(
+        "friction_heating",
+        "1/J",
+        -1e3,
+        1e3,
+        0.0,
+        "h: of the heat W that friction left in the conduit; 0 is off",
+    ),
+    Parameter(
+        "cooling_time",
+        "s",
+        0.0,
+        1e9,
+        60.0,
+        "time in which that heat falls to 1/e",
+        low_open=True,
     ),
     Parameter(
         "stiffening",
@@ -309,6 +326,8 @@ class Cable:
     wrap_growth: float = _DEFAULT["wrap_growth"]
     wrap_reach: float = _DEFAULT["wrap_reach"]
     friction_drift: float = _DEFAULT["friction_drift"]
+    friction_heating: float = _DEFAULT["friction_heating"]
+    cooling_time: float = _DEFAULT["cooling_time"]
     stiffening: float = _DEFAULT["stiffening"]
     creep: float = _DEFAULT["creep"]
     creep_time: float = _DEFAULT["creep_time"]

@@ -1,4 +1,4 @@
-"""Full refits of every effect to all data; the lowest BIC names.
+"""Full refits of the likeliest effects to all data; the lowest BIC names.
 
 BIC = n ln(S/n) + k ln n with the sum of squares S of n samples and k parameters, as if
 neighbouring samples were independent and the model exact.
@@ -23,6 +23,10 @@ EVALUATIONS = 3
 """Simulations with new parameters per refit; screening has found a start."""
 
 
+REFITTED = 6
+"""Effects that are refitted: those that would explain most to first order."""
+
+
 def bic(
     tuning: Tuning,
     evaluations: int = EVALUATIONS,
@@ -39,7 +43,7 @@ def bic(
     counts = [record.counts for record in problem.plant.records]
     before, baseline = _scored(problem, at)
     scores, squares = {}, {}
-    for signature in screen(problem, at, counts, ids):
+    for signature in screen(problem, at, counts, ids)[:REFITTED]:
         wider = problem.with_effect(signature.id, signature.start)
         start = wider.placed(at, signature.start)
         try:

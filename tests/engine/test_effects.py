@@ -18,6 +18,7 @@ EFFECTS = {
     "ageing": {"ageing_friction": "0.05", "memory_length": "1e-4"},
     "wrap": {"wrap_growth": "-8"},
     "drift": {"friction_drift": "2"},
+    "heating": {"friction_heating": "5", "cooling_time": "0.2"},
     "stiffening": {"stiffening": "0.05"},
     "creep": {"creep": "0.5", "creep_time": "0.1"},
     "seals": {"seal_proximal": "1", "seal_distal": "0.5"},

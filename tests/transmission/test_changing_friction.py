@@ -163,6 +163,22 @@ def test_friction_drifts_with_time(drift):
     assert ratio[2000:] == pytest.approx(wanted[2000:], rel=1e-9)
 
 
+@pytest.mark.parametrize("heating", [0.5, -0.05])
+def test_friction_changes_with_the_heat_that_it_leaves(heating):
+    cable = BENT.replace(friction_heating=heating, cooling_time=3.0, segments=20)
+    time = np.arange(1, 4001) * 1e-3
+    motion = replay(cable, 1e-3, u_proximal=-time / 20, u_distal=-time / 20)
+    power = np.diff(motion.dissipated, prepend=0.0)
+    heat = 0.0
+    ratio = np.log(motion.tension_proximal / motion.tension_distal)
+    for k in range(4000):
+        if k > 2000:
+            wanted = 0.21 * BENT.wrap * (1.0 + heating * heat)
+            assert ratio[k] == pytest.approx(wanted, rel=1e-9)
+        heat = (heat + power[k]) * math.exp(-1e-3 / 3.0)
+    assert heat > 0.1
+
+
 def test_friction_that_has_drifted_away_is_zero():
     cable = BENT.replace(friction_drift=-1.0, segments=10)
     conduit = Conduit(cable)

@@ -32,6 +32,7 @@ TERMS_ON = {
     "wrap": {"wrap_growth": 30.0},
     "wrap near the joint": {"wrap_growth": 30.0, "wrap_reach": 0.3},
     "drift": {"friction_drift": 0.2},
+    "heating": {"friction_heating": 2.0, "cooling_time": 2.0},
     "stiffening": {"stiffening": 0.05},
     "creep": {"creep": 0.5, "creep_time": 1.0},
     "all": {
@@ -50,6 +51,7 @@ TERMS_ON = {
         "wrap_growth": -5.0,
         "wrap_reach": 0.7,
         "friction_drift": 0.01,
+        "friction_heating": -0.1,
         "stiffening": 0.01,
         "creep": 0.2,
         "creep_time": 5.0,

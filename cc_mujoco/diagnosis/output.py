@@ -18,7 +18,7 @@ from cc_mujoco.diagnosis.drawings import STEMS
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
 from cc_mujoco.diagnosis.plant import CLOCKS, led, shifted
 from cc_mujoco.diagnosis.recording import write_recording
-from cc_mujoco.diagnosis.records import LEAD
+from cc_mujoco.diagnosis.records import LEAD, low_passed
 from cc_mujoco.diagnosis.repair import repaired
 from cc_mujoco.diagnosis.repair import write as write_scene
 from cc_mujoco.diagnosis.report import write_report
@@ -43,7 +43,7 @@ def write(
     with replacing_folder(out) as place:
         if result.problem is not None:
             try:
-                said = _scene(result, place / "scene.xml")
+                said = scene(result, place / "scene.xml")
             except CableError as error:  # the verdict stands without it
                 said = [f"scene.xml cannot be written: {error}."]
             diagnosis = replace(diagnosis, problems=(*diagnosis.problems, *said))
@@ -76,7 +76,7 @@ def provenance(
     }
 
 
-def _scene(result: Result, path: Path) -> list[str]:
+def scene(result: Result, path: Path) -> list[str]:
     """Write the scene with the effects; compare its rollout with the replay."""
     problem = result.problem
     assert problem is not None
@@ -117,7 +117,9 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
         **dict.fromkeys(CLOCKS, 0.0),
     }
     played: FloatArray = problem.plant.simulate(quiet, problem.effects, only=0)[0]
-    error = (shown - played[:, :short])[:, 5:-5]
+    edge = round(1.0 / record.band / record.dt)
+    passed = low_passed(shown, record.band, 1.0 / record.dt)
+    error = (passed - played[:, :short])[:, edge:-edge]
     return (record.trial, float(np.sqrt(np.mean(error**2)))), float(
         np.sqrt(np.mean(played[:, :short] ** 2))
     )

@@ -85,7 +85,7 @@ def played(folder: Path, policy: Path) -> Results:
 
 def studies(folder: Path) -> str:
     """Markdown of what `diagnose_benchmark.py` measured last."""
-    path = folder / "third.md"
+    path = folder / "fourth.md"
     if not path.is_file():
         raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")
     return path.read_text(encoding="utf-8").strip()

@@ -57,7 +57,7 @@ NUMERICS = 0.35
 """RMS change by a finer simulation, over the noise floor, that is harmless."""
 SEEN = 3.0
 """Size over its uncertainty with which a plausible effect would show."""
-EXPLAINED = 0.7
+EXPLAINED = 0.6
 """Share of the squared error beyond the floor that named effects have to take."""
 GUESSED = 0.3
 """Relative uncertainty of a pretension from which more than one start is tried."""

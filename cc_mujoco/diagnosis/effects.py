@@ -468,7 +468,7 @@ EFFECTS: dict[str, Effect] = {
             ),
             tuple(
                 {"cogging_cosine": 0.02, "cogging_sine": 0.02, "cogging_order": order}
-                for order in (4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 18.0, 24.0, 36.0, 48.0)
+                for order in (*range(4, 28, 2), 30, 33, 36, 40, 44, 48)
             ),
             "slow motion over several poles",
             ("pulley_eccentricity",),

@@ -322,6 +322,12 @@ def judged(
         f"{g.noise_floor:.3g})"
         for channel, g in gap.items()
     )
+    explained = 1.0 - (left**2 - 1.0) / (misfit**2 - 1.0) if misfit > 1.0 else 1.0
+    if left > limits.misfit and explained < EXPLAINED:
+        return "unknown", (
+            f"Something is missing; {names} explains {explained:.0%} of it, and the "
+            f"rest is none of the effects in the library. {told}."
+        )
     tie = next((s.rivals for s in found.rounds if len(s.rivals) > 1), ())
     if tie:
         either = " or ".join(EFFECTS[name].title for name in tie)
@@ -333,12 +339,6 @@ def judged(
         return (
             "tie",
             f"Missing is {sure}{either}; these data cannot tell which. {told}.",
-        )
-    explained = 1.0 - (left**2 - 1.0) / (misfit**2 - 1.0) if misfit > 1.0 else 1.0
-    if left > limits.misfit and explained < EXPLAINED:
-        return "unknown", (
-            f"Something is missing; {names} explains {explained:.0%} of it, and the "
-            f"rest is none of the effects in the library. {told}."
         )
     return "named", f"Missing is {names}. Held-out error of {told}."
 

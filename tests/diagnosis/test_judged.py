@@ -1,0 +1,51 @@
+"""The word for what a search found."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from cc_mujoco.diagnosis.diagnose import judged
+from cc_mujoco.diagnosis.search import Thresholds
+from cc_mujoco.diagnosis.verdict import Gap
+
+GAP = {"motor_torque_nm": Gap(0.05, 0.03, 0.02, 0.76, (0.7, 0.8))}
+ALIKE = ("stribeck_friction", "dwell_dependent_stiction")
+
+
+def search(misfit: float, left: float, rivals: tuple[str, ...]) -> Any:
+    """A search that went from one error over the floor to another."""
+    return SimpleNamespace(
+        before=SimpleNamespace(squares=misfit**2),
+        after=SimpleNamespace(squares=left**2),
+        rounds=(SimpleNamespace(rivals=rivals),),
+    )
+
+
+@pytest.mark.parametrize(
+    ("left", "rivals", "verdict"),
+    [
+        (1.0, ALIKE[:1], "named"),
+        (1.0, ALIKE, "tie"),
+        (1.6, ALIKE[:1], "named"),
+        (2.6, ALIKE[:1], "unknown"),
+        (2.6, ALIKE, "unknown"),
+        (1.2, ALIKE, "tie"),
+    ],
+)
+def test_effects_that_leave_most_of_the_error_are_not_the_answer(
+    left: float, rivals: tuple[str, ...], verdict: str
+) -> None:
+    problem: Any = SimpleNamespace(raised=1.0, effects=rivals[:1])
+    said, statement = judged(search(3.0, left, rivals), problem, GAP, Thresholds())
+    assert said == verdict
+    if verdict == "unknown":
+        assert "28% of it" in statement
+
+
+def test_little_error_is_within_what_effect_free_rigs_reach() -> None:
+    problem: Any = SimpleNamespace(raised=1.0, effects=ALIKE[:1])
+    said, _ = judged(search(1.3, 1.24, ALIKE[:1]), problem, GAP, Thresholds())
+    assert said == "named"

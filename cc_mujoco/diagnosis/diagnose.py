@@ -28,7 +28,7 @@ from cc_mujoco.diagnosis.findings import to_fix
 from cc_mujoco.diagnosis.fitting import Fit, Problem, fit, tamed, weight
 from cc_mujoco.diagnosis.floor import noise_floor
 from cc_mujoco.diagnosis.folds import Crossed, cross, excess, stretches, trials
-from cc_mujoco.diagnosis.gap import Predicted, gaps, predicted, traces
+from cc_mujoco.diagnosis.gap import Predicted, gaps, overall, predicted, traces
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.intervals import estimates, undetermined
 from cc_mujoco.diagnosis.plant import Plant, Tuned, tuned
@@ -58,7 +58,13 @@ NUMERICS = 0.35
 SEEN = 3.0
 """Size over its uncertainty with which a plausible effect would show."""
 EXPLAINED = 0.6
-"""Share of the squared error beyond the floor that named effects have to take."""
+"""Share of the error beyond the floor that named effects have to take, or else the gap.
+
+In the search large errors count less, since few moments must not decide what is named;
+an effect that shows in few moments only closes the gap without taking that share.
+"""
+CLOSED = 0.75
+"""Share of the gap that an effect has to close which takes less than `EXPLAINED`."""
 GUESSED = 0.3
 """Relative uncertainty of a pretension from which more than one start is tried."""
 OTHERS = (0.1, 0.3, 3.0)
@@ -323,7 +329,8 @@ def judged(
         for channel, g in gap.items()
     )
     explained = 1.0 - (left**2 - 1.0) / (misfit**2 - 1.0) if misfit > 1.0 else 1.0
-    if left > limits.misfit and explained < EXPLAINED:
+    little = explained < EXPLAINED and overall(gap) < CLOSED
+    if left > limits.misfit and little:
         return "unknown", (
             f"Something is missing; {names} explains {explained:.0%} of it, and the "
             f"rest is none of the effects in the library. {told}."

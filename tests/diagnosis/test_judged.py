@@ -11,7 +11,8 @@ from cc_mujoco.diagnosis.diagnose import judged
 from cc_mujoco.diagnosis.search import Thresholds
 from cc_mujoco.diagnosis.verdict import Gap
 
-GAP = {"motor_torque_nm": Gap(0.05, 0.03, 0.02, 0.76, (0.7, 0.8))}
+GAP = {"motor_torque_nm": Gap(0.05, 0.04, 0.02, 0.43, (0.3, 0.5))}
+CLOSED = {"motor_torque_nm": Gap(0.05, 0.025, 0.02, 0.89, (0.8, 0.95))}
 ALIKE = ("stribeck_friction", "dwell_dependent_stiction")
 
 
@@ -43,6 +44,12 @@ def test_effects_that_leave_most_of_the_error_are_not_the_answer(
     assert said == verdict
     if verdict == "unknown":
         assert "28% of it" in statement
+
+
+def test_an_effect_of_few_moments_closes_the_gap() -> None:
+    problem: Any = SimpleNamespace(raised=1.0, effects=ALIKE[:1])
+    said, _ = judged(search(3.0, 2.6, ALIKE[:1]), problem, CLOSED, Thresholds())
+    assert said == "named"
 
 
 def test_little_error_is_within_what_effect_free_rigs_reach() -> None:

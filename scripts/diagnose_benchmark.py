@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 STUDIES = {
     "development": 1000, "calibration": 2000, "final": 3000, "second": 4000,
-    "third": 5000, "fourth": 6000,
+    "third": 5000, "fourth": 6000, "fifth": 7000,
 }  # fmt: skip
 """First seed of every study."""
 SHOWN = 1.25

@@ -347,7 +347,7 @@ def judged(
             "tie",
             f"Missing is {sure}{either}; these data cannot tell which. {told}.",
         )
-    return "named", f"Missing is {names}. Held-out error of {told}."
+    return "named", f"Missing is {names}. Held-out, weighted RMS error of {told}."
 
 
 def isolability(signatures: Sequence[Signature]) -> Isolability:

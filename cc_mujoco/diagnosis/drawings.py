@@ -86,7 +86,7 @@ def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
         axes.grid(False, axis="y")
         axes.margins(x=0.12)
         axes.set(title=capital(channel(name)))
-    panels[-1].set_xlabel(f"RMS error on held-out data [{TORQUE_UNIT}]")
+    panels[-1].set_xlabel(f"weighted RMS error on held-out data [{TORQUE_UNIT}]")
     return drawing
 
 

@@ -16,9 +16,9 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.diagnose import Result
 from cc_mujoco.diagnosis.drawings import STEMS
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
-from cc_mujoco.diagnosis.plant import CLOCKS, led, shifted
+from cc_mujoco.diagnosis.plant import CLOCKS, shifted
 from cc_mujoco.diagnosis.recording import write_recording
-from cc_mujoco.diagnosis.records import LEAD, low_passed
+from cc_mujoco.diagnosis.records import low_passed
 from cc_mujoco.diagnosis.repair import repaired
 from cc_mujoco.diagnosis.repair import write as write_scene
 from cc_mujoco.diagnosis.report import write_report
@@ -107,9 +107,10 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
     near, far = problem.plant.radii(values)
     ahead = values.get(JOINT_DELAY, 0.0) / record.dt
     joint = shifted(record.joint_angle, ahead)[:short] + offset
-    motor, joint = led(record.motor_angle[:short], joint, far / near, 1)
-    time = record.start + record.dt * (np.arange(motor.size) - LEAD)
-    shown = np.array(rollout(path, time, motor, joint))[:, LEAD:]
+    time = record.start + record.dt * np.arange(short)
+    shown = np.array(
+        rollout(path, time, record.motor_angle[:short], joint, lead_in=far / near)
+    )
     quiet = {
         **values,
         "motor_torque_offset": 0.0,

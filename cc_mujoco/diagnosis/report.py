@@ -110,7 +110,7 @@ def _sections(
         for stem, excerpt in (("traces", most), ("traces_ordinary", usual))
         if excerpt is not None
     ]
-    gap = drawn("gap", "RMS error on held-out data, beside the noise floor.")
+    gap = drawn("gap", "Weighted RMS error on held-out data, beside the noise floor.")
     maps = drawn(
         "maps",
         "Mean error, measured minus simulated, over what it lies along.",

@@ -25,6 +25,8 @@ from cc_mujoco.diagnosis.instruments import (
     torque_weights,
     without_delay,
 )
+from cc_mujoco.diagnosis.plant import led
+from cc_mujoco.diagnosis.records import LEAD
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError
 
@@ -39,10 +41,13 @@ def rollout(
     time: ArrayLike,
     motor_angle: ArrayLike,
     joint_angle: ArrayLike,
+    lead_in: float | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Torques that the sensors of a scene show along a motion.
 
-    The first sample is at rest in pretension, as in `Transmission.replay`. Steps are
+    The first sample is at rest in pretension, as in `Transmission.replay`; a recorded
+    motion begins elsewhere and takes a `lead_in`. Until it has moved the whole cable,
+    the torques still depend on that. Steps are
     the samples', unless a joint is free (a pulley with backlash), then they are at most
     the scene's, or a sensor is late by less. Speeds and accelerations are differences
     of the angles. Sensors that delay the angles are allowed for: the torques returned
@@ -53,6 +58,8 @@ def rollout(
         time: (samples,) evenly spaced [s]; what sensors that drift start from.
         motor_angle: (samples,) [rad].
         joint_angle: (samples,) [rad].
+        lead_in: turns of the motor per turn of the joint, to come from rest in the
+            pose 0 to the first sample, see `plant.led`; None begins there at rest.
 
     Returns:
         Torque that the motor puts into its pulley, and torque that the transmission
@@ -63,6 +70,12 @@ def rollout(
             bench, or one that does not stay finite.
     """
     clock, angles = _motion(time, motor_angle, joint_angle)
+    if lead_in is not None:
+        step = (clock[-1] - clock[0]) / (clock.size - 1)
+        before = clock[0] + step * np.arange(-LEAD, 0)
+        motor, joint = led(angles[0], angles[1], lead_in, 1)
+        led_in = rollout(scene, np.concatenate([before, clock]), motor, joint)
+        return led_in[0][LEAD:], led_in[1][LEAD:]
     model = _model(scene)
     dt = float(clock[-1] - clock[0]) / (clock.size - 1)
     longest = model.opt.timestep if model.nv > 2 else dt

@@ -205,9 +205,8 @@ def _objection(
     thresholds: Thresholds,
 ) -> str:
     if reduction < thresholds.reduction:
-        return (
-            f"takes {reduction:.0%} of the error, less than {thresholds.reduction:.0%}"
-        )
+        taken = round(reduction, 2) + 0.0  # no minus before a zero
+        return f"takes {taken:.0%} of the error, less than {thresholds.reduction:.0%}"
     if certainty < thresholds.certainty:
         return f"its gain is {certainty:.1f} standard errors"
     knobs = {knob.name: knob for knob in EFFECTS[name].knobs}

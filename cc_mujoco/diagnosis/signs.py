@@ -35,6 +35,7 @@ _ASKS = 0.7
 _SURE = 0.9
 _SEEN, _MUCH = 0.03, 0.06  # share of the power that passes, made of nothing
 _CLEAR = 0.2  # share of the net works, made of nothing
+_SEVERAL = 3  # trials in which torques cannot oppose each other by chance
 _DRAGGED = 0.6  # share of the power lost from which on both sides may be driving
 _APART, _MENDED = 12.0, 4.0  # ratios of angles to torques that are wrong, and right
 _ODD = 8.0
@@ -139,7 +140,8 @@ def check_signs(group: Group) -> list[Finding]:
         certain = asks < 0.0 or -friction > max(_MUCH * m.scale, _CLEAR * net)
     else:
         # Torques also oppose each other where both sides drive against friction.
-        certain = friction < _DRAGGED * m.scale and math.isfinite(m.doubt)
+        known = friction < _DRAGGED * m.scale and math.isfinite(m.doubt)
+        certain = known or len(trials) >= _SEVERAL
     return [(fix if certain else note)(sentence, _name(trials))]
 
 

@@ -92,7 +92,7 @@ class Gap:
     Attributes:
         rmse_before: of the baseline.
         rmse_after: of the model with the named effects.
-        noise_floor: RMS that no model could avoid.
+        noise_floor: what the noise of the sensors makes of it, an estimate.
         gap_closed: 1 - (MSE after - floor^2)/(MSE before - floor^2); more than 1 below
             the floor, NaN where the error before is not above it.
         ci95: of `gap_closed`, block bootstrap; NaN where there is hardly a gap.

@@ -144,7 +144,7 @@ def gap_sentence(name: str, gap: Gap) -> str:
     )
     if not math.isfinite(gap.rmse_before) or not math.isfinite(gap.rmse_after):
         return f"{capital(channel(name))}: the error could not be determined."
-    start = f"{capital(channel(name))}: the RMS error"
+    start = f"{capital(channel(name))}: the weighted RMS error"
     ground = f"the noise floor is {floor} {TORQUE_UNIT}"
     if gap.rmse_after == gap.rmse_before:
         return f"{start} is {before} {TORQUE_UNIT}; {ground}."

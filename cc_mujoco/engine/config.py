@@ -71,7 +71,7 @@ def _allowed(key: str) -> str:
         "eccentricity": PARAMETERS[ECCENTRICITY].allowed
         + ", less than the `gear` of the proximal end",
         "ovality": PARAMETERS[OVALITY].allowed
-        + ", with `eccentricity` less than the `gear` of the proximal end",
+        + ", and its sum with `eccentricity` less than the `gear` of the proximal end",
         "segments": SEGMENTS_ALLOWED,
         "conduit": CONDUIT_ALLOWED,
         "route": "the name of a spatial tendon of the model",

@@ -73,7 +73,7 @@ def register() -> None:
         return
     layout.verify()
     stamp = _stamp()
-    notice = threading.Timer(2.0, sys.stderr.write, (_NOTICE,))
+    notice = threading.Timer(6.0, sys.stderr.write, (_NOTICE,))
     notice.daemon = True
     notice.start()
     try:

@@ -16,6 +16,7 @@ import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import NamedTuple
 
 from cc_mujoco.errors import CableError
@@ -343,7 +344,8 @@ class Cable:
     def __post_init__(self) -> None:
         for parameter in PARAMETERS:
             value = getattr(self, parameter.name)
-            if not isinstance(value, int | float) or not parameter.admits(value):
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            if not number or not parameter.admits(value):
                 raise CableError(
                     f"cable parameter `{parameter.name}` is {value!r}; "
                     f"it must be {parameter.allowed}"

@@ -49,6 +49,18 @@ def test_two_inverted_channels_are_found(
     assert re.search(sentence, found.statement)
 
 
+def test_several_trials_without_power_tell_an_inverted_torque(tmp_path: Path) -> None:
+    """No closed cycle, so nothing is known of the work, but torques are opposed."""
+    for seed in range(3):
+        columns = recording(seed=seed)
+        half = {name: values[: len(values) // 3] for name, values in columns.items()}
+        half["joint_torque_nm"] = -half["joint_torque_nm"]
+        write(tmp_path / f"trial_{seed}.csv", half)
+    told = to_fix(load([tmp_path])[1])
+    assert told
+    assert "motor torque falls where joint torque rises" in told[0].statement
+
+
 def test_both_sides_the_other_way_round_are_as_good(tmp_path: Path) -> None:
     columns = recording()
     for channel in INVERTED:

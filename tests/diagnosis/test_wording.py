@@ -42,7 +42,7 @@ def test_a_gap_that_widens_or_was_never_there_is_said_so() -> None:
     )
     same = Gap(0.1, 0.1, 0.05, 0.0, (0.0, 0.0))
     assert gap_sentence("motor_torque_nm", same) == (
-        "Motor torque: the RMS error is 0.100 Nm; the noise floor is 0.050 Nm."
+        "Motor torque: the weighted RMS error is 0.100 Nm; the noise floor is 0.050 Nm."
     )
 
 

@@ -2,7 +2,6 @@
 
     python scripts/train_policy.py --out runs/policy.zip
     python scripts/diagnose_benchmark.py --naive binned sparse --out runs/sealed
-    python scripts/diagnose_benchmark.py --study second --out runs/sealed
     python scripts/fill_readme.py [claims] [benchmark] [diagnosis]
 
 Runs what is not done yet of the first two, and replaces what stands between the marks

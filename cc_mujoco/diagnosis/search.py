@@ -211,9 +211,8 @@ def _objection(
         return f"its gain is {certainty:.1f} standard errors"
     knobs = {knob.name: knob for knob in EFFECTS[name].knobs}
     spread, mean = amplitude(crossed, name)
-    # Where a scale is fitted as well, size and scale trade for each other.
-    scaled = any(knob.low > 0.0 for knob in knobs.values())
-    if not scaled and spread > thresholds.agreement * mean:
+    # Where more than a size is fitted, one parameter may stand in for another.
+    if len(knobs) == 1 and spread > thresholds.agreement * mean:
         return "its size differs between the halves of the data"
     for parameter, place in zip(crossed.problem.tuned, crossed.fits[0].at, strict=True):
         if parameter.name in knobs and knobs[parameter.name].low <= 0.0:

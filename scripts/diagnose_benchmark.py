@@ -114,7 +114,9 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
                 "said": wrong[0].statement,
             }
         result = reason(dataset, Bench.of(scene_path("bench")))
-    found, seconds = result.diagnosis, time.perf_counter() - begin
+        seconds = time.perf_counter() - begin
+        record["settled"] = settled(case, amounts, result, Path(folder) / "more")
+    found = result.diagnosis
     if naive and result.tuning is not None:
         record["naive"] = guesses(result.tuning, naive)
     truth = {
@@ -147,6 +149,54 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
             [[c.id, c.reduction, c.reason] for c in step] for step in found.runner_ups
         ],
         "seconds": seconds,
+    }
+
+
+def settled(
+    case: dict[str, Any], amounts: dict[str, float], result: Result, folder: Path
+) -> dict[str, Any] | None:
+    """What is said when the experiment that a tie proposes has been done as well."""
+    from cc_mujoco.assets import scene_path
+    from cc_mujoco.diagnosis.bench import Bench
+    from cc_mujoco.diagnosis.diagnose import reason
+    from cc_mujoco.diagnosis.experiment import DT, catalogue
+    from cc_mujoco.diagnosis.intake import load
+    from hidden_rig.dataset import clean_dataset, make_dataset
+    from hidden_rig.generate import facts_of, write_data
+    from hidden_rig.nominal import NOMINAL, make_rig
+    from hidden_rig.sensors import BASIC, logged
+    from hidden_rig.trials import asked
+
+    proposed = result.diagnosis.next_experiment
+    if result.diagnosis.verdict != "tie" or not proposed or not result.tuning:
+        return None
+    motion = next(
+        motion
+        for motion in catalogue(result.tuning.problem)
+        if proposed.description.startswith(motion.description)
+    )
+    time = np.arange(0.0, DT * (motion.motor.size - 1), 1e-3)
+    at = DT * np.arange(motion.motor.size)
+    motor, joint = np.interp(time, at, motion.motor), np.interp(time, at, motion.joint)
+    kind = {"joint free": "free", "joint locked": "locked", "motor locked": "human"}
+    trial = asked(
+        motor, joint, kind[motion.description.split(",")[0]], motion.pretension
+    )
+    seed = case["seed"]
+    rig = make_rig(seed)
+    data = make_dataset(rig, amounts, "rich", seed)
+    (more,) = clean_dataset(rig, amounts, [trial], seed)
+    data.append(logged(more, BASIC, [seed, rig.seed, len(data)]))
+    tension = NOMINAL["pretension_n"] * motion.pretension
+    told = f"[trials.trial_{len(data) - 1:02d}]\npretension = {tension:g}\n"
+    write_data(folder, data, f"{facts_of('rich', seed)}\n{told}")
+    dataset, _ = load([folder])
+    found = reason(dataset, Bench.of(scene_path("bench"))).diagnosis
+    return {
+        "experiment": motion.description,
+        "verdict": found.verdict,
+        "named": [effect.id for effect in found.effects],
+        "ties": [list(tie) for tie in found.ties],
     }
 
 
@@ -261,6 +311,17 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
             f"the floor off: {len(shown)}, of which right "
             f"{words.count('right') / len(words):.0%}, right or in a tie "
             f"{(words.count('right') + words.count('tie')) / len(words):.0%}."
+        )
+    tied = [r for r in records if r.get("settled")]
+    if tied:
+        well = sum(
+            r["settled"]["verdict"] == "named"
+            and set(r["hidden"]) <= set(r["settled"]["named"])
+            for r in tied
+        )
+        found.append(
+            f"Ties: {len(tied)}; with the proposed experiment done as well, what was "
+            f"hidden was named and no longer tied in {well}."
         )
     more = [len(set(r["named"]) - set(r["hidden"])) for r in right]
     if more:

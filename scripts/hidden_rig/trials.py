@@ -78,6 +78,20 @@ def _trial(
     )  # fmt: skip
 
 
+def asked(motor: Array, joint: Array, load: str, tightness: float = 1.0) -> Trial:
+    """A trial that somebody else has thought of.
+
+    Args:
+        motor: (m,) angle asked of the motor at 1 kHz [rad].
+        joint: (m,) angle of what holds the joint.
+        load: `free`, `locked`, or `human` for a firm hand.
+        tightness: pretension over the rig's usual one.
+    """
+    held = {"free": FREE, "locked": LOCKED, "human": FIRM}[load]
+    command, target = _led(go.rounded(motor), 0.08), _led(go.rounded(joint), 0.0)
+    return Trial("asked for", load, command, target, STIFF, held, tightness)
+
+
 def rich(rng: Generator) -> list[Trial]:
     """Eight trials that show something of everything, both ends moving."""
     zero = np.zeros_like(go.TIME)

@@ -101,7 +101,7 @@ def gaps(
 def _gap(squares: FloatArray, random: np.random.Generator) -> Gap:
     """From weighted sums per block (blocks, 4): before, after, floor, weights."""
     draws = random.integers(0, len(squares), (DRAWS, len(squares)))
-    shares = [_closed(*squares[draw].sum(axis=0)) for draw in draws]
+    shares = [_closed(*squares[draw, :3].sum(axis=0)) for draw in draws]
     old, new, floor, weights = squares.sum(axis=0)
     low = high = math.nan
     if np.mean(np.isfinite(shares)) > SOLID:
@@ -110,12 +110,12 @@ def _gap(squares: FloatArray, random: np.random.Generator) -> Gap:
         float(np.sqrt(old / weights)),
         float(np.sqrt(new / weights)),
         float(np.sqrt(floor / weights)),
-        _closed(old, new, floor, weights),
+        _closed(old, new, floor),
         (low, high),
     )
 
 
-def _closed(old: float, new: float, floor: float, _: float) -> float:
+def _closed(old: float, new: float, floor: float) -> float:
     """Share of the gap that is closed; NaN where there is none to close."""
     gap = old - floor
     return float(1.0 - (new - floor) / gap) if old > 1.02 * floor else math.nan
@@ -133,7 +133,7 @@ def overall(found: Mapping[str, Gap]) -> float:
             strict=True,
         )
     )
-    return _closed(old, new, floor, 1.0)
+    return _closed(old, new, floor)
 
 
 def traces(

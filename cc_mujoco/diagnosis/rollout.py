@@ -46,12 +46,12 @@ def rollout(
     """Torques that the sensors of a scene show along a motion.
 
     The first sample is at rest in pretension, as in `Transmission.replay`; a recorded
-    motion begins elsewhere and takes a `lead_in`. Until it has moved the whole cable,
-    the torques still depend on that. Steps are
-    the samples', unless a joint is free (a pulley with backlash), then they are at most
-    the scene's, or a sensor is late by less. Speeds and accelerations are differences
-    of the angles. Sensors that delay the angles are allowed for: the torques returned
-    are those that are shown together with the angles given.
+    motion begins elsewhere and takes a `lead_in`, on which the torques depend until the
+    whole cable has moved. Steps are the samples', unless a joint is free (a pulley with
+    backlash), then they are at most the scene's, or a sensor is late by less. Speeds
+    and accelerations are differences of the angles. Sensors that delay the angles are
+    allowed for: the torques returned are those that are shown together with the angles
+    given.
 
     Args:
         scene: file, or specification with instruments.

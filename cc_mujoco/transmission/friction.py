@@ -126,7 +126,7 @@ TERMS = (
     Term(
         "configuration_dependent",
         "wrap_growth",
-        "wrap angle *= 1 + g u_distal",
+        "wrap angle *= 1 + g u_distal, in the last part of the conduit",
         "a routing that bends with the joint; thesis Experiment 1b",
     ),
     Term("drift", "friction_drift", "mu *= 1 + d t", "wear and weather, thesis 3.2.3"),

@@ -35,8 +35,7 @@ def test_a_trial_that_begins_later_ends_alike(
     name: str, values: Mapping[str, float]
 ) -> None:
     record = prepare(dataset(duration=6.0, chosen=(0,)), BENCH)[0][0]
-    begin = 2 * int(np.argmax(np.abs(record.joint_angle[: record.time.size // 2])))
-    begin = max(begin // 2, 1)
+    begin = int(np.argmax(np.abs(record.joint_angle[: record.time.size // 2])))
     assert abs(record.joint_angle[begin]) > 0.2
     later = replace(
         record,

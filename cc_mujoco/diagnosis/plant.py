@@ -68,7 +68,7 @@ Known to half a sample, and no more than one; beyond that it is an effect.
 OFFSET_KNOWN = 0.01
 """Standard deviation of a torque sensor's offset, over the RMS of its readings.
 
-It is no more than three of them; beyond that it is an effect.
+It is no more than two of them; beyond that it is an effect.
 """
 RATIO_KNOWN = 0.003
 """Relative standard deviation of the ratio of two pulleys of nominal size."""
@@ -112,7 +112,7 @@ def tuned(
     found += [
         Tuned("pretension", "N", cable.pretension, known, -10.0, 10.0, True, 1.0),
         *(
-            Tuned(name, "Nm", 0.0, size, -3.0, 3.0, False, 1.0)
+            Tuned(name, "Nm", 0.0, size, -2.0, 2.0, False, 1.0)
             for name, size in zip(OFFSETS, sizes, strict=True)
         ),
         Tuned("joint_angle_offset", "rad", centre, 0.01, -1e3, 1e3, False),

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -27,19 +26,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from diagnose_table import LAST, STUDIES, summary
 from tqdm import tqdm
-
-SCRIPTS = Path(__file__).resolve().parent
-sys.path.insert(0, str(SCRIPTS))
 
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis.diagnose import Result, Tuning
 
-STUDIES = {
-    "development": 1000, "calibration": 2000, "final": 3000, "second": 4000,
-    "third": 5000, "fourth": 6000, "fifth": 7000,
-}  # fmt: skip
-"""First seed of every study."""
 PAIRS = (
     ("viscous_friction", "backlash"),
     ("viscous_friction", "joint_gravity"),
@@ -219,10 +211,8 @@ def guesses(tuning: Tuning, methods: Sequence[str]) -> dict[str, Any]:
 
 def main() -> None:
     """Run what is missing and write the table."""
-    from diagnose_table import summary
-
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--study", choices=STUDIES, default="fourth")
+    parser.add_argument("--study", choices=STUDIES, default=LAST)
     parser.add_argument(
         "--seeds", type=int, default=1, help="rounds over all that can be hidden"
     )

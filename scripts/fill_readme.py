@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from diagnose_table import LAST
 from tqdm import tqdm
 
 from cc_mujoco.benchmark import CONDITIONS, Plan, run
@@ -84,7 +85,7 @@ def played(folder: Path, policy: Path) -> Results:
 
 def studies(folder: Path) -> str:
     """Markdown of what `diagnose_benchmark.py` measured last."""
-    path = folder / "fourth.md"
+    path = folder / f"{LAST}.md"
     if not path.is_file():
         raise SystemExit(f"{path} is missing; diagnose_benchmark.py writes it")
     return path.read_text(encoding="utf-8").strip()

@@ -29,19 +29,21 @@ def judged(record: dict[str, Any]) -> str:
         return "right" if record["verdict"] == "none" else "wrong"
     if record["kind"] == "unknown":
         return {"unknown": "right", "none": "silent"}.get(record["verdict"], "wrong")
+    sure = set(named).difference(*tied)
     if record["kind"] == "pair":
-        if set(hidden) <= set(named):
+        if set(hidden) <= sure:
             return "right"
-        either = set(named).union(*(tie for tie in tied if len(tie) == 2))
+        either = sure.union(*(tie for tie in tied if len(tie) == 2))
         if set(hidden) <= either:
             return "tie"
         return "half" if set(hidden) & either else "wrong"
     if record["verdict"] == "unknown":
         return "silent"  # whatever it added: most of the error is left, it says
+    for tie in tied:
+        if hidden[0] in tie:
+            return "tie" if len(tie) == 2 else "silent"
     if named and named[0] == hidden[0]:
         return "right"
-    if any(hidden[0] in tie and len(tie) == 2 for tie in tied):
-        return "tie"
     return "silent" if not named else "wrong"
 
 

@@ -186,14 +186,18 @@ def check_alignment(trial: Trial) -> list[Finding]:
         return [fix(told, trial.name, JOINT_ANGLE)]
     if abs(a.delay) > FAR and a.gain > 0.1:
         told = (
-            f"{trial.path}: {joint} comes {a.delay:.3g} s after {motor}; declare its "
+            f"{trial.path}: {joint} comes {_late(a.delay)} {motor}; declare its "
             "delay or record on one clock."
         )
         return [fix(told, trial.name, JOINT_ANGLE)]
     if abs(a.delay) > max(0.01, 2.0 * trial.step):
         told = (
-            f"{trial.path}: {joint} comes {1e3 * a.delay:.3g} ms after {motor}, by "
-            "lost motion, elasticity or a delay."
+            f"{trial.path}: {joint} comes {_late(a.delay)} {motor}, by lost motion, "
+            "elasticity or a delay."
         )
         return [note(told, trial.name, JOINT_ANGLE)]
     return []
+
+
+def _late(delay: float) -> str:
+    return f"{1e3 * abs(delay):.3g} ms {'after' if delay > 0.0 else 'before'}"

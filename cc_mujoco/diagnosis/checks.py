@@ -22,6 +22,7 @@ from cc_mujoco.diagnosis.reading import Recording
 from cc_mujoco.diagnosis.signs import (
     check_ratios,
     check_signs,
+    check_sizes,
     check_units,
     groups,
 )
@@ -30,6 +31,7 @@ from cc_mujoco.diagnosis.trials import Facts, FloatArray, Trial
 
 JOINT_TURNS, MOTOR_TURNS = 2.0, 8.0
 """Turns beyond which angles are taken for degrees, unless the unit is declared."""
+_LOCKED = 0.05  # range of an angle that was held fast [rad]
 _CLIPPED = 5  # samples at an extreme that are one clipped stretch
 _CLIPS = 2
 _OVERLOAD = 150.0  # tensions that no scene explains, over its pretension
@@ -52,7 +54,7 @@ def check_recording(
 def check_trials(trials: Sequence[Trial]) -> list[Finding]:
     """Run the checks of trials of one rig."""
     known = [mechanics(trial) for trial in trials]
-    findings = check_ratios(trials, known)
+    findings = check_ratios(trials, known) + check_sizes(trials, known)
     for group in groups(trials, known):
         findings += check_signs(group) + check_units(group)
     for trial in trials:
@@ -143,13 +145,22 @@ def _constants(recording: Recording, facts: Facts) -> list[Finding]:
     """Channels that never change."""
     locked = {"motor": channels.MOTOR_ANGLE, "joint": channels.JOINT_ANGLE}
     findings = []
+    if facts.locked:
+        channel = locked[facts.locked]
+        moved = _range(recording.values[channel])
+        if moved > _LOCKED:
+            told = (
+                f"{recording.column(channel)} moves by {moved:.3g} rad, though "
+                f"locked = {facts.locked!r} says that it was held fast."
+            )
+            findings.append(fix(told, recording.name, channel))
     for channel in recording.values:
         if channel in (channels.TIME, channels.VALID, channels.TEMPERATURE):
             continue
         values = recording.values[channel]
         if recording.rows < 2 or not np.nanmax(values) == np.nanmin(values):
             continue
-        where = f"{recording.column(channel)} is {values[0]:.6g} in every row"
+        where = f"{recording.column(channel)} is {np.nanmax(values):.6g} in every row"
         if facts.locked and locked[facts.locked] == channel:
             continue
         advice = "check the sensor"
@@ -200,7 +211,8 @@ def _degrees(recording: Recording, file: DatasetFile) -> list[Finding]:
         if turns <= most:
             continue
         told = f"{recording.column(channel)} covers {turns:.3g} turns"
-        if file.source(channel).unit is not None:
+        label = recording.labels.get(channel, channel)
+        if file.source(channel).unit or file.unit(channel, label) == "deg":
             findings.append(note(f"{told}, as declared.", recording.name, channel))
             continue
         advice = (

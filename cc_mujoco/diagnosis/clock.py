@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis.channels import TIME, VALID
+from cc_mujoco.diagnosis.channels import TEMPERATURE, TIME, VALID
 from cc_mujoco.diagnosis.dataset_file import DatasetFile
 from cc_mujoco.diagnosis.findings import Finding, fix, note
 from cc_mujoco.diagnosis.reading import Recording
@@ -25,7 +25,7 @@ SLOWEST, SLOW = 25.0, 100.0
 SHORTEST, FEWEST = 0.2, 20
 """A stretch is at least so long [s], and has so many samples."""
 
-_MILLI, _FASTEST = 1e3, 1e5  # rates of times that are milliseconds [Hz]
+_MILLI, _FASTEST = 1e3, 5e3  # rates of times that are milliseconds [Hz]
 _MANY_DUPLICATES = 0.01
 _MANY_IRREGULAR = 0.05
 _MANY_MISSING = 0.3
@@ -223,13 +223,16 @@ def _counts(
             findings.append(fix(f"{recording.path} {told}; {ends}.", name))
         good &= inside
     total = max(1, int(np.count_nonzero(good)))
-    for channel, value in values.items():
+    for channel, value in tuple(values.items()):
         missing = np.isnan(value)
         lost = int(np.count_nonzero(missing & good)) if missing.any() else 0
         if channel == VALID or not lost:
             continue
         told = f"{recording.column(channel)} lacks {lost} of {total} readings"
-        if lost > _MANY_MISSING * total:
+        if channel == TEMPERATURE:  # which is only told, and worth no trial
+            del values[channel]
+            findings.append(note(f"{told}; it is left out.", name, channel))
+        elif lost > _MANY_MISSING * total:
             advice = "repair the sensor or leave the trial out."
             findings.append(fix(f"{told}; {advice}", name, channel))
         else:

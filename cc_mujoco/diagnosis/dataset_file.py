@@ -23,7 +23,7 @@ All of it is optional. An example with every key:
     pretension = 12.0               # later tables win over earlier ones
 
     [trials.run_7]
-    split = "test"                  # train, select or test
+    split = "test"                  # train or test
     repeat_of = "run_3"
     temperature = 23.5              # degC
     locked = "joint"                # the side that was held fast: motor or joint
@@ -109,6 +109,11 @@ class DatasetFile:
     def source(self, channel: str) -> Source:
         """Where a channel comes from."""
         return self.columns.get(channel, Source())
+
+    def unit(self, channel: str, column: str) -> str:
+        """Unit of a channel's readings: declared, else in the column's name."""
+        told = self.source(channel).unit or channels.spellings(channel).get(column)
+        return told or channels.kind(channel).unit
 
     def facts_of(self, path: Path, names: Mapping[Path, str] | None = None) -> Facts:
         """Facts of the trial in this file: of all tables that match, the last wins.
@@ -331,7 +336,11 @@ def _number(value: object) -> float | None:
     """A finite number, or None if it is something else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    return float(value) if math.isfinite(value) else None
+    try:
+        number = float(value)
+    except OverflowError:  # TOML allows integers of any size
+        return None
+    return number if math.isfinite(number) else None
 
 
 def _named(given: str | None, names: Mapping[Path, str]) -> str | None:

@@ -47,6 +47,7 @@ from cc_mujoco.diagnosis.verdict import (
     Value,
     Verdict,
 )
+from cc_mujoco.diagnosis.wording import capital, listed
 from cc_mujoco.errors import CableError
 
 Progress = Callable[[float, str], None]
@@ -129,13 +130,8 @@ def reason(
     limits = thresholds or Thresholds()
     bench = bench.known(dataset.constants)
     records, filtering = prepare(dataset, bench)
-    if sum(int(r.counts.sum()) for r in records) < LEAST:
-        return _empty(
-            bench,
-            "The motor never moves enough to carry the whole cable along, so nothing "
-            "can be compared; record larger motions.",
-            notes,
-        )
+    if useless := _useless(records):
+        return _empty(bench, useless, notes)
     progress(0.02, "fitting the baseline")
     tuning = tune(dataset, bench, records, filtering, seed)
     if tuning.change > NUMERICS:
@@ -149,6 +145,26 @@ def reason(
     return _concluded(tuning, found, bench, limits, notes, seed, progress)
 
 
+def _useless(records: Sequence[Record]) -> str:
+    """Why nothing can be compared, or nothing tested; else empty."""
+    still = "the motor never moves enough to carry the whole cable along"
+    if sum(int(r.counts.sum()) for r in records) < LEAST:
+        return f"{capital(still)}, so nothing can be compared; record larger motions."
+    if sum(int(r.free.sum()) for r in records) < LEAST:
+        return (
+            f"In the trials that are not reserved (split = 'test') {still}; leave "
+            "some of those that move for fitting."
+        )
+    tests = [r for r in records if r.split == "test"]
+    if tests and sum(int(r.counts.sum()) for r in tests) < LEAST:
+        names = listed(sorted({r.trial for r in tests}))
+        return (
+            f"In what is reserved (split = 'test': {names}) {still}; reserve trials "
+            "that move, or none."
+        )
+    return ""
+
+
 def tune(
     dataset: Dataset,
     bench: Bench,
@@ -158,7 +174,7 @@ def tune(
 ) -> Tuning:
     """Fit the baseline, with as many segments as it needs."""
     free = tuned(bench, records, dataset.constants)
-    counts = [record.counts for record in records]
+    counts = [record.free for record in records]
     at = np.zeros(len(free))
     for segments in SEGMENTS:
         plant = Plant(bench, records, segments)
@@ -312,11 +328,18 @@ def judged(
     misfit = problem.raised * float(np.sqrt(found.before.squares))
     left = problem.raised * float(np.sqrt(found.after.squares))
     if not problem.effects:
-        if misfit <= limits.misfit or excess(found.before) < limits.certainty:
+        off = (
+            "on data it has not seen the tuned scene is "
+            f"{misfit:.2f} times the noise floor off"
+        )
+        usual = f"rigs without any hidden effect reach up to {limits.misfit:g}"
+        if misfit <= limits.misfit:
+            return "none", f"Nothing is missing: {off}; {usual}."
+        if excess(found.before) < limits.certainty:
             return "none", (
-                "Nothing is missing: on data it has not seen the tuned scene is "
-                f"{misfit:.2f} times the noise floor off; rigs without any hidden "
-                f"effect reach up to {limits.misfit:g}."
+                f"Nothing is missing that these data could show: {off}. "
+                f"{capital(usual)}, but here a few moments make that error, which is "
+                "no evidence."
             )
         return "unknown", (
             f"Something is missing (error {misfit:.2f} times the noise floor) and it "
@@ -458,11 +481,13 @@ def diagnose(
         progress: called with the share done and what is being done.
 
     Raises:
-        CableError: no data, a wrong dataset file, or a scene that is no bench.
+        CableError: no data, a wrong dataset file, a scene that is no bench, or a
+            folder with the scene or with other files that would be replaced.
     """
-    from cc_mujoco.diagnosis.output import write
+    from cc_mujoco.diagnosis.output import require_ours, write
 
     bench = Bench.of(Path(scene))
+    require_ours(Path(out), Path(scene))
     if present := added(scene):
         raise CableError(
             f"scene {scene} has {', '.join(present)} outside its cables from an "

@@ -35,7 +35,7 @@ def stretches(records: Sequence[Record]) -> tuple[Fold, ...]:
     the only one with slack, fell on which side. Where the dataset reserves trials for
     tests, these are left out of it.
     """
-    free = [record.counts & (record.split != "test") for record in records]
+    free = [record.free for record in records]
     odd = [_odd_pieces(counts) for counts in free]
     one = tuple(counts & ~half for counts, half in zip(free, odd, strict=True))
     other = tuple(counts & half for counts, half in zip(free, odd, strict=True))
@@ -55,10 +55,13 @@ def trials(records: Sequence[Record]) -> tuple[Fold, ...]:
     Trials that repeat each other stay together. Fewer trials than parts: `stretches`.
     """
     if any(record.split == "test" for record in records):
-        train = tuple(r.counts & (r.split != "test") for r in records)
-        test = tuple(r.counts & (r.split == "test") for r in records)
-        return (Fold(train, test),)
-    groups = sorted({record.group for record in records})
+        return (
+            Fold(
+                tuple(record.free for record in records),
+                tuple(record.reserved for record in records),
+            ),
+        )
+    groups = sorted({record.group for record in records if record.counts.any()})
     if len(groups) < PARTS:
         return stretches(records)
     found = []

@@ -74,9 +74,8 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
     found: dict[str, Noise] = {}
     for channel in dataset.channels:
         source = file.source(channel)
-        factor = channels.kind(channel).factors[
-            source.unit or channels.kind(channel).unit
-        ]
+        column = dataset.trials[0].labels.get(channel, channel)
+        factor = channels.kind(channel).factors[file.unit(channel, column)]
         if source.resolution is not None:
             step = source.resolution * factor
         else:

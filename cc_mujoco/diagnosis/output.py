@@ -25,12 +25,34 @@ from cc_mujoco.diagnosis.report import write_report
 from cc_mujoco.diagnosis.rollout import rollout
 from cc_mujoco.diagnosis.trials import Dataset
 from cc_mujoco.diagnosis.verdict import Diagnosis
+from cc_mujoco.diagnosis.wording import NO_SCENE, listed
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing_folder
 
-OWN = ("scene.xml", "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
+VERDICT = "verdict.json"
+SOMETIMES = ("scene.xml", "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
 """Files that only some verdicts come with."""
 TITLES = {name: effect.title for name, effect in EFFECTS.items()}
+
+
+def require_ours(out: Path, scene: Path) -> None:
+    """See to it that nothing is replaced but the files of an earlier diagnosis.
+
+    Raises:
+        CableError: the folder holds the scene, or other files by the names of ours.
+    """
+    names = (VERDICT, "report.html", *SOMETIMES)
+    if scene.resolve() in {(out / name).resolve() for name in names}:
+        raise CableError(
+            f"the scene {scene} lies where the diagnosis writes its own; name another "
+            "folder to write to."
+        )
+    theirs = [name for name in names if (out / name).exists()]
+    if theirs and VERDICT not in theirs:
+        raise CableError(
+            f"{out} holds {listed(theirs)}, which no diagnosis wrote; name another "
+            "folder to write to."
+        )
 
 
 def write(
@@ -45,13 +67,13 @@ def write(
             try:
                 said = scene(result, place / "scene.xml")
             except CableError as error:  # the verdict stands without it
-                said = [f"scene.xml cannot be written: {error}."]
+                said = [f"{NO_SCENE}: {error}."]
             diagnosis = replace(diagnosis, problems=(*diagnosis.problems, *said))
             write_recording(place / "evidence.rrd", result.evidence, TITLES)
         write_report(place, diagnosis, result.evidence, TITLES)
-        diagnosis.write(place / "verdict.json")
+        diagnosis.write(place / VERDICT)
         written = {file.name for file in place.iterdir()}
-    for name in OWN:
+    for name in SOMETIMES:
         if name not in written:  # of an earlier diagnosis with another verdict
             (out / name).unlink(missing_ok=True)
     return diagnosis

@@ -185,8 +185,7 @@ def _sources(
             )
         if places:
             name = places[0]
-            unit = source.unit or own.get(name) or channels.kind(channel).unit
-            sources[channel] = (name, unit)
+            sources[channel] = (name, file.unit(channel, name))
         elif channel in channels.REQUIRED or channel in file.columns:
             raise _missing(path, channel, expected, names)
     return sources

@@ -78,6 +78,16 @@ class Record:
     split: str | None
     group: str
 
+    @property
+    def free(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Whether a sample counts and is not reserved for the test."""
+        return self.counts & (self.split != "test")
+
+    @property
+    def reserved(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Whether a sample counts and is reserved for the test."""
+        return self.counts & (self.split == "test")
+
 
 @dataclass(frozen=True)
 class Filtering:

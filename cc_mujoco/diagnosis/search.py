@@ -144,8 +144,8 @@ def _settled(rounds: Sequence[Round]) -> tuple[Round, ...]:
 def _screened(
     now: Crossed, division: Sequence[Fold], ids: Sequence[str]
 ) -> list[Signature]:
-    """Signatures on all samples that count, at the mean of the folds' fits."""
-    masks = [record.counts for record in now.problem.plant.records]
+    """Signatures on what may be learnt from, at the mean of the folds' fits."""
+    masks = [record.free for record in now.problem.plant.records]
     at = np.mean([fit.at for fit in now.fits], axis=0)
     return screen(now.problem, at, masks, ids)
 

@@ -24,6 +24,7 @@ from cc_mujoco.diagnosis.page import (
 from cc_mujoco.diagnosis.verdict import Diagnosis, RunnerUp, Value
 from cc_mujoco.diagnosis.wording import (
     MEANING,
+    NO_SCENE,
     Names,
     capital,
     channel,
@@ -45,7 +46,8 @@ def header(diagnosis: Diagnosis, names: Names) -> Html:
         f"{share(found.confidence)} of resamplings of the held-out data."
         for found in diagnosis.effects
     ]
-    if diagnosis.effects:
+    failed = any(problem.startswith(NO_SCENE) for problem in diagnosis.problems)
+    if diagnosis.effects and not failed:
         extra.append("The model with what was found is scene.xml beside this report.")
     return element(
         "header",
@@ -220,7 +222,7 @@ def _candidate(
     tied = any(runner.id in group for group in diagnosis.ties)
     outcome = "would do by itself" if runner.accepted else "not accepted"
     if runner.accepted and (named or tied):
-        outcome = "named" if named else "tied"
+        outcome = "tied" if tied else "added"
     if runner.reason:
         outcome += f": {runner.reason}"
     values = [f"{plain(k)} {number(v)}" for k, v in runner.parameters.items()]

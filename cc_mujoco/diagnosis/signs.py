@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis.channels import (
     DRIVE,
@@ -39,6 +40,7 @@ _SEVERAL = 3  # trials in which torques cannot oppose each other by chance
 _DRAGGED = 0.6  # share of the power lost from which on both sides may be driving
 _APART, _MENDED = 12.0, 4.0  # ratios of angles to torques that are wrong, and right
 _ODD = 8.0
+_LEAP = 300.0  # torques of one trial over those of the others that no load explains
 _DEGREE = math.degrees(1.0)
 
 
@@ -130,6 +132,9 @@ def check_signs(group: Group) -> list[Finding]:
     ways = _ways(m, follows, asks)
     if follows >= 0.0 and asks >= 0.0:
         ways.append("swap the motor's columns with the joint's")
+        # With the torques swapped, each works on the other side's travel.
+        if follows and m.joint_work / m.ratio > m.motor_work * m.ratio:
+            ways.append(f"swap {{{MOTOR_TORQUE}}} and {{{JOINT_TORQUE}}}")
     advice = " or ".join(ways).format(**_labels(trials[0]))
     sentence = f"{_files(trials)}: {' and '.join(told)}; {advice}."
     if follows < 0.0:
@@ -218,6 +223,46 @@ def check_units(group: Group) -> list[Finding]:
         f"{f'perhaps {advice}' if advice else 'check units and columns'}."
     )
     return [fix(sentence, _name(trials))]
+
+
+def check_sizes(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Finding]:
+    """Find trials whose torques are hundreds of times those of the others.
+
+    A free joint carries next to nothing, so a loaded trial may well leap over the
+    others in one torque; but then its other torque is of a like size.
+    """
+    sizes = {
+        channel: np.array(
+            [np.sqrt(np.nanmean(t.channel(channel) ** 2)) for t in trials]
+        )
+        for channel in (MOTOR_TORQUE, JOINT_TORQUE)
+    }
+    ratios = [abs(m.ratio) for m in known if abs(m.follows) > _FOLLOWS]
+    ratio = float(np.median(ratios)) if ratios else 1.0
+    share = {MOTOR_TORQUE: ratio, JOINT_TORQUE: 1.0 / ratio}
+    leaps = {channel: _leap(size) for channel, size in sizes.items()}
+    findings = []
+    for channel, other in itertools.permutations(sizes):
+        for k in np.flatnonzero(sizes[channel] > leaps[channel]).tolist():
+            alike = sizes[channel][k] < _LEAP * share[channel] * sizes[other][k]
+            if alike and sizes[other][k] <= leaps[other]:
+                continue
+            trial = trials[k]
+            usual = float(sizes[channel][sizes[channel] <= leaps[channel]].max())
+            told = (
+                f"{trial.column(channel)} is {sizes[channel][k]:.3g} Nm RMS, but at "
+                f"most {usual:.3g} in other trials; perhaps it is in mNm: call it "
+                f"{channel.removesuffix('_nm')}_mnm there."
+            )
+            findings.append(fix(told, trial.name, channel))
+    return findings
+
+
+def _leap(sizes: NDArray[np.float64]) -> float:
+    """The size below a leap in the sizes of the trials; infinite without one."""
+    ordered = np.sort(sizes)
+    above = np.flatnonzero(ordered[1:] > _LEAP * np.maximum(ordered[:-1], 1e-12))
+    return float(ordered[above[-1]]) if len(above) else math.inf
 
 
 def check_ratios(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Finding]:

@@ -144,6 +144,10 @@ def _layout(path: Path) -> _Layout:
     header = lines[top]
     separator = max(_SEPARATORS, key=header.count)
     names = [cell.strip() for cell in next(csv.reader([header], delimiter=separator))]
+    if not all(name.isprintable() for name in names):
+        raise CableError(
+            f"{path} is no text; give CSV, or Parquet with the ending .parquet."
+        )
     if all(_is_number(name) for name in names):
         raise CableError(
             f"{path}, line {top + 1} is numbers; the first line must name the columns."

@@ -24,7 +24,7 @@ from cc_mujoco.diagnosis import channels
 from cc_mujoco.errors import CableError
 
 FloatArray = NDArray[np.float64]
-Split = Literal["train", "select", "test"]
+Split = Literal["train", "test"]
 Locked = Literal["motor", "joint"]
 
 

@@ -21,7 +21,8 @@ MEANING = {
     "closer to data that were not used to find it.",
     "none": "What is left of the error looks like noise. This holds for the motions "
     "and loads in the data.",
-    "unknown": "Every known effect was tried, and none explains enough of the error. "
+    "unknown": "Every known effect was tried, and none explains enough of the error; "
+    "one that is added takes the place of what is really there. "
     "Where the error lies is the best hint at what it is.",
     "tie": "Each of these explains the data as well as the other, so naming one would "
     "be a guess.",
@@ -31,6 +32,10 @@ MEANING = {
     "be taken for a missing effect.",
 }
 """What a verdict means to someone who sees one for the first time."""
+
+
+NO_SCENE = "scene.xml cannot be written"
+"""Beginning of the problem that says why."""
 
 
 class Names:
@@ -77,12 +82,15 @@ def capital(text: str) -> str:
 
 def headline(diagnosis: Diagnosis, names: Names) -> str:
     """The verdict as one line."""
-    named = [found.id for found in diagnosis.effects]
+    tied = {name for group in diagnosis.ties for name in group}
+    named = [found.id for found in diagnosis.effects if found.id not in tied]
     if diagnosis.verdict == "named":
         return f"Missing: {names.list(named)}"
     if diagnosis.verdict == "tie":
         rivals = [f"either {names.list(group, 'or')}" for group in diagnosis.ties]
         return f"Missing: {listed([*map(names, named), *rivals])}"
+    if diagnosis.verdict == "unknown" and diagnosis.effects:
+        return "Something is missing that the known effects explain only in part"
     return {
         "none": "Nothing is missing that these data could show",
         "unknown": "Something is missing, and it is none of the known effects",

@@ -18,7 +18,7 @@ from cc_mujoco.diagnosis.checks import check_bench
 from cc_mujoco.diagnosis.effects import EFFECTS, Rig
 from cc_mujoco.diagnosis.findings import Finding, to_fix
 from cc_mujoco.diagnosis.intake import load
-from cc_mujoco.diagnosis.output import OWN
+from cc_mujoco.diagnosis.output import SOMETIMES
 from cc_mujoco.diagnosis.plant import tuned
 from cc_mujoco.diagnosis.realisation import REALISATIONS
 from cc_mujoco.diagnosis.repair import added, repaired, write
@@ -145,7 +145,7 @@ def test_bad_data_are_a_verdict_a_report_and_exit_code_2(
     record(data / "run.csv", cut(0.1)(recording(1.0)))
     (data / "empty.csv").touch()
     out.mkdir()
-    for name in (*OWN, "mine.txt"):
+    for name in (*SOMETIMES, "verdict.json", "mine.txt"):
         (out / name).touch()
     assert diagnose(data, out) == 2
     said = capsys.readouterr().err
@@ -158,6 +158,26 @@ def test_bad_data_are_a_verdict_a_report_and_exit_code_2(
     assert verdict["verdict"] == "fix-data"
     assert len(verdict["problems"]) == 2
     assert files(tmp_path) == ["data", "out"]
+
+
+@pytest.mark.parametrize("earlier", [True, False])
+def test_what_is_not_ours_is_not_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], earlier: bool
+) -> None:
+    """Neither a scene where ours would go, nor files of the same names."""
+    scene = tmp_path / "scene.xml"
+    scene.write_text(scene_path("bench").read_text())
+    if earlier:
+        (tmp_path / "verdict.json").touch()
+    record(tmp_path / "run.csv", cut(0.1)(recording(1.0)))
+    before = files(tmp_path)
+    assert diagnose(tmp_path / "run.csv", tmp_path, scene=scene) == 2
+    assert "lies where the diagnosis writes" in capsys.readouterr().err
+    assert files(tmp_path) == before
+    if not earlier:
+        assert diagnose(tmp_path / "run.csv", tmp_path) == 2
+        assert "scene.xml, which no diagnosis wrote" in capsys.readouterr().err
+        assert files(tmp_path) == before
 
 
 def test_a_scene_with_other_pulleys_is_bad_input(

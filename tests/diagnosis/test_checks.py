@@ -55,6 +55,19 @@ def test_a_locked_joint_is_right_if_declared(tmp_path: Path) -> None:
     one(tmp_path, columns, "[trials.run]\nlocked = 'joint'")
 
 
+def test_a_joint_that_moves_was_not_held_fast(tmp_path: Path) -> None:
+    toml = "[trials.run]\nlocked = 'joint'"
+    told = only_fix(loaded(tmp_path, recording(), toml)[1]).statement
+    assert "held fast" in told
+
+
+def test_an_angle_in_degrees_by_its_name_may_turn_often(tmp_path: Path) -> None:
+    columns = recording()
+    columns["motor_angle_deg"] = 9.0 * np.degrees(columns.pop("motor_angle_rad"))
+    columns["motor_torque_nm"] = columns["motor_torque_nm"] / 9.0
+    one(tmp_path, columns)
+
+
 def test_clipped_torque(tmp_path: Path) -> None:
     columns = recording()
     columns["motor_torque_nm"] = np.clip(columns["motor_torque_nm"], -9.0, 0.2)

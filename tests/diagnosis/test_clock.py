@@ -80,6 +80,15 @@ def test_masks_and_declared_stretches(tmp_path: Path) -> None:
     assert "other numbers than 0 and 1" in only_fix(findings).statement
 
 
+def test_a_temperature_that_nobody_logged_costs_no_trial(tmp_path: Path) -> None:
+    columns = recording(5.0)
+    columns["temperature_c"] = np.full_like(columns["time_s"], np.nan)
+    dataset, findings = loaded(tmp_path, columns)
+    assert to_fix(findings) == []
+    assert "temperature_c" not in dataset.channels
+    assert any("it is left out" in finding.statement for finding in findings)
+
+
 def test_ten_samples_per_second_are_too_few(tmp_path: Path) -> None:
     _, findings = loaded(tmp_path, recording(60.0, 10.0))
     found = only_fix(findings)

@@ -66,6 +66,8 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         ("[columns.motor_torque_nm]\ndelay = '4 ms'", "delay must be a finite number"),
         ("[columns.motor_torque_nm]\nnoise = -1", "noise must be .* at least 0"),
         ("[columns.motor_torque_nm]\noffset = nan", "offset must be a finite number"),
+        (f"[rig]\nfriction = 1{'0' * 400}", "value must be a finite number"),
+        ("[trials.a]\nsplit = 'select'", "unknown split"),
         ("[columns.motor_torque_nm]\nname = 3", "name must be a text in quotes"),
         ("[columns.valid]\nsign = -1", r"\[columns.valid\] 'sign'"),
         ("[columns.time_s]\ndelay = 1", r"\[columns.time_s\] 'delay'"),

@@ -64,6 +64,15 @@ def test_declared_noise_wins(tmp_path: Path) -> None:
     assert noise.resolution == pytest.approx(5e-4)
 
 
+def test_declared_noise_is_in_the_unit_of_the_columns_name(tmp_path: Path) -> None:
+    toml = "[columns.motor_angle_rad]\nnoise = 0.02\nresolution = 0.01"
+    columns = recording()
+    columns["motor_angle_deg"] = np.degrees(columns.pop("motor_angle_rad"))
+    noise = loaded(tmp_path, columns, toml)[0].noise["motor_angle_rad"]
+    assert noise.deviation == pytest.approx(np.radians(0.02))
+    assert noise.resolution == pytest.approx(np.radians(0.01))
+
+
 def test_repeats_give_the_floor(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     for name in "ab":

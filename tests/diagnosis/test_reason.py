@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis.diagnose import reason
+from cc_mujoco.diagnosis.folds import trials as held_out
+from cc_mujoco.diagnosis.records import prepare
+from cc_mujoco.diagnosis.trials import Facts
 from cc_mujoco.diagnosis.verdict import SCHEMA
 from diagnosis.recorded import BENCH, dataset
 
@@ -77,3 +81,40 @@ def test_a_motor_that_hardly_moves_cannot_be_judged() -> None:
     found = reason(type(data)((still,), noise=data.noise), BENCH).diagnosis
     assert found.verdict == "fix-data"
     assert "larger motions" in found.statement
+
+
+@pytest.mark.parametrize(
+    ("reserved", "still", "told"),
+    [((0, 1, 2), (), "leave some of those that move"), ((1,), (1,), "trial_1")],
+)
+def test_what_is_reserved_has_to_move_and_to_leave_something(
+    reserved: tuple[int, ...], still: tuple[int, ...], told: str
+) -> None:
+    data = dataset(duration=3.0)
+    trials = [
+        replace(
+            trial,
+            facts=Facts(split="test" if k in reserved else None),
+            motor_angle=(0.01 if k in still else 1.0) * trial.motor_angle,
+        )
+        for k, trial in enumerate(data.trials)
+    ]
+    found = reason(replace(data, trials=tuple(trials)), BENCH).diagnosis
+    assert found.verdict == "fix-data"
+    assert told in found.statement
+
+
+def test_a_trial_that_never_moves_is_no_part_to_hold_out() -> None:
+    data = dataset(duration=3.0, chosen=(0, 2, 1, 1))
+    names = ("stroke", "fast", "still", "quiet")
+    trials = tuple(
+        replace(
+            trial,
+            name=name,
+            motor_angle=(0.01 if k > 1 else 1.0) * trial.motor_angle,
+        )
+        for k, (name, trial) in enumerate(zip(names, data.trials, strict=True))
+    )
+    records, _ = prepare(replace(data, trials=trials), BENCH)
+    for fold in held_out(records):
+        assert sum(map(np.sum, fold.train)) and sum(map(np.sum, fold.test))

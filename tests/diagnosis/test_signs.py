@@ -14,6 +14,7 @@ from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.mechanics import mechanics
 from diagnosis.bench import RATIO, Columns, loaded, one, only_fix, recording, write
 
+TORQUES = ("motor_torque_nm", "joint_torque_nm")
 INVERTED = {
     "motor_angle_rad": "invert motor_angle_rad",
     "motor_torque_nm": "invert motor_torque_nm",
@@ -90,6 +91,42 @@ def test_swapped_columns_of_one_kind_are_found(tmp_path: Path, kind: str) -> Non
 def mechanics_contradict_scene(folder: Path, columns: Columns) -> bool:
     dataset, _ = loaded(folder, columns)
     return bool(check_ratio(dataset.trials[0], RATIO))
+
+
+def test_swapped_torques_are_called_so(tmp_path: Path) -> None:
+    columns = recording()
+    columns["motor_angle_rad"] = columns["motor_angle_rad"] / RATIO
+    columns["motor_torque_nm"] = columns["motor_torque_nm"] * RATIO
+    motor, joint = "motor_torque_nm", "joint_torque_nm"
+    columns[motor], columns[joint] = columns[joint], columns[motor]
+    told = only_fix(loaded(tmp_path, columns)[1]).statement
+    assert "swap motor_torque_nm and joint_torque_nm" in told
+
+
+@pytest.mark.parametrize("channels", [TORQUES[:1], TORQUES[1:], TORQUES])
+def test_one_trial_in_millinewtonmetres_is_found(
+    tmp_path: Path, channels: tuple[str, ...]
+) -> None:
+    for seed in range(3):
+        columns = recording(seed=seed)
+        if seed == 1:
+            columns |= {name: 1e3 * columns[name] for name in channels}
+        write(tmp_path / f"trial_{seed}.csv", columns)
+    told = [finding.statement for finding in to_fix(load([tmp_path])[1])]
+    for name in channels:
+        says = f"trial_1.csv, column {name} is"
+        assert any(says in text and "_mnm there" in text for text in told)
+    assert not any("trial_0.csv, column" in text for text in told)
+
+
+def test_a_joint_that_hangs_free_is_no_other_unit(tmp_path: Path) -> None:
+    for seed in range(3):
+        columns = recording(seed=seed)
+        if seed:
+            columns["joint_torque_nm"] = columns["joint_torque_nm"] / 500.0
+        write(tmp_path / f"trial_{seed}.csv", columns)
+    told = [finding.statement for finding in load([tmp_path])[1]]
+    assert not any("perhaps it is in mNm: call" in text for text in told)
 
 
 @pytest.mark.parametrize("which", ["motor", "joint"])

@@ -29,6 +29,10 @@ def test_headlines_name_what_is_missing() -> None:
     assert headline(tie, names) == (
         "Missing: Stribeck friction and either backlash or end compliance"
     )
+    tie = replace(tie, ties=(("stribeck_friction", "backlash"),))
+    assert headline(tie, names) == "Missing: either Stribeck friction or backlash"
+    part = replace(DIAGNOSES["unknown"], effects=DIAGNOSES["named"].effects)
+    assert "only in part" in headline(part, names)
 
 
 def test_a_gap_that_widens_or_was_never_there_is_said_so() -> None:

@@ -228,7 +228,7 @@ def main() -> None:
         nargs="*",
         choices=("binned", "sparse", "bic"),
         default=[],
-        help="name in naive ways too, to compare; bic takes minutes a case",
+        help="name in naive ways too, to compare; bic takes a quarter longer",
     )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs", "diagnose_benchmark"))

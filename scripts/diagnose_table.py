@@ -12,11 +12,11 @@ from naive_naming.table import comparison
 
 STUDIES = {
     "development": 1000, "calibration": 2000, "final": 3000, "second": 4000,
-    "third": 5000, "fourth": 6000, "fifth": 7000,
+    "third": 5000, "fourth": 6000, "fifth": 7000, "sixth": 8000,
 }  # fmt: skip
 """First seed of every study, in the order in which they were run."""
-LAST = list(STUDIES)[-1]
-"""The study that the README shows."""
+LAST = "fifth"
+"""The last that was run whole, which the README shows."""
 SHOWN = 1.25
 """Error over the floor that effect-free rigs stay below: beyond it, something shows."""
 

@@ -12,11 +12,12 @@ from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.evidence import CHANNELS
 from cc_mujoco.diagnosis.fitting import Problem
 from cc_mujoco.diagnosis.records import Record, wind_up
+from cc_mujoco.diagnosis.slopes import Slopes
 from cc_mujoco.diagnosis.verdict import NextExperiment
 
 DT = 0.008
 CLEAR = 5.0
-"""Difference over the noise that settles it."""
+"""Difference over its standard deviation by the noise that settles it."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Motion:
 
 
 def catalogue(problem: Problem) -> list[Motion]:
-    """Trials within the range of the data."""
+    """Trials within the speeds and tensions of the data; one goes further."""
     records = problem.plant.records
     bench = problem.plant.bench
     ratio = bench.motor_radius / bench.joint_radius
@@ -99,6 +100,11 @@ def catalogue(problem: Problem) -> list[Motion]:
             0.5,
         ),
         Motion(
+            "joint free, slow triangle over twice the range, if the rig allows",
+            triangle(2.0 * swing, rate * 0.2),
+            triangle(2.0 * swing, rate * 0.2) * ratio,
+        ),
+        Motion(
             "joint locked, slow triangles, pretension halved",
             triangle(4.0 * wind, wind),
             still,
@@ -110,7 +116,11 @@ def catalogue(problem: Problem) -> list[Motion]:
 def propose(
     rivals: Sequence[tuple[Problem, FloatArray]], ids: Sequence[str]
 ) -> NextExperiment | None:
-    """The trial on which two fitted rivals differ most over the noise.
+    """The trial on which two fitted rivals differ most, whatever else is tuned.
+
+    If one of them were true, the other would be fitted again, to the old data and the
+    new; the difference that counts is what would be left then. A difference that comes
+    from friction, say, which the two estimate differently, settles nothing.
 
     Args:
         rivals: two models and where they were fitted.
@@ -119,9 +129,12 @@ def propose(
     if len(rivals) < 2:
         return None
     problem = rivals[0][0]
-    quiet = [
-        float(np.median(np.concatenate([f[row] for f in problem.noise])))
-        for row in (0, 1)
+    noise = np.array(
+        [[np.median(np.concatenate([f[row] for f in problem.noise]))] for row in (0, 1)]
+    )
+    known = [
+        Slopes(other).jacobian(at, [r.free for r in other.plant.records])
+        for other, at in rivals[:2]
     ]
     best: tuple[float, str, str] | None = None
     for motion in catalogue(problem):
@@ -130,22 +143,60 @@ def propose(
             other.plant.limited([record]).simulate(other.values(at), other.effects)[0]
             for other, at in rivals[:2]
         ]
-        apart = shown[0] - shown[1]
-        for row in (0, 1):
-            size = float(np.sqrt(np.mean(apart[row] ** 2)))
-            score = size / quiet[row]
-            if best is None or score > best[0]:
-                most = int(np.argmax(np.abs(apart[row])))
-                told = (
-                    f"{CHANNELS[row]} differs by {size:.3g} Nm RMS, {score:.1f} times "
-                    f"the noise; at {most * DT:.1f} s "
-                    f"{EFFECTS[ids[0]].title} gives {shown[0][row, most]:.3g} Nm and "
-                    f"{EFFECTS[ids[1]].title} {shown[1][row, most]:.3g} Nm"
-                )
-                best = (score, motion.description, told)
+        apart = (shown[0] - shown[1]) / noise
+        left = min(
+            (
+                _left(other, at, replace(record, measured=torque), noise, old, apart)
+                for (other, at), torque, old in zip(rivals, shown, known, strict=False)
+            ),
+            key=np.linalg.norm,
+        )
+        score = float(np.linalg.norm(left)) * problem.weight
+        if best is None or score > best[0]:
+            sizes = np.sqrt(np.mean(left**2, axis=1))
+            row = int(np.argmax(sizes))
+            most = int(np.argmax(np.abs(left[row])))
+            told = (
+                f"{CHANNELS[row]} differs by {sizes[row] * noise[row, 0]:.3g} Nm RMS "
+                f"even when all else is tuned, {sizes[row]:.1f} times the noise; at "
+                f"{most * DT:.1f} s {EFFECTS[ids[0]].title} gives "
+                f"{shown[0][row, most]:.3g} Nm and {EFFECTS[ids[1]].title} "
+                f"{shown[1][row, most]:.3g} Nm"
+            )
+            best = (score, motion.description, told)
     assert best is not None
     settled = "" if best[0] > CLEAR else " (may not be enough)"
     return NextExperiment(f"{best[1]}{settled}", tuple(ids[:2]), best[2])
+
+
+def _left(
+    problem: Problem,
+    at: FloatArray,
+    record: Record,
+    noise: FloatArray,
+    known: FloatArray,
+    apart: FloatArray,
+) -> FloatArray:
+    """What is left of a difference when a model is fitted again (2, samples).
+
+    Args:
+        problem: the model.
+        at: where it was fitted.
+        record: the new trial, with what the model says of it as measured.
+        noise: (2, 1) of the torques [Nm].
+        known: (residuals, parameters) Jacobian on the data there are, and priors.
+        apart: (2, samples) difference over the noise.
+    """
+    wide = (np.broadcast_to(noise, apart.shape),)
+    new = replace(
+        problem, plant=problem.plant.limited([record]), noise=wide, floor=wide
+    )
+    every = [np.ones(record.counts.size, dtype=bool)]
+    slopes = Slopes(new).jacobian(at, every)[: apart.size]
+    wanted = np.concatenate([problem.weight * apart.ravel(), np.zeros(len(known))])
+    change = np.linalg.lstsq(np.concatenate([slopes, known]), wanted)[0]
+    left: FloatArray = apart - (slopes @ change).reshape(apart.shape) / problem.weight
+    return left
 
 
 def _record(problem: Problem, motion: Motion) -> Record:

@@ -1,7 +1,7 @@
 """Put claims, the benchmark of controllers and that of the diagnosis into the README.
 
     python scripts/train_policy.py --out runs/policy.zip
-    python scripts/diagnose_benchmark.py --naive binned sparse --out runs/sealed
+    python scripts/diagnose_benchmark.py --naive binned sparse bic --out runs/sealed
     python scripts/fill_readme.py [claims] [benchmark] [diagnosis]
 
 Runs what is not done yet of the first two, and replaces what stands between the marks

@@ -31,6 +31,7 @@ from cc_mujoco.diagnosis.trials import Facts, FloatArray, Trial
 
 JOINT_TURNS, MOTOR_TURNS = 2.0, 8.0
 """Turns beyond which angles are taken for degrees, unless the unit is declared."""
+_ANGLES = {"motor": channels.MOTOR_ANGLE, "joint": channels.JOINT_ANGLE}
 _LOCKED = 0.05  # range of an angle that was held fast [rad]
 _CLIPPED = 5  # samples at an extreme that are one clipped stretch
 _CLIPS = 2
@@ -44,6 +45,7 @@ def check_recording(
 ) -> list[Finding]:
     """Run the checks of a recording."""
     return [
+        *_locked(recording, facts),
         *_constants(recording, facts),
         *_clipping(recording),
         *_degrees(recording, file),
@@ -141,19 +143,24 @@ def _loads(trial: Trial, bench: Bench) -> list[Finding]:
     return findings
 
 
+def _locked(recording: Recording, facts: Facts) -> list[Finding]:
+    """An angle that moves although it is said to have been held fast."""
+    if not facts.locked:
+        return []
+    channel = _ANGLES[facts.locked]
+    moved = _range(recording.values[channel])
+    if moved <= _LOCKED:
+        return []
+    told = (
+        f"{recording.column(channel)} moves by {moved:.3g} rad, though "
+        f"locked = {facts.locked!r} says that it was held fast."
+    )
+    return [fix(told, recording.name, channel)]
+
+
 def _constants(recording: Recording, facts: Facts) -> list[Finding]:
     """Channels that never change."""
-    locked = {"motor": channels.MOTOR_ANGLE, "joint": channels.JOINT_ANGLE}
     findings = []
-    if facts.locked:
-        channel = locked[facts.locked]
-        moved = _range(recording.values[channel])
-        if moved > _LOCKED:
-            told = (
-                f"{recording.column(channel)} moves by {moved:.3g} rad, though "
-                f"locked = {facts.locked!r} says that it was held fast."
-            )
-            findings.append(fix(told, recording.name, channel))
     for channel in recording.values:
         if channel in (channels.TIME, channels.VALID, channels.TEMPERATURE):
             continue
@@ -161,10 +168,10 @@ def _constants(recording: Recording, facts: Facts) -> list[Finding]:
         if recording.rows < 2 or not np.nanmax(values) == np.nanmin(values):
             continue
         where = f"{recording.column(channel)} is {np.nanmax(values):.6g} in every row"
-        if facts.locked and locked[facts.locked] == channel:
+        if facts.locked and _ANGLES[facts.locked] == channel:
             continue
         advice = "check the sensor"
-        if channel in locked.values():
+        if channel in _ANGLES.values():
             side = "motor" if channel == channels.MOTOR_ANGLE else "joint"
             advice += f", or declare locked = {side!r} if it was held fast"
         findings.append(fix(f"{where}; {advice}.", recording.name, channel))

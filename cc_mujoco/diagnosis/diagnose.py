@@ -156,7 +156,7 @@ def _useless(records: Sequence[Record]) -> str:
             "some of those that move for fitting."
         )
     tests = [r for r in records if r.split == "test"]
-    if tests and sum(int(r.counts.sum()) for r in tests) < LEAST:
+    if tests and sum(int(r.reserved.sum()) for r in tests) < LEAST:
         names = listed(sorted({r.trial for r in tests}))
         return (
             f"In what is reserved (split = 'test': {names}) {still}; reserve trials "

@@ -240,9 +240,10 @@ def march(
         return False
 
     at_null = 0.0
+    met = i == j
     if i + 1 >= j and near * far < 0.0:
         # The ends move opposite ways: find the segment in which the motion turns.
-        if i == j:
+        if met:
             way = right_way if i == 0 else left_way
             if 0 < i < n and left_way != right_way:
                 if abs(inner) < abs(outer):
@@ -264,7 +265,15 @@ def march(
                 left_way = way
                 i = n - 1
             j = i + 1
-        if hold_right[i] == growth[i] and hold_left[i] == growth[i]:
+        # Fronts come to the null point from both sides, so friction there is kinetic,
+        # unless only static friction holds the segment as a whole.
+        if met or not pushed(
+            max(left_e[i] / left_c[i], 0.0),
+            max(right_e[j] / right_c[j], 0.0),
+            growth[i],
+            growth[i],
+            drag[i],
+        ):
             at_null = _null_slip(
                 left_e[i] / left_c[i], 1.0 / left_c[i],
                 right_e[j] / right_c[j], 1.0 / right_c[j],

@@ -3,12 +3,18 @@
 Same chain as in `fronts.py`. Seen from the proximal end, the tension of node j as a
 function of the displacement w_j of segment j is a nondecreasing, piecewise linear graph
 whatever slips: friction opens a vertical gap at w = 0, the spring of a node shears it.
-Carrying the graph through the cable, closing it with the distal end, and reading it
-backwards gives the one solution of the step, with slip starting anywhere. This is the
-dynamic programming of fused-lasso problems (Johnson, J. Comput. Graph. Stat. 22, 2013)
-on a friction chain. It costs O(n) to O(n^2) and is needed where coefficients change
-while the cable is loaded or an end is driven by tension; else `fronts.py` gives the
-same answer faster. Here a null point is resolved to a segment, not within it.
+Carrying the graph through the cable and closing it with the distal end gives the one
+solution of the step, with slip starting anywhere: every knot of the graph is the edge
+between two states of one segment or node, so where the solution lies among the knots
+tells which segments slip, which way, and which nodes are slack, and `chain.py` does the
+rest. (Reading the graphs backwards would need no labels, but loses the displacement
+where a graph is flat, and grows errors from segment to segment where drag is stiff.)
+
+This is the dynamic programming of fused-lasso problems (Johnson, J. Comput. Graph.
+Stat. 22, 2013) on a friction chain. It costs O(n) to O(n^2) and is needed where
+coefficients change while the cable is loaded or an end is driven by tension; else
+`fronts.py` gives the same answer faster. Here a null point is resolved to a segment,
+not within it.
 """
 
 from __future__ import annotations
@@ -16,6 +22,10 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.transmission.chain import lay, slipping, solve
+from cc_mujoco.transmission.fronts import TOLERANCE
+
+_LEFT, _HELD, _SLACK = 0, 1, 2
 
 
 @compiled
@@ -41,9 +51,102 @@ def _read(
 
 
 @compiled
-def _inverse(slope: float) -> float:
-    """Slope of a ray with its axes exchanged; a flat ray ends where it begins."""
-    return 1.0 / slope if slope > 0.0 else 0.0
+def _mark(
+    n: int,
+    label: FloatArray,
+    passed: int,
+    count: int,
+    way: FloatArray,
+    slack: FloatArray,
+) -> None:
+    """Read off which way each segment slips and which nodes are slack.
+
+    The solution lies right of the first `passed` knots, and right of every knot that
+    was dropped on the way. A knot keeps its meaning while it is carried along: left of
+    it segment s is held, or slips left, or node s is slack.
+    """
+    for s in range(n):
+        way[s] = 1.0
+        slack[s] = 0.0
+    slack[n] = 0.0
+    for i in range(passed, count):
+        if label[i] < 0.0:
+            continue
+        s = int(label[i]) // 3
+        kind = int(label[i]) - 3 * s
+        if kind == _SLACK:
+            slack[s] = 1.0
+        elif kind == _LEFT:
+            way[s] = -1.0
+        elif way[s] > 0.0:
+            way[s] = 0.0
+
+
+@compiled
+def _settle(
+    n: int,
+    tension: FloatArray,
+    stiffness: FloatArray,
+    hold_right: FloatArray,
+    hold_left: FloatArray,
+    drag: FloatArray,
+    viscosity: FloatArray,
+    way: FloatArray,
+    slack: FloatArray,
+    near_p: float,
+    near_q: float,
+    far_p: float,
+    far_q: float,
+    shift: FloatArray,
+    node: FloatArray,
+    lines: FloatArray,
+    work: FloatArray,
+) -> None:
+    """Displacements and tensions of a step of which `_mark` has told what slips."""
+    gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
+    for s in range(n - 1, -1, -1):
+        free = drag[s] == 0.0 and viscosity[s] == 0.0
+        if slack[s + 1] != 0.0 and free:
+            slack[s] = 1.0
+        slip = way[s]
+        if slack[s] != 0.0 and slack[s + 1] != 0.0:
+            slip = 0.0
+        if slip == 0.0:
+            own[s] = np.inf
+            continue
+        gain[s], offset[s], own[s] = slipping(
+            slip, hold_right[s], hold_left[s], drag[s], viscosity[s]
+        )
+    solve(
+        n, tension, stiffness, gain, offset, own, slack,
+        near_p, near_q, far_p, far_q, shift, node, work,
+    )  # fmt: skip
+    for i in range(n + 1):
+        node[i] = max(node[i], 0.0)
+    first = 0
+    while first < n:
+        last = first
+        while last < n and slack[last] != 0.0 and slack[last + 1] != 0.0:
+            if drag[last] != 0.0 or viscosity[last] != 0.0:
+                break
+            last += 1
+        if last > first:
+            bounded_left = first > 0 or near_q > 0.0
+            bounded_right = last < n or far_q > 0.0
+            left, right = 0.0, 0.0
+            if first > 0:
+                left = shift[first - 1]
+            elif bounded_left:
+                left = (tension[0] - near_p) / near_q
+            if last < n:
+                right = shift[last]
+            elif bounded_right:
+                right = (far_p - tension[n]) / far_q
+            lay(
+                first, last, tension, stiffness, left, bounded_left, right,
+                bounded_right, shift,
+            )  # fmt: skip
+        first = last + 1
 
 
 @compiled
@@ -67,130 +170,84 @@ def sweep(
 ) -> None:
     """Solve one step by carrying the graph; arguments as in `fronts.march`.
 
-    `growth_right` and `growth_left` are E of slip that way. `work` holds (7 n + 12,).
-    `hold_right` and `hold_left` are overwritten with them where a segment breaks away.
+    `growth_right` and `growth_left` are E of slip that way, and ends are T = near_p +
+    near_q w and T = far_p - far_q w. `work` holds (11 n + 11,). `hold_right` and
+    `hold_left` are overwritten with E where a segment breaks away.
     """
-    x, y = work[: 2 * n + 6], work[2 * n + 6 : 4 * n + 12]
-    at_rest = work[
-        4 * n + 12 : 5 * n + 12
-    ]  # node tension on the left of a held segment
-    zero_from = work[
-        5 * n + 12 : 6 * n + 12
-    ]  # slip below which the node ahead is slack
-    slack_until = work[6 * n + 12 : 7 * n + 12]  # slip up to which node s is slack
+    size = 2 * n + 3
+    # Knots, and what it means to be left of one, see `_mark`.
+    x, y, label = work[:size], work[size : 2 * size], work[2 * size : 3 * size]
+    marks, rest = work[3 * size : 3 * size + 2 * n + 1], work[3 * size + 2 * n + 1 :]
+    way, slack = marks[:n], marks[n:]
     for _ in range(n + 1):
         left, right = 0.0, near_q
-        x[0], y[0] = 0.0, near_p
+        x[0], y[0], label[0] = 0.0, near_p, -1.0
         if near_q > 0.0:
-            x[0], y[0] = -near_p / near_q, 0.0
+            x[0], y[0], label[0] = -near_p / near_q, 0.0, _SLACK
         count = 1
         for s in range(n):
-            rest = max(_read(x, y, count, left, right, 0.0), 0.0)
-            at_rest[s] = rest
-            slack_until[s] = x[0] if y[0] == 0.0 and left == 0.0 else -np.inf
-            # Knots left of zero, the gap of friction at zero, knots right of it.
+            b, c = drag[s], viscosity[s]
+            at_rest = max(_read(x, y, count, left, right, 0.0), 0.0)
+            # Knots left of zero, the gap of friction at zero, the other knots.
             split = 0
             while split < count and x[split] < 0.0:
                 split += 1
-            rest_of = split
-            while rest_of < count and x[rest_of] <= 0.0:
-                rest_of += 1
-            tail = count - rest_of
-            if rest_of < split + 2:
-                for c in range(tail - 1, -1, -1):
-                    x[split + 2 + c] = x[rest_of + c]
-                    y[split + 2 + c] = y[rest_of + c]
-            elif rest_of > split + 2:
-                for c in range(tail):
-                    x[split + 2 + c] = x[rest_of + c]
-                    y[split + 2 + c] = y[rest_of + c]
-            count = split + 2 + tail
-            for c in range(split):
-                y[c] = (y[c] - drag[s] + viscosity[s] * x[c]) / hold_left[s]
-            x[split], y[split] = 0.0, (rest - drag[s]) / hold_left[s]
-            x[split + 1], y[split + 1] = 0.0, hold_right[s] * rest + drag[s]
-            for c in range(split + 2, count):
-                y[c] = hold_right[s] * y[c] + drag[s] + viscosity[s] * x[c]
-            left = (left + viscosity[s]) / hold_left[s]
-            right = hold_right[s] * right + viscosity[s]
+            for i in range(count - 1, split - 1, -1):
+                x[i + 2] = x[i]
+                y[i + 2] = hold_right[s] * y[i] + b + c * x[i]
+                label[i + 2] = label[i]
+            for i in range(split):
+                y[i] = (y[i] - b + c * x[i]) / hold_left[s]
+            x[split], y[split] = 0.0, (at_rest - b) / hold_left[s]
+            x[split + 1], y[split + 1] = 0.0, hold_right[s] * at_rest + b
+            label[split], label[split + 1] = 3.0 * s + _LEFT, 3.0 * s + _HELD
+            count += 2
+            left = (left + c) / hold_left[s]
+            right = hold_right[s] * right + c
             # A cable does not push: cut the graph at zero tension.
-            if y[0] > 0.0 and left > 0.0:
-                for c in range(count, 0, -1):
-                    x[c], y[c] = x[c - 1], y[c - 1]
-                x[0] = x[1] - y[1] / left
-                y[0] = 0.0
+            keep = -1
+            while keep + 1 < count and y[keep + 1] <= 0.0:
+                keep += 1
+            if keep < 0 and left > 0.0:
+                for i in range(count, 0, -1):
+                    x[i], y[i], label[i] = x[i - 1], y[i - 1], label[i - 1]
+                x[0] -= y[0] / left
                 count += 1
-            if y[0] <= 0.0:
                 keep = 0
-                while keep + 1 < count and y[keep + 1] <= 0.0:
-                    keep += 1
+            elif keep >= 0:
                 if keep + 1 < count:
-                    height = y[keep + 1] - y[keep]
-                    part = -y[keep] / height
+                    part = -y[keep] / (y[keep + 1] - y[keep])
                     x[keep] += (x[keep + 1] - x[keep]) * part
                 elif right > 0.0:
                     x[keep] -= y[keep] / right
-                y[keep] = 0.0
-                if keep > 0:
-                    for c in range(keep, count):
-                        x[c - keep], y[c - keep] = x[c], y[c]
-                    count -= keep
-                left = 0.0
-                zero_from[s] = x[0]
-            else:
-                zero_from[s] = -np.inf
+                count -= keep
+                for i in range(count):
+                    x[i], y[i], label[i] = x[i + keep], y[i + keep], label[i + keep]
+            if keep >= 0:
+                y[0], label[0], left = 0.0, 3.0 * (s + 1) + _SLACK, 0.0
             if s + 1 < n:
                 k, t = stiffness[s + 1], tension[s + 1]
-                for c in range(count):
-                    x[c] += (y[c] - t) / k
-                if left > 0.0:
-                    left = left * k / (k + left)
-                if right > 0.0:
-                    right = right * k / (k + right)
+                for i in range(count):
+                    x[i] += (y[i] - t) / k
+                left = left * k / (k + left)
+                right = right * k / (k + right)
         # The distal end closes the graph: f(w) = far_p - far_q w.
-        if far_q > 0.0 and y[0] == 0.0 and left == 0.0 and far_p <= far_q * x[0]:
-            w = far_p / far_q
-            ahead = 0.0
-        elif far_q > 0.0:
-            for c in range(count):
-                y[c] += far_q * x[c]
-            left, right = 1.0 / (left + far_q), 1.0 / (right + far_q)
-            w = _read(y, x, count, left, right, far_p)
-            ahead = max(far_p - far_q * w, 0.0)
-        else:
-            ahead = far_p
-            w = _read(y, x, count, _inverse(left), _inverse(right), far_p)
-        node[n] = ahead
-        for s in range(n - 1, -1, -1):
-            if s < n - 1:
-                w = shift[s + 1] - (ahead - tension[s + 1]) / stiffness[s + 1]
-            rest = at_rest[s]
-            low = (rest - drag[s]) / hold_left[s]
-            high = hold_right[s] * rest + drag[s]
-            dragged = drag[s] > 0.0 or viscosity[s] > 0.0
-            if ahead == 0.0 and zero_from[s] > -np.inf:
-                # With drag the segment stops there and the slack gathers at its node.
-                w = zero_from[s] if dragged else min(w, zero_from[s])
-            if ahead == 0.0 and rest == 0.0 and not dragged:
-                shift[s], node[s] = w, 0.0
-                continue
-            # Where the graph is flat only the displacement tells slip from rest.
-            margin = 1e-12 * (ahead + drag[s])
-            if ahead > high or (ahead >= high - margin and w > 0.0):
-                shift[s] = max(w, 0.0)
-                ahead = (ahead - drag[s] - viscosity[s] * shift[s]) / hold_right[s]
-            elif ahead < low or (ahead <= low + margin and w < 0.0):
-                shift[s] = min(w, 0.0)
-                ahead = hold_left[s] * ahead + drag[s] - viscosity[s] * shift[s]
-            else:
-                shift[s] = 0.0
-                ahead = rest
-            ahead = max(ahead, 0.0) if shift[s] > slack_until[s] else 0.0
-            node[s] = ahead
-        # A segment that breaks away follows the kinetic law: solve again with it.
+        passed = 0
+        while passed < count and y[passed] + far_q * x[passed] < far_p:
+            passed += 1
+        _mark(n, label, passed, count, way, slack)
+        _settle(
+            n, tension, stiffness, hold_right, hold_left, drag, viscosity, way, slack,
+            near_p, near_q, far_p, far_q, shift, node, work[: 3 * n], rest,
+        )  # fmt: skip
+        # A segment that breaks away follows the kinetic law: solve again with it. Slip
+        # of rounding alone is none, or one that is about to slip would have.
         broke = False
         for s in range(n):
-            if shift[s] > 0.0 and hold_right[s] != growth_right[s]:
+            load = node[s] + node[s + 1] + drag[s]
+            if abs(shift[s]) * stiffness[s] <= TOLERANCE * load:
+                shift[s] = 0.0
+            elif shift[s] > 0.0 and hold_right[s] != growth_right[s]:
                 hold_right[s] = growth_right[s]
                 hold_left[s] = min(hold_left[s], growth_left[s])
                 broke = True

@@ -40,6 +40,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.transmission import elasticity as elastic
 from cc_mujoco.transmission import friction as law
+from cc_mujoco.transmission.chain import lay
 from cc_mujoco.transmission.fronts import march, pushed
 from cc_mujoco.transmission.graph import sweep
 from cc_mujoco.transmission.parameters import PARAMETERS
@@ -54,7 +55,7 @@ OK, NOT_FINITE = 0, 1
 STATE_HEADER = 7
 _TIME, _TRAVEL, _HEAT = 4, 5, 6
 _HEADER = 40
-_SOLVER_WORK = 10  # per node, for `march` and `sweep`
+_SOLVER_WORK = 11  # per node, for `march` and `sweep`
 _STEP_WORK = 10  # per segment, behind it: slip, coefficients and bristles
 _NODE_WORK = 2  # per node, behind that: tension before the step, stiffness in it
 _SHIFT, _SLIPPED, _GROWTH, _GROWTH_LEFT, _HOLD_RIGHT = 0, 1, 2, 3, 4
@@ -371,7 +372,11 @@ def step(
         stretch = state[3] + far_moved - near_moved
         dragged = prm[_LOAD_INDEPENDENT] + prm[_SEALS[0]] + prm[_SEALS[1]] > 0.0
         if stretch <= 0.0 and not dragged:
-            _slacken(prm, n, tension, near_moved, stretch, shift, node)
+            lay(
+                0, n, tension, node_stiffness(prm, n), near_moved, True, far_moved,
+                True, shift,
+            )  # fmt: skip
+            node[:] = 0.0
             solved = True
         else:
             solved = march(
@@ -571,28 +576,6 @@ def _solve(
             force = max(node[j + 1], 0.0) - max(node[j], 0.0)
             # Viscosity beyond all bounds can leave a node without a number.
             held[j] = min(max(force, -most), most) if np.isfinite(force) else 0.0
-
-
-@compiled
-def _slacken(
-    prm: FloatArray,
-    n: int,
-    tension: FloatArray,
-    moved: float,
-    stretch: float,
-    shift: FloatArray,
-    node: FloatArray,
-) -> None:
-    """Lay the cable slack: without tension there is no friction, strain evens out."""
-    stiffness = node_stiffness(prm, n)
-    strain = stretch * prm[_EA] / prm[_LENGTH]
-    if prm[_END_COMPLIANCE] > 0.0:
-        strain = stretch / _compliance(prm)
-    for i in range(n):
-        moved += (strain - tension[i]) / stiffness[i]
-        shift[i] = moved
-        node[i] = strain
-    node[n] = strain
 
 
 @compiled

@@ -10,8 +10,6 @@ with the spring's force f before the step, its stiffness s and the displacement 
 displacements of neighbours, increasing in the segment's own and decreasing in the
 others, so that the step is a sequence of tridiagonal systems: guess which segments
 slip, solve, look again (policy iteration, Howard 1960). It takes two to four rounds.
-Reading a solution backwards along the cable, as `graph.py` does, is no way here: behind
-stiff bristles an error in w grows exponentially from segment to segment.
 """
 
 from __future__ import annotations
@@ -19,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.transmission.chain import slipping, solve
 
 _ROUNDS = 60
 _ROUNDING = 1e-12
@@ -59,53 +58,31 @@ def preslide(
     `spring` is the stiffness of the bristles of each segment (n,) [N/m], `held` their
     force [N], in and out. `slipped` (n,) says which way each segment is expected to
     slip, and then which part of its displacement [m] is slip and not stretch of its
-    bristles. `work` holds (3 n,).
+    bristles. `work` holds (7 n + 1,).
 
     Returns:
         True, or False where some of the cable goes slack; outputs are then undefined.
     """
-    upper, right_side = work[:n], work[n : 2 * n]
-    way = work[2 * n : 3 * n]
+    way, slack = work[:n], work[n : 2 * n + 1]
+    lines, rest = work[2 * n + 1 : 5 * n + 1], work[5 * n + 1 :]
+    gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
+    slack[:] = 0.0
     for s in range(n):
         way[s] = 0.0
         if slipped[s] != 0.0:
             way[s] = 1.0 if slipped[s] > 0.0 else -1.0
     settled = False
     for _ in range(_ROUNDS):
-        # Tension of node i is constant - before w[i - 1] + behind w[i].
-        constant, before, behind = near_p, 0.0, near_q
         for s in range(n):
-            if s + 1 < n:
-                k = stiffness[s + 1]
-                next_constant, next_before, next_behind = tension[s + 1], k, k
-            else:
-                next_constant, next_before, next_behind = far_p, far_q, 0.0
-            if way[s] > 0.0:
-                a, b, extra = hold_right[s], 1.0, drag[s]
-                own = viscosity[s]
-            elif way[s] < 0.0:
-                a, b, extra = 1.0, hold_left[s], -drag[s]
-                own = viscosity[s]
-            else:
-                a, b, extra = 1.0, 1.0, held[s]
-                own = spring[s] + viscosity[s]
-            # a T_left + extra + own w - b T_right = 0
-            diagonal = a * behind + own + b * next_before
-            rhs = b * next_constant - a * constant - extra
-            if s > 0:
-                lower = a * before
-                diagonal -= lower * upper[s - 1]
-                rhs += lower * right_side[s - 1]
-            upper[s] = b * next_behind / diagonal
-            right_side[s] = rhs / diagonal
-            constant, before, behind = next_constant, next_before, next_behind
-        shift[n - 1] = right_side[n - 1]
-        for s in range(n - 2, -1, -1):
-            shift[s] = right_side[s] + upper[s] * shift[s + 1]
-        node[0] = near_p + near_q * shift[0]
-        for i in range(1, n):
-            node[i] = tension[i] + stiffness[i] * (shift[i] - shift[i - 1])
-        node[n] = far_p - far_q * shift[n - 1]
+            gain[s], offset[s], own[s] = 1.0, held[s], spring[s] + viscosity[s]
+            if way[s] != 0.0:
+                gain[s], offset[s], own[s] = slipping(
+                    way[s], hold_right[s], hold_left[s], drag[s], viscosity[s]
+                )
+        solve(
+            n, tension, stiffness, gain, offset, own, slack,
+            near_p, near_q, far_p, far_q, shift, node, rest,
+        )  # fmt: skip
         settled = True
         for s in range(n):
             left, w = node[s], shift[s]

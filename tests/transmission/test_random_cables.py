@@ -1,0 +1,210 @@
+"""What holds for every cable: random ones, term by term."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cc_mujoco.transmission import Cable, Section, Transmission, kernel, replay
+from cc_mujoco.transmission.conduit import packed
+from cc_mujoco.transmission.friction import drag, ratio
+from cc_mujoco.transmission.parameters import PARAMETERS
+from transmission.random_cables import TERMS, cable_of, motion_of, turned_around
+
+SEEDS = st.integers(0, 2**31)
+WITH_CONSTANT_COEFFICIENTS = ("coulomb", "load_independent", "seals", "static")
+END_BY_END = ("end_compliance", "configuration_dependent")  # belong to the distal end
+
+
+def difference(one, other):
+    """RMS over the largest."""
+    largest = max(np.abs(one).max(), np.abs(other).max(), 1e-9)
+    return math.sqrt(np.mean((one - other) ** 2)) / largest
+
+
+def beyond_friction(cable, tension):
+    """By how much any segment carries more than friction holds, over the largest."""
+    prm, n = packed(cable), cable.segments
+    values = prm[: len(PARAMETERS)]
+    coefficient = max(cable.friction, cable.static_friction)
+    left, right = tension[:, :-1], tension[:, 1:]
+    hold, free = np.empty(n), np.empty(n)
+    for j, angle in enumerate(kernel.segment_angles(prm, n)):
+        hold[j] = ratio(coefficient, angle)
+        free[j] = drag(values, cable.length / n, ratio(cable.friction, angle), j, n)
+    excess = max((right - hold * left - free).max(), (left - hold * right - free).max())
+    return excess / (tension.max() + 1.0)
+
+
+@pytest.mark.parametrize("term", WITH_CONSTANT_COEFFICIENTS)
+@given(seed=SEEDS)
+@settings(max_examples=40)
+def test_no_segment_carries_more_than_friction_holds(term, seed):
+    rng = np.random.default_rng(seed)
+    cable = cable_of(rng, term)
+    near, far = motion_of(rng, cable)
+    motion = replay(cable, 1e-3, u_proximal=near, u_distal=far, profile=True)
+    assert beyond_friction(cable, motion.tension) < 1e-9
+
+
+@pytest.mark.parametrize("term", [term for term in TERMS if term not in END_BY_END])
+@given(seed=SEEDS)
+@settings(max_examples=25)
+def test_a_cable_turned_around_pulls_alike(term, seed):
+    rng = np.random.default_rng(seed)
+    cable = cable_of(rng, term)
+    near, far = motion_of(rng, cable)
+    one = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    other = replay(turned_around(cable), 1e-3, u_proximal=-far, u_distal=-near)
+    assert difference(one.tension_proximal, other.tension_distal) < 5e-3
+    assert difference(one.tension_distal, other.tension_proximal) < 5e-3
+
+
+@given(seed=SEEDS)
+@settings(max_examples=60)
+def test_static_friction_barely_above_kinetic_changes_nothing(seed):
+    rng = np.random.default_rng(seed)
+    cable = cable_of(rng)
+    near, far = motion_of(rng, cable)
+    kinetic = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    static = cable.replace(static_friction=cable.friction * (1.0 + 1e-6))
+    held = replay(static, 1e-3, u_proximal=near, u_distal=far)
+    assert difference(held.tension_proximal, kinetic.tension_proximal) < 1e-3
+    assert difference(held.tension_distal, kinetic.tension_distal) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("term", "small"),
+    [
+        ("load_independent_friction", 1e-7),
+        ("seal_proximal", 1e-7),
+        ("seal_distal", 1e-7),
+        ("viscous_friction", 1e-7),
+        ("friction_asymmetry", 1e-9),
+        ("stribeck_friction", 1e-9),
+        ("tension_exponent", 1e-9),
+        ("friction_drift", 1e-9),
+        ("bristle_length", 1e-9),
+        ("stiffening", 1e-9),
+        ("creep", 1e-9),
+    ],
+)
+@given(seed=SEEDS)
+@settings(max_examples=15)
+def test_a_vanishing_term_changes_nothing(term, small, seed):
+    rng = np.random.default_rng(seed)
+    cable = cable_of(rng).replace(pretension=20.0, segments=50)
+    near, far = motion_of(rng, cable)
+    without = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    there = replay(cable.replace(**{term: small}), 1e-3, u_proximal=near, u_distal=far)
+    # Not smaller: these terms resolve the point where motion turns to a segment only.
+    assert difference(there.tension_proximal, without.tension_proximal) < 0.05
+    assert difference(there.tension_distal, without.tension_distal) < 0.05
+
+
+@given(seed=SEEDS)
+@settings(max_examples=60)
+def test_a_prescribed_tension_pulls_the_other_end_as_far_as_friction_lets_it(seed):
+    rng = np.random.default_rng(seed)
+    cable = cable_of(rng)
+    near, far = motion_of(rng, cable)
+    pull = 50.0 + 40.0 * near / max(np.abs(near).max(), 1e-12)
+    motion = replay(cable, 1e-3, tension_proximal=pull, u_distal=far)
+    ratio = math.exp(cable.friction * cable.wrap) * (1.0 + 1e-9)
+    assert np.all(motion.tension_distal <= pull * ratio)
+    assert np.all(motion.tension_distal * ratio >= pull)
+    mirrored = replay(turned_around(cable), 1e-3, u_proximal=-far, tension_distal=pull)
+    assert difference(mirrored.tension_proximal, motion.tension_distal) < 1e-3
+    assert difference(-mirrored.u_distal, motion.u_proximal) < 1e-3
+
+
+def test_slack_cable_with_drag_carries_no_more_than_its_drag():
+    cable = Cable(
+        axial_stiffness=2e4,
+        pretension=10.0,
+        friction=0.1,
+        load_independent_friction=0.2,
+        segments=20,
+        conduit=(Section(0.09, math.inf), Section(0.12, 0.1), Section(0.09, math.inf)),
+    )
+    time = np.arange(0.0, 2.0, 1e-3)
+    near = 0.01 * np.sin(2 * np.pi * 1.3 * time)
+    far = 0.01 * np.sin(2 * np.pi * 2.9 * time)
+    dragged = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    free = replay(
+        cable.replace(load_independent_friction=0.0),
+        1e-3,
+        u_proximal=near,
+        u_distal=far,
+    )
+    slack = (free.tension_distal == 0.0) & (free.tension_proximal == 0.0)
+    assert np.sum(slack) > 500
+    limit = 0.2 * cable.length * math.exp(cable.friction * cable.wrap)
+    assert dragged.tension_distal[slack].max() < 2.0 * limit
+    assert dragged.tension_proximal[slack].max() < 2.0 * limit
+    assert dragged.dissipated[-1] == pytest.approx(free.dissipated[-1], rel=0.01)
+
+
+@pytest.mark.parametrize("at_distal", [False, True])
+def test_a_constant_tension_at_one_end_reaches_the_other(at_distal):
+    cable = Cable(friction=0.1, conduit=(Section(0.6, 0.3), Section(0.4, math.inf)))
+    swing = 0.01 * np.sin(2 * np.pi * 1.5 * np.arange(998) * 1e-3)
+    pull = np.full(998, 60.0)
+    if at_distal:
+        cable = turned_around(cable)
+        motion = replay(cable, 1e-3, u_proximal=-swing, tension_distal=pull)
+        other = motion.tension_proximal
+    else:
+        motion = replay(cable, 1e-3, tension_proximal=pull, u_distal=swing)
+        other = motion.tension_distal
+    ratio = math.exp(cable.friction * cable.wrap)
+    assert other[1:].min() == pytest.approx(60.0 / ratio, rel=1e-9)
+    assert other[1:].max() == pytest.approx(60.0 * ratio, rel=1e-9)
+
+
+def test_a_motor_torque_on_two_cables_reaches_the_joint():
+    cable = Cable(
+        friction=0.1,
+        pretension=60.0,
+        conduit=(Section(0.6, 0.3), Section(0.4, math.inf)),
+    )
+    drive = Transmission.pull_pull(cable, motor_radius=0.02, joint_radius=0.03)
+    time = np.arange(2001) * 1e-3
+    swing = 0.3 * np.sin(2 * np.pi * 1.5 * time)
+    torque = 0.3 * np.sin(2 * np.pi * 0.4 * time)
+    motion = drive.replay(1e-3, motor_torque=torque, joint_angle=swing)
+    near, far = motion.tension_proximal, motion.tension_distal
+    ratio = math.exp(cable.friction * cable.wrap)
+    # But in single steps, where fronts meet.
+    assert np.mean(np.abs(motion.motor_torque - torque) < 1e-6) > 0.99
+    taut = near > 1.0
+    assert taut.mean() > 0.9
+    assert np.all(far[taut] * ratio * (1 + 1e-9) >= near[taut])
+    assert np.all(near[taut] * ratio * (1 + 1e-9) >= far[taut])
+
+
+def test_drag_far_stiffer_than_the_cable_keeps_its_accuracy():
+    cable = Cable(
+        axial_stiffness=4e3,
+        friction=0.1,
+        viscous_friction=1e3,
+        segments=100,
+        conduit=(Section(2.0, 0.5),),
+    )
+    time = np.arange(0.0, 0.2, 1e-4)
+    pulled = -0.02 * np.sin(2 * np.pi * 5.0 * time)
+    still = np.zeros(time.size)
+    one = replay(cable, 1e-4, u_proximal=pulled, u_distal=still)
+    other = replay(cable, 1e-4, u_proximal=still, u_distal=-pulled)
+    assert one.tension_proximal == pytest.approx(other.tension_distal, rel=1e-9)
+    work = -np.sum(
+        0.5
+        * (one.tension_proximal[1:] + one.tension_proximal[:-1])
+        * np.diff(one.u_proximal)
+    )
+    stored = one.stored[-1] - one.stored[0]
+    assert one.dissipated[-1] + stored == pytest.approx(work, rel=0.05)

@@ -4,7 +4,7 @@
         print(metric.name, metric.value, metric.unit)
 
 A number that an episode cannot give (the efficiency of a direction in which nothing
-was driven, say) is NaN here and `null` in `metrics.json`; it is never made up.
+arrived, say) is NaN here and `null` in `metrics.json`; it is never made up.
 """
 
 from __future__ import annotations
@@ -25,6 +25,15 @@ from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.signals import lag, loop_width
 
 Array = NDArray[np.float64]
+
+EFFICIENCY = (
+    "work delivered to the side that the task means to receive it, over that work plus "
+    "all that friction took; none where none arrives"
+)
+"""What `efficiency` means, wherever it is printed."""
+
+LEAST_ASKED = 0.01
+"""Part of all work that a task asks for, either way, which is next to nothing."""
 
 
 @dataclass(frozen=True)
@@ -58,43 +67,19 @@ def measure(log: EpisodeLog) -> tuple[Metric, ...]:
     driven = efficiency(log)
     found = [
         Metric(
-            "efficiency",
-            driven.overall,
-            "1",
-            "work delivered at either side per work delivered or lost",
-        ),
-        Metric(
-            "efficiency_motor_drives",
-            driven.motor_drives,
-            "1",
-            "work delivered at the joint per work delivered or lost, motor driving",
-        ),
-        Metric(
-            "efficiency_wearer_drives",
-            driven.wearer_drives,
-            "1",
-            "work delivered at the motor per work delivered or lost, wearer driving",
-        ),
-        Metric(
-            "motor_share",
-            driven.motor_share,
-            "1",
-            "part of all work put into the cables that came from the motor",
-        ),
-        Metric(
-            "backlash_width",
-            backlash_width(log),
-            "rad",
-            "width at zero torque of the loop of joint torque against twist",
-        ),
-        Metric("peak_joint_torque", _peak(torque), "N m", "largest |joint torque|"),
-        Metric("rms_joint_torque", _rms(torque), "N m", "RMS of the joint torque"),
-        Metric(
             "torque_tracking_error",
             _rms(torque - log["desired_torque_nm"]),
             "N m",
             "RMS of joint torque minus desired torque",
         ),
+        Metric(
+            "torque_lag",
+            lag(time, log["desired_torque_nm"], torque),
+            "s",
+            "delay of the joint torque after the desired torque",
+        ),
+        Metric("peak_joint_torque", _peak(torque), "N m", "largest |joint torque|"),
+        Metric("rms_joint_torque", _rms(torque), "N m", "RMS of the joint torque"),
         Metric(
             "angle_tracking_error",
             _rms(log["joint_angle_rad"] - log["reference_angle_rad"]),
@@ -102,10 +87,29 @@ def measure(log: EpisodeLog) -> tuple[Metric, ...]:
             "RMS of joint angle minus the angle that the wearer aims for",
         ),
         Metric(
-            "torque_lag",
-            lag(time, log["desired_torque_nm"], torque),
-            "s",
-            "delay of the joint torque after the desired torque",
+            "backlash_width",
+            backlash_width(log),
+            "rad",
+            "width at zero torque of the loop of joint torque against twist",
+        ),
+        Metric("efficiency", driven.overall, "1", EFFICIENCY),
+        Metric(
+            "efficiency_motor_drives",
+            driven.motor_drives,
+            "1",
+            "the same from motor to joint: friction while the motor gives more power",
+        ),
+        Metric(
+            "efficiency_wearer_drives",
+            driven.wearer_drives,
+            "1",
+            "the same from joint to motor: friction while the wearer gives more power",
+        ),
+        Metric(
+            "motor_share",
+            driven.motor_share,
+            "1",
+            "part of all work put into the cables that came from the motor",
         ),
     ]
     for cable in log.cables:
@@ -131,48 +135,53 @@ class Efficiency:
     """Efficiency of a transmission that either side may drive; NaN where undefined."""
 
     overall: float
-    """Both directions together, in [0, 1]."""
+    """Both directions together, in (0, 1]."""
     motor_drives: float
-    """Motor to joint, in [0, 1]."""
+    """Motor to joint, in (0, 1]."""
     wearer_drives: float
-    """Joint to motor (the device is backdriven), in [0, 1]."""
+    """Joint to motor (the device is backdriven), in (0, 1]."""
     motor_share: float
     """Work put in by the motor over work put in by both sides, in [0, 1]."""
 
 
 def efficiency(log: Samples) -> Efficiency:
-    r"""Return how much of the work that leaves one side arrives at the other.
+    r"""Return how much of the work put into the cables arrives where it should.
 
-    Power flows towards the joint while \(P_m + P_j > 0\), with the power of the motor
-    into the cables \(P_m = \tau_m \omega_m\) and of the cables into the joint
-    \(P_j = \tau_j \omega_j\); otherwise the wearer drives. In each direction
+    The task says where: with the power \(\tau_d \omega_j\) that it asks for, work is
+    meant for the joint while that is positive, for the motor while it is negative (a
+    virtual spring that is being loaded), for nobody while it is zero. With the power of
+    the motor into the cables \(P_m = \tau_m \omega_m\) and of the cables into the joint
+    \(P_j = \tau_j \omega_j\)
 
-    \[ \eta = \frac{W_\text{delivered}}{W_\text{delivered} + D} \]
+    \[ \eta = \frac{W}{W + D}, \quad W_\text{motor drives} = \int_{\tau_d \omega_j > 0}
+       P_j\,dt, \quad W_\text{wearer drives} = -\int_{\tau_d \omega_j < 0} P_m\,dt \]
 
-    with \(W_\text{delivered} = \int P_j\,dt\) at the joint or \(-\int P_m\,dt\) at the
-    motor, at least 0 (a motor that must help the wearer receives nothing), and \(D\)
-    the energy lost to friction meanwhile. The denominator is the work put in without
-    what the elastic cable only keeps for later, so storage cannot lift the ratio above
-    1; in steady motion it is the plain ratio of power out to power in.
+    where \(D\) is what friction took: at all times of both \(W\) together, and for a
+    direction alone while \(P_m + P_j\) has its sign, positive for the motor. So is the
+    loss of winding up before any work is asked for the motor's. \(W + D\) is the work
+    put in without what the elastic cable only keeps for later, so storage cannot lift
+    the ratio above 1; in steady motion it is the plain ratio of power out to power in,
+    \(e^{-\mu \theta}\) for one cable.
+
+    A side that receives no work on the whole (friction takes more than the task means
+    to pass on, or that side has to help) has no efficiency: NaN; nor has one for which
+    less than `LEAST_ASKED` is meant, which is a tremble of the joint.
     """
     time = log["time_s"]
     motor = _work(time, log["motor_torque_nm"] * log["motor_velocity_rad_s"])
     joint = _work(time, log["joint_torque_nm"] * log["joint_velocity_rad_s"])
+    asked = _work(time, log["desired_torque_nm"] * log["joint_velocity_rad_s"])
     lost = np.zeros_like(motor)
     for cable in log.cables:
         lost += np.diff(log[f"dissipated_{cable}_j"])
-    forward = motor + joint > 0
-    backward = motor + joint < 0
+    to_joint = _meant(joint, asked)
+    to_motor = _meant(-motor, -asked)
     motor_in = float(np.maximum(motor, 0).sum())
     wearer_in = float(np.maximum(-joint, 0).sum())
-
-    to_joint = max(float(joint[forward].sum()), 0.0)
-    to_motor = max(float(-motor[backward].sum()), 0.0)
-    delivered = to_joint + to_motor
     return Efficiency(
-        overall=_divide(delivered, delivered + float(lost.sum())),
-        motor_drives=_divide(to_joint, to_joint + float(lost[forward].sum())),
-        wearer_drives=_divide(to_motor, to_motor + float(lost[backward].sum())),
+        overall=_efficiency(to_joint + to_motor, float(lost.sum())),
+        motor_drives=_efficiency(to_joint, float(lost[motor + joint > 0].sum())),
+        wearer_drives=_efficiency(to_motor, float(lost[motor + joint < 0].sum())),
         motor_share=_divide(motor_in, motor_in + wearer_in),
     )
 
@@ -226,6 +235,18 @@ def _peak(values: Array) -> float:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+def _meant(arrived: Array, asked: Array) -> float:
+    """Work that arrived while some was asked for, unless that was next to none."""
+    wanted = asked > 0
+    if not asked[wanted].sum() > LEAST_ASKED * np.abs(asked).sum():
+        return 0.0
+    return max(float(arrived[wanted].sum()), 0.0)
+
+
+def _efficiency(delivered: float, lost: float) -> float:
+    return _divide(delivered, delivered + lost) if delivered > 0 else math.nan
 
 
 def _divide(part: float, whole: float) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.recording.columns import RATIO
-from cc_mujoco.recording.metrics import Samples, efficiency
+from cc_mujoco.recording.metrics import EFFICIENCY, Samples, efficiency
 from cc_mujoco.recording.signals import loop_width
 from cc_mujoco.whatif.simulate import Played
 from cc_mujoco.whatif.trial import CHIRP_HIGH, CHIRP_LOW, SWINGS
@@ -46,8 +46,7 @@ class Metric:
 METRICS: dict[str, Metric] = {
     metric.name: metric
     for metric in (
-        Metric("efficiency", "1", "work delivered at either side per work delivered or "
-               "lost", high=True),
+        Metric("efficiency", "1", EFFICIENCY, high=True),
         Metric("backlash_width", "rad", "joint held, motor torque swung slowly: width "
                "at half height of the loop of joint torque against twist",
                test="backlash"),

@@ -55,8 +55,7 @@ def test_columns_belong_together(env: Any) -> None:
         )
     pull = log["tension_flexor_distal_n"] - log["tension_extensor_distal_n"]
     assert log["joint_torque_nm"] == pytest.approx(0.104 * pull, abs=1e-9)
-    driven = efficiency(log)
-    assert 0.0 <= driven.overall <= 1.0
+    assert 0.0 <= efficiency(log).motor_share <= 1.0
 
 
 def test_divergence_is_an_error(env: Any) -> None:

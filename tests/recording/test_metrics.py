@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +22,20 @@ from cc_mujoco.recording.metrics import (
     write_metrics,
 )
 from cc_mujoco.recording.signals import lag, loop_opening, loop_width
+from cc_mujoco.transmission import Cable, Section, replay
 
 TIME = np.linspace(0.0, 6.0, 6001)
 
 
 def capstan(make_log: Any, loss: float, joint_power: Any) -> Any:
-    """Log of steady transmission that loses a factor, whichever side drives."""
+    """Log of steady transmission that loses a factor, whichever side drives.
+
+    The task asks for what arrives.
+    """
     joint_power = np.broadcast_to(joint_power, TIME.shape)
     motor_power = np.where(joint_power > 0, joint_power / loss, joint_power * loss)
-    lost = np.concatenate(
-        [
-            [0.0],
-            np.cumsum(
-                np.diff(TIME)
-                * 0.5
-                * ((motor_power - joint_power)[1:] + (motor_power - joint_power)[:-1])
-            ),
-        ]
-    )
+    lost = motor_power - joint_power
+    steps = 0.5 * np.diff(TIME) * (lost[1:] + lost[:-1])
     one = np.ones_like(TIME)
     return make_log(
         cables=("one",),
@@ -48,11 +45,73 @@ def capstan(make_log: Any, loss: float, joint_power: Any) -> Any:
         joint_velocity_rad_s=one,
         motor_torque_nm=motor_power,
         joint_torque_nm=joint_power,
-        dissipated_one_j=lost,
+        desired_torque_nm=joint_power,
+        dissipated_one_j=np.concatenate([[0.0], np.cumsum(steps)]),
     )
 
 
-def test_efficiency_of_steady_motion_is_the_capstan_ratio(make_log: Any) -> None:
+def replaced(log: Any, make_log: Any, **columns: Any) -> Any:
+    return make_log(cables=("one",), **{**log.columns, **columns})
+
+
+@dataclass
+class Pulled:
+    """A log of the columns that a test needs."""
+
+    columns: dict[str, Any]
+    cables: tuple[str, ...] = ("one",)
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.columns[name]
+
+
+def pulled(cable: Cable, reach: float, motor: bool) -> Pulled:
+    """Log of one cable that one end pulls slowly after the other, on pulleys of 1 m.
+
+    The first half, in which the tension finds its slope, is left out.
+    """
+    way = np.linspace(0.0, reach if motor else -reach, len(TIME))
+    played = replay(cable, TIME[1], u_proximal=-way, u_distal=-way)
+    speed = np.gradient(way, TIME)
+    half = slice(len(TIME) // 2, None)
+    columns = {
+        "time_s": TIME,
+        "motor_velocity_rad_s": speed,
+        "joint_velocity_rad_s": speed,
+        "motor_torque_nm": played.tension_proximal,
+        "joint_torque_nm": played.tension_distal,
+        "desired_torque_nm": np.ones_like(TIME),
+        "dissipated_one_j": played.dissipated,
+    }
+    half = len(TIME) // 2
+    return Pulled({name: values[half:] for name, values in columns.items()})
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    friction=st.floats(0.01, 0.3),
+    more=st.floats(1.05, 3.0),
+    wrap=st.floats(0.5, 4.0),
+    motor=st.booleans(),
+)
+def test_efficiency_of_a_slow_pull_is_the_capstan_ratio_and_falls_with_friction(
+    friction: float, more: float, wrap: float, motor: bool
+) -> None:
+    found = []
+    for mu in (friction, friction * more):
+        cable = Cable(friction=mu, pretension=50.0, conduit=(Section(1.0, 1.0 / wrap),))
+        driven = efficiency(pulled(cable, 0.5, motor))
+        way = driven.motor_drives if motor else driven.wearer_drives
+        other = driven.wearer_drives if motor else driven.motor_drives
+        assert way == pytest.approx(math.exp(-mu * wrap), rel=1e-4)
+        assert driven.overall == way
+        assert math.isnan(other)
+        found.append(way)
+    assert found[1] < found[0]
+
+
+def test_efficiency_of_steady_motion_is_the_ratio_of_powers(make_log: Any) -> None:
     ratio = math.exp(-0.9)
     forward = efficiency(capstan(make_log, ratio, 2.0))
     assert forward.motor_drives == pytest.approx(ratio, rel=1e-9)
@@ -74,27 +133,53 @@ def test_efficiency_of_both_directions_in_turn(make_log: Any) -> None:
 
 def test_storage_does_not_make_energy(make_log: Any) -> None:
     # The wearer loads a lossless spring against a locked motor, and gets it all back.
-    power = -np.sin(2 * np.pi * TIME)
-    log = capstan(make_log, 1.0, power)
-    log = make_log(**{**log.columns, "motor_torque_nm": 0.0 * TIME}, cables=("one",))
+    log = capstan(make_log, 1.0, -np.sin(2 * np.pi * TIME))
+    log = replaced(log, make_log, motor_torque_nm=0.0 * TIME)
     assert efficiency(log).motor_drives == pytest.approx(1.0)
-    rest = make_log(**{**log.columns, "joint_torque_nm": 0.0 * TIME}, cables=("one",))
+    rest = replaced(log, make_log, joint_torque_nm=0.0 * TIME)
     assert math.isnan(efficiency(rest).motor_drives)
     assert math.isnan(efficiency(rest).motor_share)
 
 
-def test_a_motor_that_must_help_receives_nothing(make_log: Any) -> None:
+def test_nothing_is_delivered_where_the_task_asks_for_nothing(make_log: Any) -> None:
+    for power in (2.0, -2.0, np.sin(2 * np.pi * TIME)):
+        log = capstan(make_log, 0.5, power)
+        driven = efficiency(replaced(log, make_log, desired_torque_nm=0.0 * TIME))
+        assert math.isnan(driven.overall)
+        assert math.isnan(driven.motor_drives)
+        assert math.isnan(driven.wearer_drives)
+
+
+def test_work_at_the_side_that_is_not_meant_to_receive_it_does_not_count(
+    make_log: Any,
+) -> None:
+    # The wearer drives the motor backwards while the task means to help the motion.
     log = capstan(make_log, 0.5, -2.0)
-    helped = make_log(
-        **{
-            **log.columns,
-            "motor_torque_nm": np.full_like(TIME, 0.5),
-            "dissipated_one_j": 2.5 * TIME,
-        },
-        cables=("one",),
+    driven = efficiency(replaced(log, make_log, desired_torque_nm=np.ones_like(TIME)))
+    assert math.isnan(driven.overall)
+
+
+def test_a_motor_that_must_help_receives_nothing(make_log: Any) -> None:
+    helped = replaced(
+        capstan(make_log, 0.5, -2.0),
+        make_log,
+        motor_torque_nm=np.full_like(TIME, 0.5),
+        dissipated_one_j=2.5 * TIME,
     )
-    assert efficiency(helped).wearer_drives == 0.0
-    assert efficiency(helped).overall == 0.0
+    assert math.isnan(efficiency(helped).wearer_drives)
+    assert math.isnan(efficiency(helped).overall)
+
+
+def test_the_loss_of_winding_up_is_the_motor_s(make_log: Any) -> None:
+    # For half of the time the motor works against friction before anything is asked.
+    log, before = capstan(make_log, 0.5, 2.0), TIME < 3.0
+    late = replaced(
+        log,
+        make_log,
+        joint_torque_nm=np.where(before, 0.0, 2.0),
+        desired_torque_nm=np.where(before, 0.0, 2.0),
+    )
+    assert efficiency(late).motor_drives == pytest.approx(1.0 / 3.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("width", [0.02, 0.1, 0.4])

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from cc_mujoco.whatif import study
 from cc_mujoco.whatif.metrics import (
     bandwidth,
     measure_backlash,
@@ -125,7 +126,7 @@ def test_numbers_of_an_episode() -> None:
         ("a",),
     )
     found = measure_episode(log, {"a": 100.0})
-    assert found["efficiency"] == 0.0
+    assert math.isnan(found["efficiency"])
     assert found["tracking_error"] == pytest.approx(1.0)
     assert found["peak_motor_torque"] == 2.0
     assert found["peak_motor_power"] == pytest.approx(6.0)
@@ -133,3 +134,21 @@ def test_numbers_of_an_episode() -> None:
     assert found["slack_share"] == pytest.approx(0.25, abs=2e-3)
     assert found["peak_tension"] == pytest.approx(30.0)
     assert found["strength_used"] == pytest.approx(0.3)
+
+
+def test_efficiency_of_a_driven_joint_falls_as_friction_rises() -> None:
+    friction = [0.01, 0.05, 0.1, 0.2, 0.4, 0.6]
+    about: Any = {"duration": 1.5, "metrics": ("efficiency",), "threads": 1}
+    found = study("ankle", {"friction": friction}, controller="pi", **about)
+    values = found["efficiency"].to_pylist()
+    assert values == sorted(values, reverse=True)
+    assert 0.0 < values[-1] < 0.1 < 0.5 < values[0] < 1.0
+
+
+def test_efficiency_is_no_credit_for_friction_that_swallows_the_task() -> None:
+    about: Any = {"duration": 1.5, "metrics": ("efficiency",), "threads": 1}
+    found = study("wrist", {"friction": [0.1, 0.6]}, task="tunnel", **about)
+    low, high = (value or 0.0 for value in found["efficiency"].to_pylist())
+    assert high <= low < 1e-3
+    found = study("wrist", {"friction": [0.1, 0.6]}, task="transparent", **about)
+    assert found["efficiency"].to_pylist() == [None, None]

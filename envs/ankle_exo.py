@@ -22,9 +22,10 @@ SETUP = Setup(
         "joint_velocity_rad_s": 20.0,
         "joint_torque_nm": 1000.0,
         "desired_torque_nm": 1000.0,
+        "phase_sine": 1.0,
+        "phase_cosine": 1.0,
     },
     companions={"hip": "wearer_hip", "knee": "wearer_knee"},
-    phase_observed=True,
 )
 
 

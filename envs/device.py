@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
-from cc_mujoco.control import Drive, Strand
+from cc_mujoco.control import Drive, Observed, Strand
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.human import Wearer
 
@@ -39,8 +39,6 @@ class Setup:
     """What is observed, by column name, and the range of its sensor, plus or minus."""
     companions: Mapping[str, str] = field(default_factory=dict)
     """Other joints that the wearer moves, and the actuators that do so."""
-    phase_observed: bool = False
-    """Whether sine and cosine of the gait phase are observed too."""
     load: Callable[[], mujoco.MjModel] | None = None
     """Makes the model where it is a variant of the scene; by default the scene."""
 
@@ -107,6 +105,8 @@ class Device:
         self._ends = [_ends(model, reader.name) for reader in self._readers]
         self.cable_outputs = [place for ends in self._ends for place in ends]
         """Where `actuator_force` has the ends of the cables: proximal, distal, next."""
+        self.observed = Observed(setup.scene, tuple(setup.bounds.items()))
+        """What the environment observes."""
         self.ratio = self._ratio()
         """Joint torque per motor torque without friction in the neutral pose [-]."""
 
@@ -127,7 +127,15 @@ class Device:
             )
         )
         pulls = all(arm < 0.0 for arm in near)
-        return Drive(self.ratio, -limit, limit, period, pulls, (strands,))
+        return Drive(
+            self.ratio,
+            -limit,
+            limit,
+            period,
+            pulls,
+            (strands,),
+            observed=self.observed,
+        )
 
     def start(self, data: mujoco.MjData, angles: Array, commands: Array) -> None:
         """Bring a simulation to the start of an episode: at rest, cables at pretension.

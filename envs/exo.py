@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
+from cc_mujoco.control.observed import ACTION
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Task, Trajectory, Wearer
 from cc_mujoco.human import task as find_task
@@ -76,22 +76,37 @@ class Exo:
         self.author = Author(self.device, source, self.steps, frame_skip)
         self.drive = self.device.drive(self.period)
         """What a controller may know of the device."""
-        bounds = [*setup.bounds.values()] + [1.0, 1.0] * setup.phase_observed
-        self._high = np.array(bounds)
-        self._low = -self._high
-        self.observation_space = Box(self._low, self._high, dtype=np.float64)
-        self.action_space = Box(-1.0, 1.0, (1,), dtype=np.float32)
+        self.observation_space = self.device.observed.space
+        self.action_space = ACTION
 
-    def normalised(self, action: NDArray[Any]) -> Any:
+    def normalised(self, action: Any, going: Any = True) -> Any:
         """Actions (..., 1) as numbers in [-1, 1].
 
+        Args:
+            action: Of one environment (1,), or of several (n, 1).
+            going: Of several, the mask (n,) of those whose action counts; that of the
+                others is 0.
+
         Raises:
-            CableError: If an action is not finite.
+            CableError: If actions are of another shape, or one is no finite number.
         """
-        numbers = action.T[0].astype(np.float64)
-        if not np.isfinite(numbers).all():
-            raise CableError(f"actions must be finite numbers, not {action!r}.")
-        return _limited(numbers, -1.0, 1.0)
+        shape = (*np.shape(going), 1)
+        try:
+            given = np.asarray(action)
+        except ValueError:  # rows of unequal lengths
+            raise CableError(f"an action must be an array of shape {shape}.") from None
+        if given.shape != shape:
+            raise CableError(
+                f"an action must be of shape {shape}, a share of the motor's torque "
+                f"for each environment, not of shape {given.shape}."
+            )
+        if given.dtype.kind not in "fiu":
+            raise CableError(f"an action must be of numbers, not of {given.dtype}.")
+        numbers = np.where(going, given.T[0].astype(np.float64), 0.0)
+        wrong = numbers[~np.isfinite(numbers)]
+        if wrong.size:
+            raise CableError(f"an action must be a finite number, not {wrong[0]}.")
+        return np.minimum(np.maximum(numbers, -1.0), 1.0)
 
     def action(self, torque: Any) -> NDArray[np.float32]:
         """The action, (..., 1), that makes the motor give a torque [Nm]."""
@@ -119,19 +134,11 @@ class Exo:
         columns["time_s"] = step * self.period
         columns["desired_torque_nm"] = desired
         columns["reference_angle_rad"] = reference
-        measured = [columns[name] for name in self.setup.bounds]
-        if self.setup.phase_observed:
-            measured += [sine, cosine]
-        observation = np.ascontiguousarray(np.array(measured).T)
-        return _limited(observation, self._low, self._high), columns
+        columns["phase_sine"], columns["phase_cosine"] = sine, cosine
+        return self.device.observed.of(columns), columns
 
     def rewards(self, columns: dict[str, Any], action: Any) -> tuple[Any, Any]:
         """Terms of the reward: for tracking the desired torque, and for the effort."""
         error = columns["joint_torque_nm"] - columns["desired_torque_nm"]
         error = error / self.setup.torque_scale
         return -error * error, -EFFORT * action * action
-
-
-def _limited(value: Any, low: Any, high: Any) -> Any:
-    # `np.clip` takes several times as long for small arrays.
-    return np.minimum(np.maximum(value, low), high)

@@ -76,11 +76,15 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Advance one control step with a motor torque."""
+        """Advance one control step with a motor torque.
+
+        Raises:
+            CableError: If the action is not of shape (1,) and finite.
+        """
         exo, script, data = self.exo, self._script, self.data
         if script is None:
             raise gymnasium.error.ResetNeeded("call reset() before the first step().")
-        normalised = exo.normalised(np.asarray(action))
+        normalised = exo.normalised(action)
         data.ctrl[exo.device.motor_control] = normalised * exo.device.motor_scale
         first = self._step * exo.frame_skip
         for command in script.commands[first : first + exo.frame_skip]:

@@ -166,12 +166,17 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Advance every environment one control step, or reset it if it is over."""
+        """Advance every environment one control step, or reset it if it is over.
+
+        Raises:
+            CableError: If the actions are not of shape (num_envs, 1) and, where an
+                environment is not reset, finite.
+        """
         if not self._started:
             raise gymnasium.error.ResetNeeded("call reset() before the first step().")
         exo, control, fresh = self.exo, self._control, self._over
         going = ~fresh
-        normalised = exo.normalised(np.where(going[:, None], actions, 0.0))
+        normalised = exo.normalised(actions, going)
         if going.any():
             device = exo.device
             control[:, :, device.motor_control] = (normalised * device.motor_scale)[

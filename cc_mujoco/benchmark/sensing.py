@@ -23,6 +23,9 @@ from cc_mujoco.human.checks import parameter
 
 Array = NDArray[np.float64]
 
+TOLD = ("desired_torque_nm", "phase_sine", "phase_cosine")
+"""What a controller is told rather than measures."""
+
 
 @dataclass(frozen=True)
 class Sensing:
@@ -33,11 +36,11 @@ class Sensing:
     tension_noise: float
     """Standard deviation of every tension sensor [N]."""
     motor_steps: float = 16384.0
-    """Steps of the motor's encoder in a turn; 0 is a perfect one."""
+    """Steps of the motor's encoder in a turn; 0 is a perfect one, of velocity too."""
     joint_steps: float = 131072.0
-    """Steps of the joint's encoder in a turn; 0 is a perfect one."""
+    """Steps of the joint's encoder in a turn; 0 is a perfect one, of velocity too."""
     cutoff: float = 100.0
-    """Of the low-pass of both velocities [Hz]."""
+    """Of the low-pass of both velocities [Hz]; infinite for none."""
     delay: int = 1
     """Control steps by which measurements are late."""
 
@@ -47,7 +50,7 @@ class Sensing:
             parameter(self, name, 0.0, 1e6, "")
         for name in ("motor_steps", "joint_steps"):
             parameter(self, name, 0.0, 1e12, "steps")
-        parameter(self, "cutoff", 1e-3, 1e6, "Hz")
+        parameter(self, "cutoff", 1e-3, math.inf, "Hz")
         if not (isinstance(self.delay, int) and 0 <= self.delay <= 1000):
             raise CableError(
                 f"Sensing.delay must be 0 to 1000 whole steps, not {self.delay!r}."
@@ -106,7 +109,7 @@ class Measuring:
         seen: dict[str, Any] = {
             "joint_torque_nm": info["joint_torque_nm"]
             + sensing.torque_noise * noise[:, 0],
-            "desired_torque_nm": np.array(info["desired_torque_nm"]),
+            **{name: np.array(info[name]) for name in TOLD},
         }
         for side, steps in (
             ("motor", sensing.motor_steps),
@@ -115,7 +118,9 @@ class Measuring:
             unit = 2.0 * math.pi / steps if steps else 0.0
             angle = np.array(info[f"{side}_angle_rad"])
             seen[f"{side}_angle_rad"] = unit * np.round(angle / unit) if unit else angle
-            seen[f"{side}_velocity_rad_s"] = self._velocity(side, seen)
+            true = np.array(info[f"{side}_velocity_rad_s"])
+            rate = self._rate(side, seen) if steps else true
+            seen[f"{side}_velocity_rad_s"] = self._smoothed(side, rate)
         seen[TENSIONS] = self._tensions(info, noise[:, 1:])
         self._last, self._step = seen, self._step + 1
         self._late.append(seen)
@@ -124,12 +129,12 @@ class Measuring:
             self._late.pop(0)
         return self._late[0]
 
-    def _velocity(self, side: str, seen: Mapping[str, Any]) -> Any:
+    def _rate(self, side: str, seen: Mapping[str, Any]) -> Any:
         angle = seen[f"{side}_angle_rad"]
-        if not self._last:
-            return np.zeros_like(angle)
-        before = self._last[f"{side}_velocity_rad_s"]
-        rate = (angle - self._last[f"{side}_angle_rad"]) / self._period
+        return (angle - self._last.get(f"{side}_angle_rad", angle)) / self._period
+
+    def _smoothed(self, side: str, rate: Any) -> Any:
+        before = self._last.get(f"{side}_velocity_rad_s", rate)
         return before + self._share * (rate - before)
 
     def _tensions(self, info: Mapping[str, Any], noise: Array) -> Array:

@@ -6,10 +6,11 @@ from cc_mujoco.control.controller import MEASURED, TENSIONS, Controller
 from cc_mujoco.control.controllers import CONTROLLERS, controller
 from cc_mujoco.control.disturbance import DisturbanceObserver
 from cc_mujoco.control.drive import Drive, Strand
-from cc_mujoco.control.external import External, Policy, features
+from cc_mujoco.control.external import External, Policy
 from cc_mujoco.control.feed_forward import FeedForward
 from cc_mujoco.control.model import CableModel
 from cc_mujoco.control.model_based import ModelBased
+from cc_mujoco.control.observed import Observed
 from cc_mujoco.control.proportional_integral import Feedback, ProportionalIntegral
 from cc_mujoco.control.stiction import StictionCompensation
 from cc_mujoco.control.tensions import AdaptiveModel, FusedFeedback
@@ -28,10 +29,10 @@ __all__ = [
     "Feedback",
     "FusedFeedback",
     "ModelBased",
+    "Observed",
     "Policy",
     "ProportionalIntegral",
     "StictionCompensation",
     "Strand",
     "controller",
-    "features",
 ]

@@ -28,8 +28,11 @@ MEASURED = (
     "joint_velocity_rad_s",
     "joint_torque_nm",
     "desired_torque_nm",
+    "phase_sine",
+    "phase_cosine",
 )
-"""All that a controller may read: encoders, a joint torque sensor and the task.
+"""All that a controller may read: encoders, a joint torque sensor, the task, and the
+phase of the gait cycle.
 
 The names are those of the columns of an episode log, hence keys of `info`. Cable
 tensions, slip, slack and the wearer's intention are known to a simulation alone.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from cc_mujoco.control.observed import Observed
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.transmission.parameters import Cable
@@ -55,6 +56,8 @@ class Drive:
     each. Controllers with a model need them."""
     sensors: tuple[Sensors, ...] = ()
     """Tension sensors along every cable, where the device has them."""
+    observed: Observed | None = None
+    """What the device's environment observes; saved policies need it."""
 
     def __post_init__(self) -> None:
         """Refuse a drive that cannot be controlled."""

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.control.controller import Controller
 from cc_mujoco.control.drive import Drive
+from cc_mujoco.control.observed import ACTION, alike, described
 from cc_mujoco.errors import CableError
 
 
@@ -135,31 +136,11 @@ def blamed(name: str) -> Iterator[None]:
         ) from error
 
 
-def features(observation: Mapping[str, Any], drive: Drive) -> NDArray[np.float32]:
-    """What a policy sees, of the size of 1: (6,), or (environments, 6).
-
-    Angles in rad, velocities in 10 rad/s of the joint, joint torques in tenths of the
-    greatest, all referred to the joint; the last is the torque that is lacking.
-    """
-    ratio, most = drive.ratio, 0.1 * abs(drive.ratio) * drive.high
-    desired, torque = observation["desired_torque_nm"], observation["joint_torque_nm"]
-    motor = observation["motor_angle_rad"] / ratio
-    seen = (
-        10.0 * (motor - observation["joint_angle_rad"]),
-        0.1 * observation["motor_velocity_rad_s"] / ratio,
-        observation["joint_angle_rad"],
-        observation["joint_velocity_rad_s"],
-        desired / most,
-        (desired - torque) / most,
-    )
-    found: NDArray[np.float32] = np.stack(seen, axis=-1).astype(np.float32)
-    return np.clip(found, -10.0, 10.0)
-
-
 class Policy(Controller):
-    """A policy that Stable-Baselines3 saved: `features` in, share of full torque out.
+    """A policy that Stable-Baselines3 saved, fed as in the environment of its training.
 
-    `scripts/train_policy.py` trains one.
+    It sees the environment's own observation and gives an action of it, the share of
+    the motor's torque. `scripts/train_policy.py` trains one.
     """
 
     def __init__(self, drive: Drive, path: str | os.PathLike[str]) -> None:
@@ -171,26 +152,35 @@ class Policy(Controller):
 
         Raises:
             CableError: If Stable-Baselines3 is not installed, or the file cannot be
-                read or has a policy for something else.
+                read or has a policy of another device or environment.
         """
         super().__init__(drive)
+        if drive.observed is None:
+            raise CableError(
+                f"policy {os.fspath(path)!r} needs a device with an environment; this "
+                "Drive has no `observed`."
+            )
+        self._observed = drive.observed
         if not os.path.isfile(path):
             raise CableError(f"policy {os.fspath(path)!r}: there is no such file.")
         self._policy = _loaded(path)
-        spaces = self._policy.observation_space, self._policy.action_space
-        shapes = tuple(space.shape for space in spaces)
-        if shapes != ((6,), (1,)):
-            raise CableError(
-                f"policy {os.fspath(path)!r} observes {shapes[0]}, acts {shapes[1]}; "
-                "it must observe (6,), `features`, and act (1,), a share of the torque."
-            )
+        for does, its, own in (
+            ("observes", self._policy.observation_space, self._observed.space),
+            ("acts with", self._policy.action_space, ACTION),
+        ):
+            if not alike(its, own):
+                raise CableError(
+                    f"policy {os.fspath(path)!r} is not one for {drive.observed.device}"
+                    f": it {does} {described(its)}, but the environment of "
+                    f"{drive.observed.device} {does} {described(own)}."
+                )
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Do nothing; see `Controller.reset`."""
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
-        seen = features(observation, self.drive)
+        seen = self._observed.of(observation)
         # One by one: a network rounds differently for one environment and for many.
         rows = np.atleast_2d(seen)
         share = np.array(

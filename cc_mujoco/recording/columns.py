@@ -46,6 +46,8 @@ DEVICE = (
     Column("desired_torque_nm", "N m", "torque that the task asks for at the joint"),
     Column("wearer_torque_nm", "N m", "torque that the wearer puts into the joint"),
     Column("reference_angle_rad", "rad", "angle that the wearer aims for"),
+    Column("phase_sine", "1", "sine of the phase of the wearer's cycle"),
+    Column("phase_cosine", "1", "cosine of the phase of the wearer's cycle"),
     Column("qpos", "mixed", "generalized coordinates (rad, m)", listed=True),
 )
 """Columns that every log has once."""

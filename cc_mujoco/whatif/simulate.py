@@ -177,12 +177,14 @@ class _Fleet:
         """Keep the present as that of a control step; return what can be measured."""
         now, kept = self._now, self._kept
         seen: dict[str, Array] = self._device.read_motion(now)
-        seen["desired_torque_nm"] = self._exo.task.torque(
-            seen["joint_angle_rad"],
-            seen["joint_velocity_rad_s"],
-            self._script.marks[step, 1],
+        _, phase, sine, cosine = self._script.marks[step]
+        self._desired[step] = self._exo.task.torque(
+            seen["joint_angle_rad"], seen["joint_velocity_rad_s"], phase
         )
-        self._desired[step] = seen["desired_torque_nm"]
+        # A copy, for what is kept is not the controller's to change.
+        seen["desired_torque_nm"] = self._desired[step].copy()
+        seen["phase_sine"] = np.full_like(self._desired[step], sine)
+        seen["phase_cosine"] = np.full_like(self._desired[step], cosine)
         kept.qpos[step], kept.qvel[step] = now.qpos, now.qvel
         kept.actuator_force[step] = now.actuator_force
         kept.qfrc_actuator[step] = now.qfrc_actuator

@@ -33,6 +33,7 @@ from cc_mujoco.benchmark.sensing import Measuring
 from cc_mujoco.benchmark.writing import write
 from cc_mujoco.control import MEASURED, TENSIONS
 from cc_mujoco.errors import CableError
+from control.policies import Linear, saved
 
 SHORT = Cell("wrist", "stiction", "sine", "spring", seeds=(0, 1), duration=1.2)
 
@@ -53,18 +54,47 @@ def readings(sensing: Sensing, seeds: tuple[int, ...], steps: int = 30) -> list[
 
 
 def test_perfect_sensors_tell_the_truth() -> None:
-    perfect = Sensing(0.0, 0.0, 0.0, 0.0, cutoff=1e6, delay=0)
+    perfect = Sensing(0.0, 0.0, 0.0, 0.0, cutoff=math.inf, delay=0)
     for info, seen in readings(perfect, (0, 1)):
         for name in MEASURED:
-            if "velocity" not in name:
-                assert np.array_equal(seen[name], info[name])
+            assert seen[name] == pytest.approx(info[name], rel=1e-12, abs=1e-12)
         assert seen[TENSIONS].shape == (2, 2, 3)
         assert np.array_equal(
             seen[TENSIONS][:, 1, 2], info["tension_extensor_distal_n"]
         )
-    assert seen["motor_velocity_rad_s"] == pytest.approx(
-        info["motor_velocity_rad_s"], rel=0.1
-    )
+
+
+@pytest.mark.parametrize(
+    ("scene", "trajectory", "task"),
+    [("wrist", "multisine", "spring"), ("ankle", "walk", "assist")],
+)
+def test_a_policy_scores_as_in_its_environment_where_sensors_are_perfect(
+    scene: str,
+    trajectory: str,
+    task: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    name = CONDITIONS[scene].environment
+    env = gymnasium.make(name, trajectory=trajectory, task=task, duration=1.2)
+    most = env.observation_space.high  # type: ignore[attr-defined]
+    weights = np.array([0.3, -0.5, 0.2, -0.1, -4.0, 4.0, 0.1, -0.1])[: most.size]
+    policy = Linear(env.observation_space, weights / most)
+    errors = []
+    for seed in (2, 5):
+        observation, info = env.reset(seed=seed)
+        rows, truncated = [info], False
+        while not truncated:
+            action, _ = policy.predict(observation)
+            observation, _, _, truncated, info = env.step(action)
+            rows.append(info)
+        error = [row["joint_torque_nm"] - row["desired_torque_nm"] for row in rows]
+        errors.append(np.sqrt(np.mean(np.square(error[500:]))))
+    env.close()
+    perfect = Sensing(0.0, 0.0, 0.0, 0.0, cutoff=math.inf, delay=0)
+    path = saved(policy, tmp_path / "policy.zip", monkeypatch)
+    cell = Cell(scene, path, trajectory, task, (2, 5), 1.2, sensing=perfect)
+    assert play(cell).scores["rms_error"] == pytest.approx(errors, rel=1e-9)
 
 
 def test_encoders_step_and_measurements_are_late() -> None:

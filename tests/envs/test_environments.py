@@ -395,6 +395,31 @@ def test_an_action_that_is_no_number_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        (0.5, r"shape \(1,\).*not of shape \(\)"),
+        (np.float32(0.5), r"not of shape \(\)"),
+        (np.zeros(2), r"not of shape \(2,\)"),
+        (np.zeros((1, 1)), r"not of shape \(1, 1\)"),
+        (np.zeros(0), r"not of shape \(0,\)"),
+        ([[0.5], [0.5, 0.5]], r"array of shape \(1,\)"),
+        (["strong"], "must be of numbers"),
+        (np.array([1j]), "must be of numbers"),
+        (None, r"not of shape \(\)"),
+    ],
+)
+def test_an_action_of_another_shape_or_kind_is_one_sentence(
+    name: str, action: Any, words: str
+) -> None:
+    env = gymnasium.make(name, duration=0.1).unwrapped
+    env.reset(seed=0)
+    with pytest.raises(CableError, match=words) as raised:
+        env.step(action)
+    assert str(raised.value).endswith(".")
+    env.step([0.5])
+
+
+@pytest.mark.parametrize(
     ("argument", "value", "message"),
     [
         ("trajectory", "sweeep", "did you mean 'sweep'"),

@@ -204,6 +204,9 @@ def test_bad_calls_are_refused(name: str) -> None:
     env.reset(seed=0)
     with pytest.raises(CableError, match="finite"):
         env.step(np.array([[0.0], [np.nan]], np.float32))
+    for bad in (0.5, np.zeros(2), np.zeros(1), np.zeros((1, 1)), np.zeros((2, 2))):
+        with pytest.raises(CableError, match=r"shape \(2, 1\)"):
+            env.step(bad)
     with pytest.raises(CableError, match="seed"):
         env.reset(seed=[1, 2, 3])
     with pytest.raises(CableError, match="reset_mask"):

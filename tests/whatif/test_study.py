@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from gymnasium.spaces import Box
 
 from cc_mujoco.control import MEASURED, Controller, Drive
 from cc_mujoco.control.controllers import CONTROLLERS
@@ -20,6 +21,7 @@ from cc_mujoco.whatif.evaluate import evaluate
 from cc_mujoco.whatif.laws import Laws
 from cc_mujoco.whatif.metrics import measure_episode
 from cc_mujoco.whatif.show import show
+from control.policies import Linear, saved
 
 EPISODE = tuple(name for name, metric in METRICS.items() if metric.test == "episode")
 VARY = {
@@ -204,6 +206,30 @@ def test_controllers_that_need_a_drive_each_get_one(
     laws = Laws("scalar", drives)
     seen = {name: np.ones(3) for name in MEASURED}
     assert laws.torque(seen).tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("scene", ["wrist", "ankle"])
+def test_a_saved_policy_drives_designs_as_their_environments(
+    scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    observed = Builder(scene).scene.cls.SETUP.bounds
+    high = np.array([*observed.values()])
+    weights = np.array([0.3, -0.5, 0.2, -0.1, -4.0, 4.0, 0.1, -0.1])[: high.size] / high
+    policy = Linear(Box(-high, high, dtype=np.float64), weights)
+    law = saved(policy, tmp_path / "policy.zip", monkeypatch)
+    folder, vary = tmp_path / "study", {"motor_torque": [0.5, 40.0]}
+    about: dict[str, Any] = {**SHORT, "trajectory": "sine", "controller": law}
+    table = study(scene, vary, out=folder, **about)
+    for row in range(2):
+        log, _ = show(folder, row)
+        found = measure_episode(log, Builder(scene).strength({}))
+        assert found["tracking_error"] == table["tracking_error"][row].as_py()
+        seen = np.array([log[name] for name in observed]).T
+        # Of single precision, as actions are; each acts in the step that follows.
+        share = np.clip(seen @ weights, -1.0, 1.0)
+        assert np.abs(log["motor_torque_nm"][1:]).max() == pytest.approx(
+            np.abs(share[:-1]).max() * table["motor_torque"][row].as_py(), rel=1e-5
+        )
 
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))

@@ -137,6 +137,25 @@ class Exo:
         columns["phase_sine"], columns["phase_cosine"] = sine, cosine
         return self.device.observed.of(columns), columns
 
+    def beyond(self, marks: Array) -> str:
+        """One sentence if the task asks for what the motor cannot give, else nothing.
+
+        Args:
+            marks: `Script.marks`; what is asked for is that along the reference.
+        """
+        reference, phase = marks[:, 0], marks[:, 1]
+        velocity = np.gradient(reference, self.period)
+        asked = self.task.torque(reference, velocity, phase)
+        least, most = self.drive.reach
+        if least <= asked.min() and asked.max() <= most:
+            return ""
+        ends = (asked.min(), asked.max(), least, most)
+        low, high, weakest, strongest = (f"{round(end, 3) + 0.0:.4g}" for end in ends)
+        return (
+            f"the task asks for {low} to {high} Nm at joint {self.setup.joint!r}, "
+            f"where the motor gives {weakest} to {strongest} Nm even without friction."
+        )
+
     def rewards(self, columns: dict[str, Any], action: Any) -> tuple[Any, Any]:
         """Terms of the reward: for tracking the desired torque, and for the effort."""
         error = columns["joint_torque_nm"] - columns["desired_torque_nm"]

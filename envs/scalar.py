@@ -61,6 +61,12 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
         """The action that makes the motor give a torque [Nm]."""
         return self.exo.action(torque)
 
+    def beyond(self) -> str:
+        """What the task asks for beyond the motor in this episode; see `Exo.beyond`."""
+        if self._script is None:
+            raise gymnasium.error.ResetNeeded("call reset() before beyond().")
+        return self.exo.beyond(self._script.marks)
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:

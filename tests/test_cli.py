@@ -58,6 +58,18 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
     assert numbers["peak_joint_torque"]["value"] == peak
 
 
+def test_a_task_beyond_the_motor_is_played_with_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["play", "wrist", "--trajectory", "walk", "--duration", "1"]
+    assert cli.main([*words, "--task", "assist", "--out", str(tmp_path / "a")]) == 0
+    (warning,) = capsys.readouterr().err.splitlines()
+    assert warning.startswith("warning: assist: the task asks for -11.48 to 0 Nm ")
+    assert warning.endswith("the motor gives -5.2 to 5.2 Nm even without friction.")
+    assert cli.main([*words, "--task", "spring", "--out", str(tmp_path / "b")]) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_equal_seeds_give_equal_logs(tmp_path: Path) -> None:
     words = ["play", "wrist", "--trajectory", "multisine", "--duration", "0.2"]
     for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):

@@ -81,12 +81,16 @@ class Plan:
                     )
         return list(found.values())
 
-    def check(self) -> None:
+    def check(self) -> tuple[str, ...]:
         """Find out, before long work, whether every name can be used.
 
+        Returns:
+            A sentence for each scene and task that asks for more than the motor gives.
+
         Raises:
-            CableError: If one cannot.
+            CableError: If a name cannot be used.
         """
+        warnings: dict[str, str] = {}
         for scene in self.scenes:
             condition = look_up("scene", scene, CONDITIONS)
             for trajectory, task in product(
@@ -102,9 +106,12 @@ class Plan:
                 )
                 env.reset(seed=0)
                 drive = env.unwrapped.drive
+                if beyond := env.unwrapped.beyond():
+                    warnings[f"{scene}, {task}"] = beyond
                 env.close()
             for law in self.controllers:
                 controller(law, condition.sensing.equip(drive))
+        return tuple(f"{name}: {beyond}" for name, beyond in warnings.items())
 
 
 def run(

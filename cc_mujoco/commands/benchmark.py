@@ -72,7 +72,8 @@ class Benchmark:
         for name in self.record:
             if name not in cells:
                 raise CableError.unknown("cell", name, cells)
-        plan.check()
+        for warning in plan.check():
+            print(f"warning: {warning}", file=sys.stderr)
         require_writable(self.out)
         with tqdm(
             total=len(cells), unit="cell", disable=not sys.stderr.isatty()

@@ -103,6 +103,9 @@ class Play:
         )
         inner: Any = env.unwrapped
         law = controller(self.controller, inner.drive)
+        env.reset(seed=self.seed)
+        if beyond := inner.beyond():
+            print(f"warning: {names['task']}: {beyond}", file=sys.stderr)
         with tqdm(
             total=self.duration,
             unit="s",

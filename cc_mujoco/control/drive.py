@@ -92,6 +92,12 @@ class Drive:
             )
 
     @property
+    def reach(self) -> tuple[float, float]:
+        """Least and greatest torque at the joint, were there no friction [Nm]."""
+        ends = self.ratio * (0.0 if self.one_way else self.low), self.ratio * self.high
+        return min(ends), max(ends)
+
+    @property
     def cables(self) -> tuple[Strand, ...]:
         """The cables of the first environment; none if they are not known."""
         return self.strands[0] if self.strands else ()

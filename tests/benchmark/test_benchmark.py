@@ -325,6 +325,9 @@ def test_what_cannot_be_played_is_refused() -> None:
         Plan(("wrist",), ("pid",)).check()
     with pytest.raises(CableError, match="at least one scene"):
         Plan((), ("pi",)).cells()
+    assert Plan(("wrist", "ankle"), ("pi",)).check() == ()
+    (warning,) = Plan(("wrist",), ("pi",), tasks=("assist", "spring")).check()
+    assert warning.startswith("wrist, assist: the task asks for -30 to ")
     with pytest.raises(CableError, match="delay"):
         Sensing(0.0, 0.0, delay=-1)
     assert set(CONDITIONS) == {"wrist", "ankle"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 from pathlib import Path
 from typing import Any
 
@@ -392,6 +393,26 @@ def test_an_action_that_is_no_number_is_refused(name: str) -> None:
     for bad in (np.nan, np.inf):
         with pytest.raises(CableError, match="finite"):
             env.step(np.full(1, bad, np.float32))
+
+
+@pytest.mark.parametrize(
+    ("kind", "task", "said"),
+    [
+        (WristHandle, "spring", ""),
+        (WristHandle, "transparent", ""),
+        (WristHandle, "assist", r"-30 to 0 Nm at joint 'wrist', .* -5.2 to 5.2 Nm"),
+        (WristHandle, Spring(50.0), "-20 to 20 Nm"),
+        (AnkleExo, "assist", ""),
+        (AnkleExo, "spring", r"-0.3 to 0.3 Nm at joint 'ankle', .* -240 to 0 Nm"),
+    ],
+)
+def test_a_task_beyond_the_motor_is_told_with_both_torques(
+    kind: Any, task: Any, said: str
+) -> None:
+    trajectory = "walk" if kind is AnkleExo and task == "assist" else "sweep"
+    env = kind(trajectory=trajectory, task=task, duration=5.0)
+    env.reset(seed=0)
+    assert re.search(said, env.beyond()) if said else env.beyond() == ""
 
 
 @pytest.mark.parametrize(

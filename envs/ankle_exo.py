@@ -87,7 +87,8 @@ class AnkleExo(ExoEnv):
     An episode starts at rest at the first pose of the trajectory, the cable at
     pretension. Random trajectories are drawn from `np_random`, so a seed determines an
     episode. It is truncated after `duration`, and terminated only if MuJoCo warns that
-    the simulation has become unstable. Actions that are not finite are a `CableError`.
+    the simulation has become unstable. Actions of another shape or not finite are a
+    `CableError`.
 
     ## Arguments
 

@@ -82,7 +82,8 @@ class WristHandle(ExoEnv):
     An episode starts at rest at the first angle of the trajectory, both cables at
     pretension. Random trajectories are drawn from `np_random`, so a seed determines an
     episode. It is truncated after `duration`, and terminated only if MuJoCo warns that
-    the simulation has become unstable. Actions that are not finite are a `CableError`.
+    the simulation has become unstable. Actions of another shape or not finite are a
+    `CableError`.
 
     ## Arguments
 

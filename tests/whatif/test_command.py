@@ -22,7 +22,7 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
 ) -> None:
     words = ["whatif", "--scene", "wrist", "--duration", "0.3", "--out", "study"]
     vary = ["--vary", "friction=0.05:0.2:3", "--vary", "loops=1,2"]
-    metrics = ("slack_margin", "peak_tension", "efficiency")
+    metrics = ("slack_margin", "peak_tension", "tracking_error", "efficiency")
     words += [word for name in metrics for word in ("--metric", name)]
     goals = ["--objective", "slack_margin", "--objective", "max:peak_tension"]
     assert cli.main([*words, *vary, *goals]) == 0
@@ -62,8 +62,11 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
 
     capsys.readouterr()
     assert cli.main(["whatif-show", "study", "4"]) == 0
-    told = dict(line.split()[:2] for line in capsys.readouterr().out.splitlines()[:5])
+    told = dict(line.split()[:2] for line in capsys.readouterr().out.splitlines()[:6])
     assert list(told) == ["friction", "loops", *metrics]
+    # Of a task that asks for nothing so early.
+    assert told.pop("efficiency") == "-"
+    assert table["efficiency"].null_count == 6
     for name, number in told.items():
         assert float(number) == pytest.approx(table[name][4].as_py(), rel=1e-3)
     assert sorted(p.name for p in (out / "design-4").iterdir()) == sorted(FILES)

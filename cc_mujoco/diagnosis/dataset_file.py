@@ -49,6 +49,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from cc_mujoco.diagnosis import channels
+from cc_mujoco.diagnosis.tables import ENDINGS
 from cc_mujoco.diagnosis.trials import Constant, Facts, Locked, Split
 from cc_mujoco.errors import CableError, look_up
 
@@ -129,30 +130,41 @@ class DatasetFile:
                 facts = replace(facts, **known)
         return replace(facts, repeat_of=_named(facts.repeat_of, names))
 
-    def check_trials(self, names: Mapping[Path, str]) -> None:
+    def check_trials(
+        self, names: Mapping[Path, str], others: Iterable[Path] = ()
+    ) -> None:
         """Check that every table of `[trials]` means a file, and so does `repeat_of`.
 
         Args:
             names: of the trials, by file.
+            others: data files that were not given but may be meant; only looked at
+                where none of the trials is.
 
         Raises:
             CableError: one does not.
         """
+        unread = {path: path.stem for path in others} if self._absent(names) else {}
+        everything = {**unread, **names}
         for pattern, known in self.facts.items():
-            meant = [n for path, n in names.items() if _matches(path, n, pattern)]
             where = f"{self.path}, [trials.{pattern!r}]"
-            if not meant:
+            if not _any(everything, pattern):
                 kind = f"trial in {self.path}, [trials]"
-                raise CableError.unknown(kind, pattern, names.values())
+                raise CableError.unknown(kind, pattern, everything.values())
             original = _named(known.get("repeat_of"), names)
-            if original is not None and original not in names.values():
+            if original is not None and not _any(everything, original):
                 kind = f"trial in {where}, repeat_of"
-                raise CableError.unknown(kind, original, names.values())
+                raise CableError.unknown(kind, original, everything.values())
+            meant = [n for path, n in names.items() if _matches(path, n, pattern)]
             if original in meant:
                 raise CableError(
                     f"{where}, repeat_of: {original!r} cannot repeat itself; name the "
                     "trial that was recorded first."
                 )
+
+    def _absent(self, names: Mapping[Path, str]) -> bool:
+        """Whether something is said of a trial that is not among these."""
+        told = [*self.facts, *(known.get("repeat_of") for known in self.facts.values())]
+        return not all(_any(names, name) for name in told if name is not None)
 
 
 def read_dataset_file(path: str | Path) -> DatasetFile:
@@ -344,11 +356,26 @@ def _number(value: object) -> float | None:
 
 
 def _named(given: str | None, names: Mapping[Path, str]) -> str | None:
-    """The trial meant by a name or a file name; as given if there is none."""
-    return next((n for path, n in names.items() if path.name == given), given)
+    """The trial meant by a name or a file name; without ending if there is none."""
+    if given is None or given in names.values():
+        return given
+    bare = Path(given)
+    if bare.suffix.lower() in ENDINGS:
+        bare = bare.with_suffix("")
+    return next((n for path, n in names.items() if path.name == given), bare.as_posix())
+
+
+def _any(names: Mapping[Path, str], pattern: str) -> bool:
+    """Whether a pattern of `[trials]` means one of these files."""
+    return any(_matches(path, name, pattern) for path, name in names.items())
 
 
 def _matches(path: Path, name: str, pattern: str) -> bool:
-    """Whether a pattern of `[trials]` means this file."""
-    called = (name, path.name, path.stem)
+    """Whether a pattern of `[trials]` means this file.
+
+    A pattern with folders is held against as much of the path: how much of it is in the
+    name depends on which other files were given.
+    """
+    tail = Path(*path.parts[-1 - pattern.count("/") :])
+    called = (name, tail.as_posix(), tail.with_suffix("").as_posix())
     return any(fnmatch.fnmatchcase(text, pattern) for text in called)

@@ -111,6 +111,7 @@ def excitation(dataset: Dataset) -> Excitation:
         for trial in dataset.trials
         if trial.facts.pretension is not None
     }
+    names = {trial.name for trial in dataset.trials}
     return Excitation(
         duration=sum(trial.duration for trial in dataset.trials),
         speed=_percentiles(np.concatenate(speeds), 2, 99),
@@ -122,7 +123,7 @@ def excitation(dataset: Dataset) -> Excitation:
         turns=_revolutions(_all(dataset, channels.MOTOR_ANGLE)),
         joint_turns=_revolutions(_all(dataset, channels.JOINT_ANGLE)),
         bandwidth=max((_bandwidth(trial) for trial in dataset.trials), default=0.0),
-        repeats=sum(trial.facts.repeat_of is not None for trial in dataset.trials),
+        repeats=sum(trial.facts.repeat_of in names for trial in dataset.trials),
         pretensions=tuple(sorted(known_tensions)),
         temperature=_span(warmth),
         tensions=sum(channels.is_tension(name) for name in dataset.channels),

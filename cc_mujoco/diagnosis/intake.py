@@ -21,7 +21,14 @@ from cc_mujoco.diagnosis.clock import Track, lay_out
 from cc_mujoco.diagnosis.dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.diagnosis.findings import Finding, fix, note
 from cc_mujoco.diagnosis.noise import noise_of
-from cc_mujoco.diagnosis.reading import Recording, beside, data_files, read, trial_names
+from cc_mujoco.diagnosis.reading import (
+    Recording,
+    around,
+    beside,
+    data_files,
+    read,
+    trial_names,
+)
 from cc_mujoco.diagnosis.repeatability import floor_of
 from cc_mujoco.diagnosis.thinning import thinned
 from cc_mujoco.diagnosis.trials import Dataset, Facts, Trial
@@ -56,7 +63,7 @@ def load(
     if toml is not None and dataset_toml is None:
         findings.append(note(f"{toml} says what the columns mean."))
     names = trial_names(files)
-    file.check_trials(names)
+    file.check_trials(names, around(files, file.path))
     trials: list[Trial] = []
     known: dict[str, Path] = {}
     for path, name in names.items():

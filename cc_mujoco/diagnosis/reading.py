@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -86,6 +86,15 @@ def data_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
             f"{' or '.join(tables.ENDINGS)}."
         )
     return list(found.values())
+
+
+def around(files: Iterable[Path], dataset_file: str) -> Iterator[Path]:
+    """Data files in the folders of these files and of their `dataset.toml`."""
+    folders = [path.parent for path in files]
+    if dataset_file:
+        folders.append(Path(dataset_file).parent)
+    for folder in dict.fromkeys(folders):
+        yield from (path for path in folder.rglob("*") if _is_data(path, folder))
 
 
 def trial_names(files: Iterable[Path]) -> dict[Path, str]:

@@ -124,6 +124,38 @@ def test_trials_that_are_not_there(tmp_path: Path, text: str, sentence: str) -> 
         file.check_trials({Path("run_1.csv"): "run_1", Path("run_2.csv"): "run_2"})
 
 
+FOLDER = """
+[trials."run_*"]
+pretension = 12
+[trials.run_2]
+repeat_of = "run_1.csv"
+[trials."more/walk"]
+temperature = 20
+"""
+
+
+def test_trials_of_the_folder_that_were_not_given_need_not_be_there(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "more").mkdir()
+    for name in ("run_1", "run_2", "more/walk"):
+        write(tmp_path / f"{name}.csv", recording(1.0, seed=len(name)))
+    toml = tmp_path / "dataset.toml"
+    toml.write_text(FOLDER, encoding="utf-8")
+    dataset, _ = load(tmp_path / "run_2.csv")
+    assert dataset.trials[0].facts == Facts(pretension=12.0, repeat_of="run_1")
+    # What is said of a trial does not hang on which others are given, either.
+    dataset, _ = load(tmp_path / "more" / "walk.csv", toml)
+    assert dataset.trials[0].facts == Facts(temperature=20.0)
+    for wrong, told in (
+        ("[trials.run_7]", r"\[trials\] 'run_7': did you mean 'run_"),
+        ("[trials.run_1]\nrepeat_of = 'run_9'", "repeat_of 'run_9': did you mean"),
+    ):
+        toml.write_text(wrong, encoding="utf-8")
+        with pytest.raises(CableError, match=told):
+            load(tmp_path / "run_2.csv")
+
+
 @settings(max_examples=20)
 @given(
     sign=st.sampled_from((1, -1)),

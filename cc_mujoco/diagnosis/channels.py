@@ -26,6 +26,7 @@ REQUIRED = (TIME, *DRIVE)
 
 TENSION = "tension_<cable>_<proximal|distal>_n"
 _TENSION = re.compile(r"tension_.+_(proximal|distal)_n")
+_TENSION_IN = re.compile(r"(tension_.+_(?:proximal|distal)_)([a-z]+)")
 
 
 class Kind(NamedTuple):
@@ -47,8 +48,20 @@ CLOCK = Kind("time", "s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
 ANGLE = Kind(
     "angle", "rad", {"rad": 1.0, "mrad": 1e-3, "deg": _TURN / 360, "rev": _TURN}
 )
-TORQUE = Kind("torque", "Nm", {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2})
-FORCE = Kind("force", "N", {"N": 1.0, "mN": 1e-3, "kN": 1e3})
+_KGF, _LBF, _INCH = 9.80665, 4.4482216152605, 0.0254
+TORQUE = Kind(
+    "torque",
+    "Nm",
+    {
+        "Nm": 1.0,
+        "mNm": 1e-3,
+        "Nmm": 1e-3,
+        "Ncm": 1e-2,
+        "kgfcm": 1e-2 * _KGF,
+        "lbfin": _INCH * _LBF,
+    },
+)
+FORCE = Kind("force", "N", {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": _KGF, "lbf": _LBF})
 WARMTH = Kind("temperature", "degC", {"degC": 1.0})
 MASK = Kind("mask", "1", {"1": 1.0})
 
@@ -61,6 +74,40 @@ _KINDS = {
     TEMPERATURE: WARMTH,
     VALID: MASK,
 }
+
+_WORDS = {
+    "\N{DEGREE SIGN}": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "turns": "rev",
+    "sec": "s",
+    "\N{MICRO SIGN}s": "us",
+}
+"""What some call a unit."""
+_ELSE = {
+    **dict.fromkeys(
+        ("mm", "cm"), "a length; over the radius of its pulley it is an angle in rad"
+    ),
+    **dict.fromkeys(("rpm", "rps"), "a speed; its integral over time is an angle"),
+    **dict.fromkeys(
+        ("kg", "lb", "lbs"), "a mass; its weight is a force, in kgf or in lbf"
+    ),
+    **dict.fromkeys(
+        ("ma", "amp"), "a current; times the torque constant it is a motor's torque"
+    ),
+    **dict.fromkeys(
+        ("mv", "volt"), "a voltage; apply the calibration of its sensor first"
+    ),
+    **dict.fromkeys(
+        map(str.lower, FORCE.factors),
+        "a force; times the radius of its pulley it is a torque",
+    ),
+}
+"""What readings in other units are, and how to make a channel of them."""
+_APART = re.compile(r"[\s_.,:;|(){}\[\]-]+")
+_UNITS = {
+    unit.lower() for kind in (CLOCK, ANGLE, TORQUE, FORCE) for unit in kind.factors
+} | {"m", "mm"}
 
 
 def kind(channel: str) -> Kind:
@@ -88,3 +135,38 @@ def spellings(channel: str) -> dict[str, str]:
         return {channel: measured.unit}
     stem = channel[: channel.rindex("_")]
     return {f"{stem}_{unit.lower()}": unit for unit in measured.factors}
+
+
+def tension(column: str) -> str:
+    """Channel of a column that is a tension by its name, whatever its unit; else "".
+
+    Raises:
+        CableError: the unit is one of something else.
+    """
+    found = _TENSION_IN.fullmatch(column)
+    if found is None:
+        return ""
+    if unit_of(column, FORCE):
+        return f"{found[1]}n"
+    if other := no_channel(column):
+        raise CableError(f"column {column} is {other}.")
+    return ""
+
+
+def unit_of(column: str, measured: Kind) -> str | None:
+    """Unit of a quantity in which the name of a column ends, or None."""
+    word = _last(column)
+    return next((unit for unit in measured.factors if unit.lower() == word), None)
+
+
+def no_channel(column: str) -> str:
+    """What a column measures by its unit, and what to do, if it is no channel's."""
+    return _ELSE.get(_last(column), "")
+
+
+def _last(column: str) -> str:
+    """The word in which a name ends, as its unit would be spelled; empty for a rate."""
+    words = [word for word in _APART.split(column.lower()) if word]
+    if not words or (len(words) > 1 and words[-2] in _UNITS):
+        return ""
+    return _WORDS.get(words[-1], words[-1])

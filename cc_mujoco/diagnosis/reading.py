@@ -175,7 +175,7 @@ def _sources(
     path: Path, names: list[str], file: DatasetFile
 ) -> dict[str, tuple[str, str]]:
     """Column and unit of every channel that a file has."""
-    optional = [name for name in names if channels.is_tension(name)]
+    optional = [channel for name in names if (channel := _tension(path, name))]
     optional += [channels.TEMPERATURE, channels.VALID]
     sources = {}
     for channel in dict.fromkeys([*channels.REQUIRED, *file.columns, *optional]):
@@ -214,17 +214,51 @@ def _converted(
     return value
 
 
-def _missing(path: Path, what: str, name: str, names: list[str]) -> CableError:
-    """The error for a column that is not there."""
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f" (is it {near[0]!r}?)" if near else ""
+def _tension(path: Path, column: str) -> str:
+    """Channel of a column that is a tension by its name, else empty."""
+    try:
+        return channels.tension(column)
+    except CableError as error:
+        raise CableError(f"{path}: {error}") from None
+
+
+def _missing(path: Path, channel: str, name: str, names: list[str]) -> CableError:
+    """The error for a column that is not there.
+
+    Args:
+        path: the file.
+        channel: that it is for, or what else.
+        name: of the column.
+        names: of all columns.
+    """
     told = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    return CableError(
-        f"{path} has no column {name!r}{hint}, only {told}; rename one or map it in "
-        f"{DATASET_FILE}."
-        if what == name
-        else f"{path} has no column {name!r} for {what}{hint}, only {told}."
-    )
+    if channel != name:
+        near = _nearest(name, names)
+        hint = f" (is it {near!r}?)" if near else ""
+        return CableError(f"{path} has no column {name!r} for {channel}{hint}: {told}.")
+    missing = f"{path} has no column {channel!r}, only {told}"
+    measured = channels.kind(channel)
+    taken = {own for other in channels.REQUIRED for own in channels.spellings(other)}
+    free = [n for n in names if n not in taken and not channels.tension(n)]
+    alike = [n for n in free if channels.unit_of(n, measured)]
+    if column := _nearest(name, alike, 0.0):
+        return CableError(
+            f"{missing}; if it is {column!r}, say so in {DATASET_FILE}, which converts "
+            f"it: [columns.{channel}] name = {column!r}, unit = "
+            f"{channels.unit_of(column, measured)!r}."
+        )
+    others = [n for n in free if channels.no_channel(n)]
+    plain = [n for n in free if n not in others]
+    if near := _nearest(name, plain):
+        missing += f" (is it {near!r}?)"
+    elif other := _nearest(name, others, 0.4):
+        return CableError(f"{missing}; {other!r} is {channels.no_channel(other)}.")
+    return CableError(f"{missing}; rename one or map it in {DATASET_FILE}.")
+
+
+def _nearest(name: str, names: list[str], cutoff: float = 0.6) -> str:
+    """The name most like another, or empty."""
+    return next(iter(difflib.get_close_matches(name, names, 1, cutoff)), "")
 
 
 def _is_data(path: Path, folder: Path) -> bool:

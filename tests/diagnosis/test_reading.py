@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cc_mujoco.diagnosis import channels
 from cc_mujoco.diagnosis.dataset_file import DatasetFile, Source
 from cc_mujoco.diagnosis.reading import beside, data_files, read
 from cc_mujoco.errors import CableError
@@ -165,6 +167,67 @@ def test_a_name_may_say_another_unit(tmp_path: Path) -> None:
     assert recorded.values["motor_torque_nm"] == pytest.approx([1.0])
     assert recorded.values["joint_angle_rad"] == pytest.approx([1.0])
     assert recorded.labels["motor_angle_rad"] == "motor_angle_deg"
+
+
+@pytest.mark.parametrize(
+    ("channel", "column", "unit"),
+    [
+        ("motor_angle_rad", "angle_deg", "deg"),
+        ("joint_angle_rad", "phi out [\N{DEGREE SIGN}]", "deg"),
+        ("motor_angle_rad", "Encoder (rev)", "rev"),
+        ("time_s", "t_ms", "ms"),
+        ("time_s", "clock[us]", "us"),
+        ("joint_torque_nm", "load_cell_mNm", "mNm"),
+        ("motor_torque_nm", "drive_lbfin", "lbfin"),
+    ],
+)
+def test_a_column_in_another_unit_is_offered_with_its_conversion(
+    tmp_path: Path, channel: str, column: str, unit: str
+) -> None:
+    path = put(tmp_path, text("0,1,2,3,4\n", TOP.replace(channel, column)))
+    told = f"[columns.{channel}] name = {column!r}, unit = {unit!r}"
+    with pytest.raises(CableError, match=re.escape(told)):
+        read(path, DatasetFile())
+    # What is said is what helps.
+    file = DatasetFile(columns={channel: Source(name=column, unit=unit)})
+    value = read(path, file).values[channel]
+    factor = channels.kind(channel).factors[unit]
+    assert value == pytest.approx([factor * TOP.split(",").index(channel)])
+
+
+@pytest.mark.parametrize(
+    ("channel", "column", "advice"),
+    [
+        ("motor_angle_rad", "motor_speed_rpm", "its integral"),
+        ("joint_angle_rad", "joint_travel_mm", "over the radius of its pulley"),
+        ("joint_torque_nm", "joint_load_kg", "in kgf or in lbf"),
+        ("joint_torque_nm", "joint_load_lbf", "times the radius"),
+        ("motor_torque_nm", "motor_current_mA", "times the torque constant"),
+    ],
+)
+def test_another_quantity_is_no_column_to_rename(
+    tmp_path: Path, channel: str, column: str, advice: str
+) -> None:
+    path = put(tmp_path, text("0,1,2,3,4\n", TOP.replace(channel, column)))
+    with pytest.raises(CableError, match=f"'{column}' is .*{advice}"):
+        read(path, DatasetFile())
+
+
+def test_a_rate_is_in_no_unit_of_a_channel() -> None:
+    for name in ("motor_speed_rad_s", "stiffness_nm_rad", "speed [deg/s]", "", "s2"):
+        for channel in channels.REQUIRED:
+            assert channels.unit_of(name, channels.kind(channel)) is None
+
+
+def test_tensions_may_be_in_other_units_too(tmp_path: Path) -> None:
+    top = f"{TOP},tension_a_proximal_kn,tension_a_distal_lbf,tension_b_distal_raw"
+    values = read(put(tmp_path, text("0,1,2,3,4,1,2,3", top)), DatasetFile()).values
+    assert values["tension_a_proximal_n"] == pytest.approx([1000.0])
+    assert values["tension_a_distal_n"] == pytest.approx([8.8964432])
+    assert not any("_b_" in name for name in values)
+    path = put(tmp_path, text("0,1,2,3,4,5", f"{TOP},tension_a_proximal_kg"))
+    with pytest.raises(CableError, match=r"tension_a_proximal_kg is a mass"):
+        read(path, DatasetFile())
 
 
 def test_tensions_and_temperature_are_taken_along(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ from cc_mujoco.diagnosis.intervals import estimates, undetermined
 from cc_mujoco.diagnosis.plant import Plant, Tuned, tuned
 from cc_mujoco.diagnosis.records import Filtering, Record, prepare
 from cc_mujoco.diagnosis.repair import added
+from cc_mujoco.diagnosis.requirements import require_repairable
 from cc_mujoco.diagnosis.screen import Signature, alike
 from cc_mujoco.diagnosis.search import Round, Search, Thresholds, search
 from cc_mujoco.diagnosis.trials import Dataset
@@ -481,8 +482,9 @@ def diagnose(
         progress: called with the share done and what is being done.
 
     Raises:
-        CableError: no data, a wrong dataset file, a scene that is no bench, or a
-            folder with the scene or with other files that would be replaced.
+        CableError: no data, a wrong dataset file, a scene that is no bench or
+            cannot be repaired (see `requirements`), or a folder with the scene or with
+            other files that would be replaced.
     """
     from cc_mujoco.diagnosis.output import require_ours, write
 
@@ -493,6 +495,7 @@ def diagnose(
             f"scene {scene} has {', '.join(present)} outside its cables from an "
             "earlier diagnosis, which no baseline tunes; give the scene before it"
         )
+    require_repairable(bench)
     progress(0.0, "reading the data")
     dataset, findings = load(list(data), dataset_toml)
     findings += check_bench(dataset.trials, bench.known(dataset.constants))

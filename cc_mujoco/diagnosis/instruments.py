@@ -117,43 +117,59 @@ def instrument(spec: mujoco.MjSpec, bench: Bench) -> None:
         spec: to change.
         bench: of the same scene; its radii are the weights of the cables' tensions.
     """
+    angle = mujoco.mjtSensor.mjSENS_JOINTPOS
     for name, joint in ((MOTOR_ANGLE, bench.motor), (JOINT_ANGLE, bench.joint)):
-        if spec.sensor(name) is None:
+        found = spec.sensor(name)
+        if found is None:
             spec.add_sensor(
                 name=name,
-                type=mujoco.mjtSensor.mjSENS_JOINTPOS,
+                type=angle,
                 objtype=mujoco.mjtObj.mjOBJ_JOINT,
                 objname=joint,
+            )
+        elif (found.type, found.objname) != (angle, joint):
+            raise CableError(
+                f"scene {bench.path}: the sensor {name!r} must be a <jointpos> of "
+                f"joint {joint!r}; rename it"
             )
     signs = (1.0, -1.0)
     for channel, end, radius in (
         (MOTOR_TORQUE, 0, bench.motor_radius),
         (JOINT_TORQUE, 1, -bench.joint_radius),
     ):
+        actuators = [_ends(spec, cable)[end] for cable in bench.names]
         ends = [
-            Part(force_sensor(spec, _ends(spec, cable)[end]), sign * radius)
-            for cable, sign in zip(bench.names, signs, strict=False)
+            Part(force_sensor(spec, actuator), sign * radius)
+            for actuator, sign in zip(actuators, signs, strict=False)
         ]
-        named = {part.sensor for part in ends}
-        others = [part for part in parts(spec, channel) if part.sensor not in named]
+        others = [
+            part
+            for part in parts(spec, channel)
+            if not _of_force(spec.sensor(part.sensor), actuators)
+        ]
         set_parts(spec, channel, [*ends, *others])
 
 
 def force_sensor(spec: mujoco.MjSpec, actuator: str) -> str:
     """Name of a plain sensor of an actuator's force, added unless there is one."""
-    force = mujoco.mjtSensor.mjSENS_ACTUATORFRC
     for sensor in spec.sensors:
         plain = sensor.delay == 0.0 and sensor.nsample == 0 and sensor.cutoff == 0.0
-        if sensor.type == force and sensor.objname == actuator and plain:
+        usable = sensor.name and sensor.name == word(sensor.name)
+        if _of_force(sensor, [actuator]) and plain and usable:
             return str(sensor.name)
-    name = f"{actuator}_force"
+    name = word(f"{actuator}_force")
     spec.add_sensor(
         name=name,
-        type=force,
+        type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
         objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
         objname=actuator,
     )
     return name
+
+
+def word(name: str) -> str:
+    """A name for a sensor: the list of a `<tuple>` is split where names have blanks."""
+    return "_".join(name.split())
 
 
 def parts(spec: mujoco.MjSpec, channel: str) -> list[Part]:
@@ -194,13 +210,24 @@ def without_delay(model: mujoco.MjModel) -> Iterator[None]:
 
 
 def _ends(spec: mujoco.MjSpec, cable: str) -> tuple[str, str]:
-    """Names of the actuators at a cable's proximal and distal end."""
+    """Names of the actuators at a cable's proximal and distal end, given if missing."""
     near, far = (
-        str(actuator.name)
+        actuator
         for actuator in spec.actuators
         if actuator.plugin.name == cable  # a written scene has no `plugin_name` here
     )
-    return near, far
+    for actuator, end in ((near, "proximal"), (far, "distal")):
+        name = actuator.name or f"{cable}_{end}"
+        while not actuator.name and spec.actuator(name) is not None:
+            name += "_"
+        actuator.name = name
+    return str(near.name), str(far.name)
+
+
+def _of_force(sensor: mujoco.MjsSensor | None, actuators: list[str]) -> bool:
+    """Whether a sensor shows the force of one of these actuators."""
+    force = mujoco.mjtSensor.mjSENS_ACTUATORFRC
+    return sensor is not None and sensor.type == force and sensor.objname in actuators
 
 
 def _index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, what: str) -> int:

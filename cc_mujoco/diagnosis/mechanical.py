@@ -19,6 +19,7 @@ from cc_mujoco.diagnosis.instruments import (
     MOTOR_TORQUE,
     add_part,
     force_sensor,
+    word,
 )
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import Cable
@@ -82,6 +83,7 @@ def backlash(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         name=f"{bench.joint}_backlash",
         limited=True,
         range=[-play / 2.0, play / 2.0],
+        margin=0.0,
         solref_limit=[4.0 * step, 1.0],
         solimp_limit=[0.999, 0.9999, play / 1000.0, 0.5, 2.0],
     )
@@ -152,9 +154,10 @@ def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     present, rest = float(joint.stiffness[0]), float(joint.springref)
     total = present + added
     if rest != 0.0 and (total == 0.0 or any(joint.stiffness[1:])):
+        unit = "deg" if spec.compiler.degree else "rad"
         raise CableError(
-            f"joint {bench.joint!r} has a spring about {rest:g} rad that another one "
-            "about 0 cannot be added to; take it out of the scene"
+            f"joint {bench.joint!r} has a spring about {rest:g} {unit} that another "
+            "one about 0 cannot be added to; take it out of the scene"
         )
     joint.stiffness[0] = total
     joint.springref = present * rest / total if rest != 0.0 else 0.0
@@ -202,7 +205,13 @@ def _inertia(
     _weightless(probe, np.zeros(3), PROBE_INERTIA)
     along = np.empty(4)
     mujoco.mju_quatZ2Vec(along, model.jnt_axis[index])
-    site = probe.add_site(name=f"{name}_acceleration", quat=along, rgba=[0.0] * 4)
+    site = probe.add_site(
+        name=word(f"{name}_acceleration"),
+        pos=[0.0] * 3,
+        quat=along,
+        rgba=[0.0] * 4,
+    )
+    site.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
     spec.add_sensor(
         name=site.name,
         type=mujoco.mjtSensor.mjSENS_TORQUE,

@@ -111,7 +111,10 @@ def scene(result: Result, path: Path) -> list[str]:
         for name in problem.effects
     }
     write_scene(path, repaired(bench, cables, effects))
-    apart, size = compared(result, path)
+    try:
+        apart, size = compared(result, path)
+    except CableError as error:
+        return [f"scene.xml is written, but cannot be compared: {error}."]
     return [
         f"scene.xml, played by MuJoCo along the first seconds of {apart[0]}, differs "
         f"from the replay by {apart[1]:.2g} Nm RMS, with torques of {size:.2g} Nm RMS."

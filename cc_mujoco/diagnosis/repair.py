@@ -74,8 +74,9 @@ def repaired(
         raise
     except ValueError as error:
         reason = str(error).strip().splitlines()[0]
+        told = ", ".join(["sensors", *effects])
         raise CableError(
-            f"scene {bench.path} cannot have the effects {', '.join(effects)}: {reason}"
+            f"scene {bench.path} cannot have what is added ({told}): {reason}"
         ) from None
     return spec
 
@@ -103,24 +104,26 @@ def write(path: str | os.PathLike[str], spec: mujoco.MjSpec) -> None:
     """
     with replacing(path) as partial:
         try:
-            spec.compile()  # a copy leaves out what refers to nothing
-            partial.write_text(_at_home_anywhere(spec).to_xml(), encoding="utf-8")
+            spec.compile()
+            partial.write_text(_text(spec), encoding="utf-8")
             mujoco.MjModel.from_xml_path(str(partial))
         except ValueError as error:
             reason = str(error).strip().splitlines()[0]
             raise CableError(f"scene {path} cannot be written: {reason}") from None
 
 
-def _at_home_anywhere(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """A compiled copy that finds its meshes and textures from any folder."""
-    spec = spec.copy()
+def _text(spec: mujoco.MjSpec) -> str:
+    """MJCF of a compiled scene that finds its meshes and textures from any folder."""
     origin = Path(spec.modelfiledir).absolute()
+    before = spec.meshdir, spec.texturedir
     if any(asset.file for asset in [*spec.meshes, *spec.hfields, *spec.skins]):
         spec.meshdir = str(origin / spec.meshdir)
     if any(texture.file or any(texture.cubefiles) for texture in spec.textures):
         spec.texturedir = str(origin / spec.texturedir)
-    spec.compile()
-    return spec
+    try:
+        return str(spec.to_xml())
+    finally:
+        spec.meshdir, spec.texturedir = before
 
 
 def _largest_step(spec: mujoco.MjSpec, bench: Bench) -> float:

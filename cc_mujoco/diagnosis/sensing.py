@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 
@@ -17,7 +18,9 @@ from cc_mujoco.diagnosis.instruments import (
     add_part,
     parts,
     set_parts,
+    word,
 )
+from cc_mujoco.errors import CableError
 
 Values = Mapping[str, float]
 
@@ -27,7 +30,10 @@ CLOCK, ONE = "instrument_clock", "instrument_one"
 
 def angle_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """The cables are at rest where motor and joint, plus the offset, agree."""
-    spec.joint(bench.joint).ref -= values["joint_angle_offset"]
+    offset = values["joint_angle_offset"]
+    # A specification keeps the unit of its file.
+    unit = math.degrees(1.0) if spec.compiler.degree else 1.0
+    spec.joint(bench.joint).ref -= offset * unit
 
 
 def torque_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
@@ -53,8 +59,7 @@ def bias(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         _constant(spec, channel, values[f"{side}_torque_bias"])
         drift = values[f"{side}_torque_drift"]
         if drift != 0.0:
-            if spec.sensor(CLOCK) is None:
-                spec.add_sensor(name=CLOCK, type=mujoco.mjtSensor.mjSENS_CLOCK)
+            _own(spec, CLOCK, mujoco.mjtSensor.mjSENS_CLOCK)
             add_part(spec, channel, CLOCK, drift)
 
 
@@ -83,7 +88,7 @@ def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
                 delayed.append(part)
                 continue
             copy = spec.add_sensor(
-                name=f"{channel}_{source.name}",
+                name=word(f"{channel}_{source.name}"),
                 type=source.type,
                 objtype=source.objtype,
                 objname=source.objname,
@@ -107,11 +112,20 @@ def _late(spec: mujoco.MjSpec, sensor: mujoco.MjsSensor, delay: float) -> None:
 
 def _one(spec: mujoco.MjSpec) -> str:
     """Name of a sensor whose last number is always 1: the world's own z axis."""
-    if spec.sensor(ONE) is None:
-        spec.add_sensor(
-            name=ONE,
-            type=mujoco.mjtSensor.mjSENS_FRAMEZAXIS,
-            objtype=mujoco.mjtObj.mjOBJ_XBODY,
-            objname="world",
-        )
+    _own(
+        spec,
+        ONE,
+        mujoco.mjtSensor.mjSENS_FRAMEZAXIS,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname="world",
+    )
     return ONE
+
+
+def _own(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtSensor, **shown: Any) -> None:
+    """Add a sensor unless it is there."""
+    found = spec.sensor(name)
+    if found is None:
+        spec.add_sensor(name=name, type=kind, **shown)
+    elif found.type != kind:
+        raise CableError(f"the scene has a sensor {name!r} of its own; rename it")

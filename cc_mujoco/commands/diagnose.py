@@ -80,6 +80,8 @@ class Diagnose:
         if found.verdict in ("fix-data", "fix-numerics"):
             raise CableError(f"{found.verdict}: {found.statement} See {report}.")
         print(f"{found.verdict}: {found.statement}")
+        if found.question:
+            print(f"  {found.question}")
         for tie in found.ties:
             print(f"  cannot tell apart: {', '.join(tie)}")
         if found.next_experiment is not None:

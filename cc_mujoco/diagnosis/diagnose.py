@@ -31,6 +31,7 @@ from cc_mujoco.diagnosis.folds import Crossed, cross, excess, stretches, trials
 from cc_mujoco.diagnosis.gap import Predicted, gaps, overall, predicted, traces
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.intervals import estimates, undetermined
+from cc_mujoco.diagnosis.per_trial import odd_trial, trial_errors
 from cc_mujoco.diagnosis.plant import Plant, Tuned, tuned
 from cc_mujoco.diagnosis.records import Filtering, Record, prepare
 from cc_mujoco.diagnosis.repair import added
@@ -261,6 +262,9 @@ def _concluded(
     drawn = maps(shown, seed)
     evidence = Evidence(shown, drawn, isolability(found.signatures))
     kind, statement = judged(found, problem, measures, limits)
+    # What is added where nothing explains the error only stands in for it.
+    asked = (tuning.problem, tuning.whole.at) if kind == "unknown" else (problem, at)
+    odd = odd_trial(*asked)
     progress(0.95, "writing it down")
     estimated = estimates(problem, at, counts, after.places)
     ties = tuple(step.rivals for step in found.rounds if len(step.rivals) > 1)
@@ -290,6 +294,8 @@ def _concluded(
         {},
         tuple(_runner_ups(step) for step in found.rounds),
         tuple(notes),
+        trial_errors(problem, before.torques, after.torques),
+        odd.question if odd else "",
     )
     return Result(diagnosis, evidence, problem, at, bench, tuning)
 

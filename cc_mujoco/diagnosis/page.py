@@ -134,6 +134,7 @@ h2 { font-size: 1.2rem; margin: 2.4rem 0 .6rem; padding-top: .6rem;
 h3 { font-size: 1rem; margin: 1.4rem 0 .3rem; }
 p { margin: .5rem 0; }
 .lead { font-size: 1.15rem; margin: 0; }
+.lead + .lead { margin-top: .6rem; }
 .small, figcaption { font-size: .88rem; color: #555; }
 nav { font-size: .88rem; margin: 1rem 0; }
 nav a { margin-right: .9rem; white-space: nowrap; color: $blue; }

@@ -25,6 +25,7 @@ REPORT = "report.html"
 
 TITLES = {
     "gap": "How large the gap is",
+    "trials": "How far off every trial is",
     "where": "Where the error lies",
     "maps": "Maps of the error",
     "traces": "Measured and simulated",
@@ -75,7 +76,7 @@ def write_report(
 def _page(diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path) -> str:
     parts = _sections(diagnosis, evidence, names, figures)
     there = {key: part for key, part in parts.items() if part is not None}
-    first = FIRST.get(diagnosis.verdict)
+    first = FIRST.get(diagnosis.verdict, "trials" if diagnosis.question else None)
     order = sorted(there, key=lambda key: key != first)
     links = [element("a", TITLES[key], href=f"#{key}") for key in order]
     blocks = [
@@ -123,6 +124,7 @@ def _sections(
     )
     return {
         "gap": after(sections.gap(diagnosis), gap),
+        "trials": sections.trials(diagnosis),
         "where": sections.where(diagnosis),
         "maps": after(sections.maps(evidence), maps),
         "traces": joined(seconds) if seconds else None,

@@ -54,6 +54,7 @@ def header(diagnosis: Diagnosis, names: Names) -> Html:
         paragraph("Diagnosis of a cable transmission", kind="small"),
         element("h1", headline(diagnosis, names)),
         paragraph(diagnosis.statement, kind="lead"),
+        *([paragraph(diagnosis.question, kind="lead")] if diagnosis.question else []),
         paragraph(" ".join([MEANING[diagnosis.verdict], *extra])),
     )
 
@@ -72,6 +73,44 @@ def gap(diagnosis: Diagnosis) -> Html | None:
     )
     lines = [gap_sentence(name, each) for name, each in diagnosis.gap.items()]
     return joined([bullets(lines), paragraph(key, kind="small")])
+
+
+def trials(diagnosis: Diagnosis) -> Html | None:
+    """Errors of every trial, the worst first."""
+    if len(diagnosis.trials) < 2:
+        return None
+    both = bool(diagnosis.effects)
+    shown = "misfit_after" if both else "misfit_before"
+    ranked = sorted(diagnosis.trials, key=lambda each: -getattr(each, shown))
+
+    def change(before: float, after: float, floor: float = float("nan")) -> str:
+        sizes = (before, after) if both else (before,)
+        return " to ".join(number(size, floor) for size in sizes)
+
+    rows = [
+        (
+            element("code", each.trial),
+            change(each.misfit_before, each.misfit_after),
+            *(
+                change(
+                    each.rmse_before[name],
+                    each.rmse_after[name],
+                    each.noise_floor[name],
+                )
+                for name in each.rmse_before
+            ),
+        )
+        for each in ranked
+    ]
+    torques = [f"{channel(name)} [Nm]" for name in diagnosis.trials[0].rmse_before]
+    key = (
+        "Trials are predicted by parameters that were fitted to others, or where they "
+        "are few to other parts of them. First both torques over the noise floor, then "
+        "the weighted RMS error of each"
+        + ("; before and after effects were added." if both else ".")
+    )
+    head = ("trial", "over the floor", *torques)
+    return joined([table(head, rows), paragraph(key, kind="small")])
 
 
 def where(diagnosis: Diagnosis) -> Html | None:

@@ -106,6 +106,27 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class TrialError:
+    """Error of one trial, before and after; by channel, weighted as in `Gap` [Nm].
+
+    Attributes:
+        trial: its name.
+        rmse_before: of the baseline, by parameters fitted to other data.
+        rmse_after: of the model with the named effects.
+        noise_floor: what the noise of the sensors makes of it.
+        misfit_before: of both channels over the noise floor, large errors tamed.
+        misfit_after: the same with the named effects.
+    """
+
+    trial: str
+    rmse_before: Mapping[str, float]
+    rmse_after: Mapping[str, float]
+    noise_floor: Mapping[str, float]
+    misfit_before: float
+    misfit_after: float
+
+
+@dataclass(frozen=True)
 class Baseline:
     """The model without any effect, as well as it can be tuned.
 
@@ -154,6 +175,8 @@ class Diagnosis:
         provenance: hashes, versions, seed, command.
         runner_ups: candidates of every round, first to last.
         problems: sentences about the data or the numerics.
+        trials: errors of every trial.
+        question: about a trial that contradicts the others, or empty.
     """
 
     verdict: Verdict
@@ -168,6 +191,8 @@ class Diagnosis:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     runner_ups: tuple[tuple[RunnerUp, ...], ...] = ()
     problems: tuple[str, ...] = ()
+    trials: tuple[TrialError, ...] = ()
+    question: str = ""
 
     def to_json(self) -> str:
         """Text of `verdict.json`; numbers that are not finite are null."""

@@ -89,6 +89,8 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
     if diagnosis.verdict == "tie":
         rivals = [f"either {names.list(group, 'or')}" for group in diagnosis.ties]
         return f"Missing: {listed([*map(names, named), *rivals])}"
+    if diagnosis.verdict == "unknown" and diagnosis.question:
+        return "Something is missing, or one trial was recorded otherwise"
     if diagnosis.verdict == "unknown" and diagnosis.effects:
         return "Something is missing that the known effects explain only in part"
     return {

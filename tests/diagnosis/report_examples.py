@@ -13,6 +13,7 @@ from cc_mujoco.diagnosis.verdict import (
     NextExperiment,
     NotTestable,
     RunnerUp,
+    TrialError,
     Value,
     Where,
 )
@@ -100,6 +101,25 @@ _OPEN = {
     name: Gap(gap.rmse_before, gap.rmse_before, gap.noise_floor, 0.0, (0.0, 0.0))
     for name, gap in _CLOSED.items()
 }
+_TRIALS = tuple(
+    TrialError(
+        name,
+        {"motor_torque_nm": 0.0832 * size, "joint_torque_nm": 0.412 * size},
+        {"motor_torque_nm": 0.0311, "joint_torque_nm": 0.0524},
+        {"motor_torque_nm": 0.0274, "joint_torque_nm": 0.0413},
+        5.3 * size,
+        1.2,
+    )
+    for name, size in (
+        ("a", 0.7),
+        ("b & <c>", 0.9),
+        ("monday/slow_strokes_with_the_large_load_and_a_long_name", 4.0),
+    )
+)
+_QUESTION = (
+    "Trial a is off by 21 times the noise floor, the others by 1.1: was its pretension "
+    "or its route changed?"
+)
 _EXPERIMENT = NextExperiment(
     "Move the joint slowly, at 0.05 rad/s, for one minute, with and without 2 kg.",
     ("stribeck_friction", "presliding"),
@@ -127,6 +147,7 @@ DIAGNOSES = {
         provenance=_PROVENANCE,
         runner_ups=_RUNNERS,
         problems=("b.csv: 12 samples of joint_torque_nm are clipped and left out.",),
+        trials=_TRIALS,
     ),
     "none": Diagnosis(
         "none",
@@ -144,6 +165,8 @@ DIAGNOSES = {
         baseline=_BASELINE,
         provenance=_PROVENANCE,
         runner_ups=_RUNNERS[1:],
+        trials=_TRIALS,
+        question=_QUESTION,
     ),
     "tie": Diagnosis(
         "tie",

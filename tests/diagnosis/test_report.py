@@ -142,6 +142,8 @@ def test_every_number_of_the_diagnosis_is_said(named: tuple[Path, Page]) -> None
         "12 samples of joint_torque_nm are clipped",
         "9f" * 32,
         "mujoco 4.0.0",
+        "0.333 to 0.031",
+        "4.77 to 1.20",
     ):
         assert said in text, said
 
@@ -151,6 +153,19 @@ def test_tie_says_first_what_to_run(tmp_path: Path) -> None:
     assert page.headings[1] == "What to run next"
     assert "It separates Stribeck friction and presliding." in page.text
     assert "0.12 Nm RMS of joint torque, four times the noise." in page.text
+
+
+def test_a_trial_that_contradicts_the_others_is_asked_about_first(
+    tmp_path: Path,
+) -> None:
+    diagnosis = DIAGNOSES["unknown"]
+    page = written(tmp_path, diagnosis, NOTHING)
+    assert page.headings[0].endswith("or one trial was recorded otherwise")
+    assert page.text.index(diagnosis.question) < page.text.index(page.headings[1])
+    assert page.headings[1] == "How far off every trial is"
+    table = page.text[page.text.index("over the floor") :]
+    assert table.index("monday/") < table.index("b & <c>")  # the worst first
+    assert "21.2" in table and "0.333" in table
 
 
 @pytest.mark.parametrize("verdict", ["fix-data", "fix-numerics"])

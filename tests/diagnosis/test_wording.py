@@ -32,6 +32,8 @@ def test_headlines_name_what_is_missing() -> None:
     tie = replace(tie, ties=(("stribeck_friction", "backlash"),))
     assert headline(tie, names) == "Missing: either Stribeck friction or backlash"
     part = replace(DIAGNOSES["unknown"], effects=DIAGNOSES["named"].effects)
+    assert "one trial was recorded otherwise" in headline(part, names)
+    part = replace(part, question="")
     assert "only in part" in headline(part, names)
 
 

@@ -139,9 +139,6 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
         found.append(
             f"Intervals of 95 % that cover, of {len(given)}: {', '.join(told)}."
         )
-    took = [r["seconds"] for r in records if "seconds" in r]
-    if took:
-        found.append(f"Median time of a diagnosis {np.median(took):.0f} s, one core.")
     return [line for sentence in found for line in (sentence, "")][:-1]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -38,6 +39,16 @@ class Claim:
     verdict: Verdict
     why: str
     timed: bool = False
+
+
+def at_least(ratio: float) -> str:
+    """A ratio of times rounded down to 1, 2 or 5 times a power of ten.
+
+    So much of it other machines find, too.
+    """
+    power = 10.0 ** math.floor(math.log10(ratio))
+    step = max(step for step in (1.0, 2.0, 5.0) if step * power <= ratio * (1 + 1e-9))
+    return f"{step * power:.12g}"
 
 
 @dataclass(frozen=True)

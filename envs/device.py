@@ -141,7 +141,7 @@ class Device:
         """Bring a simulation to the start of an episode: at rest, cables at pretension.
 
         The motor takes the angle at which the cables are as long as in the neutral
-        pose, and the cables are laid where they then are, without sliding there.
+        pose, and the cables are laid where they then are (`engine.settle`).
 
         Args:
             data: The simulation; nothing of its past remains.
@@ -157,12 +157,7 @@ class Device:
         near, far = self._ends[0]
         payed_out = data.actuator_length[far] - model.actuator_length0[far]
         data.qpos[self._motor_q] += payed_out / model.actuator_gear[near, 0]
-        mujoco.mj_fwdPosition(model, data)
-        for reader, ends in zip(self._readers, self._ends, strict=True):
-            data.plugin_state[reader.start : reader.start + 2] = data.actuator_length[
-                list(ends)
-            ]
-        mujoco.mj_forward(model, data)
+        engine.settle(model, data)
 
     def read(self, physics: Physics) -> dict[str, Any]:
         """Read what the device and its cables do.

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 
 import cc_mujoco
@@ -43,6 +44,14 @@ def test_mjcf_loads_and_pulls() -> None:
     mujoco.mj_step(model, data)
     reading = cc_mujoco.engine.read(model, data, "flexor")
     assert reading.tension_proximal == pytest.approx(10.0)
+    mujoco.mj_step(model, data, round(2.0 / model.opt.timestep))
+    assert np.abs(data.qvel).max() < 1e-6
+    assert np.abs(data.qpos).max() < 0.02
+    reading = cc_mujoco.engine.read(model, data, "flexor")
+    assert reading.tension_distal == pytest.approx(10.0, rel=0.05)
+    assert reading.dissipated < 1e-3
+    limits = cc_mujoco.engine.step_limits(model)["flexor"]
+    assert model.opt.timestep < 0.5 * min(limits)
 
 
 def test_scripts_that_it_names_exist() -> None:

@@ -18,6 +18,7 @@ from cc_mujoco.engine.reading import (
     route_wrap,
     segment_wrap,
 )
+from cc_mujoco.engine.start import StepLimits, settle, step_limits
 
 register()
 
@@ -25,6 +26,7 @@ __all__ = [
     "PLUGIN",
     "CableReading",
     "Reader",
+    "StepLimits",
     "cables",
     "from_mjcf",
     "read",
@@ -35,5 +37,7 @@ __all__ = [
     "route_tendon",
     "route_wrap",
     "segment_wrap",
+    "settle",
+    "step_limits",
     "to_mjcf",
 ]

@@ -8,6 +8,10 @@ and, under RK4, the time of the committed configuration. `plugin_data` holds wha
 follows from the configuration, scratch memory, and the result of the last evaluation
 with its inputs, which is used again only for bitwise equal inputs.
 
+The block of memory is made by `init`. MuJoCo also steps data on which it has called no
+`init`, when it searches for the length range of a muscle: there a cable has neither
+state nor force.
+
 A conduit that follows its route takes its bends, at every evaluation, from the path of
 the tendon at that position; like the displacements of the ends they are an input of the
 evaluation and no state.
@@ -26,7 +30,29 @@ import mujoco
 import numpy as np
 from numba import cfunc
 
-from cc_mujoco.engine import config, ends, fields, path
+from cc_mujoco.engine import config, ends, fields, path, steps
+from cc_mujoco.engine.block import (
+    CHECKED,
+    DISTAL,
+    INPUTS,
+    KNOWN,
+    PROXIMAL,
+    ROUTE,
+    SEGMENTS,
+    STAGE,
+    STAGES,
+    TEXT_CAPACITY,
+    TEXT_SIZE,
+    bends_at,
+    committed_time,
+    displacement,
+    new_at,
+    old_at,
+    parameters_at,
+    text_at,
+    work_at,
+    wound,
+)
 from cc_mujoco.engine.config import PLUGIN, constant
 from cc_mujoco.engine.memory import (
     CAPACITY,
@@ -42,66 +68,20 @@ from cc_mujoco.engine.memory import (
     load_word,
     quote,
     release,
+    said_before,
     store_real,
     store_word,
     types,
     warn,
 )
-from cc_mujoco.transmission import eccentric, kernel
+from cc_mujoco.transmission import kernel
 from cc_mujoco.transmission.parameters import MAX_SECTIONS
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
 
-# Byte offsets in the memory block of an instance; after the header follow the packed
-# parameters, scratch, the state before and after the last evaluation, a copy of the
-# configuration text, and the bends of the route: now, and at the last four evaluations
-# under RK4.
-_SEGMENTS = 0
-_PROXIMAL = 8
-_DISTAL = 16
-_TEXT_SIZE = 24
-_KNOWN = 32
-_ROUTE = 40  # the tendon that bends the conduit, or -1
-_INPUTS = 48  # u_proximal, u_distal, dt
-_STAGES = 72  # u_proximal, u_distal, dt, time of the last four evaluations under RK4
-_STAGE = 32
-_HEADER = _STAGES + 4 * _STAGE
-_TEXT_CAPACITY = 4096
-
 _START = constant(f"plugin `{PLUGIN}`, instance ")
 _START_END = constant(": ")
-
-
-@internal
-def _parameters(block: int) -> int:
-    return block + _HEADER
-
-
-@internal
-def _work(block: int, n: int) -> int:
-    return _parameters(block) + 8 * kernel.parameter_size(n)
-
-
-@internal
-def _old(block: int, n: int) -> int:
-    return _work(block, n) + 8 * kernel.work_size(n)
-
-
-@internal
-def _new(block: int, n: int) -> int:
-    return _old(block, n) + 8 * kernel.state_size(n)
-
-
-@internal
-def _text(block: int, n: int) -> int:
-    return _new(block, n) + 8 * kernel.state_size(n)
-
-
-@internal
-def _bends(block: int, n: int, stage: int) -> int:
-    """Address of the wrap angles of the route: 0 is now, 1 to 4 the stages of RK4."""
-    return _text(block, n) + _TEXT_CAPACITY + 8 * n * stage
 
 
 # The large functions are compiled once each and called by name; as Numba functions they
@@ -116,6 +96,8 @@ _pack = types.ExternalFunction("cc_mujoco_pack", _PACK)
 _advance = types.ExternalFunction("cc_mujoco_advance", _ADVANCE)
 _bend = types.ExternalFunction("cc_mujoco_bend", _BEND)
 _lay = types.ExternalFunction("cc_mujoco_lay", _LAY)
+_CHECK = types.void(types.intp, types.intp, types.int32)
+_check = types.ExternalFunction("cc_mujoco_check", _CHECK)
 
 
 @internal
@@ -126,8 +108,8 @@ def _up_to_date(block: int, model: int, instance: int) -> bool:
     configuration differs from the copy that was packed last.
     """
     attributes = fields.attributes(model, instance)
-    seen = _text(block, load_word(block + _SEGMENTS))
-    size = load_word(block + _TEXT_SIZE)
+    seen = text_at(block, load_word(block + SEGMENTS))
+    size = load_word(block + TEXT_SIZE)
     i = 0
     while i + 8 <= size and load_word(seen + i) == load_word(attributes + i):
         i += 8
@@ -142,10 +124,10 @@ def _up_to_date(block: int, model: int, instance: int) -> bool:
 @internal
 def _follow(block: int, model: int, data: int) -> None:
     """Bend a conduit that follows its route as that is at the last position."""
-    tendon = load_word(block + _ROUTE)
+    tendon = load_word(block + ROUTE)
     if tendon >= 0:
-        n = load_word(block + _SEGMENTS)
-        now = _bends(block, n, 0)
+        n = load_word(block + SEGMENTS)
+        now = bends_at(block, n, 0)
         _bend(model, data, tendon, n, now)
         _lay(block, now)
 
@@ -153,9 +135,9 @@ def _follow(block: int, model: int, data: int) -> None:
 @internal
 def _bent_as_last(block: int) -> bool:
     """Whether the route bends now as it did at the last stage of RK4."""
-    n = load_word(block + _SEGMENTS)
-    now, last = _bends(block, n, 0), _bends(block, n, 4)
-    for i in range(0, 8 * n if load_word(block + _ROUTE) >= 0 else 0, 8):
+    n = load_word(block + SEGMENTS)
+    now, last = bends_at(block, n, 0), bends_at(block, n, 4)
+    for i in range(0, 8 * n if load_word(block + ROUTE) >= 0 else 0, 8):
         if load_word(now + i) != load_word(last + i):
             return False
     return True
@@ -185,18 +167,18 @@ def _evaluate(
     Returns:
         Whether the new state, in the block, is finite.
     """
-    n = load_word(block + _SEGMENTS)
-    old = _old(block, n)
+    n = load_word(block + SEGMENTS)
+    old = old_at(block, n)
     size = 8 * kernel.state_size(n)
-    known = load_word(block + _KNOWN) == 1
-    previous = load_word(block + _INPUTS), load_word(block + _INPUTS + 8)
-    step = load_word(block + _INPUTS + 16)
-    store_real(block + _INPUTS, u_proximal)
-    store_real(block + _INPUTS + 8, u_distal)
-    store_real(block + _INPUTS + 16, dt)
-    known = known and previous[0] == load_word(block + _INPUTS)
-    known = known and previous[1] == load_word(block + _INPUTS + 8)
-    known = known and step == load_word(block + _INPUTS + 16)
+    known = load_word(block + KNOWN) == 1
+    previous = load_word(block + INPUTS), load_word(block + INPUTS + 8)
+    step = load_word(block + INPUTS + 16)
+    store_real(block + INPUTS, u_proximal)
+    store_real(block + INPUTS + 8, u_distal)
+    store_real(block + INPUTS + 16, dt)
+    known = known and previous[0] == load_word(block + INPUTS)
+    known = known and previous[1] == load_word(block + INPUTS + 8)
+    known = known and step == load_word(block + INPUTS + 16)
     i = 0
     while known and i < size:
         known = load_word(old + i) == load_word(state + i)
@@ -206,38 +188,30 @@ def _evaluate(
     for i in range(0, size, 8):
         store_word(old + i, load_word(state + i))
     finite: bool = _advance(block, u_proximal, u_distal, dt) == kernel.OK
-    store_word(block + _KNOWN, 1 if finite else 0)
+    store_word(block + KNOWN, 1 if finite else 0)
     return finite
 
 
 @internal
-def _length(data: int, block: int, end: int) -> float:
-    """Displacement of an end at the last evaluated position [m]."""
-    return fields.real(data, fields.LENGTH, load_word(block + end))
+def _begin(
+    block: int, model: int, state: int, near: float, far: float, time: float
+) -> None:
+    """Set the state at address `state` to rest with the lengths of both actuators [m].
 
-
-@internal
-def _proximal(model: int, block: int, length: float) -> tuple[float, float]:
-    """Displacement of the proximal end [m] and the lever of its tension.
-
-    `length` is that of its actuator. The parameters must be up to date.
+    The parameters must be up to date.
     """
-    prm = _parameters(block)
-    gear = ends.gear(model, load_word(block + _PROXIMAL))
-    e = load_real(prm + 8 * config.ECCENTRICITY)
-    phase = load_real(prm + 8 * config.ECCENTRICITY_PHASE)
-    ovality = load_real(prm + 8 * config.OVALITY)
-    second = load_real(prm + 8 * config.OVALITY_PHASE)
-    return (
-        eccentric.wound(length, gear, e, phase, ovality, second),
-        eccentric.lever(length, gear, e, phase, ovality, second),
+    n = load_word(block + SEGMENTS)
+    kernel.initialize(
+        floats(parameters_at(block), kernel.parameter_size(n)),
+        n,
+        wound(model, block, near)[0],
+        far,
+        floats(state, kernel.state_size(n)),
     )
-
-
-@internal
-def _committed_time(state: int, n: int) -> int:
-    """Address of the time of the committed configuration."""
-    return state + 8 * kernel.state_size(n)
+    before = time - fields.timestep(model)
+    store_real(
+        committed_time(state, n), before if fields.integrator(model) == _RK4 else 0.0
+    )
 
 
 def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
@@ -291,15 +265,15 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         """
         _ = stamp
         attributes = fields.attributes(model, instance)
-        n = load_word(block + _SEGMENTS)
+        n = load_word(block + SEGMENTS)
         values = np.empty(config.SCALARS)
         sections = np.empty((MAX_SECTIONS, 2))
         key, count = config.read(attributes, values, sections)
-        store_word(block + _KNOWN, 0)
-        store_word(block + _TEXT_SIZE, 0)
+        store_word(block + KNOWN, 0)
+        store_word(block + TEXT_SIZE, 0)
         if key != config.VALID or config.segments(attributes) != n:
             return 0
-        prm = floats(_parameters(block), kernel.parameter_size(n))
+        prm = floats(parameters_at(block), kernel.parameter_size(n))
         kernel.pack(values, sections[:count], n, prm)
         tendon = -1
         if config.moves(attributes):
@@ -308,28 +282,28 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             if tendon < 0 or path.branches(model, tendon):
                 return 0
             kernel.expect_change(prm)
-        store_word(block + _ROUTE, tendon)
+        store_word(block + ROUTE, tendon)
         size = config.block_size(attributes)
-        if size <= _TEXT_CAPACITY:
-            copy(attributes, _text(block, n), size)
-            store_word(block + _TEXT_SIZE, size)
+        if size <= TEXT_CAPACITY:
+            copy(attributes, text_at(block, n), size)
+            store_word(block + TEXT_SIZE, size)
         return 1
 
     @cfunc(_ADVANCE, **options)
     def step(block: int, u_proximal: float, u_distal: float, dt: float) -> int:
         """Step the kernel from the old to the new state in the block."""
         _ = stamp
-        n = load_word(block + _SEGMENTS)
+        n = load_word(block + SEGMENTS)
         size = kernel.state_size(n)
         return kernel.advance(
-            floats(_parameters(block), kernel.parameter_size(n)),
+            floats(parameters_at(block), kernel.parameter_size(n)),
             n,
-            floats(_old(block, n), size),
+            floats(old_at(block, n), size),
             u_proximal,
             u_distal,
             dt,
-            floats(_new(block, n), size),
-            floats(_work(block, n), kernel.work_size(n)),
+            floats(new_at(block, n), size),
+            floats(work_at(block, n), kernel.work_size(n)),
         )
 
     @cfunc(_BEND, **options)
@@ -342,20 +316,61 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     def lay(block: int, angles: int) -> None:
         """Give the packed segments the wrap angles at an address."""
         _ = stamp
-        n = load_word(block + _SEGMENTS)
-        prm = floats(_parameters(block), kernel.parameter_size(n))
+        n = load_word(block + SEGMENTS)
+        prm = floats(parameters_at(block), kernel.parameter_size(n))
         wanted, present = floats(angles, n), kernel.segment_angles(prm, n)
         for j in range(n):
             if wanted[j] != present[j]:
                 kernel.rebend(prm, n, wanted)
-                store_word(block + _KNOWN, 0)
+                store_word(block + KNOWN, 0)
                 break
 
+    @cfunc(types.void(types.intp, types.intp, types.int32, types.intp), **options)
+    def limits(model: int, data: int, instance: int, out: int) -> None:
+        """Longest stable time steps of both ends of an instance [s], to an address."""
+        _ = stamp
+        steps.limits(model, data, instance, floats(out, 2))
+
+    @cfunc(_CHECK, **options)
+    def check(model: int, data: int, instance: int) -> None:
+        """Warn if the time step is too long for an end of the instance."""
+        _ = stamp
+        longest = np.empty(2)
+        steps.limits(model, data, instance, longest)
+        step = fields.timestep(model)
+        distal = longest[1] < longest[0]
+        limit = longest[1 if distal else 0]
+        if step <= limit:
+            return
+        message = np.zeros(CAPACITY, np.uint8)
+        used = append(message, 0, _START)
+        used = quote(message, used, fields.plugin_name(model, instance))
+        used = append(message, used, _START_END)
+        used = steps.explain(message, used, distal, limit, step)
+        if not said_before(message, used, fields.signature(model)):
+            warn(message, used)
+
+    export("cc_mujoco_limits", limits.address)
+    export("cc_mujoco_check", check.address)
     export("cc_mujoco_refused", refused.address)
     export("cc_mujoco_pack", pack.address)
     export("cc_mujoco_advance", step.address)
     export("cc_mujoco_bend", bend.address)
     export("cc_mujoco_lay", lay.address)
+
+    @cfunc(types.void(types.intp, types.intp, types.int32), **options)
+    def settle(model: int, data: int, instance: int) -> None:
+        """Lay the cable at rest, with its ends where they are at the last position."""
+        _ = stamp
+        block = fields.block(data, instance)
+        if block == 0 or not _up_to_date(block, model, instance):
+            return
+        near = displacement(data, block, PROXIMAL)
+        far = displacement(data, block, DISTAL)
+        state = fields.state(model, data, instance)
+        _begin(block, model, state, near, far, fields.time(data))
+
+    export("cc_mujoco_settle", settle.address)
     address = types.intp
     integer = types.int32
 
@@ -373,13 +388,13 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             return -1
         attributes = fields.attributes(model, instance)
         n = config.segments(attributes)
-        size = _bends(0, n, 5)
+        size = bends_at(0, n, 5)
         block = allocate(size)
         clear(block, size)
         _, first, second = ends.find(model, instance)
-        store_word(block + _SEGMENTS, n)
-        store_word(block + _PROXIMAL, ends.output(model, first))
-        store_word(block + _DISTAL, ends.output(model, second))
+        store_word(block + SEGMENTS, n)
+        store_word(block + PROXIMAL, ends.output(model, first))
+        store_word(block + DISTAL, ends.output(model, second))
         _pack(block, model, instance)
         fields.set_block(data, instance, block)
         return 0
@@ -395,61 +410,61 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     @cfunc(types.void(address, address, address, integer), **options)
     def reset(model: int, state: int, block: int, instance: int) -> None:
         _ = stamp
-        if not _up_to_date(block, model, instance):
+        if block == 0 or not _up_to_date(block, model, instance):
             return
-        n = load_word(block + _SEGMENTS)
-        start = fields.real(model, fields.LENGTH0, load_word(block + _PROXIMAL))
-        kernel.initialize(
-            floats(_parameters(block), kernel.parameter_size(n)),
-            n,
-            _proximal(model, block, start)[0],
-            fields.real(model, fields.LENGTH0, load_word(block + _DISTAL)),
-            floats(state, kernel.state_size(n)),
-        )
-        start = -fields.timestep(model) if fields.integrator(model) == _RK4 else 0.0
-        store_real(_committed_time(state, n), start)
+        near = fields.real(model, fields.LENGTH0, load_word(block + PROXIMAL))
+        far = fields.real(model, fields.LENGTH0, load_word(block + DISTAL))
+        _begin(block, model, state, near, far, 0.0)
 
     @cfunc(types.void(address, address, integer, integer), **options)
     def compute(model: int, data: int, instance: int, capability: int) -> None:
         _ = stamp
         block = fields.block(data, instance)
+        if block == 0:
+            return
         state = fields.state(model, data, instance)
-        n = load_word(block + _SEGMENTS)
+        n = load_word(block + SEGMENTS)
         fits = _up_to_date(block, model, instance)
-        u_proximal, lever = _proximal(model, block, _length(data, block, _PROXIMAL))
-        u_distal = _length(data, block, _DISTAL)
-        dt = _elapsed(model, data, load_real(_committed_time(state, n)))
+        u_proximal, lever = wound(model, block, displacement(data, block, PROXIMAL))
+        u_distal = displacement(data, block, DISTAL)
+        dt = 0.0
         if fits:
+            dt = _elapsed(model, data, load_real(committed_time(state, n)))
             _follow(block, model, data)
+            if load_real(block + CHECKED) != fields.timestep(model):
+                store_real(block + CHECKED, fields.timestep(model))
+                _check(model, data, instance)
         if fits and _evaluate(block, state, u_proximal, u_distal, dt):
-            tension = _new(block, n) + 8 * kernel.STATE_HEADER
+            tension = new_at(block, n) + 8 * kernel.STATE_HEADER
             proximal = max(load_real(tension), 0.0) * lever
             distal = max(load_real(tension + 8 * n), 0.0)
         else:
             # MuJoCo sees the bad acceleration, warns and resets, as for any other.
             proximal, distal = np.nan, np.nan
-        fields.set_force(data, load_word(block + _PROXIMAL), proximal)
-        fields.set_force(data, load_word(block + _DISTAL), -distal)
+        fields.set_force(data, load_word(block + PROXIMAL), proximal)
+        fields.set_force(data, load_word(block + DISTAL), -distal)
         if fields.integrator(model) == _RK4:
-            stages = block + _STAGES
-            copy(stages + _STAGE, stages, 3 * _STAGE)
-            store_real(stages + 3 * _STAGE, u_proximal)
-            store_real(stages + 3 * _STAGE + 8, u_distal)
-            store_real(stages + 3 * _STAGE + 16, dt)
-            store_real(stages + 3 * _STAGE + 24, fields.time(data))
-            if load_word(block + _ROUTE) >= 0:
+            stages = block + STAGES
+            copy(stages + STAGE, stages, 3 * STAGE)
+            store_real(stages + 3 * STAGE, u_proximal)
+            store_real(stages + 3 * STAGE + 8, u_distal)
+            store_real(stages + 3 * STAGE + 16, dt)
+            store_real(stages + 3 * STAGE + 24, fields.time(data))
+            if load_word(block + ROUTE) >= 0:
                 size = 8 * n
-                copy(_bends(block, n, 2), _bends(block, n, 1), 3 * size)
-                copy(_bends(block, n, 0), _bends(block, n, 4), size)
+                copy(bends_at(block, n, 2), bends_at(block, n, 1), 3 * size)
+                copy(bends_at(block, n, 0), bends_at(block, n, 4), size)
 
     @cfunc(types.void(address, address, integer), **options)
     def advance(model: int, data: int, instance: int) -> None:
         _ = stamp
         block = fields.block(data, instance)
+        if block == 0 or not _up_to_date(block, model, instance):
+            return
         state = fields.state(model, data, instance)
-        n = load_word(block + _SEGMENTS)
-        u_proximal, _ = _proximal(model, block, _length(data, block, _PROXIMAL))
-        u_distal = _length(data, block, _DISTAL)
+        n = load_word(block + SEGMENTS)
+        u_proximal, _ = wound(model, block, displacement(data, block, PROXIMAL))
+        u_distal = displacement(data, block, DISTAL)
         dt = fields.timestep(model)
         time = 0.0
         if fields.disabled(model, _NO_ACTUATION):
@@ -459,23 +474,23 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             # A step makes four evaluations; the first of them is committed. With
             # actuation disabled there are none, and the last position counts.
             time = fields.time(data) - dt
-            stages = block + _STAGES
+            stages = block + STAGES
             if (
-                load_real(stages + 3 * _STAGE) == u_proximal
-                and load_real(stages + 3 * _STAGE + 8) == u_distal
+                load_real(stages + 3 * STAGE) == u_proximal
+                and load_real(stages + 3 * STAGE + 8) == u_distal
                 and _bent_as_last(block)
             ):
                 u_proximal = load_real(stages)
                 u_distal = load_real(stages + 8)
                 dt = load_real(stages + 16)
                 time = load_real(stages + 24)
-                if load_word(block + _ROUTE) >= 0:
-                    _lay(block, _bends(block, n, 1))
+                if load_word(block + ROUTE) >= 0:
+                    _lay(block, bends_at(block, n, 1))
         if _evaluate(block, state, u_proximal, u_distal, dt):
-            new = _new(block, n)
+            new = new_at(block, n)
             for i in range(0, 8 * kernel.state_size(n), 8):
                 store_word(state + i, load_word(new + i))
-            store_real(_committed_time(state, n), time)
+            store_real(committed_time(state, n), time)
 
     return {
         "nstate": nstate,

@@ -27,6 +27,9 @@ _OPTION = _model("opt")
 _TIMESTEP = _OPTION + structure("mjOption").timestep.offset
 _INTEGRATOR = _OPTION + structure("mjOption").integrator.offset
 _DISABLED = _OPTION + structure("mjOption").disableflags.offset
+_SIGNATURE = _model("signature")
+_NV = _model("nv")
+_NPLUGIN = _model("nplugin")
 _NACTUATOR = _model("nactuator")
 _NTENDON = _model("ntendon")
 _NAMES = _model("names")
@@ -40,6 +43,7 @@ _PLUGIN_STATE = _data("plugin_state")
 _PLUGIN_DATA = _data("plugin_data")
 _TIME = _data("time")
 
+PLUGIN = _model("plugin")
 ACTUATOR_PLUGIN = _model("actuator_plugin")
 ACTUATOR_TRNTYPE = _model("actuator_trntype")
 ACTUATOR_TRNID = _model("actuator_trnid")
@@ -59,6 +63,10 @@ TEN_WRAPNUM = _data("ten_wrapnum")
 WRAP_OBJ = _data("wrap_obj")
 WRAP_XPOS = _data("wrap_xpos")
 LENGTH = _data("actuator_length")
+MOMENT = _data("actuator_moment")
+MOMENT_ROWNNZ = _data("moment_rownnz")
+MOMENT_ROWADR = _data("moment_rowadr")
+MOMENT_COLIND = _data("moment_colind")
 _FORCE = _data("actuator_force")
 
 
@@ -102,6 +110,24 @@ def disabled(model: int, flag: int) -> bool:
 def time(data: int) -> float:
     """Simulation time [s]."""
     return load_real(data + _TIME)
+
+
+@internal
+def signature(model: int) -> int:
+    """What tells models apart."""
+    return load_word(model + _SIGNATURE)
+
+
+@internal
+def dofs(model: int) -> int:
+    """Number of degrees of freedom."""
+    return load_word(model + _NV)
+
+
+@internal
+def plugins(model: int) -> int:
+    """Number of plugin instances, of this plugin and of others."""
+    return load_word(model + _NPLUGIN)
 
 
 @internal

@@ -79,13 +79,14 @@ _MODEL_ARRAYS = (
     "qpos0", "jnt_type", "geom_type", "tendon_adr", "tendon_num", "wrap_type",
     "actuator_trntype",
     "actuator_trnid", "actuator_outadr", "actuator_gear", "actuator_length0",
-    "actuator_plugin", "plugin_attr", "plugin_attradr", "plugin_stateadr",
+    "actuator_plugin", "plugin", "plugin_attr", "plugin_attradr", "plugin_stateadr",
     "name_actuatoradr", "name_pluginadr", "name_tendonadr",
 )  # fmt: skip
 _DATA_ARRAYS = (
     "qvel", "qacc_warmstart", "ctrl", "sensordata", "xpos", "geom_xpos", "geom_xmat",
     "ten_wrapadr", "ten_wrapnum", "ten_length", "wrap_obj", "wrap_xpos",
-    "actuator_length", "actuator_force",
+    "actuator_length", "actuator_force", "actuator_moment", "moment_rownnz",
+    "moment_rowadr", "moment_colind",
 )  # fmt: skip
 
 
@@ -106,7 +107,7 @@ def verify() -> None:
     seen |= {f"mjData.{name}": getattr(d, name) for name in _DATA_ARRAYS}
     true = {name: getattr(model, name).ctypes.data for name in _MODEL_ARRAYS}
     true |= {f"mjData.{name}": getattr(data, name).ctypes.data for name in _DATA_ARRAYS}
-    for name in ("nactuator", "ntendon", "nplugin", "npluginstate"):
+    for name in ("signature", "nv", "nactuator", "ntendon", "nplugin", "npluginstate"):
         seen[name], true[name] = getattr(m, name), getattr(model, name)
     seen["names"] = ctypes.string_at(m.names, len(model.names))
     true["names"] = model.names

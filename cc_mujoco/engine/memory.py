@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import llvmlite.binding  # type: ignore[import-untyped]
+import llvmlite.ir as ir  # type: ignore[import-untyped]
 import mujoco
 import numba
 import numpy as np
@@ -51,12 +52,15 @@ def export(name: str, address: int | None) -> None:
     llvmlite.binding.add_symbol(name, address)
 
 
-for _name in ("mju_malloc", "mju_free", "mju_message"):
+for _name in ("mju_malloc", "mju_free", "mju_message", "mj_solveM"):
     _function = ctypes.cast(getattr(LIBRARY, _name), ctypes.c_void_p)
     export(_name, _function.value)
 
 allocate = types.ExternalFunction("mju_malloc", types.intp(types.intp))
 release = types.ExternalFunction("mju_free", types.void(types.intp))
+solve_inertia = types.ExternalFunction(
+    "mj_solveM", types.void(types.intp, types.intp, types.intp, types.intp, types.int32)
+)
 _send = types.ExternalFunction("mju_message", types.void(types.intp))
 
 _MESSAGE_SIZE = ctypes.sizeof(structure("mjLogMessage"))
@@ -70,6 +74,30 @@ LONGEST = 90
 """Longest name or value quoted in full; MuJoCo keeps 500 bytes of a message."""
 _MARK = np.frombuffer(b"'", np.uint8)
 _DOTS = np.frombuffer(b"...", np.uint8)
+_POINT = np.frombuffer(b".", np.uint8)
+_MILLISECONDS = np.frombuffer(b" ms", np.uint8)
+
+_SAID = 256  # digests of messages that are remembered, a power of 2
+LIBRARY.mju_malloc.restype = ctypes.c_void_p
+LIBRARY.mju_malloc.argtypes = (ctypes.c_size_t,)
+# Compiled code outlives this module, and so must what it writes to.
+_digests = LIBRARY.mju_malloc(8 * _SAID)
+ctypes.memset(_digests, 0, 8 * _SAID)
+export("cc_mujoco_said", _digests)
+
+
+@intrinsic
+def _address_of_said(context: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [])
+        declare: Any = cgutils.get_or_insert_function
+        symbol = declare(builder.module, kind, "cc_mujoco_said")
+        return builder.ptrtoint(symbol, ir.IntType(64))
+
+    return types.intp(), codegen
+
+
+_said: Any = _address_of_said
 
 
 @intrinsic
@@ -201,6 +229,37 @@ def append_integer(message: Bytes, used: int, value: int) -> int:
         if value == 0:
             break
     return append(message, used, digits[start:])
+
+
+@internal
+def append_milliseconds(message: Bytes, used: int, seconds: float) -> int:
+    """Add a time >= 0 in milliseconds, rounded down to a microsecond.
+
+    Returns:
+        The new length.
+    """
+    microseconds = int(1e6 * seconds * (1.0 + 1e-12))
+    used = append_integer(message, used, microseconds // 1000)
+    used = append(message, used, _POINT)
+    for digit in (100, 10, 1):
+        used = append_integer(message, used, microseconds // digit % 10)
+    return append(message, used, _MILLISECONDS)
+
+
+@internal
+def said_before(message: Bytes, used: int, about: int) -> bool:
+    """Whether this process has said so of the same thing; from now on it has.
+
+    A batch of a thousand simulations need not say the same a thousand times.
+    """
+    digest = 1469598103934665603 ^ about
+    for i in range(used):
+        digest = (digest ^ message[i]) * 1099511628211
+    place = _said() + 8 * (digest & (_SAID - 1))
+    if load_word(place) == digest:
+        return True
+    store_word(place, digest)
+    return False
 
 
 @internal

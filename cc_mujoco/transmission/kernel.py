@@ -250,6 +250,27 @@ def node_stiffness(prm: FloatArray, n: int) -> FloatArray:
 
 
 @compiled
+def end_stiffness(prm: FloatArray, n: int, distal: bool) -> float:
+    """Stiffness of an end against motion so small that friction holds the rest [N/m].
+
+    That of the nodes up to the first segment that friction holds: of half a segment
+    where the conduit bends from its mouth on.
+    """
+    a = _HEADER
+    compliance = 0.0
+    factor = min(1.0 + prm[_STIFFENING] * prm[_PRETENSION], 100.0)
+    stiffness = node_stiffness(prm, n)
+    for i in range(n + 1):
+        compliance += 1.0 / stiffness[n - i if distal else i]
+        j = n - 1 - i if distal else i
+        if i < n and (prm[a + 2 * n + j] > 1.0 or prm[a + 3 * n + j] > 0.0):
+            return float(factor / compliance)
+    # Nothing holds: one spring between both ends, which two equal masses find twice as
+    # stiff as it is.
+    return float(2.0 * factor / compliance)
+
+
+@compiled
 def slack(prm: FloatArray, n: int, state: FloatArray) -> float:
     """Length of cable that lies slack in the conduit [m]."""
     stiffness = node_stiffness(prm, n)

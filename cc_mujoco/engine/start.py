@@ -1,0 +1,84 @@
+"""Before the first step: cables at rest in this pose, and how long a step may be.
+
+data.qpos[:] = pose  # or mj_resetDataKeyframe
+settle(model, data)
+step_limits(model, data)["flexor"].distal  # [s]
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any, NamedTuple
+
+import llvmlite.binding  # type: ignore[import-untyped]
+import mujoco
+import numpy as np
+
+from cc_mujoco.engine.mjcf import instances
+
+_ADDRESS, _INTEGER = ctypes.c_ssize_t, ctypes.c_int32
+
+
+class StepLimits(NamedTuple):
+    """Time steps below which the two ends of a cable are stable [s]."""
+
+    proximal: float
+    distal: float
+
+
+def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Lay all cables at rest in the present pose, at their pretension.
+
+    MuJoCo's resets, that to a keyframe too, lay the cables at rest in the pose `qpos0`.
+    From there to another pose they are pulled within the first step, as if the joints
+    had jumped. This lays them where the joints now are: tension is uniform and the
+    pretension, nothing has slipped, energy and memory of friction are those of a
+    reset. All else of `data` stays, and is brought up to date as by `mj_forward`.
+
+    A batch takes the state over: `mj_getState` of `data` into a row of `Batch.state`,
+    or `data.plugin_state` into a row of the bound `plugin_state`.
+
+    Args:
+        model: a model; without cables this is `mj_forward`.
+        data: its simulation.
+    """
+    mujoco.mj_fwdPosition(model, data)
+    lay = _compiled("settle")
+    for instance in instances(model).values():
+        lay(model._address, data._address, instance)
+    mujoco.mj_forward(model, data)
+
+
+def step_limits(
+    model: mujoco.MjModel, data: mujoco.MjData | None = None
+) -> dict[str, StepLimits]:
+    """Time steps of the model below which its cables are stable, by cable.
+
+    The force of a cable is explicit, and where friction holds the cable its end is a
+    spring of 2 segments EA / length. About an inertia J that an end moves by a pulley
+    of radius r alone, steps below 2 / sqrt(stiffness r^2 / J) are stable; the general
+    case is in `steps.py`. The plugin warns, through MuJoCo, of a longer `timestep`.
+
+    Args:
+        model: the model.
+        data: a simulation whose pose counts; by default that of `qpos0`.
+
+    Returns:
+        Limits [s], infinite for an end that moves nothing.
+    """
+    if data is None:
+        data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    ask = _compiled("limits", _ADDRESS)
+    found = {}
+    for name, instance in instances(model).items():
+        out = np.empty(2)
+        ask(model._address, data._address, instance, out.ctypes.data)
+        found[name] = StepLimits(*out.tolist())
+    return found
+
+
+def _compiled(name: str, *more: Any) -> Any:
+    """A function of the plugin of model, data and instance."""
+    kind = ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, *more)
+    return kind(llvmlite.binding.address_of_symbol(f"cc_mujoco_{name}"))

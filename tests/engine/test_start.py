@@ -1,0 +1,241 @@
+"""Cables at rest in the present pose, and the longest stable time step."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import mujoco.batch
+import mujoco.rollout
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cc_mujoco
+from cc_mujoco.assets import scene_path
+from cc_mujoco.engine import cables, read, settle, step_limits
+from engine.scenes import (
+    CONFIG,
+    build,
+    end,
+    excitation,
+    instance,
+    model,
+    pull_pull,
+    run,
+)
+
+INTEGRATORS = ("Euler", "RK4", "implicitfast")
+ROOT = Path(cc_mujoco.__file__).parents[1]
+angles = st.floats(-2.5, 2.5)
+TENDON = model(
+    instance("flexor", CONFIG | {"eccentricity": "0.003", "stiffening": "1e-3"})
+    + instance("pull", CONFIG | {"pretension": "25", "segments": "7"}),
+    end("one", "flexor", 'joint="motor"', -0.02)
+    + end("two", "flexor", 'joint="wrist"', -0.05)
+    + end("three", "pull", 'joint="motor"', 0.03)
+    + end("four", "pull", 'tendon="path"', 1.0),
+)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@settings(deadline=None, derandomize=True, max_examples=25)
+@given(motor=angles, wrist=angles, sledge=st.floats(-0.4, 0.4), past=st.booleans())
+def test_settled_cables_have_their_pretension_in_any_pose(
+    integrator: str, motor: float, wrist: float, sledge: float, past: bool
+) -> None:
+    m, d = build(TENDON.replace("<option", f'<option integrator="{integrator}"'))
+    if past:
+        run(m, d, excitation(40))
+    else:
+        mujoco.mj_resetData(m, d)
+    d.qvel[:] = 0.0
+    d.qpos[:3] = motor, wrist, sledge
+    settle(m, d)
+    for _ in range(2):
+        for name, pretension in (("flexor", 10.0), ("pull", 25.0)):
+            reading = read(m, d, name)
+            assert reading.tension == pytest.approx(pretension, rel=1e-9)
+            assert reading.dissipated == 0.0
+            assert reading.moving_fraction == 0.0
+        mujoco.mj_step(m, d)  # commits the pose in which it begins
+    assert np.abs(d.actuator_force[1:]).max() < 40.0
+
+
+def test_without_it_another_pose_is_a_jump() -> None:
+    m, d = build(pull_pull())
+    d.qpos[1] = 0.3
+    mujoco.mj_step(m, d)
+    assert max(read(m, d, name).tension.max() for name in cables(m)) > 40.0
+
+
+def test_settling_at_the_reference_is_a_reset() -> None:
+    for integrator in INTEGRATORS:
+        m, d = build(pull_pull(option=f'integrator="{integrator}"'))
+        fresh = d.plugin_state.copy()
+        settle(m, d)
+        assert np.array_equal(d.plugin_state, fresh)
+
+
+def test_a_keyframe_starts_at_rest_once_settled() -> None:
+    key = '<keyframe><key time="3" qpos="0.9 -0.5 0.1 1 0 0 0"/></keyframe>'
+    for integrator in INTEGRATORS:
+        m, d = build(pull_pull(option=f'integrator="{integrator}"', extra=key))
+        mujoco.mj_resetDataKeyframe(m, d, 0)
+        settle(m, d)
+        assert d.time == 3.0
+        mujoco.mj_step(m, d)
+        for name in cables(m):
+            assert read(m, d, name).tension == pytest.approx(10.0, rel=1e-9)
+
+
+def test_batch_and_rollout_take_the_settled_state_over() -> None:
+    m, d = build(pull_pull())
+    poses = np.random.default_rng(0).uniform(-2.0, 2.0, (3, 2))
+    batch = mujoco.batch.Batch(m, 3)
+    qpos, plugin_state = batch.bind("qpos"), batch.bind("plugin_state")
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    starts = np.empty((3, mujoco.mj_stateSize(m, full)))
+    for row, pose in enumerate(poses):
+        mujoco.mj_resetData(m, d)
+        d.qpos[:2] = pose
+        settle(m, d)
+        qpos[row], plugin_state[row] = d.qpos, d.plugin_state
+        mujoco.mj_getState(m, d, starts[row], full)
+    batch.step()
+    states, _ = mujoco.rollout.rollout(m, [mujoco.MjData(m)], starts, nstep=1)
+    for row in range(3):
+        mujoco.mj_setState(m, d, states[row, 0], full)
+        assert np.array_equal(d.plugin_state, plugin_state[row])
+        assert read(m, d, "flexor").tension == pytest.approx(10.0, rel=1e-9)
+
+
+def loaded(radius: float, inertia: float, segments: int, second: float) -> str:
+    """A motor held by one or two cables, their far ends on a heavy joint."""
+    pulled = CONFIG | {"segments": str(segments)}
+    names = ("one", "two") if second else ("one",)
+    ends = "".join(
+        end(f"{name}_near", name, 'joint="motor"', gear)
+        + end(f"{name}_far", name, 'joint="wrist"', 0.1)
+        for name, gear in zip(names, (radius, -second), strict=False)
+    )
+    return f"""<mujoco><option timestep="1e-5"/>
+      <extension><plugin plugin="cc_mujoco.cable">
+        {"".join(instance(name, pulled) for name in names)}</plugin></extension>
+      <worldbody>
+        <body><joint name="motor" armature="{inertia}"/>
+          <geom size="0.01" mass="1e-9"/></body>
+        <body><joint name="wrist" armature="1e3"/><geom size="0.01" mass="1"/></body>
+      </worldbody><actuator>{ends}</actuator></mujoco>"""
+
+
+@settings(deadline=None, derandomize=True, max_examples=40)
+@given(
+    radius=st.floats(0.005, 0.1),
+    inertia=st.floats(1e-6, 1e-2),
+    segments=st.integers(1, 60),
+    second=st.one_of(st.just(0.0), st.floats(0.005, 0.1)),
+)
+def test_the_limit_is_that_of_the_springs_on_the_joint(
+    radius: float, inertia: float, segments: int, second: float
+) -> None:
+    m = mujoco.MjModel.from_xml_string(loaded(radius, inertia, segments, second))
+    stiffness = 2.0 * segments * 4000.0 / 2.0 * (radius**2 + second**2)
+    expected = 2.0 / np.sqrt(stiffness / inertia)
+    for limits in step_limits(m).values():
+        assert limits.proximal == pytest.approx(expected, rel=1e-4)
+        assert limits.distal > 5.0 * limits.proximal or inertia > 1e-3
+
+
+@pytest.mark.parametrize("second", [0.0, 0.02])
+def test_a_pulley_at_rest_is_stable_below_the_limit_only(
+    second: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Shaken by a little, it keeps its swing below the limit and gains above it."""
+    monkeypatch.chdir(tmp_path)  # for the log of MuJoCo's warnings
+    m = mujoco.MjModel.from_xml_string(loaded(0.02, 1e-4, 20, second))
+    limit = step_limits(m)["one"].proximal
+    gain = {}
+    for share in (0.9, 1.1):
+        m.opt.timestep = share * limit
+        d = mujoco.MjData(m)
+        mujoco.mj_forward(m, d)
+        d.qfrc_applied[0] = -d.qfrc_actuator[0]  # balances the pretension
+        d.qvel[0] = 1e-6
+        swing = np.empty(60)
+        for i in range(swing.size):
+            mujoco.mj_step(m, d)
+            swing[i] = d.qvel[0]
+        gain[share] = np.abs(swing).max() / 1e-6
+    assert gain[0.9] < 10.0
+    assert gain[1.1] > 1e4
+
+
+def test_a_cable_that_nothing_holds_is_one_spring() -> None:
+    m = mujoco.MjModel.from_xml_string(
+        loaded(0.02, 1e-4, 20, 0.0).replace(
+            'key="friction" value="0.15"', 'key="friction" value="0"'
+        )
+    )
+    highest = np.sqrt(4000.0 / 2.0 * 0.02**2 / 1e-4)
+    (limits,) = step_limits(m).values()
+    assert 0.7 * 2.0 / highest < limits.proximal <= 2.0 / highest
+
+
+def test_an_end_that_moves_nothing_has_no_limit() -> None:
+    xml = loaded(0.02, 1e-4, 20, 0.0)
+    m = mujoco.MjModel.from_xml_string(xml)
+    m.actuator_gear[0, 0] = 1e-300
+    assert step_limits(m)["one"].proximal > 1.0
+
+
+SAID = """
+import mujoco, sys
+import cc_mujoco
+m = mujoco.MjModel.from_xml_path(sys.argv[1])
+m.opt.timestep *= float(sys.argv[2])
+for _ in range(3):
+    d = mujoco.MjData(m)
+    mujoco.mj_step(m, d, 2)
+    mujoco.mj_resetData(m, d)
+    mujoco.mj_step(m, d, 2)
+"""
+
+
+def warnings(scene: Path, factor: float, folder: Path) -> list[str]:
+    """What MuJoCo says of a scene whose time step is changed by a factor."""
+    done = subprocess.run(
+        [sys.executable, "-c", SAID, str(scene), str(factor)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    return re.findall(r"WARNING: (.*)", done.stderr)
+
+
+def test_too_long_a_step_is_warned_of_once(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.xml"
+    scene.write_text(loaded(0.02, 1e-4, 20, 0.0).replace("1e-5", "0.004"))
+    (said,) = warnings(scene, 1.0, tmp_path)
+    for part in ("'one'", "proximal end", "below 3.535 ms", "is 4.000 ms", "armature"):
+        assert part in said
+
+
+def test_a_step_that_was_mended_after_loading_is_not_warned_of(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.xml"
+    scene.write_text(loaded(0.02, 1e-4, 20, 0.0).replace("1e-5", "0.004"))
+    assert not warnings(scene, 0.5, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["wrist", "ankle", "finger", "bench"])
+def test_the_scenes_are_not_warned_of(name: str, tmp_path: Path) -> None:
+    assert not warnings(scene_path(name), 1.0, tmp_path)
+    assert warnings(scene_path(name), 40.0, tmp_path)

@@ -8,6 +8,7 @@
 
 `make_vec` simulates on a thread pool and equals, bit for bit, a `SyncVectorEnv` of the
 single environments. The classes' documentation says what they observe and reward.
+`RecordVideo(env, folder)` makes videos of 30 pictures a second.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ import gymnasium
 
 if TYPE_CHECKING:
     from .ankle_exo import AnkleExo, AnkleExoVector
+    from .video import RecordVideo
     from .wrist_handle import WristHandle, WristHandleVector
 
 __all__ = [
     "IDS",
     "AnkleExo",
     "AnkleExoVector",
+    "RecordVideo",
     "WristHandle",
     "WristHandleVector",
     "register",
@@ -51,6 +54,8 @@ def register() -> None:
 def __getattr__(name: str) -> Any:
     # Classes come when asked for: with them come the scenes' and the wearer's modules,
     # which an import of the package alone need not wait for.
+    if name == "RecordVideo":
+        return importlib.import_module(f"{__name__}.video").RecordVideo
     for place in IDS.values():
         module, single = place.split(":")
         if name in (single, f"{single}Vector"):

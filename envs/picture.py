@@ -16,6 +16,14 @@ CAMERA = "overview"
 SIZE = (480, 854)
 """Height and width [pixels]."""
 
+RATE = 30
+"""Pictures drawn per simulated second; a film needs no more [1/s]."""
+
+
+def stride(period: float) -> int:
+    """Control steps of a period [s] from one picture to the next."""
+    return max(1, round(1.0 / (RATE * period)))
+
 
 class Camera:
     """Makes pictures of poses; needs OpenGL (`MUJOCO_GL=egl` without a display)."""
@@ -38,6 +46,33 @@ class Camera:
     def close(self) -> None:
         """Free the renderer."""
         self._renderer.close()
+
+
+class Film:
+    """The last picture of a simulation, which serves until the next is due.
+
+    Gymnasium asks for one picture per control step. Most of those are too short for the
+    eye, and drawing takes far longer than simulating. Asked again without a step in
+    between, it draws anew, for somebody may have moved the joints by hand.
+    """
+
+    def __init__(self, period: float) -> None:
+        """Begin, with control steps of a period [s]."""
+        self._stride = stride(period)
+        self._step = 0
+        self._picture: NDArray[np.uint8] | None = None
+
+    def cut(self) -> None:
+        """Forget the last picture, for another episode begins."""
+        self._picture = None
+
+    def picture(
+        self, camera: Camera, qpos: NDArray[np.float64], step: int
+    ) -> NDArray[np.uint8]:
+        """The picture, (height, width, 3), after a control step, or shortly before."""
+        if self._picture is None or not 0 < step - self._step < self._stride:
+            self._picture, self._step = camera.picture(qpos), step
+        return self._picture
 
 
 def check_mode(mode: str | None, modes: Sequence[str]) -> None:

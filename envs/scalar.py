@@ -16,7 +16,7 @@ from cc_mujoco.human import Task, Trajectory, Wearer
 
 from .device import Array, Setup, physics_of
 from .exo import REWARDS, Exo
-from .picture import Camera, check_mode
+from .picture import Camera, Film, check_mode
 from .script import Script
 
 
@@ -51,6 +51,7 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
         self._step = 0
         self._script: Script | None = None
         self._camera: Camera | None = None
+        self._film = Film(self.exo.period)
 
     @property
     def drive(self) -> Drive:
@@ -74,6 +75,7 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
         super().reset(seed=seed)
         self._script = self.exo.author.write(self.np_random)
         self._step = 0
+        self._film.cut()
         commands = self._script.commands[0]
         self.exo.device.start(self.data, self._script.angles, commands)
         observation, columns = self.exo.sample(self._physics, 0, self._script.marks[0])
@@ -113,13 +115,16 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
         )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Picture of the device, (height, width, 3), in mode `rgb_array`."""
+        """Picture of the device, (height, width, 3), in mode `rgb_array`.
+
+        Drawn 30 times per simulated second; in between it is the last one again.
+        """
         if self.render_mode is None:
             gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
             return None
         if self._camera is None:
             self._camera = Camera(self.model)
-        return self._camera.picture(self.data.qpos)
+        return self._film.picture(self._camera, self.data.qpos, self._step)
 
     def close(self) -> None:
         """Free the renderer."""

@@ -21,7 +21,7 @@ from cc_mujoco.human import Task, Trajectory, Wearer
 
 from .device import Array, Physics, Setup
 from .exo import REWARDS, Exo
-from .picture import Camera, check_mode
+from .picture import Camera, Film, check_mode
 from .script import Scripts
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -115,6 +115,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         self._over = np.ones(num_envs, dtype=np.bool_)
         self._started = False
         self._camera: Camera | None = None
+        self._films = [Film(self.exo.period) for _ in range(num_envs)]
 
     @property
     def drive(self) -> Drive:
@@ -206,13 +207,19 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         )
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Pictures of all devices, each (height, width, 3), in mode `rgb_array`."""
+        """Pictures of all devices, each (height, width, 3), in mode `rgb_array`.
+
+        Drawn 30 times per simulated second; in between they are the last ones again.
+        """
         if self.render_mode is None:
             gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
             return None
         if self._camera is None:
             self._camera = Camera(self.model)
-        return tuple(self._camera.picture(qpos) for qpos in self._physics.qpos)
+        shots = zip(self._films, self._physics.qpos, self._steps, strict=True)
+        return tuple(
+            film.picture(self._camera, qpos, int(step)) for film, qpos, step in shots
+        )
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the renderer."""
@@ -229,6 +236,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             if rng is None:
                 rng, _ = seeding.np_random()
                 self._random[row] = rng
+            self._films[row].cut()
             script = self._scripts.write(row, rng)
             device.start(data, script.angles, script.commands[0])
             mujoco.mj_getState(self.model, data, self.batch.state[row], _STATE)

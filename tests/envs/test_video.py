@@ -1,0 +1,112 @@
+"""Pictures and videos: 30 a second, in real time; the camera needs no OpenGL."""
+
+from __future__ import annotations
+
+import sys
+import types
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+import pytest
+
+from cc_mujoco.envs import RecordVideo
+
+
+class Counting:
+    """A camera whose pictures show how many it has taken."""
+
+    taken = 0
+
+    def __init__(self, model: Any) -> None:
+        Counting.taken = 0
+
+    def picture(self, qpos: Any) -> Any:
+        Counting.taken += 1
+        return np.full((2, 2, 3), Counting.taken % 256, np.uint8)
+
+    def close(self) -> None:
+        pass
+
+
+class Clip:
+    """What would be written to a video file."""
+
+    written: ClassVar[list[Clip]] = []
+
+    def __init__(self, frames: list[Any], fps: float) -> None:
+        self.frames, self.seconds = list(frames), len(frames) / fps
+        Clip.written.append(self)
+
+    def write_videofile(self, path: str, logger: Any) -> None:
+        Path(path).write_bytes(b"")
+
+
+@pytest.fixture(autouse=True)
+def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("scalar", "vector"):
+        monkeypatch.setattr(f"cc_mujoco.envs.{module}.Camera", Counting)
+    for name in ("moviepy", "moviepy.video", "moviepy.video.io"):
+        monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
+    clip = types.ModuleType("moviepy.video.io.ImageSequenceClip")
+    monkeypatch.setattr(clip, "ImageSequenceClip", Clip, raising=False)
+    monkeypatch.setitem(sys.modules, clip.__name__, clip)
+    Clip.written.clear()
+
+
+@pytest.mark.parametrize(
+    "wrapper", [gymnasium.wrappers.RecordVideo, RecordVideo], ids=["theirs", "ours"]
+)
+@pytest.mark.parametrize("frame_skip", [2, 5, 100])
+def test_a_video_lasts_as_long_as_the_episode(
+    name: str, wrapper: Any, frame_skip: int, tmp_path: Path
+) -> None:
+    env = gymnasium.make(
+        name, duration=2.0, frame_skip=frame_skip, render_mode="rgb_array"
+    )
+    film = wrapper(env, str(tmp_path / "video"), episode_trigger=lambda episode: True)
+    for _ in range(2):
+        film.reset(seed=0)
+        truncated = False
+        while not truncated:
+            *_, truncated, _ = film.step(np.zeros(1, np.float32))
+    film.close()
+    assert len(Clip.written) == 2
+    rate = min(30.0, 1.0 / (0.0005 * frame_skip))
+    for clip in Clip.written:
+        assert clip.seconds == pytest.approx(2.0, abs=1.5 / rate)
+        shown = {id(frame) for frame in clip.frames}
+        assert len(shown) == pytest.approx(2.0 * rate, abs=2)
+    assert Counting.taken == pytest.approx(4.0 * rate, abs=4)
+    if wrapper is RecordVideo:
+        assert len(Clip.written[0].frames) == pytest.approx(2.0 * rate, abs=2)
+
+
+def test_a_new_episode_and_a_second_look_are_drawn_anew(name: str) -> None:
+    env = gymnasium.make(name, duration=1.0, render_mode="rgb_array")
+    still = np.zeros(1, np.float32)
+    env.reset(seed=0)
+    first = env.render()
+    assert env.render() is not first, "somebody may have moved the joints"
+    env.step(still)
+    last = env.render()
+    env.step(still)
+    assert env.render() is last
+    taken = Counting.taken
+    env.reset(seed=0)
+    env.step(still)
+    env.step(still)
+    env.render()
+    assert Counting.taken == taken + 1
+    env.close()
+
+
+def test_a_vector_environment_draws_as_often(name: str) -> None:
+    envs = gymnasium.make_vec(name, 3, duration=0.5, render_mode="rgb_array")
+    envs.reset(seed=0)
+    for _ in range(400):
+        envs.step(np.zeros((3, 1), np.float32))
+        assert len(envs.render()) == 3
+    assert Counting.taken == pytest.approx(3 * 0.4 * 30, abs=4)
+    envs.close()

@@ -196,8 +196,9 @@ def sweep(
                 x[i + 2] = x[i]
                 y[i + 2] = hold_right[s] * y[i] + b + c * x[i]
                 label[i + 2] = label[i]
+            shrink = 1.0 / hold_left[s]
             for i in range(split):
-                y[i] = (y[i] - b + c * x[i]) / hold_left[s]
+                y[i] = (y[i] - b + c * x[i]) * shrink
             x[split], y[split] = 0.0, (at_rest - b) / hold_left[s]
             x[split + 1], y[split + 1] = 0.0, hold_right[s] * at_rest + b
             label[split], label[split + 1] = 3.0 * s + _LEFT, 3.0 * s + _HELD
@@ -221,14 +222,17 @@ def sweep(
                 elif right > 0.0:
                     x[keep] -= y[keep] / right
                 count -= keep
-                for i in range(count):
-                    x[i], y[i], label[i] = x[i + keep], y[i + keep], label[i + keep]
+                if keep > 0:
+                    for i in range(count):
+                        x[i], y[i] = x[i + keep], y[i + keep]
+                        label[i] = label[i + keep]
             if keep >= 0:
                 y[0], label[0], left = 0.0, 3.0 * (s + 1) + _SLACK, 0.0
             if s + 1 < n:
                 k, t = stiffness[s + 1], tension[s + 1]
+                compliance = 1.0 / k
                 for i in range(count):
-                    x[i] += (y[i] - t) / k
+                    x[i] += (y[i] - t) * compliance
                 left = left * k / (k + left)
                 right = right * k / (k + right)
         # The distal end closes the graph: f(w) = far_p - far_q w.

@@ -91,14 +91,24 @@ def _each(laws: Sequence[Controller], observation: Mapping[str, Any]) -> Array:
 
 
 def _stacked(drives: Sequence[Drive]) -> Drive:
-    """A drive whose fields are arrays over devices where they differ."""
-    whole = object.__new__(Drive)  # its own checks are of numbers
+    """A drive whose fields are arrays over devices where they differ.
+
+    Raises:
+        CableError: the cables cannot be those of one drive, as their arms differ.
+    """
+    differing: dict[str, list[Any]] = {}
     for field in dataclasses.fields(Drive):
         values = [getattr(drive, field.name) for drive in drives]
-        stacked: Any = values[0]
         if any(value != values[0] for value in values):
-            # Tuples are of one entry per device: the cables, where they are known.
-            joined = isinstance(values[0], tuple)
-            stacked = tuple(chain.from_iterable(values)) if joined else np.array(values)
-        object.__setattr__(whole, field.name, stacked)
+            differing[field.name] = values
+    # Tuples are of one entry per device: the cables, where they are known.
+    tuples = {
+        name: tuple(chain.from_iterable(values))
+        for name, values in differing.items()
+        if isinstance(values[0], tuple)
+    }
+    whole = dataclasses.replace(drives[0], **tuples)
+    for name in differing.keys() - tuples.keys():
+        # Past the checks of a drive, which are of numbers.
+        object.__setattr__(whole, name, np.array(differing[name]))
     return whole

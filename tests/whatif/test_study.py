@@ -244,6 +244,25 @@ def test_every_controller_drives_different_designs_as_each_alone(name: str) -> N
         )
 
 
+@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+@pytest.mark.parametrize(
+    "vary",
+    [
+        {"motor_radius": [0.02, 0.025, 0.03]},  # no two designs have one controller
+        {"rotor_inertia": [0.005, 0.008]},  # all designs have one controller
+    ],
+    ids=["own", "common"],
+)
+def test_a_task_of_the_phase_alone_is_asked_of_every_design(
+    name: str, vary: dict[str, Any]
+) -> None:
+    plan = make_plan("ankle", vary, controller=name, duration=0.2, task="assist",
+                     metrics=("tracking_error", "peak_motor_power"))  # fmt: skip
+    together = evaluate(plan.trial, plan.designs)
+    alone = [evaluate(plan.trial, [design])[0] for design in plan.designs]
+    assert together == alone
+
+
 @pytest.mark.parametrize(
     ("changes", "wrong"),
     [

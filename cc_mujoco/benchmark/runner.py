@@ -7,35 +7,27 @@ passes over it. Cells share nothing, so the number of processes changes no bit.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import importlib.util
 import json
 import multiprocessing
 import os
-import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import gymnasium
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-import cc_mujoco
 from cc_mujoco.benchmark.cell import Cell, Played, play
 from cc_mujoco.benchmark.conditions import CONDITIONS
 from cc_mujoco.benchmark.mismatch import Mismatch
 from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.files import replacing
-
-KEY = b"cc_mujoco"
-"""Of the metadata that say what a file was made by."""
+from cc_mujoco.identity import differences, made_by, seal, sealed, told
 
 
 @dataclass(frozen=True)
@@ -121,6 +113,7 @@ def run(
     workers: int = 1,
     again: bool = False,
     finished: Callable[[Cell, bool], None] = lambda cell, fresh: None,
+    say: Callable[[str], None] = lambda sentence: None,
 ) -> list[tuple[Cell, Played]]:
     """Run every cell that is not done and return all, in the order of the plan.
 
@@ -130,42 +123,51 @@ def run(
         workers: Processes.
         again: Run also what is done.
         finished: Called with every cell as it comes, and whether it was run just now.
+        say: Called with a sentence on what an earlier run left, if it left something.
 
     Raises:
         CableError: If a name is unknown or a controller cannot be used.
     """
+    plan.check()
     folder = Path(out) / "cells"
     folder.mkdir(parents=True, exist_ok=True)
     cells = plan.cells()
-    left = []
+    left: list[Cell] = []
+    changed: list[str] = []
     for cell in cells:
-        if not again and _read(folder, cell) is not None:
-            finished(cell, False)
-        else:
+        there, other = _read(folder, cell)
+        changed += other
+        if again or there is None:
             left.append(cell)
+    kept = [cell for cell in cells if cell not in left]
+    if kept or changed:
+        say(told(len(kept), len(cells), "cells", changed))
+    for cell in kept:
+        finished(cell, False)
     if workers == 1 or len(left) <= 1:
         for cell in left:
-            _write(folder, cell, play(cell))
+            _write(folder, cell, *_work(cell))
             finished(cell, True)
     else:
         # A fresh interpreter each: threads of the parent would not survive a fork.
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(min(workers, len(left)), context) as pool:
             try:
-                going = {pool.submit(play, cell): cell for cell in left}
+                going = {pool.submit(_work, cell): cell for cell in left}
                 for done in as_completed(going):
-                    _write(folder, going[done], done.result())
+                    _write(folder, going[done], *done.result())
                     finished(going[done], True)
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
     played = []
     for cell in cells:
-        result = _read(folder, cell)
+        result, other = _read(folder, cell)
         if result is None:
+            why = ", ".join(other) or "the file"
             raise CableError(
-                f"{folder}: {cell.name} was played and then changed by another run; "
-                "runs of their own need folders of their own."
+                f"{folder}: {cell.name} was played and then differed in {why}; leave "
+                "code and folder alone while a benchmark runs, and run it again."
             )
         played.append((cell, result))
     return played
@@ -190,65 +192,39 @@ def write_scores(
         pq.write_table(pa.table(columns), partial)
 
 
-def _write(folder: Path, cell: Cell, played: Played) -> None:
-    about = {KEY: _fingerprint(cell).encode()}
+def _work(cell: Cell) -> tuple[Played, dict[str, Any]]:
+    """Play a cell; also what made it, in the process that did."""
+    played = play(cell)
+    return played, _about(cell)
+
+
+def _about(cell: Cell) -> dict[str, Any]:
+    """What decides a cell, whose controller was made before."""
+    makers = made_by(cell.controller, cell.trajectory)
+    return {"cell": json.loads(json.dumps(dataclasses.asdict(cell))), "made_by": makers}
+
+
+def _write(folder: Path, cell: Cell, played: Played, about: dict[str, Any]) -> None:
     for stem, columns in (("trace", played.trace), ("scores", played.scores)):
-        table = pa.table(columns).replace_schema_metadata(about)
+        table = sealed(pa.table(columns), about)
         with replacing(folder / f"{cell.name}.{stem}.parquet") as partial:
             pq.write_table(table, partial)
 
 
-def _read(folder: Path, cell: Cell) -> Played | None:
-    """A finished cell of the same code and settings, or None."""
-    found = []
+def _read(folder: Path, cell: Cell) -> tuple[Played | None, list[str]]:
+    """A finished cell; None, and how it differs, if it is not of this code."""
+    found: list[dict[str, Any]] = []
+    now = _about(cell)
     for stem in ("scores", "trace"):
         try:
             table = pq.read_table(folder / f"{cell.name}.{stem}.parquet")
         except (OSError, pa.ArrowInvalid):
-            return None
-        if (table.schema.metadata or {}).get(KEY) != _fingerprint(cell).encode():
-            return None
+            return None, []
+        then = seal(table)
+        if then != now:
+            then = then if isinstance(then, dict) else {}
+            if then.get("cell", now["cell"]) != now["cell"]:
+                return None, ["their settings"]
+            return None, differences(then.get("made_by"), now["made_by"])
         found.append({name: table[name].to_numpy() for name in table.column_names})
-    return Played(found[0], found[1], None)
-
-
-def _fingerprint(cell: Cell) -> str:
-    """Digest of a cell, of the package and of a controller from outside."""
-    text = json.dumps(dataclasses.asdict(cell), sort_keys=True)
-    digest = hashlib.sha256(text.encode())
-    digest.update(_code().encode())
-    name = cell.controller
-    if name.endswith(".zip") and os.path.isfile(name):
-        digest.update(Path(name).read_bytes())
-    elif ":" in name:
-        source = _source(name.partition(":")[0])
-        if source is not None:
-            digest.update(source.read_bytes())
-    return digest.hexdigest()[:24]
-
-
-def _source(module: str) -> Path | None:
-    here = os.getcwd()
-    sys.path.insert(0, here)
-    try:
-        spec = importlib.util.find_spec(module)
-    except (ImportError, ValueError):
-        return None
-    finally:
-        sys.path.remove(here)
-    return Path(spec.origin) if spec and spec.origin else None
-
-
-@cache
-def _code() -> str:
-    """Digest of all that decides a cell: the package, its environments and scenes."""
-    from cc_mujoco import assets, envs
-
-    digest = hashlib.sha256()
-    for module, pattern in ((cc_mujoco, "*.py"), (envs, "*.py"), (assets, "*.xml")):
-        root = Path(str(module.__file__)).parent
-        for source in sorted(root.rglob(pattern)):
-            digest.update(source.relative_to(root).as_posix().encode())
-            digest.update(source.read_bytes())
-    digest.update(np.__version__.encode())
-    return digest.hexdigest()
+    return Played(found[0], found[1], None), []

@@ -88,6 +88,7 @@ class Benchmark:
                 workers=self.workers or os.cpu_count() or 1,
                 again=self.again,
                 finished=told,
+                say=tqdm.write,
             )
         print(write(self.out, results))
         for name in self.record:

@@ -55,7 +55,12 @@ class Reproduce:
                 bar.update(sum(began.values()) - bar.n)
 
             reproduce(
-                self.names, self.out, again=self.again, progress=told, finished=_show
+                self.names,
+                self.out,
+                again=self.again,
+                progress=told,
+                finished=_show,
+                say=tqdm.write,
             )
         print(f"\nsummary:  {self.out / 'summary.md'}")
 

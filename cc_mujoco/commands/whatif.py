@@ -55,6 +55,8 @@ class WhatIf:
     """tcp://HOST:PORT of a Dask scheduler, whose workers simulate instead."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """Folder for the results; runs/whatif-SCENE unless given."""
+    again: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Simulate also what an earlier run has finished, and replace its table."""
 
     def run(self) -> None:
         """Run what is not done yet; print the best designs and where the rest is."""
@@ -96,6 +98,8 @@ class WhatIf:
                 self.threads,
                 self.scheduler,
                 lambda done: bar.update(done - bar.n),
+                again=self.again,
+                say=tqdm.write,
             )
         files = write_report(folder, plan, table, objectives)
         failed = len(table) - table["failed"].null_count

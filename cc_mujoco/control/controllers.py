@@ -18,6 +18,7 @@ from cc_mujoco.control.proportional_integral import Feedback, ProportionalIntegr
 from cc_mujoco.control.stiction import StictionCompensation
 from cc_mujoco.control.tensions import AdaptiveModel, FusedFeedback
 from cc_mujoco.errors import look_up
+from cc_mujoco.identity import is_outside, watched
 
 CONTROLLERS: dict[str, type[Controller]] = {
     "none": FeedForward,
@@ -46,8 +47,9 @@ def controller(name: str, drive: Drive) -> Controller:
     Raises:
         CableError: If there is no such controller; names the nearest and all others.
     """
-    if name.endswith(".zip"):
-        return Policy(drive, name)
-    if ":" in name:
-        return from_callable(name, drive)
+    if is_outside(name):
+        with watched(name):
+            if name.endswith(".zip"):
+                return Policy(drive, name)
+            return from_callable(name, drive)
     return look_up("controller", name, CONTROLLERS)(drive)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import os
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Controller
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing_folder
+from cc_mujoco.identity import versions
 from cc_mujoco.recording.columns import MODEL_XML, RATIO
 from cc_mujoco.recording.log import EpisodeLog, Recorder
 from cc_mujoco.recording.metrics import Metric, measure, write_metrics
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
 FILES = ("recording.rrd", "log.parquet", "metrics.json", "summary.png")
 """What `write_episode` leaves in its folder."""
-
-VERSIONED = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "numba")
-"""Packages that decide the numbers in a log, which carries their versions."""
 
 
 def play(
@@ -65,9 +62,7 @@ def play(
         "wearer": dataclasses.asdict(wearer),
         RATIO: 1.0 / inner.drive.ratio,
         "cables": {name: cable.to_config() for name, cable in cables.items()},
-        "versions": {
-            name: importlib.import_module(name).__version__ for name in VERSIONED
-        },
+        "versions": versions(),
         MODEL_XML: scene_path(setup.scene).read_text(encoding="utf-8"),
     }
     recorder = Recorder(cables, metadata)

@@ -8,23 +8,22 @@ the same code.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import importlib
 import json
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
-import cc_mujoco
 from cc_mujoco.errors import CableError
 from cc_mujoco.figures import save, style
 from cc_mujoco.files import replacing, replacing_folder
+from cc_mujoco.identity import differences, made_by, told
 from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress
 
 EXPERIMENTS: dict[str, str] = {
@@ -70,6 +69,7 @@ def reproduce(
     again: bool = False,
     progress: Callable[[str, float], None] = lambda name, share: None,
     finished: Callable[[Record], None] = lambda record: None,
+    say: Callable[[str], None] = lambda sentence: None,
 ) -> list[Record]:
     """Run experiments and write figures, data and the summary table.
 
@@ -80,6 +80,7 @@ def reproduce(
         again: run also what is done already.
         progress: called with the experiment and the share of it that is done.
         finished: called with every record as it comes.
+        say: called with a sentence on what an earlier run left, if it left something.
 
     Returns:
         One record per name, in the order of `EXPERIMENTS`.
@@ -93,10 +94,17 @@ def reproduce(
             raise CableError.unknown("experiment", name, EXPERIMENTS)
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
+    names = [name for name in EXPERIMENTS if name in wanted]
+    found = {n: one for n in names if (one := _read(out / n)) is not None}
+    changed = {n: differences(one[0], made_by()) for n, one in found.items()}
+    kept = [n for n in found if not (again or changed[n])]
+    if kept or any(changed.values()):
+        other = [text for texts in changed.values() for text in texts]
+        say(told(len(kept), len(names), "experiments", other))
     records = []
-    for name in (name for name in EXPERIMENTS if name in wanted):
+    for name in names:
         progress(name, 0.0)
-        claims = None if again else _finished(out / name)
+        claims = found[name][1] if name in kept else None
         if fresh := claims is None:
             outcome = run(name, partial(progress, name))
             _write(out / name, outcome)
@@ -133,20 +141,15 @@ def _write(folder: Path, outcome: Outcome) -> None:
             arrays = {name: np.asarray(values) for name, values in columns.items()}
             pa_csv.write_csv(pa.table(arrays), place / f"{stem}.csv")
         claims = [dataclasses.asdict(claim) for claim in outcome.claims]
-        text = json.dumps({"code": _code(), "claims": claims}, indent=1)
+        text = json.dumps({"made_by": made_by(), "claims": claims}, indent=1)
         (place / RESULT).write_text(text, encoding="utf-8")
 
 
-def _finished(folder: Path) -> tuple[Claim, ...] | None:
-    """Claims of a finished experiment of the same code, or None."""
-    found = _read(folder)
-    return None if found is None or found[0] != _code() else found[1]
-
-
-def _read(folder: Path) -> tuple[str, tuple[Claim, ...]] | None:
+def _read(folder: Path) -> tuple[object, tuple[Claim, ...]] | None:
+    """What made a finished experiment, and its claims; None where there is none."""
     try:
         found = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-        return found["code"], tuple(Claim(**claim) for claim in found["claims"])
+        return found["made_by"], tuple(Claim(**claim) for claim in found["claims"])
     except (OSError, ValueError, TypeError, KeyError):
         return None
 
@@ -157,18 +160,8 @@ def _summarize(out: Path) -> None:
         found = _read(out / name)
         if found is not None:
             heading = f"## {name}\n\n{EXPERIMENTS[name]}."
-            stale = "" if found[0] == _code() else "\n\nWritten by other code."
+            other = ", ".join(differences(found[0], made_by()))
+            stale = f"\n\nMade by other code, which differs in {other}." * bool(other)
             parts.append(f"{heading}{stale}\n\n{table(found[1])}")
     with replacing(out / SUMMARY) as place:
         place.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
-
-
-@cache
-def _code() -> str:
-    """Digest of the package's own sources."""
-    root = Path(cc_mujoco.__file__).parent
-    digest = hashlib.sha256()
-    for source in sorted(root.rglob("*.py")):
-        digest.update(source.relative_to(root).as_posix().encode())
-        digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]

@@ -102,7 +102,7 @@ def _stacked(drives: Sequence[Drive]) -> Drive:
         if any(value != values[0] for value in values):
             differing[field.name] = values
     # Tuples are of one entry per device: the cables, where they are known.
-    tuples = {
+    tuples: dict[str, Any] = {
         name: tuple(chain.from_iterable(values))
         for name, values in differing.items()
         if isinstance(values[0], tuple)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import importlib
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -21,7 +20,7 @@ from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import from_csv
 from cc_mujoco.human.checks import number
-from cc_mujoco.recording.episode import VERSIONED
+from cc_mujoco.identity import made_by
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import (
     Given,
@@ -71,25 +70,24 @@ class Plan:
         )
 
     def describe(self) -> dict[str, Any]:
-        """What the study is, as plain JSON: equal for studies with equal tables."""
+        """What the study is, as plain JSON: equal where the same is asked."""
         trial = {
             field.name: getattr(self.trial, field.name)
             for field in dataclasses.fields(self.trial)
         }
         trial |= {"trajectory": self.source, "metrics": list(self.trial.metrics)}
         text = json.dumps(self.designs)
-        motion = repr(self.trial.trajectory)
         return {
             "trial": trial,
-            "motion": hashlib.sha256(motion.encode()).hexdigest(),
             "variables": list(self.ranges),
             "designs": len(self.designs),
             "batches": len(self.batches),
             "digest": hashlib.sha256(text.encode()).hexdigest(),
-            "versions": {
-                name: importlib.import_module(name).__version__ for name in VERSIONED
-            },
         }
+
+    def made_by(self) -> dict[str, Any]:
+        """What makes the table besides, see `identity`."""
+        return made_by(self.trial.controller, self.source)
 
 
 def make_plan(

@@ -11,6 +11,7 @@ import mujoco
 
 from cc_mujoco import engine
 from cc_mujoco.errors import CableError
+from cc_mujoco.identity import differences, made_by, seal
 from cc_mujoco.recording import EpisodeLog, play
 from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.whatif.build import Builder
@@ -37,7 +38,8 @@ def show(
         model it was played on.
 
     Raises:
-        CableError: there is no finished study or no such row, or the design fails.
+        CableError: there is no finished study or no such row, its code or files have
+            changed, or the design fails.
     """
     folder = Path(folder)
     about = read_study(folder)
@@ -57,9 +59,17 @@ def show(
         frame_skip=round(CONTROL_PERIOD / trial["timestep"]),
     )
     names = {key: trial[key] for key in ("trajectory", "task", "controller")}
+    law = Sensed(trial["controller"], env.drive, engine.cables(model))
+    makers = made_by(trial["controller"], trial["trajectory"])
+    if changed := differences(seal(read_table(folder)), makers):
+        raise CableError(
+            f"design {row} would not be the one in the table of {folder}, which was "
+            f"made otherwise: it differs in {', '.join(changed)}; `cc-mujoco whatif` "
+            "with --again makes it anew."
+        )
     log = play(
         env,
-        Sensed(trial["controller"], env.drive, engine.cables(model)),
+        law,
         seed=trial["seed"],
         about={**names, "design": row, "variables": design},
         progress=progress,

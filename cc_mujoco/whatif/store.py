@@ -2,7 +2,8 @@
 
 `study.json` says what the study is; `parts` holds a file for every finished batch,
 whole or not at all, so that an interrupted study goes on where it was; `table.parquet`
-is the table of all, and takes the place of the parts.
+is the table of all, and takes the place of the parts. Tables and parts carry what made
+them (`identity`): what other code made is never taken for this study's.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import pyarrow.parquet as pq
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing, require_writable
+from cc_mujoco.identity import differences, seal, sealed
 from cc_mujoco.whatif.evaluate import Result
 from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.plan import Plan
@@ -30,17 +32,21 @@ STUDY, PARTS, TABLE = "study.json", "parts", "table.parquet"
 class Store:
     """What a study has finished, kept in a folder or, without one, in memory."""
 
-    def __init__(self, plan: Plan, folder: Path | None) -> None:
+    def __init__(self, plan: Plan, folder: Path | None, again: bool = False) -> None:
         """Open the folder and see what is done.
 
         Args:
             plan: the study.
             folder: where its table lies; made if need be.
+            again: whether to begin anew; a table that is there stays until the new one
+                takes its place.
 
         Raises:
-            CableError: the folder holds another study or cannot be written.
+            CableError: the folder holds another study, or what other code made, or
+                cannot be written.
         """
         self._plan, self._folder = plan, folder
+        self._makers = plan.made_by()
         self._found: dict[int, list[Result]] = {}
         self.whole: pa.Table | None = None
         """The table of an earlier run that finished."""
@@ -57,13 +63,36 @@ class Store:
             folder.mkdir(parents=True, exist_ok=True)
             with replacing(folder / STUDY) as partial:
                 partial.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
-        if (folder / TABLE).exists():
-            self.whole = read_table(folder)
+        if again:
+            shutil.rmtree(folder / PARTS, ignore_errors=True)
             return
+        changed: list[str] = []
         for path in parts:
             # A part that cannot be read is done again.
             with contextlib.suppress(pa.ArrowException, OSError):
-                self._found[int(path.stem)] = _read_part(path, plan.trial.metrics)
+                part = pq.read_table(path)
+                if other := differences(seal(part), self._makers):
+                    changed = other
+                else:
+                    results = _read_part(part, plan.trial.metrics)
+                    self._found[int(path.stem)] = results
+        # Parts of this code beside a table of other code: it was asked for anew.
+        if not self._found and (folder / TABLE).exists():
+            self.whole = read_table(folder)
+            changed = differences(seal(self.whole), self._makers)
+        if changed:
+            raise CableError(
+                f"{folder} holds results that were made otherwise than they would be "
+                f"now, which differs in {', '.join(changed)}; --again replaces them, "
+                "another --out keeps them."
+            )
+
+    @property
+    def kept(self) -> int:
+        """Designs that are done."""
+        if self.whole is not None:
+            return len(self.whole)
+        return sum(len(self._plan.batches[number]) for number in self._found)
 
     def missing(self) -> list[int]:
         """Batches that are still to be done."""
@@ -80,7 +109,7 @@ class Store:
         parts.mkdir(exist_ok=True)
         columns = _columns(results, self._plan.trial.metrics)
         with replacing(parts / f"{batch:06d}.parquet") as partial:
-            pq.write_table(pa.table(columns), partial)
+            pq.write_table(sealed(pa.table(columns), self._makers), partial)
 
     def table(self) -> pa.Table:
         """The table of all designs, in their order; `missing` must be empty."""
@@ -88,7 +117,8 @@ class Store:
             self.whole = self._join()
             if self._folder is not None:
                 with replacing(self._folder / TABLE) as partial:
-                    pq.write_table(self.whole, partial, compression="zstd")
+                    table = sealed(self.whole, self._makers)
+                    pq.write_table(table, partial, compression="zstd")
                 shutil.rmtree(self._folder / PARTS, ignore_errors=True)
         return self.whole
 
@@ -167,13 +197,13 @@ def _columns(results: Sequence[Result], metrics: Sequence[str]) -> dict[str, pa.
     return columns | {"failed": pa.array(reasons, pa.string())}
 
 
-def _read_part(path: Path, metrics: Sequence[str]) -> list[Result]:
+def _read_part(part: pa.Table, metrics: Sequence[str]) -> list[Result]:
     return [
         Result(
             {n: float("nan") if row[n] is None else row[n] for n in metrics},
             row["failed"] or "",
         )
-        for row in pq.read_table(path).to_pylist()
+        for row in part.to_pylist()
     ]
 
 

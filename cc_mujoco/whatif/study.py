@@ -7,11 +7,12 @@ table.sort_by("backlash_width").slice(0, 5).to_pandas()
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import pyarrow as pa
 
+from cc_mujoco.identity import told
 from cc_mujoco.whatif.designs import Given
 from cc_mujoco.whatif.plan import Plan, make_plan
 from cc_mujoco.whatif.run import Progress, run_here, run_on_cluster
@@ -35,6 +36,7 @@ def study(
     threads: int = 0,
     scheduler: str | None = None,
     out: str | Path | None = None,
+    again: bool = False,
     progress: Progress = lambda done: None,
 ) -> pa.Table:
     """Simulate many designs of a scene's transmission and measure each.
@@ -58,6 +60,7 @@ def study(
         scheduler: address of a Dask scheduler whose workers simulate instead.
         out: folder that keeps what is finished, and the table; a study that was
             interrupted there goes on. Without one nothing is written.
+        again: whether to simulate also what is finished there.
         progress: called with the number of designs done.
 
     Returns:
@@ -65,7 +68,8 @@ def study(
         no such number) and `failed`, the reason where the simulation failed.
 
     Raises:
-        CableError: something about the study is impossible; raised before it runs.
+        CableError: something about the study is impossible, or `out` holds what other
+            code made; raised before it runs.
     """
     plan = make_plan(
         scene,
@@ -82,7 +86,7 @@ def study(
         metrics=metrics,
     )
     folder = None if out is None else Path(out)
-    return carry_out(plan, folder, threads, scheduler, progress)
+    return carry_out(plan, folder, threads, scheduler, progress, again=again)
 
 
 def carry_out(
@@ -91,20 +95,27 @@ def carry_out(
     threads: int = 0,
     scheduler: str | None = None,
     progress: Progress = lambda done: None,
+    *,
+    again: bool = False,
+    say: Callable[[str], None] = lambda sentence: None,
 ) -> pa.Table:
-    """Run what a plan still lacks and return its table; see `study`."""
-    store = Store(plan, folder)
-    missing = store.missing()
-    before = len(plan.designs) - sum(len(plan.batches[n]) for n in missing)
+    """Run what a plan still lacks and return its table; see `study`.
 
-    def told(done: float) -> None:
+    `say` is called with a sentence where some of it is done already.
+    """
+    store = Store(plan, folder, again)
+    missing, before = store.missing(), store.kept
+    if before:
+        say(told(before, len(plan.designs), "designs"))
+
+    def count(done: float) -> None:
         progress(before + done)
 
-    told(0.0)
+    count(0.0)
     if scheduler is None:
-        batches = run_here(plan, missing, threads, told)
+        batches = run_here(plan, missing, threads, count)
     else:
-        batches = run_on_cluster(plan, missing, scheduler, told)
+        batches = run_on_cluster(plan, missing, scheduler, count)
     # Closed at once if it is interrupted here, so that what is under way ends too.
     with contextlib.closing(batches):
         for number, results in batches if missing else ():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -234,6 +235,37 @@ def test_run_resumes_and_repeats_byte_for_byte(tmp_path: Path) -> None:
     longer = dataclasses.replace(plan, controllers=("none",), duration=1.3)
     run(longer, tmp_path / "a", finished=lambda _, now: fresh.append(now))
     assert fresh[4:] == [True]
+
+
+def test_a_cell_of_other_code_is_played_again_and_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("mine", "helper"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    Path("helper.py").write_text(
+        "from pathlib import Path\n"
+        "def gain():\n    return float(Path('gain.toml').read_text())\n"
+    )
+    Path("mine.py").write_text(
+        "import helper\n"
+        "def make(drive):\n"
+        "    gain = helper.gain()\n"
+        "    return lambda seen: gain * seen['desired_torque_nm']\n"
+    )
+    plan = Plan(("wrist",), ("none", "mine:make"), ("sine",), ("spring",), 1, 1.1)
+    said: list[str] = []
+    errors = []
+    for gain in ("0.0", "0.0", "0.2"):
+        Path("gain.toml").write_text(gain)
+        results = run(plan, "out", say=said.append)
+        errors.append(float(results[1][1].scores["rms_error"][0]))
+    assert errors[0] == errors[1] != errors[2]
+    kept = "cells kept; --again runs them anew."
+    assert said == [
+        f"2 of 2 {kept}",
+        f"1 of 2 {kept} Earlier cells are replaced: they differ in gain.toml.",
+    ]
 
 
 @pytest.mark.slow

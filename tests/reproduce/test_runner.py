@@ -96,9 +96,16 @@ def test_results_of_other_code_or_broken_ones_are_not_taken(
     (tmp_path / "loops" / "result.json").write_text("{}")
     reproduce(["loops"], tmp_path)
     assert len(experiments.ran) == 2
-    monkeypatch.setattr(runner, "_code", lambda: "other")
-    reproduce(["loops"], tmp_path)
-    assert len(experiments.ran) == 3
+    monkeypatch.setattr("cc_mujoco.identity.sources", lambda: "other")
+    reproduce(["pretension"], tmp_path)
+    assert "differs in the sources" in (tmp_path / "summary.md").read_text()
+    said: list[str] = []
+    reproduce(["loops", "pretension"], tmp_path, say=said.append)
+    assert experiments.ran == ["loops", "loops", "pretension", "loops"]
+    assert said == [
+        "1 of 2 experiments kept; --again runs them anew. Earlier experiments are "
+        "replaced: they differ in the sources of cc_mujoco."
+    ]
 
 
 def test_an_unknown_name_runs_nothing(experiments: Experiments, tmp_path: Path) -> None:
@@ -119,7 +126,8 @@ def test_command_prints_a_line_for_every_claim_and_resumes(
     experiments.failing = ""
     assert cli.main(words) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[:3] == [
+    assert lines[:4] == [
+        "1 of 2 experiments kept; --again runs them anew.",
         "pretension  (done before)",
         "  agrees     Fig. 0: 2.0 Nm",
         "loops",

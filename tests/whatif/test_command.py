@@ -76,6 +76,21 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
     assert "designs 0 to 5, not 6" in capsys.readouterr().err
 
 
+def test_what_was_done_is_kept_until_it_is_asked_for_again(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["whatif", "--vary", "friction=0.1,0.2", "--duration", "0.2", "--metric"]
+    words += ["slack_margin", "--trajectory", "sine", "--out", "study"]
+    kept = "2 of 2 designs kept; --again runs them anew."
+    assert cli.main(words) == 0 and kept not in capsys.readouterr().out
+    written = Path("study/table.parquet").stat().st_mtime_ns
+    assert cli.main(words) == 0 and kept in capsys.readouterr().out
+    assert Path("study/table.parquet").stat().st_mtime_ns == written
+    assert cli.main([*words, "--again"]) == 0
+    assert kept not in capsys.readouterr().out
+    assert Path("study/table.parquet").stat().st_mtime_ns > written
+
+
 def test_a_file_of_designs_and_no_objectives(tmp_path: Path) -> None:
     rows = "".join(f"{0.05 + 0.01 * i},2:{0.2 + 0.01 * (i % 3)}\n" for i in range(12))
     Path("mine.csv").write_text("friction,conduit\n" + rows)

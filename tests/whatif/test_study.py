@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,7 @@ from cc_mujoco.whatif.evaluate import evaluate
 from cc_mujoco.whatif.laws import Laws
 from cc_mujoco.whatif.metrics import measure_episode
 from cc_mujoco.whatif.show import show
+from cc_mujoco.whatif.store import read_table
 from control.policies import Linear, saved
 
 EPISODE = tuple(name for name, metric in METRICS.items() if metric.test == "episode")
@@ -153,6 +157,71 @@ def test_a_folder_keeps_one_study(tmp_path: Path) -> None:
         study("wrist", {"friction": [0.2]}, out=tmp_path, **SHORT)
     with pytest.raises(CableError, match="differs in its seed"):
         study("wrist", {"friction": [0.1]}, out=tmp_path, seed=1, **SHORT)
+
+
+@pytest.fixture
+def gain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
+    """Sets what a controller `law:make` reads from a file beside it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "law", raising=False)
+    Path("law.py").write_text(
+        "from pathlib import Path\n"
+        "def make(drive):\n"
+        "    gain = float(Path('gain.txt').read_text())\n"
+        "    return lambda seen: gain + 0.0 * seen['joint_angle_rad']\n"
+    )
+    return lambda value: Path("gain.txt").write_text(f"{value}") and None
+
+
+OWN: dict[str, Any] = {"controller": "law:make", "out": "study", "trajectory": "sine",
+                       "duration": 0.3, "metrics": ("tracking_error",)}  # fmt: skip
+
+
+def test_rows_of_other_code_are_neither_taken_nor_lost(
+    gain: Callable[[float], None],
+) -> None:
+    vary = {"friction": [0.1, 0.2]}
+    gain(0.0)
+    first = study("wrist", vary, **OWN)
+    gain(0.2)
+    with pytest.raises(CableError, match=r"differs in gain\.txt; --again replaces"):
+        study("wrist", vary, **OWN)
+    with pytest.raises(CableError, match=r"design 1 .* differs in gain\.txt"):
+        show("study", 1)
+    assert read_table(Path("study")).equals(first)
+    again = study("wrist", vary, **OWN, again=True)
+    assert again.equals(study("wrist", vary, **{**OWN, "out": None}))
+    assert not again.equals(first)
+    log, _ = show("study", 1)
+    found = measure_episode(log, Builder("wrist").strength({}))
+    assert found["tracking_error"] == again["tracking_error"][1].as_py()
+
+
+def test_beginning_again_may_be_interrupted(gain: Callable[[float], None]) -> None:
+    vary = {"friction": [0.1, 0.2]}
+    gain(0.0)
+    first = study("wrist", vary, **OWN)
+    gain(0.2)
+
+    def stop(done: float) -> None:
+        if done > 1.0:
+            raise _StopError
+
+    with pytest.raises(_StopError):
+        study("wrist", vary, **OWN, again=True, threads=1, progress=stop)
+    assert read_table(Path("study")).equals(first)
+    begun: list[float] = []
+    table = study("wrist", vary, **OWN, progress=begun.append)
+    assert begun[0] == 1.0
+    assert table.equals(study("wrist", vary, **{**OWN, "out": None}))
+    gain(0.3)
+    (Path("study") / "table.parquet").rename("aside")
+    shutil.copytree("study", "other")
+    with pytest.raises(_StopError):
+        study("wrist", vary, **{**OWN, "out": "other"}, threads=1, progress=stop)
+    gain(0.4)
+    with pytest.raises(CableError, match=r"differs in gain\.txt; --again replaces"):
+        study("wrist", vary, **{**OWN, "out": "other"})
 
 
 def test_a_design_that_fails_is_a_row_with_the_reason(

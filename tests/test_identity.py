@@ -1,0 +1,139 @@
+"""What makes a number is known: code, files and versions, however they are loaded."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from cc_mujoco.control import Drive, controller
+from cc_mujoco.identity import differences, made_by, seal, sealed, told
+
+DRIVE = Drive(5.0, -1.0, 1.0, 1e-3)
+FILES = {
+    "law.py": "from pathlib import Path\nfrom deep import late\n"
+    "from pack.helper import GAIN\n"
+    "SET = Path('gains.toml').read_text()\n"
+    "def make(drive):\n"
+    "    rows = Path(late.PATH).read_text()\n"
+    "    return lambda seen: GAIN\n"
+    "def other(drive):\n    return lambda seen: 0.0\n",
+    "gains.toml": "gain = 1.0\n",
+    "pack/__init__.py": "",
+    "pack/helper.py": "from . import deeper\nGAIN = deeper.GAIN\n",
+    "pack/deeper.py": "import importlib\nGAIN = importlib.import_module('plug').GAIN\n",
+    "plug.py": "GAIN = 0.1\n",
+    "deep.py": "class late:\n    PATH = 'data/rows.csv'\n",
+    "data/rows.csv": "1,2\n",
+    "idle.py": "GAIN = 2.0\n",
+    "idle.toml": "gain = 2.0\n",
+}
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder with a controller that takes something from many files."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in FILES.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    before = set(sys.modules)
+    yield tmp_path
+    _forget(before)
+
+
+def _forget(before: set[str]) -> None:
+    for name in set(sys.modules) - before:
+        if name.partition(".")[0] in ("law", "pack", "plug", "deep"):
+            del sys.modules[name]
+
+
+def test_the_files_of_a_controller_are_all_that_making_it_read(project: Path) -> None:
+    controller("law:make", DRIVE)
+    files = made_by("law:make")["files"]
+    assert set(files) == {name for name in FILES if "idle" not in name}
+
+
+def test_a_second_controller_of_a_module_stands_on_the_same_files(
+    project: Path,
+) -> None:
+    controller("law:make", DRIVE)
+    controller("law:other", DRIVE)
+    assert set(made_by("law:other")["files"]) >= {"law.py", "gains.toml", "plug.py"}
+
+
+def test_modules_that_were_imported_before_count_too(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(project))
+    __import__("law")
+    controller("law:make", DRIVE)
+    assert set(made_by("law:make")["files"]) >= {
+        "law.py", "deep.py", "pack/helper.py", "pack/deeper.py", "data/rows.csv",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", sorted(n for n in FILES if "__init__" not in n))
+def test_a_changed_file_is_named(project: Path, name: str) -> None:
+    before = set(sys.modules)
+    controller("law:make", DRIVE)
+    then = made_by("law:make")
+    (project / name).write_text(FILES[name] + "\n")
+    _forget(before)
+    # As in the next process; here a module is known as it was when first imported.
+    from cc_mujoco import identity
+
+    identity._digests.clear()
+    controller("law:make", DRIVE)
+    now = made_by("law:make")
+    assert differences(then, now) == ([] if "idle" in name else [name])
+    assert differences(then, then) == []
+
+
+def test_what_a_process_imported_stays_what_it_was(project: Path) -> None:
+    controller("law:make", DRIVE)
+    then = made_by("law:make")
+    (project / "law.py").write_text("broken")
+    controller("law:make", DRIVE)
+    assert differences(then, made_by("law:make")) == []
+
+
+def test_a_recorded_trajectory_counts(project: Path) -> None:
+    Path("walk.csv").write_text("0,1\n")
+    then = made_by("pi", "walk.csv")
+    assert set(then["files"]) == {"walk.csv"}
+    Path("walk.csv").write_text("0,2\n")
+    assert differences(then, made_by("pi", "walk.csv")) == ["walk.csv"]
+
+
+def test_other_sources_and_versions_are_named() -> None:
+    now = made_by("pi")
+    assert now["files"] == {}
+    assert {"mujoco", "numpy", "numba"} <= set(now["versions"])
+    then = {**now, "sources": "", "versions": {**now["versions"], "numba": "0.1"}}
+    numba = now["versions"]["numba"]
+    assert differences(then, now) == [
+        "the sources of cc_mujoco",
+        f"numba (0.1, now {numba})",
+    ]
+    for older in (None, {}, {"code": "abc"}, "text"):
+        assert differences(older, now) == ["an earlier version of cc_mujoco"]
+
+
+def test_a_table_carries_what_made_it() -> None:
+    table = pa.table({"a": [1.0]})
+    assert seal(table) is None
+    assert seal(sealed(table, made_by("pi"))) == made_by("pi")
+    assert seal(table.replace_schema_metadata({b"cc_mujoco": b"torn{"})) is None
+
+
+def test_what_is_kept_is_told_in_sentences() -> None:
+    assert told(0, 3, "cells") == ""
+    assert told(2, 3, "cells") == "2 of 3 cells kept; --again runs them anew."
+    assert told(2, 3, "cells", ["law.py", "law.py"]).endswith(
+        "Earlier cells are replaced: they differ in law.py."
+    )

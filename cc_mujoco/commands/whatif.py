@@ -53,6 +53,8 @@ class WhatIf:
     """Threads that simulate; one per processor unless given."""
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     """tcp://HOST:PORT of a Dask scheduler, whose workers simulate instead."""
+    worker_timeout: float = 60.0
+    """Seconds after which that is given up if the scheduler has no workers."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """Folder for the results; runs/whatif-SCENE unless given."""
     again: tyro.conf.FlagCreatePairsOff[bool] = False
@@ -98,6 +100,7 @@ class WhatIf:
                 self.threads,
                 self.scheduler,
                 lambda done: bar.update(done - bar.n),
+                worker_timeout=self.worker_timeout,
                 again=self.again,
                 say=tqdm.write,
             )

@@ -8,7 +8,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import mujoco
+import numpy as np
 
+from cc_mujoco.control import controller
 from cc_mujoco.human import Wearer
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.metrics import (
@@ -19,6 +21,7 @@ from cc_mujoco.whatif.metrics import (
     measure_bandwidth,
     measure_episode,
 )
+from cc_mujoco.whatif.sensing import equip
 from cc_mujoco.whatif.simulate import Episode, Played, Tick, play
 from cc_mujoco.whatif.trial import (
     CHIRP_SHARE,
@@ -123,6 +126,19 @@ def episodes(trial: Trial, builder: Builder) -> dict[str, Episode]:
                 held, task=chirp, duration=CHIRP_TIME
             )
     return found
+
+
+def rehearse(trial: Trial, builder: Builder) -> None:
+    """Make all that a trial needs, and play nothing.
+
+    Raises:
+        CableError: trajectory, task or controller cannot be used.
+    """
+    model = builder.model({})
+    for episode in episodes(trial, builder).values():
+        exo = episode.exo(model)
+        exo.author.write(np.random.default_rng(trial.seed))
+        controller(trial.controller, equip(exo.drive))
 
 
 def _held(main: Episode, model: mujoco.MjModel) -> tuple[Episode, float, bool]:

@@ -14,9 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import from_csv
 from cc_mujoco.human.checks import number
@@ -30,9 +27,8 @@ from cc_mujoco.whatif.designs import (
     latin_hypercube,
     read_range,
 )
-from cc_mujoco.whatif.evaluate import Design, episodes
+from cc_mujoco.whatif.evaluate import Design, rehearse
 from cc_mujoco.whatif.metrics import METRICS
-from cc_mujoco.whatif.sensing import equip
 from cc_mujoco.whatif.trial import CHIRP_TIME, CONTROL_PERIOD, Trial
 
 BATCH = 96
@@ -178,11 +174,7 @@ def _trial(
         step,
         tuple(dict.fromkeys(metrics)) or tuple(METRICS),
     )
-    model = builder.model({})
-    for episode in episodes(trial, builder).values():
-        exo = episode.exo(model)
-        exo.author.write(np.random.default_rng(seed))
-        controller(law, equip(exo.drive))
+    rehearse(trial, builder)
     return trial, builder
 
 

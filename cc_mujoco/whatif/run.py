@@ -1,25 +1,16 @@
-"""Running a plan: on the threads of this machine, or on the workers of a Dask cluster.
+"""Running a plan on the threads of this machine.
 
 A batch of designs is one piece of work. Its results do not depend on where it is done
-or beside what, so every way gives the same table.
+or beside what, so this and a cluster (`cluster`) give the same table.
 """
 
 from __future__ import annotations
 
-import importlib
 import os
 import threading
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    CancelledError,
-    Future,
-    ThreadPoolExecutor,
-    wait,
-)
-from typing import Any
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 
-from cc_mujoco.errors import CableError
 from cc_mujoco.whatif.evaluate import Result, evaluate
 from cc_mujoco.whatif.plan import Plan
 
@@ -78,56 +69,3 @@ def run_here(
     finally:
         stopped.set()
         pool.shutdown(wait=True)
-
-
-def run_on_cluster(
-    plan: Plan, batches: Iterable[int], scheduler: str, progress: Progress
-) -> Generator[Finished, None, None]:
-    """Run batches on the workers of a Dask cluster, which need this package too.
-
-    What a worker that dies was doing, Dask gives to another.
-
-    Args:
-        plan: the study.
-        batches: numbers of those to run.
-        scheduler: address of the scheduler, `tcp://HOST:PORT`.
-        progress: called with the number of designs done.
-
-    Yields:
-        Batches as they are finished, in no particular order.
-
-    Raises:
-        CableError: Dask is not installed, no scheduler answers, or the cluster gives
-            up.
-    """
-    try:
-        distributed: Any = importlib.import_module("distributed")
-    except ImportError:
-        raise CableError(
-            "--scheduler needs Dask: pip install 'cc_mujoco[dask]'."
-        ) from None
-    try:
-        client = distributed.Client(scheduler, timeout="10s", set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise CableError(
-            f"no Dask scheduler answers at {scheduler}: {error}."
-        ) from None
-    done = 0
-    with client:
-        numbers = {}
-        for number in batches:
-            designs = [plan.designs[i] for i in plan.batches[number]]
-            # Not pure: Dask must not take it for an earlier study's batch.
-            future = client.submit(evaluate, plan.trial, designs, pure=False)
-            numbers[future] = number
-        for future in distributed.as_completed(list(numbers), loop=client.loop):
-            try:
-                results = future.result()
-            except (distributed.KilledWorker, CancelledError) as error:
-                raise CableError(
-                    f"the cluster at {scheduler} gave up a batch of designs: {error}; "
-                    "the others are kept, and the same study goes on."
-                ) from None
-            done += len(results)
-            progress(float(done))
-            yield numbers.pop(future), results

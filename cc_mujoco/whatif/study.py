@@ -13,9 +13,10 @@ from pathlib import Path
 import pyarrow as pa
 
 from cc_mujoco.identity import told
+from cc_mujoco.whatif.cluster import WORKER_TIMEOUT, run_on_cluster
 from cc_mujoco.whatif.designs import Given
 from cc_mujoco.whatif.plan import Plan, make_plan
-from cc_mujoco.whatif.run import Progress, run_here, run_on_cluster
+from cc_mujoco.whatif.run import Progress, run_here
 from cc_mujoco.whatif.store import Store
 
 
@@ -35,6 +36,7 @@ def study(
     metrics: Sequence[str] = (),
     threads: int = 0,
     scheduler: str | None = None,
+    worker_timeout: float = WORKER_TIMEOUT,
     out: str | Path | None = None,
     again: bool = False,
     progress: Progress = lambda done: None,
@@ -58,6 +60,7 @@ def study(
         metrics: names of `METRICS`; all of them by default.
         threads: that simulate; 0 means one per processor.
         scheduler: address of a Dask scheduler whose workers simulate instead.
+        worker_timeout: time after which it gives up if there are no workers [s].
         out: folder that keeps what is finished, and the table; a study that was
             interrupted there goes on. Without one nothing is written.
         again: whether to simulate also what is finished there.
@@ -86,7 +89,15 @@ def study(
         metrics=metrics,
     )
     folder = None if out is None else Path(out)
-    return carry_out(plan, folder, threads, scheduler, progress, again=again)
+    return carry_out(
+        plan,
+        folder,
+        threads,
+        scheduler,
+        progress,
+        worker_timeout=worker_timeout,
+        again=again,
+    )
 
 
 def carry_out(
@@ -96,6 +107,7 @@ def carry_out(
     scheduler: str | None = None,
     progress: Progress = lambda done: None,
     *,
+    worker_timeout: float = WORKER_TIMEOUT,
     again: bool = False,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> pa.Table:
@@ -115,7 +127,7 @@ def carry_out(
     if scheduler is None:
         batches = run_here(plan, missing, threads, count)
     else:
-        batches = run_on_cluster(plan, missing, scheduler, count)
+        batches = run_on_cluster(plan, missing, scheduler, count, worker_timeout)
     # Closed at once if it is interrupted here, so that what is under way ends too.
     with contextlib.closing(batches):
         for number, results in batches if missing else ():

@@ -1,88 +1,250 @@
-"""A study on a Dask cluster: a scheduler and two workers, one of which is killed."""
+"""A study on a Dask cluster: workers that die, lag behind, or are none at all."""
 
 from __future__ import annotations
 
 import os
+import shutil
+import socket
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import cc_mujoco
+from cc_mujoco import cli
 from cc_mujoco.whatif import carry_out, make_plan
+from cc_mujoco.whatif.plan import Plan
 
 distributed = pytest.importorskip("distributed")
 
-pytestmark = pytest.mark.slow
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore"),  # of Dask and Tornado, none of ours
+]
 
-ENVIRONMENT = {
-    **os.environ,
-    "PYTHONPATH": str(Path(cc_mujoco.__file__).parents[1]),
-    "OPENBLAS_NUM_THREADS": "1",
-}
+HOME = Path(cc_mujoco.__file__).parents[1]
 QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 
 
+class Cluster:
+    """A scheduler, and workers as they are asked for."""
+
+    def __init__(self, folder: Path) -> None:
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self._folder, self._file = folder, folder / "scheduler.json"
+        self._start("dask_scheduler", HOME, "--port", "0")
+        with self._client() as client:
+            self.address = client.scheduler.address
+
+    def work(self, home: Path = HOME) -> None:
+        """Start a worker that finds its modules in a folder first."""
+        self._start("dask_worker", home, "--nthreads", "1", "--no-nanny")
+
+    def wait(self, workers: int) -> None:
+        with self._client() as client:
+            client.wait_for_workers(workers, timeout=90)
+
+    def _client(self) -> Any:
+        return distributed.Client(scheduler_file=str(self._file), timeout="60s")
+
+    def _start(self, module: str, home: Path, *words: str) -> None:
+        command = [sys.executable, "-P", "-m", f"distributed.cli.{module}", *words]
+        command += ["--host", "127.0.0.1", "--no-dashboard"]
+        command += ["--scheduler-file", str(self._file)]
+        environment = {
+            **os.environ, "PYTHONPATH": str(home), "OPENBLAS_NUM_THREADS": "1",
+        }  # fmt: skip
+        self.processes.append(
+            subprocess.Popen(command, cwd=self._folder, env=environment, **QUIET)
+        )
+
+
 @pytest.fixture
-def processes() -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Processes to be ended after the test."""
-    started: list[subprocess.Popen[bytes]] = []
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    (tmp_path / "cluster").mkdir()
+    started = Cluster(tmp_path / "cluster")
     yield started
-    for process in started:
+    for process in started.processes:
         process.kill()
         process.wait()
 
 
-def _start(words: list[str], where: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-P", "-m", "distributed.cli." + words[0], *words[1:]]
-    return subprocess.Popen(command, cwd=where, env=ENVIRONMENT, **QUIET)
-
-
-@pytest.mark.filterwarnings("ignore")  # of Dask and Tornado, none of ours
-def test_a_killed_worker_loses_nothing(
-    tmp_path: Path, processes: list[subprocess.Popen[bytes]]
-) -> None:
-    file = tmp_path / "scheduler.json"
-    local = ["--host", "127.0.0.1"]
-    processes.append(
-        _start(
-            ["dask_scheduler", *local, "--port", "0", "--no-dashboard",
-             "--scheduler-file", str(file)],
-            tmp_path,
-        )
-    )  # fmt: skip
-    for _ in range(2):
-        processes.append(
-            _start(
-                ["dask_worker", *local, "--nthreads", "1", "--no-nanny",
-                 "--no-dashboard", "--scheduler-file", str(file)],
-                tmp_path,
-            )
-        )  # fmt: skip
-    with distributed.Client(scheduler_file=str(file), timeout="60s") as client:
-        client.wait_for_workers(2, timeout=90)
-        address = client.scheduler.address
-
-    plan = make_plan(
+def _plan(controller: str = "pi") -> Plan:
+    return make_plan(
         "wrist",
         {"friction": "0.05:0.2:16", "loops": [1, 2]},
         duration=1.0,
+        controller=controller,
         metrics=("efficiency", "tracking_error", "slack_margin"),
     )
+
+
+def test_a_killed_worker_loses_nothing(tmp_path: Path, cluster: Cluster) -> None:
+    cluster.work()
+    cluster.work()
+    cluster.wait(2)
+    plan = _plan()
     expected = carry_out(plan)
     killed: list[float] = []
 
     def kill(done: float) -> None:
         if done >= len(plan.designs) / 2 and not killed:
             killed.append(done)
-            processes[-1].kill()
+            cluster.processes[-1].kill()
 
     started = time.monotonic()
-    table = carry_out(plan, tmp_path / "study", scheduler=address, progress=kill)
+    table = carry_out(plan, tmp_path / "s", scheduler=cluster.address, progress=kill)
     assert killed and killed[0] < len(plan.designs)
-    assert processes[-1].wait(timeout=10) != 0
+    assert cluster.processes[-1].wait(timeout=10) != 0
     assert table.equals(expected)
     assert time.monotonic() - started < 120
+
+
+@pytest.fixture
+def other_code(tmp_path: Path) -> Path:
+    """The package with one metric doubled."""
+    home = tmp_path / "other"
+    for name in ("cc_mujoco", "envs", "assets"):
+        shutil.copytree(HOME / name, home / name)
+    path = home / "cc_mujoco" / "whatif" / "metrics.py"
+    text = path.read_text()
+    path.write_text(text.replace('"tracking_error": ', '"tracking_error": 2.0 * ', 1))
+    assert path.read_text() != text
+    return home
+
+
+@pytest.fixture
+def no_package(tmp_path: Path) -> Path:
+    """A folder of modules where the package is not."""
+    home = tmp_path / "bare"
+    home.mkdir()
+    (home / "cc_mujoco.py").write_text("raise ImportError('it is not here')\n")
+    return home
+
+
+Asked = Callable[..., str]
+
+
+@pytest.fixture
+def refusal(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Asked:
+    """Runs a study and returns the one sentence that refuses it."""
+
+    def ask(address: str, *words: str) -> str:
+        arguments = ["whatif", "--vary", "friction=0.1,0.2", "--duration", "0.2"]
+        arguments += ["--metric", "tracking_error", "--scheduler", address]
+        arguments += ["--out", str(tmp_path / "refused"), *words]
+        assert cli.main(arguments) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1 and said.startswith("cc-mujoco: ")
+        return said
+
+    return ask
+
+
+@pytest.mark.parametrize(
+    ("home", "why"),
+    [
+        ("other_code", "differs in the sources of cc_mujoco"),
+        ("no_package", r"cannot import this version of cc_mujoco (it is not here)"),
+    ],
+)
+def test_a_worker_of_other_code_is_refused(
+    home: str,
+    why: str,
+    cluster: Cluster,
+    refusal: Asked,
+    request: pytest.FixtureRequest,
+) -> None:
+    cluster.work()
+    cluster.work(request.getfixturevalue(home))
+    cluster.wait(2)
+    assert why in refusal(cluster.address)
+
+
+def test_a_worker_that_joins_later_is_asked_too(
+    tmp_path: Path, cluster: Cluster, other_code: Path
+) -> None:
+    cluster.work()
+    cluster.wait(1)
+
+    def join(done: float) -> None:
+        if done and len(cluster.processes) == 2:
+            cluster.work(other_code)
+            cluster.wait(2)
+
+    with pytest.raises(ValueError, match="differs in the sources of cc_mujoco"):
+        carry_out(_plan(), tmp_path / "s", scheduler=cluster.address, progress=join)
+
+
+def test_the_controller_of_a_worker_is_that_of_the_client(
+    tmp_path: Path,
+    cluster: Cluster,
+    refusal: Asked,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    text = "def make(drive):\n    return lambda seen: {} * seen['joint_angle_rad']\n"
+    for name, gain in (("here", 0.1), ("same", 0.1), ("other", 0.2)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "law_of_mine.py").write_text(text.format(gain))
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setenv("PYTHONPATH", str(HOME))
+    cluster.work(Path(f"{HOME}{os.pathsep}{tmp_path / 'same'}"))
+    cluster.wait(1)
+    plan = _plan("law_of_mine:make")
+    assert carry_out(plan, scheduler=cluster.address).equals(carry_out(plan))
+    cluster.work(Path(f"{HOME}{os.pathsep}{tmp_path / 'other'}"))
+    cluster.wait(2)
+    words = ("--controller", "law_of_mine:make")
+    assert "differs in law_of_mine.py" in refusal(cluster.address, *words)
+
+
+def test_no_workers_are_not_waited_for_without_end(
+    cluster: Cluster, refusal: Asked
+) -> None:
+    started = time.monotonic()
+    said = refusal(cluster.address, "--worker-timeout", "1")
+    assert "no worker for 1 s; start one with `dask worker tcp://" in said
+    assert time.monotonic() - started < 15.0
+
+
+@pytest.mark.parametrize("greeting", [b"SSH-2.0-OpenSSH_9.6\r\n", b"HTTP/1.1 400\r\n"])
+def test_another_protocol_is_one_sentence(greeting: bytes, refusal: Asked) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def greet() -> None:
+            while True:
+                try:
+                    connection, _ = server.accept()
+                except OSError:
+                    return
+                with connection:
+                    connection.sendall(greeting)
+                    connection.recv(1)
+
+        threading.Thread(target=greet, daemon=True).start()
+        started = time.monotonic()
+        said = refusal(f"tcp://127.0.0.1:{server.getsockname()[1]}")
+        assert "no Dask scheduler answers at tcp://127.0.0.1:" in said
+        assert time.monotonic() - started < 10.0
+
+
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:9", "127.0.0.1:9", "nowhere", "tcp://", "ftp://a:1"]
+)
+def test_a_wrong_address_is_one_sentence(address: str, refusal: Asked) -> None:
+    started = time.monotonic()
+    assert f"no Dask scheduler answers at {address}" in refusal(address)
+    assert time.monotonic() - started < 10.0
+
+
+def test_a_worker_is_no_scheduler(cluster: Cluster, refusal: Asked) -> None:
+    cluster.work()
+    cluster.wait(1)
+    with cluster._client() as client:
+        (address,) = client.nthreads()
+    assert "no Dask scheduler but a Worker" in refusal(address)

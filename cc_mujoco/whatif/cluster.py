@@ -1,0 +1,224 @@
+"""Running a plan on the workers of a Dask cluster, which need the same code.
+
+Every task first compares the code of its worker with that of the client, so that a
+worker that joins later is asked too; those that are there are asked before the first.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import pickle
+import time
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from functools import lru_cache
+from typing import Any
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.identity import differences, made_by
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.evaluate import Design, Result, evaluate, rehearse
+from cc_mujoco.whatif.plan import Plan
+
+CONNECTING = 5.0
+"""Time that a scheduler has to answer [s]."""
+WORKER_TIMEOUT = 60.0
+"""Time without any worker after which a study gives up [s]."""
+POLL = 1.0
+"""Time between two looks at whether there are workers [s]."""
+
+Answer = tuple[list[Result], str]
+"""Of a worker: results, and why it has none."""
+
+
+def run_on_cluster(
+    plan: Plan,
+    batches: Iterable[int],
+    scheduler: str,
+    progress: Callable[[float], None],
+    worker_timeout: float = WORKER_TIMEOUT,
+) -> Generator[tuple[int, list[Result]], None, None]:
+    """Run batches on the workers of a cluster.
+
+    What a worker that dies was doing, Dask gives to another.
+
+    Args:
+        plan: the study.
+        batches: numbers of those to run.
+        scheduler: address of the scheduler, `tcp://HOST:PORT`.
+        progress: called with the number of designs done.
+        worker_timeout: time without any worker after which to give up [s].
+
+    Yields:
+        Batches as they are finished, in no particular order.
+
+    Raises:
+        CableError: Dask is not installed, no scheduler answers, a worker has other
+            code, there are no workers, or the cluster gives up.
+    """
+    if not worker_timeout > 0.0:
+        raise CableError(f"worker timeout must be above 0 s, not {worker_timeout!r} s.")
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ImportError:
+        raise CableError(
+            "--scheduler needs Dask: pip install 'cc_mujoco[dask]'."
+        ) from None
+    _require_scheduler(distributed, scheduler)
+    makers = pickle.dumps(made_by(plan.trial.controller))
+    trial = pickle.dumps(plan.trial)
+    ask = _portable()
+    lost = (distributed.KilledWorker, CancelledError, asyncio.CancelledError, OSError)
+    done = 0
+    try:
+        with distributed.Client(
+            scheduler, timeout=CONNECTING, set_as_default=False
+        ) as client:
+            watch = _Watch(client, scheduler, worker_timeout)
+            while not client.nthreads():
+                watch.look()
+            found = client.run(ask, makers, trial, (), on_error="return")
+            for worker, answer in found.items():
+                if not isinstance(answer, OSError):  # it has left
+                    _accepted(answer, worker)
+            numbers = {}
+            for number in batches:
+                designs = [plan.designs[i] for i in plan.batches[number]]
+                # Not pure: Dask must not take it for an earlier study's batch.
+                future = client.submit(ask, makers, trial, designs, pure=False)
+                numbers[future] = number
+            completed = distributed.as_completed(list(numbers), loop=client.loop)
+            while numbers:
+                if not completed.has_ready():
+                    watch.look()
+                    continue
+                for future in completed.next_batch(block=False):
+                    results = _accepted(future.result())
+                    done += len(results)
+                    progress(float(done))
+                    yield numbers.pop(future), results
+    except lost as error:
+        raise CableError(
+            f"the cluster at {scheduler} gave up a batch of designs: "
+            f"{str(error) or type(error).__name__}; the others are kept, and the same "
+            "study goes on."
+        ) from None
+
+
+def answer(makers: bytes, trial: bytes, designs: Sequence[Design]) -> Answer:
+    """Try designs on a worker, if its code is that of the client.
+
+    Args:
+        makers: what makes the table, by the client; pickled.
+        trial: pickled.
+        designs: maybe none.
+    """
+    if why := _refusal(makers, trial):
+        return [], why
+    return evaluate(pickle.loads(trial), designs) if designs else [], ""
+
+
+@lru_cache(maxsize=8)
+def _refusal(makers: bytes, trial: bytes) -> str:
+    """Why this process cannot take part; empty if it can."""
+    theirs = pickle.loads(makers)
+    other = differences({**theirs, "files": {}}, made_by())
+    if not other:
+        found = pickle.loads(trial)
+        try:
+            rehearse(found, Builder(found.scene, found.timestep))
+        except CableError as error:
+            return f"cannot play the study: {error}"
+        other = differences(theirs, made_by(found.controller))
+    return f"has other code, which differs in {', '.join(other)}" if other else ""
+
+
+def _portable() -> Callable[..., tuple[str, Answer]]:
+    """A function that a worker understands without this package."""
+
+    # Nested, so that it is sent as it is and not by the name of its module.
+    def ask(*question: Any) -> Any:
+        try:
+            from distributed import get_worker
+
+            name = get_worker().address
+        except (ImportError, ValueError):
+            name = "of the cluster"
+        try:
+            from cc_mujoco.whatif.cluster import answer
+        except Exception as error:
+            return name, ([], f"cannot import this version of cc_mujoco ({error})")
+        return name, answer(*question)
+
+    return ask
+
+
+def _accepted(answer: Any, worker: str = "") -> list[Result]:
+    """The results in the answer of a worker.
+
+    Raises:
+        CableError: it has none.
+    """
+    if isinstance(answer, BaseException):
+        raise CableError(f"worker {worker} cannot take part: {answer}.")
+    name, (results, why) = answer
+    if why:
+        raise CableError(
+            f"worker {name} {why.rstrip('.')}; give every worker the same code and "
+            "versions and start it anew."
+        )
+    return list(results)
+
+
+class _Watch:
+    """Gives up where there have been no workers for too long."""
+
+    def __init__(self, client: Any, scheduler: str, patience: float) -> None:
+        self._client, self._scheduler, self._patience = client, scheduler, patience
+        self._seen = self._due = time.monotonic()
+
+    def look(self) -> None:
+        """Rest a little; now and then see whether there are workers."""
+        time.sleep(0.05)
+        if time.monotonic() < self._due:
+            return
+        self._due = time.monotonic() + POLL
+        if self._client.nthreads():
+            self._seen = time.monotonic()
+        elif time.monotonic() - self._seen > self._patience:
+            raise CableError(
+                f"the cluster at {self._scheduler} has had no worker for "
+                f"{self._patience:g} s; start one with `dask worker "
+                f"{self._scheduler}`, or give --worker-timeout more seconds."
+            )
+
+
+def _require_scheduler(distributed: Any, address: str) -> None:
+    """Ask who answers, apart from Dask's client, which waits long and dies loudly."""
+
+    async def ask() -> Any:
+        server = distributed.rpc(address, timeout=CONNECTING)
+        try:
+            return await asyncio.wait_for(server.identity(), CONNECTING)
+        finally:
+            await server.close_rpc()
+
+    # In a thread, as this one may have a loop, in a notebook say.
+    with ThreadPoolExecutor(1) as pool:
+        try:
+            who = pool.submit(asyncio.run, ask()).result()
+        except Exception as error:  # whatever a stranger's bytes make Dask raise
+            silent = isinstance(error, (TimeoutError, OSError))
+            why = "" if silent or isinstance(error, MemoryError) else f" ({error})"
+            raise CableError(
+                f"no Dask scheduler answers at {address}{why}; give the "
+                "tcp://HOST:PORT that `dask scheduler` prints."
+            ) from None
+    kind = who.get("type") if isinstance(who, dict) else None
+    if kind != "Scheduler":
+        raise CableError(
+            f"what answers at {address} is no Dask scheduler but a "
+            f"{kind or 'stranger'}; give the tcp://HOST:PORT that `dask scheduler` "
+            "prints."
+        )

@@ -83,7 +83,7 @@ def markdown(
     goals: Sequence[Objective],
     chosen: bool,
     cost: np.ndarray,
-    found: Iterable[Sensitivity],
+    found: Sequence[Sensitivity],
 ) -> str:
     """The ranking as Markdown, with effects and indices below."""
     trial = plan.trial
@@ -113,7 +113,13 @@ def markdown(
     parts.append(f"The best {min(LISTED, len(table))}: {rule}.")
     parts.append(_ranking(plan, table, goals, cost, chosen))
     parts.append("## What each metric depends on")
-    parts += [_sensitivity(one) for one in found] or ["No metric varies."]
+    parts += [_sensitivity(one) for one in found]
+    known = {one.metric for one in found}
+    if unknown := [name for name in trial.metrics if name not in known]:
+        parts.append(
+            f"Nothing can be said of {', '.join(unknown)}: no variation, too few "
+            "designs, or designs left out are not foretold by the others."
+        )
     parts.append("## Metrics")
     parts.append(
         _rows(
@@ -125,17 +131,26 @@ def markdown(
 
 
 def sobol_table(found: Iterable[Sensitivity]) -> pa.Table:
-    """Indices of all metrics, one per row; `other` is null but for pairs."""
+    """Indices of all metrics, one per row; `other` is null but for pairs.
+
+    `error` is 0 where they are exact; a share below it is 0.
+    """
     rows: list[tuple[object, ...]] = []
     for one in found:
+        first, total, pairs = one.errors
         for name in one.first:
-            rows.append((one.metric, "first", name, None, one.first[name], one.how))
-            rows.append((one.metric, "total", name, None, one.total[name], one.how))
+            for kind, shares, errors in (
+                ("first", one.first, first),
+                ("total", one.total, total),
+            ):
+                index = shares[name], errors.get(name, 0.0)
+                rows.append((one.metric, kind, name, None, *index, one.how))
         for (name, other), share in one.pairs.items():
-            rows.append((one.metric, "pair", name, other, share, one.how))
+            index = share, pairs.get((name, other), 0.0)
+            rows.append((one.metric, "pair", name, other, *index, one.how))
     kinds = [("metric", pa.string()), ("kind", pa.string()), ("variable", pa.string()),
              ("other", pa.string()), ("share", pa.float64()),
-             ("how", pa.string())]  # fmt: skip
+             ("error", pa.float64()), ("how", pa.string())]  # fmt: skip
     return _table(kinds, rows)
 
 
@@ -185,8 +200,8 @@ def _sensitivity(one: Sensitivity) -> str:
         rows.append(
             (
                 name,
-                f"{one.first[name]:.3f}",
-                f"{one.total[name]:.3f}",
+                _index(one.first[name], one.errors[0].get(name)),
+                _index(one.total[name], one.errors[1].get(name)),
                 f"{means[low]:.4g} at {text[low]}",
                 f"{means[high]:.4g} at {text[high]}",
             )
@@ -196,10 +211,21 @@ def _sensitivity(one: Sensitivity) -> str:
             f"greatest mean [{unit}]")  # fmt: skip
     parts = [f"### {one.metric}", f"Sobol's indices: {one.how}.", _rows(head, rows)]
     large = sorted(one.pairs.items(), key=lambda item: -item[1])[:5]
-    pairs = [f"{a} with {b} {share:.3f}" for (a, b), share in large if share >= 0.005]
+    pairs = [
+        f"{a} with {b} {_index(share, one.errors[2].get((a, b)))}"
+        for (a, b), share in large
+        if share >= 0.005
+    ]
     if pairs:
         parts.append(f"Together only: {'; '.join(pairs)}.")
     return "\n\n".join(parts)
+
+
+def _index(share: float, error: float | None) -> str:
+    """An index with its error, which an exact one has not."""
+    if error is None:
+        return f"{share:.3f}"
+    return f"{share:.3f} ± {error:.3f}" if share else f"- ± {error:.3f}"
 
 
 def _headed(name: str) -> str:

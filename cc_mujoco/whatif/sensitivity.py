@@ -4,6 +4,10 @@ Sobol's indices split the variance of a metric among variables and pairs of them
 the designs are a full grid and all have the number, the split is exact over that grid.
 Otherwise a surface is fitted (`surface`) and the indices are those of the surface over
 the ranges, by the estimator of Saltelli et al. (2010) in `scipy.stats.sobol_indices`.
+What the surface does not foretell of the variance belongs to no variable. The error
+of an index is how far those of surfaces through random halves of the designs lie off,
+which is the sampling error and what more designs would still change, together with that
+part that is not foretold. An index below its error is 0.
 """
 
 from __future__ import annotations
@@ -23,9 +27,13 @@ from cc_mujoco.whatif.surface import Axis, Surface, axes_of, fit
 from cc_mujoco.whatif.variables import Value
 
 Array = NDArray[np.float64]
+Indices = tuple[dict[str, float], dict[str, float], dict[tuple[str, str], float]]
+"""First order, total, pairs."""
 
 POWER = 11
-"""The estimates use 2 to this many points."""
+"""The estimates use 2 to this many points, those of errors a quarter of them."""
+HALVES = 6
+"""Surfaces through random halves of the designs, by which errors are found."""
 CURVE = 9
 """Points of a main effect of a fitted surface."""
 
@@ -54,6 +62,8 @@ class Sensitivity:
     levels: dict[str, tuple[str, ...]]
     """Texts of the values where they are no numbers."""
     surface: Surface | None = None
+    errors: Indices = ({}, {}, {})
+    """Of `first`, `total` and `pairs`, where they are not exact."""
 
 
 def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
@@ -130,30 +140,28 @@ def _fitted(
 ) -> Sensitivity:
     """Sobol's indices of the surface over the ranges."""
     names, count = plan.varied, len(plan.varied)
+    estimate = _indices(surface, axes, POWER, 0)
+    spread = [
+        _indices(half, axes, POWER - 2, seed) - estimate
+        for seed, half in enumerate(surface.halves(HALVES), 1)
+    ]
+    moved = np.sqrt(np.mean(np.square(spread), axis=0)) if spread else 1.0
+    # What the surface does not explain may belong to any variable.
+    errors = np.hypot(moved, 1.0 - surface.r_squared) + 0.0 * estimate
+    estimate = estimate * surface.r_squared
+    estimate = np.where(np.abs(estimate) > errors, estimate, 0.0)
+    keys = list(itertools.combinations(names, 2))
 
     def at(unit: Array) -> Array:
-        columns = [axis.sample(u) for axis, u in zip(axes, unit.T, strict=True)]
-        return surface(np.stack(columns, axis=-1))
+        return surface(_placed(axes, unit))
 
-    if count == 1:
-        first, total = {names[0]: 1.0}, {names[0]: 1.0}
-    else:
-        found = sobol_indices(
-            func=lambda unit: at(unit.T),
-            n=2**POWER,
-            dists=[uniform()] * count,
-            rng=np.random.default_rng(0),
-        )
-        first = dict(zip(names, map(float, np.ravel(found.first_order)), strict=True))
-        total = dict(zip(names, map(float, np.ravel(found.total_order)), strict=True))
-    pairs = _pairs(at, names)
     effects, levels = {}, {}
-    spread = qmc.Sobol(count, rng=np.random.default_rng(1)).random_base2(9)
+    points_in = qmc.Sobol(count, rng=np.random.default_rng(1)).random_base2(9)
     for i, (name, axis) in enumerate(zip(names, axes, strict=True)):
         shares = axis.shares(CURVE)
         means = np.empty(shares.size)
         for k, share in enumerate(shares):
-            points = spread.copy()
+            points = points_in.copy()
             points[:, i] = share
             means[k] = at(points).mean()
         effects[name], texts = _effect(axis.values.at(shares), means)
@@ -161,9 +169,18 @@ def _fitted(
             levels[name] = texts
     how = (
         f"Saltelli's estimate on a thin-plate spline fitted to {surface.designs} "
-        f"designs, R^2 = {surface.r_squared:.3f} at designs left out"
+        f"designs, R^2 = {surface.r_squared:.3f} at designs left out; what is below "
+        "its error is -"
     )
-    return Sensitivity(metric, how, first, total, pairs, effects, levels, surface)
+    return Sensitivity(
+        metric,
+        how,
+        *_told(names, keys, estimate),
+        effects,
+        levels,
+        surface,
+        _told(names, keys, errors),
+    )
 
 
 def _effect(
@@ -176,12 +193,55 @@ def _effect(
     return (np.array(values, dtype=np.float64), means), ()
 
 
-def _pairs(
-    at: Callable[[Array], Array], names: Sequence[str]
-) -> dict[tuple[str, str], float]:
+def _told(
+    names: Sequence[str], keys: Sequence[tuple[str, str]], found: Array
+) -> Indices:
+    """First orders, totals and pairs, by name."""
+    count, values = len(names), found.tolist()
+    return (
+        dict(zip(names, values[:count], strict=True)),
+        dict(zip(names, values[count : 2 * count], strict=True)),
+        dict(zip(keys, values[2 * count :], strict=True)),
+    )
+
+
+def _placed(axes: Sequence[Axis], unit: Array) -> Array:
+    """Points (n, variables) of the unit cube, each on its variable's scale."""
+    columns = [axis.sample(u) for axis, u in zip(axes, unit.T, strict=True)]
+    return np.stack(columns, axis=-1)
+
+
+def _indices(surface: Surface, axes: Sequence[Axis], power: int, seed: int) -> Array:
+    """Indices of a surface: first order, total, pairs of all its axes in turn."""
+    count, active = len(axes), surface.active
+    first, total = np.zeros(count), np.zeros(count)
+    pairs = np.zeros((count, count))
+
+    def at(unit: Array) -> Array:
+        whole = np.full((len(unit), count), 0.5)
+        whole[:, active] = unit
+        return surface(_placed(axes, whole))
+
+    if len(active) == 1:
+        first[active], total[active] = 1.0, 1.0
+    else:
+        found = sobol_indices(
+            func=lambda unit: at(unit.T),
+            n=2**power,
+            dists=[uniform()] * len(active),
+            rng=np.random.default_rng(seed),
+        )
+        first[list(active)] = np.ravel(found.first_order)
+        total[list(active)] = np.ravel(found.total_order)
+        pairs[np.ix_(active, active)] = _pairs(at, len(active), power, seed)
+    places = list(itertools.combinations(range(count), 2))
+    return np.array([*first, *total, *(pairs[place] for place in places)])
+
+
+def _pairs(at: Callable[[Array], Array], count: int, power: int, seed: int) -> Array:
     """What pairs make only together: closed indices from points that share columns."""
-    count = len(names)
-    points = qmc.Sobol(2 * count, rng=np.random.default_rng(2)).random_base2(POWER)
+    rng = np.random.default_rng([2, seed])
+    points = qmc.Sobol(2 * count, rng=rng).random_base2(power)
     one, other = points[:, :count], points[:, count:]
     base = at(one)
     variance, mean = float(base.var()), float(base.mean())
@@ -192,7 +252,7 @@ def _pairs(
         return float(np.mean((base - mean) * (at(mixed) - mean))) / variance
 
     alone = [closed(i) for i in range(count)]
-    return {
-        (names[i], names[j]): closed(i, j) - alone[i] - alone[j]
-        for i, j in itertools.combinations(range(count), 2)
-    }
+    found = np.zeros((count, count))
+    for i, j in itertools.combinations(range(count), 2):
+        found[i, j] = closed(i, j) - alone[i] - alone[j]
+    return found

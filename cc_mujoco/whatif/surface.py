@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +20,10 @@ Array = NDArray[np.float64]
 
 MOST = 1000
 """Designs that a surface is fitted to; more are only used to test it."""
+CHOOSING = 300
+"""Designs by which its variables are chosen."""
+SIGNIFICANT = 2.0
+"""Standard errors by which a variable must lessen the squared error to be one."""
 FOLDS = 5
 SMOOTHING = (0.0, 1e-4, 1e-2, 1.0)
 
@@ -59,19 +67,45 @@ class Axis:
 class Surface:
     """A thin-plate spline through the designs, smoothed as cross-validation wants it.
 
+    It has only the variables without which it would foretell designs left out worse:
+    each other one would add ripples, which look like effects of all.
+
     Attributes:
-        spline: from (n, variables), each on its scale, to (n,).
+        x: variables of the designs that it is fitted to, each on its scale (n, all).
+        y: the metric there (n,).
+        active: columns of the variables that it has.
+        smoothing: of the spline.
         r_squared: part of the variance that it foretells at designs left out.
-        designs: how many it is fitted to.
     """
 
-    spline: RBFInterpolator
+    x: Array
+    y: Array
+    active: tuple[int, ...]
+    smoothing: float
     r_squared: float
-    designs: int
+
+    @cached_property
+    def _fitted(self) -> RBFInterpolator:
+        return _spline(self.x[:, self.active], self.y, self.smoothing)
 
     def __call__(self, x: Array) -> Array:
-        """The metric at (n, variables)."""
-        return np.asarray(self.spline(x))
+        """The metric at (n, all)."""
+        return np.asarray(self._fitted(x[:, self.active]))
+
+    @property
+    def designs(self) -> int:
+        """How many it is fitted to."""
+        return len(self.y)
+
+    def halves(self, count: int) -> Iterator[Surface]:
+        """Surfaces through random halves of the designs, as far as they exist."""
+        rng = np.random.default_rng(1)
+        for _ in range(count):
+            half = rng.permutation(len(self.y))[: (len(self.y) + 1) // 2]
+            one = dataclasses.replace(self, x=self.x[half], y=self.y[half])
+            with contextlib.suppress(np.linalg.LinAlgError, ValueError):
+                _ = one._fitted
+                yield one
 
 
 def axes_of(ranges: Mapping[str, Range], varied: Sequence[str]) -> list[Axis]:
@@ -80,7 +114,7 @@ def axes_of(ranges: Mapping[str, Range], varied: Sequence[str]) -> list[Axis]:
 
 
 def fit(x: Array, y: Array) -> Surface | None:
-    """Fit a surface, or None where there are too few designs for one.
+    """Fit a surface, or None where there are too few designs or nothing foretells them.
 
     Args:
         x: variables on their scales, (designs, variables).
@@ -92,20 +126,52 @@ def fit(x: Array, y: Array) -> Surface | None:
     least = 3 * (x.shape[1] + 1)
     if len(y) < max(least, 10) or not np.ptp(y) > 0.0:
         return None
-    scores = {}
-    for smoothing in SMOOTHING:
-        error = np.zeros_like(y)
-        for fold in range(FOLDS):
-            out = np.arange(len(y)) % FOLDS == fold
-            try:
-                error[out] = _spline(x[~out], y[~out], smoothing)(x[out]) - y[out]
-            except np.linalg.LinAlgError:
-                error[out] = np.inf
-        scores[smoothing] = 1.0 - float(np.mean(error**2) / np.var(y))
-    best = max(scores, key=lambda smoothing: scores[smoothing])
-    if not np.isfinite(scores[best]):
+    active = _active(x[:CHOOSING], y[:CHOOSING])
+    if not active:
         return None
-    return Surface(_spline(x, y, best), scores[best], len(y))
+    smoothing, error = _smoothed(x[:, active], y)
+    r_squared = 1.0 - float(np.mean(error) / np.var(y))
+    if not r_squared > 0.0:
+        return None
+    return Surface(x, y, active, smoothing, r_squared)
+
+
+def _active(x: Array, y: Array) -> tuple[int, ...]:
+    """Columns that help to foretell designs left out; the least helpful goes first."""
+    active = tuple(range(x.shape[1]))
+    while active:
+        smoothing, error = _smoothed(x[:, active], y)
+        help_of = {}
+        for column in active:
+            rest = tuple(other for other in active if other != column)
+            gain = _left_out(x[:, rest], y, smoothing) - error
+            deviation = float(np.std(gain)) / np.sqrt(len(y))
+            help_of[column] = float(np.mean(gain)) / max(deviation, 1e-300)
+        least = min(active, key=lambda column: help_of[column])
+        if help_of[least] > SIGNIFICANT:
+            break
+        active = tuple(other for other in active if other != least)
+    return active
+
+
+def _smoothed(x: Array, y: Array) -> tuple[float, Array]:
+    """The best smoothing and its squared errors at designs left out."""
+    errors = {smoothing: _left_out(x, y, smoothing) for smoothing in SMOOTHING}
+    best = min(errors, key=lambda smoothing: float(np.mean(errors[smoothing])))
+    return best, errors[best]
+
+
+def _left_out(x: Array, y: Array, smoothing: float) -> Array:
+    """Squared error at every design, of a spline through the folds without it."""
+    error = np.zeros_like(y)
+    for fold in range(FOLDS):
+        out = np.arange(len(y)) % FOLDS == fold
+        told: Any = np.mean(y[~out])  # all there is without variables, or a spline
+        if x.shape[1]:
+            with contextlib.suppress(np.linalg.LinAlgError):
+                told = _spline(x[~out], y[~out], smoothing)(x[out])
+        error[out] = told - y[out]
+    return error**2
 
 
 def _spline(x: Array, y: Array, smoothing: float) -> RBFInterpolator:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pyarrow as pa
 import pytest
 
+from cc_mujoco.whatif import report
 from cc_mujoco.whatif.plan import Plan, make_plan
+from cc_mujoco.whatif.report import sobol_table
 from cc_mujoco.whatif.sensitivity import sensitivity
 
 VARY = {"friction": "0:0.4:5", "pretension": "10:50:6", "loops": [1, 2, 3, 4]}
@@ -56,6 +60,96 @@ def test_a_surface_tells_what_the_grid_would() -> None:
     assert found.first["friction"] == pytest.approx(1.0 - share, abs=0.03)
     assert found.total["pretension"] == pytest.approx(share, abs=0.03)
     assert found.pairs["pretension", "loops"] == pytest.approx(share, abs=0.03)
+
+
+DUMMIES = {
+    "friction": "0:0.4:5",
+    "pretension": "10:50:6",
+    "motor_torque": "1:2:3",
+    "rotor_inertia": "1e-5:2e-5:3",
+    "motor_damping": "0:1e-4:3",
+    "axial_stiffness": "4e3:6e3:3",
+}
+
+
+def _unit(plan: Plan) -> np.ndarray:
+    """Variables from 0 to 1, (designs, variables)."""
+    found = np.array([[float(d[name]) for name in DUMMIES] for d in plan.designs])
+    ends = np.array([[float(t) for t in v.split(":")[:2]] for v in DUMMIES.values()])
+    return np.asarray((found - ends[:, 0]) / (ends[:, 1] - ends[:, 0]))
+
+
+def _ishigami(unit: np.ndarray) -> np.ndarray:
+    a, b, c = np.pi * (2.0 * unit[:, :3].T - 1.0)
+    return np.asarray(np.sin(a) + 7.0 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a))
+
+
+def _kinked(unit: np.ndarray) -> np.ndarray:
+    a, b, c = unit[:, :3].T
+    return np.asarray(np.maximum(a * (1.0 + b) - 0.6, 0.0) + 0.3 * np.exp(-3.0 * c))
+
+
+KNOWN = {
+    # Ishigami and Homma (1990) in closed form.
+    _ishigami: ((0.3139, 0.4424, 0.0), (0.5576, 0.4424, 0.2437)),
+    # By 2^17 points of the function itself.
+    _kinked: ((0.737, 0.120, 0.050), (0.829, 0.213, 0.050)),
+}
+
+
+@pytest.mark.parametrize("samples", [40, 60, 120, 300])
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("function", KNOWN)
+def test_known_indices_lie_in_their_intervals_and_dummies_have_none(
+    function: Callable[[np.ndarray], np.ndarray], seed: int, samples: int
+) -> None:
+    plan = make_plan("wrist", {**DUMMIES, "static_friction": 0.0}, sampling="lhs",
+                     samples=samples, seed=seed, metrics=METRICS)  # fmt: skip
+    y = function(_unit(plan))
+    found = sensitivity(plan, pa.table({"efficiency": y}), "efficiency")
+    if found is None:
+        assert function is _ishigami and samples < 120  # too rough for so few
+        return
+    first, total = KNOWN[function]
+    for told, errors, known in (
+        (found.first, found.errors[0], first),
+        (found.total, found.errors[1], total),
+    ):
+        for name, truth in zip(DUMMIES, (*known, 0.0, 0.0, 0.0), strict=True):
+            assert told[name] == pytest.approx(truth, abs=2.0 * errors[name] + 0.005)
+            assert told[name] == 0.0 or abs(told[name]) > errors[name]
+        assert all(told[name] == 0.0 for name in list(DUMMIES)[3:])
+    dummies = set(list(DUMMIES)[3:])
+    assert not any(v for pair, v in found.pairs.items() if dummies & set(pair))
+    if function is _kinked or samples == 300:
+        assert found.surface is not None and found.surface.r_squared > 0.75
+        assert min(found.total[name] for name in list(DUMMIES)[:2]) > 0.0
+
+
+def test_noise_depends_on_nothing() -> None:
+    plan = make_plan("wrist", {**DUMMIES, "static_friction": 0.0}, sampling="lhs",
+                     samples=100, metrics=METRICS)  # fmt: skip
+    for seed in range(5):
+        y = np.random.default_rng(seed).normal(size=100)
+        found = sensitivity(plan, pa.table({"efficiency": y}), "efficiency")
+        assert found is None or not any((*found.first.values(), *found.total.values()))
+
+
+def test_an_index_is_written_with_its_error_or_as_none() -> None:
+    plan = _plan(samples=60)
+    a, b, c = _scaled(plan)
+    table = pa.table({"efficiency": 2.0 * a + b * c + 0.1 * a * b * np.abs(c)})
+    found = sensitivity(plan, table, "efficiency")
+    assert found is not None
+    rows = sobol_table([found]).to_pylist()
+    assert all(r["error"] > 0.0 for r in rows)
+    assert all(r["share"] == 0.0 or abs(r["share"]) > r["error"] for r in rows)
+    text = report._sensitivity(found)
+    assert "| - ± 0." in text and f"{found.total['friction']:.3f} ± 0." in text
+    grid = _plan()
+    exact = sensitivity(grid, pa.table({"efficiency": _scaled(grid)[0]}), "efficiency")
+    assert exact is not None and "±" not in report._sensitivity(exact)
+    assert all(r["error"] == 0.0 for r in sobol_table([exact]).to_pylist())
 
 
 def test_a_hole_in_the_grid_is_bridged_by_a_surface() -> None:

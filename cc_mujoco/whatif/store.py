@@ -82,9 +82,9 @@ class Store:
             changed = differences(seal(self.whole), self._makers)
         if changed:
             raise CableError(
-                f"{folder} holds results that were made otherwise than they would be "
-                f"now, which differs in {', '.join(changed)}; --again replaces them, "
-                "another --out keeps them."
+                f"{folder} holds results of other code or files: it differs in "
+                f"{', '.join(changed)}; --again replaces them, another --out keeps "
+                "them."
             )
 
     @property

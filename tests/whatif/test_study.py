@@ -161,10 +161,10 @@ def test_a_folder_keeps_one_study(tmp_path: Path) -> None:
 
 @pytest.fixture
 def gain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
-    """Sets what a controller `law:make` reads from a file beside it."""
+    """Sets what a controller `gained:make` reads from a file beside it."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delitem(sys.modules, "law", raising=False)
-    Path("law.py").write_text(
+    monkeypatch.delitem(sys.modules, "gained", raising=False)
+    Path("gained.py").write_text(
         "from pathlib import Path\n"
         "def make(drive):\n"
         "    gain = float(Path('gain.txt').read_text())\n"
@@ -173,8 +173,13 @@ def gain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], N
     return lambda value: Path("gain.txt").write_text(f"{value}") and None
 
 
-OWN: dict[str, Any] = {"controller": "law:make", "out": "study", "trajectory": "sine",
-                       "duration": 0.3, "metrics": ("tracking_error",)}  # fmt: skip
+OWN: dict[str, Any] = {
+    "controller": "gained:make",
+    "out": "study",
+    "trajectory": "sine",
+    "duration": 0.3,
+    "metrics": ("tracking_error",),
+}
 
 
 def test_rows_of_other_code_are_neither_taken_nor_lost(

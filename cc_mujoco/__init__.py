@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cc_mujoco.arrival import when_imported
+
+if TYPE_CHECKING:
+    from cc_mujoco import engine, envs
+
+__all__ = ["engine", "envs"]
 
 __version__ = "0.1.0"
 
@@ -11,10 +20,15 @@ __version__ = "0.1.0"
 if not (Path(__file__).parent / "envs").is_dir():
     __path__.append(str(Path(__file__).parents[1]))
 
-# Registers the engine plugin: from here on MuJoCo loads models with cables.
-from cc_mujoco import engine  # noqa: F401
 
-# From here on `gymnasium.make` knows the environments.
-from cc_mujoco.envs import register as _register
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        return import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
-_register()
+
+# Registers the engine plugin: MuJoCo loads models with cables.
+when_imported("mujoco", lambda: import_module("cc_mujoco.engine"))
+
+# `gymnasium.make` knows the environments.
+when_imported("gymnasium", lambda: import_module("cc_mujoco.envs").register())

@@ -7,53 +7,27 @@
     cc-mujoco list
 
 Exit codes: 0 done, 2 input that cannot be used (one sentence on standard error; a
-diagnosis writes its report on what is wrong all the same), 130 interrupted. What an
-interrupted or failed run was writing is removed; what an earlier run left stays.
+diagnosis writes its report on what is wrong all the same), 130 interrupted, 141 nobody
+reads what it prints. What an interrupted or failed run was writing is removed; what an
+earlier run left stays.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
-import re
+import errno
+import os
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
-from typing import Annotated
 
-import tyro
-
-from cc_mujoco.commands.benchmark import Benchmark
-from cc_mujoco.commands.diagnose import Diagnose
-from cc_mujoco.commands.listing import Listing
-from cc_mujoco.commands.play import Play
-from cc_mujoco.commands.reproduce import Reproduce
-from cc_mujoco.commands.whatif import WhatIf
-from cc_mujoco.commands.whatif_show import WhatIfShow
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco import __version__
+from cc_mujoco.errors import CableError
 
 PROGRAM = "cc-mujoco"
 
-COMMANDS = {
-    "play": Play,
-    "reproduce": Reproduce,
-    "diagnose": Diagnose,
-    "whatif": WhatIf,
-    "whatif-show": WhatIfShow,
-    "benchmark": Benchmark,
-    "list": Listing,
-}
-
-Command = (
-    Annotated[Play, tyro.conf.subcommand("play")]
-    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
-    | Annotated[Diagnose, tyro.conf.subcommand("diagnose")]
-    | Annotated[WhatIf, tyro.conf.subcommand("whatif")]
-    | Annotated[WhatIfShow, tyro.conf.subcommand("whatif-show")]
-    | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
-    | Annotated[Listing, tyro.conf.subcommand("list")]
-)
+Handler = Callable[[int, FrameType | None], object]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -66,67 +40,73 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code.
     """
     left = "nothing was written"
+    interrupts: list[int] = []
     try:
-        with _terminating():
-            command = _parse(sys.argv[1:] if arguments is None else arguments)
-            left = command.interrupted
-            command.run()
+        with _on_signals(interrupts):
+            # Slow enough to be interrupted in, so not at the top.
+            from cc_mujoco.commands.parsing import parse
+
+            words = sys.argv[1:] if arguments is None else arguments
+            if list(words) == ["--version"]:
+                print(f"{PROGRAM} {__version__}")
+            else:
+                command = parse(PROGRAM, words)
+                left = command.interrupted
+                command.run()
+            sys.stdout.flush()
+    except KeyboardInterrupt:
+        return _interrupted(left)
+    except BrokenPipeError:  # as in `cc-mujoco list | head`: the reader has enough
+        _discard_output()
+        return 128 + 13  # as a shell says of what SIGPIPE ended
     except (CableError, OSError) as error:
+        if getattr(error, "errno", None) == errno.ENOSPC:  # files say so themselves
+            _discard_output()
+            error = CableError("cannot write standard output: no space is left.")
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted, {left}.", file=sys.stderr)
-        return 130
+    except Exception:
+        # What an import makes of an interruption need not be a KeyboardInterrupt.
+        if interrupts:
+            return _interrupted(left)
+        raise
     return 0
 
 
-def _parse(arguments: Sequence[str]) -> Command:
-    """Parse; what cannot be parsed is a `CableError` of one sentence."""
-    if arguments and not arguments[0].startswith("-"):
-        look_up("command", arguments[0], COMMANDS)
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(said):
-            return tyro.cli(
-                Command,
-                prog=PROGRAM,
-                description="Bowden cables in MuJoCo.",
-                args=list(arguments),
-            )
-    except SystemExit as stop:
-        if not stop.code:
-            raise
-        raise CableError(_sentence(said.getvalue())) from None
+def _interrupted(left: str) -> int:
+    print(f"{PROGRAM}: interrupted, {left}.", file=sys.stderr)
+    return 130
 
 
-def _sentence(box: str) -> str:
-    """Make one sentence of the box that tyro draws around an error.
-
-    The box has a title and paragraphs between rules. Where standard output can show
-    only ASCII, rules are of hyphens and one lies under the title.
-    """
-    lines = [line.strip("│ ") for line in box.splitlines() if line[:1] not in "╭╰"]
-    text = " ".join("\n" if line and not line.strip("─-") else line for line in lines)
-    paragraphs = re.sub(r" +", " ", text).split("\n")
-    what, *more = paragraphs if "╭" in box else paragraphs[1:]
-    what = what.replace("(required)", "").strip(" .:,")
-    near = re.search(r"Perhaps you meant:.*?(--[\w-]+)", more[0] if more else "")
-    hint = f"did you mean {near[1]}? " if near else ""
-    return f"{what[:1].lower()}{what[1:]}; {hint}`{PROGRAM} --help` shows what works."
+def _discard_output() -> None:
+    """Keep Python from trying once more, at exit, to print what cannot be printed."""
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
 @contextlib.contextmanager
-def _terminating() -> Iterator[None]:
-    """Turn a polite kill into an exception, so that half-written files are removed."""
+def _on_signals(interrupts: list[int]) -> Iterator[None]:
+    """Note interruptions; turn them and a polite kill into exceptions.
+
+    So half-written files are removed. An ignored interruption stays ignored.
+    """
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        interrupts.append(number)
+        signal.default_int_handler(number, frame)
 
     def stop(number: int, _: FrameType | None) -> None:
         sys.exit(128 + number)
 
-    before = signal.signal(signal.SIGTERM, stop)
+    handlers: dict[int, Handler] = {signal.SIGTERM: stop}
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        handlers[signal.SIGINT] = interrupt
+    before = {number: signal.signal(number, do) for number, do in handlers.items()}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
@@ -27,6 +26,8 @@ class CableError(ValueError):
         Returns:
             The error, naming the nearest match if there is one and all names allowed.
         """
+        import difflib  # only a mistake needs it
+
         names = sorted(allowed)
         near = difflib.get_close_matches(name, names, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""

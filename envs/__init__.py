@@ -16,8 +16,6 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-import gymnasium
-
 if TYPE_CHECKING:
     from .ankle_exo import AnkleExo, AnkleExoVector
     from .video import RecordVideo
@@ -42,6 +40,8 @@ IDS = {
 
 def register() -> None:
     """Tell Gymnasium of every environment, once; `import cc_mujoco` does it."""
+    import gymnasium
+
     for name, entry_point in IDS.items():
         if name not in gymnasium.registry:
             gymnasium.register(

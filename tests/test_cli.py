@@ -14,7 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+import cc_mujoco
 from cc_mujoco import cli, recording
+from cc_mujoco.commands.listing import Listing
+from cc_mujoco.commands.parsing import COMMANDS
 from cc_mujoco.commands.play import SCENES
 from cc_mujoco.recording import FILES, EpisodeLog
 
@@ -150,14 +153,8 @@ def test_signals_leave_nothing(number: int, code: int, tmp_path: Path) -> None:
 
 
 def test_sentences_where_only_ascii_can_be_shown() -> None:
-    program = "import sys; from cc_mujoco import cli; sys.exit(cli.main(sys.argv[1:]))"
-    done = subprocess.run(
-        [sys.executable, "-c", program, "play", "wrist", "--trajectry", "sine"],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=ENVIRONMENT | {"PYTHONIOENCODING": "ascii"},
-    )
+    ascii_only = ENVIRONMENT | {"PYTHONIOENCODING": "ascii"}
+    done = command("play", "wrist", "--trajectry", "sine", env=ascii_only)
     assert done.returncode == 2
     assert "--trajectry, sine; did you mean --trajectory?" in done.stderr
     assert done.stderr.count("\n") == 1
@@ -180,7 +177,15 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
         (["play", "wrist", "--csv", "x.csv", "--trajectory", "sine"], "not both"),
         (["play", "wrist", "--out", "taken"], "is a file"),
         (["play"], "SCENE"),
-        ([], ", ".join(cli.COMMANDS)),
+        ([], ", ".join(COMMANDS)),
+        (["play", "wrist", "--out", ""], "--out is empty"),
+        (["play", "wrist", "--out="], "--out is empty"),
+        (["play", "wrist", "--controller", " "], "--controller is empty"),
+        (["play", ""], "a word is empty"),
+        (["whatif", "--trajectory", "", "--vary", "loops=1,2"], "--trajectory is"),
+        (["whatif", "--designs", ""], "--designs is empty"),
+        (["diagnose", "x.csv", "--scene", "", "--out", "x"], "--scene is empty"),
+        (["benchmark", "--controllers", "pi", ""], "a word is empty"),
     ],
 )
 def test_bad_input_is_one_sentence(
@@ -213,22 +218,99 @@ def test_list_shows_every_name_with_a_meaning(
     assert played | {*VARIABLES, *METRICS, *EFFECTS} == set(entries)
 
 
-def test_help_does_not_load_what_only_playing_needs() -> None:
+def command(*words: str, **how: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command in a process of its own."""
+    program = "import sys; from cc_mujoco import cli; sys.exit(cli.main())"
+    settings = {"capture_output": True, "text": True, "env": ENVIRONMENT} | how
+    return subprocess.run([sys.executable, "-c", program, *words], **settings)
+
+
+@pytest.mark.parametrize("words", [[], *([name] for name in COMMANDS)])
+def test_help_reads_well_and_loads_nothing_that_takes_long(words: list[str]) -> None:
     program = (
         "import sys; from cc_mujoco import cli\n"
-        "try: cli.main(['play', '--help'])\n"
+        f"try: cli.main([*{words}, '--help'])\n"
         "except SystemExit as stop: assert not stop.code\n"
-        "assert not {'rerun', 'matplotlib', 'pyarrow', 'tqdm'} & set(sys.modules)"
+        "slow = {'gymnasium', 'matplotlib', 'mujoco', 'numba', 'numpy', 'pyarrow',\n"
+        "    'rerun', 'scipy', 'tqdm'}\n"
+        "assert not slow & set(sys.modules)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=ENVIRONMENT,
+        [sys.executable, "-c", program], capture_output=True, text=True, env=ENVIRONMENT
     )
     assert done.returncode == 0, done.stderr
-    assert "--trajectory" in done.stdout
+    assert "--help" in done.stdout
+    for nonsense in ("None", "False", "default: )", "{None", "`module:function`"):
+        assert nonsense not in done.stdout
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"cc-mujoco {cc_mujoco.__version__}\n"
+
+
+@pytest.mark.parametrize("words", [["--help"], ["list"]])
+def test_a_reader_that_has_enough_ends_the_command_without_a_word(
+    words: list[str],
+) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = command(*words, capture_output=False, stdout=writer, stderr=subprocess.PIPE)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device is full here")
+@pytest.mark.parametrize("words", [["--help"], ["list"]])
+def test_output_that_cannot_be_printed_is_one_sentence(words: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        done = command(*words, capture_output=False, stdout=full, stderr=-1)
+    assert done.returncode == 2
+    assert done.stderr == (
+        "cc-mujoco: cannot write standard output: no space is left.\n"
+    )
+
+
+def test_an_interrupted_import_is_an_interruption(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(self: Any) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:  # as Python 3.11 does in `__set_name__`
+            raise RuntimeError("Error calling __set_name__") from None
+
+    monkeypatch.setattr(Listing, "run", interrupted)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert cli.main(["list"]) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
+    said = capsys.readouterr().err
+    assert said == "cc-mujoco: interrupted, nothing was written.\n"
+
+
+@pytest.mark.parametrize("seconds", [0.15, 0.3, 0.5, 0.8, 1.2])
+def test_an_interruption_at_the_start_is_one_sentence(
+    seconds: float, tmp_path: Path
+) -> None:
+    program = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "import sys; from cc_mujoco import cli; print('begun', flush=True)\n"
+        "sys.exit(cli.main(['play', 'wrist', '--duration', '600']))"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=-1, stderr=-1, text=True,
+        env=ENVIRONMENT,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
+    time.sleep(seconds)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert said == "cc-mujoco: interrupted, nothing was written.\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_unwritable_folder_is_refused_before_the_simulation(

@@ -10,9 +10,8 @@ from typing import Annotated, ClassVar
 
 import tyro
 
+from cc_mujoco.commands.options import Flag, Names, in_words
 from cc_mujoco.errors import CableError
-
-Names = Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME ...]")]
 
 
 @dataclass(frozen=True)
@@ -22,9 +21,9 @@ class Benchmark:
     interrupted: ClassVar[str] = "cells that were finished are kept"
 
     scene: Annotated[str, tyro.conf.arg(metavar="SCENE")] = "all"
-    """wrist, ankle or all."""
+    """wrist, ankle or all; `cc-mujoco list` shows every name that can be given."""
     controllers: Names = ()
-    """Names, `module:function` or policy files; all that `list` shows unless given."""
+    """Names, MODULE:FUNCTION of yours or POLICY.zip; every name unless given."""
     trajectories: Names = ()
     """How the wearer moves; the defaults depend on the scene."""
     tasks: Names = ()
@@ -33,13 +32,13 @@ class Benchmark:
     """Number of seeds: noise, errors of the models, random motions."""
     duration: float = 6.0
     """Length of an episode in seconds."""
-    out: Annotated[Path, tyro.conf.arg(metavar="PATH")] = Path("runs", "benchmark")
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs", "benchmark")
     """Folder for the results."""
-    workers: int = 0
+    workers: Annotated[int, in_words()] = 0
     """Processes that play; one per processor unless given. They change no result."""
     record: Names = ()
     """Cells whose first seed is recorded too, as SCENE-CONTROLLER-TRAJECTORY-TASK."""
-    again: tyro.conf.FlagCreatePairsOff[bool] = False
+    again: Flag = False
     """Play also what an earlier run of the same code has finished."""
 
     def run(self) -> None:

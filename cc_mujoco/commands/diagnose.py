@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
+from cc_mujoco.commands.options import in_words
 from cc_mujoco.errors import CableError
 
 
@@ -19,18 +20,16 @@ class Diagnose:
 
     interrupted: ClassVar[str] = "nothing was written"
 
-    data: Annotated[
-        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="DATA ...")
-    ]
+    data: Annotated[tuple[Path, ...], tyro.conf.Positional, in_words("DATA [DATA ...]")]
     """Trials: CSV or Parquet files, or folders of them."""
     scene: Annotated[Path, tyro.conf.arg(metavar="SCENE.xml")]
     """MJCF scene of the rig: one cable or a pull-pull pair, or the name of a scene."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for report.html, verdict.json, scene.xml, evidence.rrd and figures."""
-    dataset: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None
-    """What the columns mean and what is known of the rig."""
+    dataset: Annotated[Path | None, in_words("FILE.toml")] = None
+    """What the columns mean and what is known of the rig; DATA/dataset.toml if any."""
     seed: int = 0
-    """Of bootstraps and noise draws."""
+    """Seed of bootstraps and noise draws."""
 
     def run(self) -> None:
         """Diagnose, write, and print the verdict.

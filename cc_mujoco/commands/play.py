@@ -10,10 +10,8 @@ from typing import Annotated, Any, ClassVar
 
 import tyro
 
+from cc_mujoco.commands.options import Name, in_words
 from cc_mujoco.errors import CableError, look_up
-
-Name = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
-Place = Annotated[Path | None, tyro.conf.arg(metavar="PATH")]
 
 
 @dataclass(frozen=True)
@@ -50,20 +48,20 @@ class Play:
     interrupted: ClassVar[str] = "nothing was written"
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
-    """wrist or ankle."""
+    """wrist or ankle; `cc-mujoco list` shows every name that can be given."""
     trajectory: Name = None
-    """How the wearer moves; the default depends on the scene, see `list`."""
-    csv: Place = None
+    """How the wearer moves; the default depends on the scene."""
+    csv: Annotated[Path | None, in_words("FILE.csv")] = None
     """CSV file with columns time_s and angle_rad to play instead of --trajectory."""
     task: Name = None
-    """What the device should make the wearer feel; see `list`."""
+    """What the device should make the wearer feel; the default depends on the scene."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
-    """What drives the motor; see `list`."""
+    """What drives the motor: a name, MODULE:FUNCTION of yours, or POLICY.zip."""
     duration: float = 10.0
     """Length of the episode in seconds."""
     seed: int = 0
     """Seed of everything random; equal seeds give equal recordings."""
-    out: Place = None
+    out: Annotated[Path | None, in_words("DIR")] = None
     """Folder for the results; runs/SCENE-TRAJECTORY-SEED unless given."""
 
     def run(self) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
+from cc_mujoco.commands.options import Flag, Names
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
@@ -21,13 +22,11 @@ class Reproduce:
 
     interrupted: ClassVar[str] = "experiments that were finished are kept"
 
-    names: Annotated[
-        tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[NAME ...]")
-    ] = ()
-    """Which; all of them unless given. See `list`."""
-    out: Annotated[Path, tyro.conf.arg(metavar="PATH")] = Path("runs", "reproduce")
+    names: tyro.conf.Positional[Names] = ()
+    """Which, as `cc-mujoco list` shows them; all unless given."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs", "reproduce")
     """Folder for the results."""
-    again: tyro.conf.FlagCreatePairsOff[bool] = False
+    again: Flag = False
     """Run also what an earlier run of the same code has finished."""
 
     def run(self) -> None:

@@ -9,9 +9,9 @@ from typing import Annotated, ClassVar
 
 import tyro
 
+from cc_mujoco.commands.options import Flag, Name, in_words
 from cc_mujoco.errors import CableError
 
-Name = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Names = tyro.conf.UseAppendAction[tuple[str, ...]]
 
 
@@ -24,40 +24,40 @@ class WhatIf:
     )
 
     scene: Annotated[str, tyro.conf.arg(metavar="SCENE")] = "wrist"
-    """wrist or ankle."""
+    """wrist or ankle; `cc-mujoco list` shows every name that can be given."""
     vary: Annotated[Names, tyro.conf.arg(metavar="VARIABLE=VALUES")] = ()
-    """low:high:count, low:high:count:log or a,b,c; once per variable, see `list`."""
-    designs: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
+    """VALUES are low:high:count, low:high:count:log or a,b,c; once per variable."""
+    designs: Annotated[Path | None, in_words("FILE")] = None
     """CSV or TOML file of designs, instead of --vary."""
     sampling: Annotated[str, tyro.conf.arg(metavar="NAME")] = "grid"
     """grid, or lhs for a Latin hypercube of --samples designs."""
-    samples: int | None = None
-    """Designs of the Latin hypercube."""
+    samples: Annotated[int | None, in_words("INT")] = None
+    """How many designs the Latin hypercube has."""
     trajectory: Name = None
-    """How the wearer moves, a name or a CSV file; default as in `play`."""
+    """How the wearer moves: a name or FILE.csv; the default depends on the scene."""
     task: Name = None
-    """What the device should make the wearer feel; default as in `play`."""
+    """What the device should make the wearer feel; the default depends on the scene."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
-    """What drives the motor; see `list`."""
+    """What drives the motor: a name, MODULE:FUNCTION of yours, or POLICY.zip."""
     duration: float = 10.0
     """Length of an episode in seconds."""
     seed: int = 0
     """Seed of everything random, sampling included."""
-    timestep: float | None = None
-    """Of the physics in seconds, a divisor of 0.001; that of the scene unless given."""
+    timestep: Annotated[float | None, in_words("FLOAT")] = None
+    """Time step in seconds, a divisor of 0.001; that of the scene unless given."""
     metric: Annotated[Names, tyro.conf.arg(metavar="NAME")] = ()
-    """What to measure, once each; everything unless given, see `list`."""
+    """What to measure, once each; everything unless given."""
     objective: Annotated[Names, tyro.conf.arg(metavar="METRIC")] = ()
     """What makes a design good, once each, also min:METRIC or max:METRIC."""
-    threads: int = 0
+    threads: Annotated[int, in_words()] = 0
     """Threads that simulate; one per processor unless given."""
-    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    scheduler: Annotated[str | None, in_words("ADDRESS")] = None
     """tcp://HOST:PORT of a Dask scheduler, whose workers simulate instead."""
     worker_timeout: float = 60.0
     """Seconds after which that is given up if the scheduler has no workers."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
+    out: Annotated[Path | None, in_words("DIR")] = None
     """Folder for the results; runs/whatif-SCENE unless given."""
-    again: tyro.conf.FlagCreatePairsOff[bool] = False
+    again: Flag = False
     """Simulate also what an earlier run has finished, and replace its table."""
 
     def run(self) -> None:

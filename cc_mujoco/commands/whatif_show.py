@@ -9,6 +9,8 @@ from typing import Annotated, ClassVar
 
 import tyro
 
+from cc_mujoco.commands.options import in_words
+
 
 @dataclass(frozen=True)
 class WhatIfShow:
@@ -16,12 +18,12 @@ class WhatIfShow:
 
     interrupted: ClassVar[str] = "nothing was written"
 
-    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR")]
-    """Folder of the study."""
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="STUDY")]
+    """Folder of the study, as `cc-mujoco whatif` wrote it."""
     row: Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="ROW")]
     """Number of the design, column `design` of the table."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
-    """Folder for the results; DIR/design-ROW unless given."""
+    out: Annotated[Path | None, in_words("DIR")] = None
+    """Folder for the results; STUDY/design-ROW unless given."""
 
     def run(self) -> None:
         """Play and write; print a table and how to open the recording."""

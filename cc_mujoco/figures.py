@@ -12,12 +12,15 @@ made, so making and drawing both belong inside `style`.
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cc_mujoco.files import replacing
+from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing, require_ours
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
@@ -29,6 +32,9 @@ PINK, YELLOW, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
 COLORS = (BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, BLACK, GREY)
 DASH = (4, 2)
 TENSION_COLORS = "viridis"
+
+WRITER = "cc_mujoco"
+"""What a figure of ours says of its origin."""
 
 _STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
@@ -73,7 +79,34 @@ def mark(axis: Axis, values: Iterable[float]) -> None:
     axis.set_ticks([], minor=True)
 
 
-def save(path: str | os.PathLike[str], drawing: Figure) -> None:
+def save(path: str | os.PathLike[str], drawing: Figure, *, dpi: float = 130.0) -> None:
     """Write a figure as PNG, whole or not at all."""
     with replacing(path) as partial:
-        drawing.savefig(partial, format="png", dpi=130)
+        drawing.savefig(partial, format="png", dpi=dpi, metadata={"Software": WRITER})
+
+
+def is_ours(path: Path) -> bool:
+    """Whether `save` wrote this file."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            return image.info.get("Software") == WRITER
+    except OSError:
+        return False
+
+
+def figure_path(text: str) -> Path:
+    """Where a script shall save its figure; a `type` of `argparse`.
+
+    Raises:
+        argparse.ArgumentTypeError: It is a folder, or a file that `save` did not write.
+    """
+    path = Path(text)
+    try:
+        if path.is_dir():
+            raise CableError(f"{text or 'an empty path'} is a folder; name a PNG file.")
+        require_ours(path.parent, (path.name,), lambda _: is_ours(path))
+    except CableError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return path

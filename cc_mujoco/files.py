@@ -1,24 +1,69 @@
-"""Writing files so that a reader sees the old one or the new one, never half of one."""
+"""What is written to disk: whole or not at all, and never over a user's file.
+
+A folder is ours once it holds the mark of an earlier run, a file whose content says who
+wrote it; each room knows its own. In any other folder nothing is replaced.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from cc_mujoco.errors import CableError
 
+KEY = b"cc_mujoco"
+"""Of the metadata that mark a Parquet file as ours."""
 
-def require_writable(folder: str | os.PathLike[str]) -> None:
-    """Find out, before long work, whether a folder can be written or made.
+
+def require_ours(
+    folder: str | os.PathLike[str],
+    names: Iterable[str],
+    ours: Callable[[Path], bool],
+) -> None:
+    """Find out, before long work, whether results may be written to a folder.
+
+    Args:
+        folder: Where; it need not be there.
+        names: All files that may be written, relative to the folder.
+        ours: Whether the folder has the mark of an earlier run.
 
     Raises:
-        CableError: If it cannot.
+        CableError: If it is a file, cannot be written, or holds files by these names
+            that are not ours.
     """
-    there = Path(folder).absolute()
+    if not os.fspath(folder):
+        raise CableError("the folder to write to is empty; '.' is the current one.")
+    place = Path(folder)
+    if place.exists() and not place.is_dir():
+        raise CableError(f"{folder} is a file; it must be a folder or be free.")
+    theirs = [name for name in names if os.path.lexists(place / name)]
+    if theirs and not ours(place):
+        more = f" and {len(theirs) - 3} more" if len(theirs) > 3 else ""
+        raise CableError(
+            f"{folder} holds {', '.join(theirs[:3])}{more}, which no such run wrote; "
+            "name another folder to write to."
+        )
+    _require_writable(place)
+
+
+def is_marked(path: Path) -> bool:
+    """Whether this is a Parquet file of ours."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return KEY in (pq.read_schema(path).metadata or {})
+    except (OSError, pa.ArrowException):
+        return False
+
+
+def _require_writable(folder: Path) -> None:
+    there = folder.absolute()
     while not there.exists():
         there = there.parent
     try:
@@ -36,14 +81,18 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
 
     The sibling lies in the same folder, so that the last step is one rename. If the
     block raises, the sibling is deleted and `target` is untouched.
+
+    Raises:
+        CableError: It cannot be written, as when the disk is full; says which file.
     """
     target = Path(target)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
-        yield partial
-        os.replace(partial, target)
-    finally:
-        partial.unlink(missing_ok=True)
+    partial = _sibling(target)
+    with _naming(target):
+        try:
+            yield partial
+            os.replace(partial, target)
+        finally:
+            partial.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -53,17 +102,38 @@ def replacing_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
     A new `target` appears whole, by one rename. In an existing one only files of the
     same names are replaced, each by one rename, after all of them are complete. If the
     block raises, the sibling is deleted and `target` is untouched.
+
+    Raises:
+        CableError: It cannot be written; says which file or folder.
     """
     target = Path(target).absolute()
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    partial.mkdir()
+    partial = _sibling(target)
+    with _naming(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        partial.mkdir()
+        try:
+            yield partial
+            if target.exists():
+                for file in sorted(partial.iterdir()):
+                    os.replace(file, target / file.name)
+            else:
+                os.rename(partial, target)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+
+
+def _sibling(target: Path) -> Path:
+    return target.with_name(f".{target.name}.{os.getpid()}.partial")
+
+
+@contextmanager
+def _naming(target: Path) -> Iterator[None]:
+    """Say what was being written when writing fails; a full disk does not say it."""
     try:
-        yield partial
-        if target.exists():
-            for file in sorted(partial.iterdir()):
-                os.replace(file, target / file.name)
-        else:
-            os.rename(partial, target)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        yield
+    except OSError as error:
+        parts = (re.sub(r"^\.(.+)\.\d+\.partial$", r"\1", p) for p in target.parts)
+        reason = error.strerror or str(error)
+        raise CableError(
+            f"cannot write {Path(*parts)}: {reason.rstrip('.')}."
+        ) from error

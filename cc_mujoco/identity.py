@@ -29,11 +29,10 @@ from pathlib import Path
 from types import FrameType, ModuleType
 from typing import Any
 
+from cc_mujoco.files import KEY
+
 VERSIONED = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "numba", "scipy")
 """Packages that decide the numbers."""
-
-KEY = b"cc_mujoco"
-"""Of the metadata of a table that say what made it."""
 
 _opened: dict[str, set[str]] = {}
 """What code opened, by the path of its source or the name of a controller."""

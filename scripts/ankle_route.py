@@ -20,7 +20,16 @@ from numpy.typing import NDArray
 
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
-from cc_mujoco.figures import BLACK, BLUE, DASH, ORANGE, figure, save, style
+from cc_mujoco.figures import (
+    BLACK,
+    BLUE,
+    DASH,
+    ORANGE,
+    figure,
+    figure_path,
+    save,
+    style,
+)
 from cc_mujoco.human.gait import ANGLES, PERIOD, assistance
 
 Array = NDArray[np.float64]
@@ -179,7 +188,7 @@ def conclusion(fixed: Cycle, moving: Cycle) -> str:
 def main() -> None:
     """Simulate, draw and conclude."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("out", type=Path)
+    parser.add_argument("out", type=figure_path)
     out = parser.parse_args().out
     fixed, moving = (walk(scene(bend)) for bend in ("fixed", "route"))
     draw(out, fixed, moving)

@@ -29,6 +29,9 @@ import numpy as np
 from diagnose_table import LAST, STUDIES, summary
 from tqdm import tqdm
 
+from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing, require_ours
+
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis.diagnose import Result, Tuning
 
@@ -233,13 +236,13 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs", "diagnose_benchmark"))
     options = parser.parse_args()
+    kept, told = (options.out / f"{options.study}.{end}" for end in ("jsonl", "md"))
+    try:
+        require_ours(options.out, (kept.name, told.name), lambda _: bool(read(kept)))
+    except CableError as error:
+        parser.error(str(error))
     options.out.mkdir(parents=True, exist_ok=True)
-    kept = options.out / f"{options.study}.jsonl"
-    records = (
-        [json.loads(line) for line in kept.read_text().splitlines()]
-        if kept.exists()
-        else []
-    )
+    records = read(kept)
     done = {(r["seed"], r["strength"]) for r in records}
     wanted = [
         case
@@ -253,10 +256,24 @@ def main() -> None:
             records.append(future.result())
             with kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(records[-1]) + "\n")
-            (options.out / f"{options.study}.md").write_text(summary(records))
-    told = summary(records)
-    (options.out / f"{options.study}.md").write_text(told)
-    print(told)
+            write(told, summary(records))
+    write(told, summary(records))
+    print(summary(records))
+
+
+def read(kept: Path) -> list[dict[str, Any]]:
+    """The cases that an earlier run finished; none if the file is no such run's."""
+    try:
+        found = [json.loads(line) for line in kept.read_text().splitlines()]
+        return found if all({"seed", "strength"} <= r.keys() for r in found) else []
+    except (OSError, ValueError, AttributeError):
+        return []
+
+
+def write(path: Path, text: str) -> None:
+    """Write a text, whole or not at all."""
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

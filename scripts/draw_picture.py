@@ -8,7 +8,6 @@ Needs OpenGL; `egl` or `osmesa` do without a display.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import gymnasium
 import mujoco
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco import engine
 from cc_mujoco.control import controller
+from cc_mujoco.figures import figure_path, save
 from cc_mujoco.recording import EpisodeLog
 from cc_mujoco.recording.conduit3d import conduit_points, tension_colors
 from cc_mujoco.recording.episode import play
@@ -84,7 +84,7 @@ def highest(log: EpisodeLog) -> float:
 def main() -> None:
     """Draw and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("out", type=Path)
+    parser.add_argument("out", type=figure_path)
     out = parser.parse_args().out
     model, log = episode()
     figure = Figure(figsize=(9.6, 5.4), dpi=110)
@@ -99,7 +99,7 @@ def main() -> None:
     )
     figure.colorbar(image, cax=scale, label="tension [N]")
     axes.set(xlim=(0, 1280), ylim=(720, 0))
-    figure.savefig(out)
+    save(out, figure, dpi=110)
 
 
 if __name__ == "__main__":

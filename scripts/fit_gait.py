@@ -138,12 +138,19 @@ def render(period: float, table: dict[str, Array], errors: dict[str, float]) -> 
     return "\n".join(lines) + "\n"
 
 
+def is_table(path: Path) -> bool:
+    """Whether this script wrote a file."""
+    return path.is_file() and path.read_bytes().startswith(HEAD[:50].encode())
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Fit, print and rewrite."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path, help="folder with the two CSV tables")
     parser.add_argument("--table", type=Path, default=TABLE, help="file to rewrite")
     options = parser.parse_args(arguments)
+    if options.table.exists() and not is_table(options.table):
+        parser.error(f"{options.table} was not written by this script; name another.")
     period, table, errors = fit(options.folder)
     print(f"period {period:g} s, {HARMONICS} harmonics")
     for name, coefficients in table.items():

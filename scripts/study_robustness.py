@@ -26,8 +26,11 @@ from tqdm import tqdm
 
 from cc_mujoco.benchmark import CONDITIONS, Cell, interval, play
 from cc_mujoco.benchmark.mismatch import Mismatch
-from cc_mujoco.figures import COLORS, GREY, figure, mark, save, style
-from cc_mujoco.files import replacing
+from cc_mujoco.errors import CableError
+from cc_mujoco.figures import COLORS, GREY, figure, is_ours, mark, save, style
+from cc_mujoco.files import replacing, require_ours
+
+TABLE, PICTURE = "robustness.csv", "robustness.png"
 
 LAWS = ("pi", "model", "stiction", "adaptive")
 SWEEPS = {
@@ -92,6 +95,11 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs", "robustness"))
     arguments = parser.parse_args()
+    try:
+        files = (TABLE, PICTURE)
+        require_ours(arguments.out, files, lambda out: is_ours(out / PICTURE))
+    except CableError as error:
+        parser.error(str(error))
     arguments.out.mkdir(parents=True, exist_ok=True)
     keys = [(s, v, law) for s, vs in SWEEPS.items() for v in vs for law in LAWS]
     cells = [cell(*key, arguments.seeds, arguments.duration) for key in keys]
@@ -105,9 +113,9 @@ def main() -> None:
         "rms_error_nm": [interval(e).mean for e in found],
         "half_interval_nm": [interval(e).half for e in found],
     }
-    with replacing(arguments.out / "robustness.csv") as partial:
+    with replacing(arguments.out / TABLE) as partial:
         pa_csv.write_csv(pa.table(table), partial)
-    draw(arguments.out / "robustness.png", errors)
+    draw(arguments.out / PICTURE, errors)
     for sweep, values in SWEEPS.items():
         for law in LAWS[1:]:
             says(sweep, values, law, errors)

@@ -108,6 +108,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs", "policy.zip"))
     arguments = parser.parse_args()
+    if arguments.out.exists():  # hours of training, perhaps
+        parser.error(f"{arguments.out} is there already; name a file that is not.")
 
     try:
         from stable_baselines3 import PPO

@@ -15,7 +15,15 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from cc_mujoco.figures import BLACK, COLORS, TENSION_COLORS, figure, save, style
+from cc_mujoco.figures import (
+    BLACK,
+    COLORS,
+    TENSION_COLORS,
+    figure,
+    figure_path,
+    save,
+    style,
+)
 from cc_mujoco.whatif import study
 
 FRICTION = np.array([0.015, 0.03, 0.05, 0.075, 0.1, 0.125, 0.15])
@@ -28,7 +36,7 @@ LINES = (1.0, 2.0, 3.0, 5.0)
 def main() -> None:
     """Run the study, draw, conclude."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/whatif_loops.png"))
+    parser.add_argument("--out", type=figure_path, default="runs/whatif_loops.png")
     parser.add_argument("--threads", type=int, default=0)
     arguments = parser.parse_args()
     arguments.out.parent.mkdir(parents=True, exist_ok=True)

@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 from tqdm import tqdm
 
-from cc_mujoco.figures import COLORS, DASH, GREY, figure, mark, save, style
+from cc_mujoco.figures import COLORS, DASH, GREY, figure, figure_path, mark, save, style
 from cc_mujoco.whatif import study
 
 FRICTION = (0.015, 0.05, 0.1)
@@ -28,7 +28,7 @@ RESERVE = 1.0
 def main() -> None:
     """Run the study, draw, conclude."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/whatif_pretension.png"))
+    parser.add_argument("--out", type=figure_path, default="runs/whatif_pretension.png")
     parser.add_argument("--threads", type=int, default=0)
     arguments = parser.parse_args()
     arguments.out.parent.mkdir(parents=True, exist_ok=True)

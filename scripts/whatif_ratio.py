@@ -18,7 +18,7 @@ import pyarrow as pa
 from scipy.stats import spearmanr
 from tqdm import tqdm
 
-from cc_mujoco.figures import BLACK, TENSION_COLORS, figure, save, style
+from cc_mujoco.figures import BLACK, TENSION_COLORS, figure, figure_path, save, style
 from cc_mujoco.whatif import make_plan, study
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import episodes
@@ -41,7 +41,7 @@ HOW: dict[str, Any] = {
 def main() -> None:
     """Run the study, draw, conclude."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/whatif_ratio.png"))
+    parser.add_argument("--out", type=figure_path, default="runs/whatif_ratio.png")
     parser.add_argument("--threads", type=int, default=0)
     arguments = parser.parse_args()
     arguments.out.parent.mkdir(parents=True, exist_ok=True)

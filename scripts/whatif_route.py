@@ -19,7 +19,7 @@ import numpy as np
 import pyarrow as pa
 from tqdm import tqdm
 
-from cc_mujoco.figures import BLUE, GREY, ORANGE, figure, save, style
+from cc_mujoco.figures import BLUE, GREY, ORANGE, figure, figure_path, save, style
 from cc_mujoco.whatif import study
 
 
@@ -53,7 +53,7 @@ PANELS = {
 def main() -> None:
     """Run the study, draw, conclude."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/whatif_route.png"))
+    parser.add_argument("--out", type=figure_path, default="runs/whatif_route.png")
     parser.add_argument("--threads", type=int, default=0)
     arguments = parser.parse_args()
     arguments.out.parent.mkdir(parents=True, exist_ok=True)

@@ -313,6 +313,75 @@ def test_an_interruption_at_the_start_is_one_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
+RUNS = {
+    "play": (["play", "wrist", "--duration", "0.1"], FILES),
+    "benchmark": (
+        "benchmark --scene wrist --controllers pi --trajectories sine --tasks tunnel "
+        "--seeds 1 --duration 1.2 --workers 1".split(),
+        ("table.md", "scores.parquet", "wrist-loops.png"),
+    ),
+    "reproduce": (["reproduce", "noise"], ("summary.md", "noise/result.json")),
+    "whatif": (
+        "whatif --vary loops=1,2 --duration 0.1 --metric peak_tension".split(),
+        ("study.json", "table.parquet", "ranking.md", "effects.png", "parts/mine"),
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "file"), [(name, file) for name in RUNS for file in RUNS[name][1]]
+)
+def test_no_command_replaces_files_that_it_did_not_write(
+    name: str, file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine" / file
+    path.parent.mkdir(parents=True)
+    path.write_text("mine")
+    assert cli.main([*RUNS[name][0], "--out", "mine"]) == 2
+    said = capsys.readouterr().err
+    assert ", which no such run wrote; name another folder" in said
+    assert said.count("\n") == 1
+    assert path.read_text() == "mine"
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [path]
+
+
+@pytest.mark.parametrize("name", ["play", "benchmark", "whatif"])
+def test_a_command_runs_again_into_its_own_folder(name: str, tmp_path: Path) -> None:
+    for _ in range(2):
+        assert cli.main([*RUNS[name][0], "--out", "runs"]) == 0
+
+
+LIMITED = """
+import resource, sys
+from cc_mujoco import cli
+from cc_mujoco.recording import episode
+write = episode.write_episode
+def limited(*arguments):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), -1))
+    return write(*arguments)
+episode.write_episode = limited
+import cc_mujoco.recording
+cc_mujoco.recording.write_episode = limited
+sys.exit(cli.main(["play", "wrist", "--duration", "0.3", "--out", "out"]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("most", "file"),
+    [(1000, "log.parquet"), (400_000, "recording.rrd")],
+)
+def test_a_file_that_cannot_grow_is_named(most: int, file: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, str(most)],
+        capture_output=True,
+        text=True,
+        env=ENVIRONMENT,
+    )
+    assert done.returncode == 2
+    assert f"cannot write {tmp_path}/out/{file}: " in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_unwritable_folder_is_refused_before_the_simulation(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -26,8 +26,15 @@ from cc_mujoco.benchmark.conditions import CONDITIONS
 from cc_mujoco.benchmark.mismatch import Mismatch
 from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.files import replacing
+from cc_mujoco.files import is_marked, replacing
+from cc_mujoco.files import require_ours as require_ours_in
 from cc_mujoco.identity import differences, made_by, seal, sealed, told
+
+CELLS, SCORES, TABLE = "cells", "scores.parquet", "table.md"
+PARTS = ("scores", "trace")
+"""Of a cell: its files."""
+FIGURES = ("errors", "loops", "pareto")
+"""Of a scene."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +113,25 @@ class Plan:
         return tuple(f"{name}: {beyond}" for name, beyond in warnings.items())
 
 
+def require_ours(plan: Plan, out: str | os.PathLike[str]) -> None:
+    """Find out, before long work, whether a plan's results may be written to a folder.
+
+    Raises:
+        CableError: If not; see `files.require_ours`.
+    """
+    cells = [f"{cell.name}.{part}.parquet" for cell in plan.cells() for part in PARTS]
+    require_ours_in(
+        out,
+        (
+            TABLE,
+            SCORES,
+            *(f"{scene}-{stem}.png" for scene in plan.scenes for stem in FIGURES),
+            *(f"{CELLS}/{name}" for name in cells),
+        ),
+        lambda place: any(map(is_marked, (place / CELLS).glob("*.parquet"))),
+    )
+
+
 def run(
     plan: Plan,
     out: str | os.PathLike[str],
@@ -126,10 +152,12 @@ def run(
         say: Called with a sentence on what an earlier run left, if it left something.
 
     Raises:
-        CableError: If a name is unknown or a controller cannot be used.
+        CableError: If a name is unknown, a controller cannot be used or the folder
+            cannot be written or holds files that are not a benchmark's.
     """
+    require_ours(plan, out)
     plan.check()
-    folder = Path(out) / "cells"
+    folder = Path(out) / CELLS
     folder.mkdir(parents=True, exist_ok=True)
     cells = plan.cells()
     left: list[Cell] = []
@@ -215,7 +243,7 @@ def _read(folder: Path, cell: Cell) -> tuple[Played | None, list[str]]:
     """A finished cell; None, and how it differs, if it is not of this code."""
     found: list[dict[str, Any]] = []
     now = _about(cell)
-    for stem in ("scores", "trace"):
+    for stem in PARTS:
         try:
             table = pq.read_table(folder / f"{cell.name}.{stem}.parquet")
         except (OSError, pa.ArrowInvalid):

@@ -11,7 +11,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.benchmark import drawing
 from cc_mujoco.benchmark.cell import Cell, play
 from cc_mujoco.benchmark.report import Results, markdown
-from cc_mujoco.benchmark.runner import write_scores
+from cc_mujoco.benchmark.runner import FIGURES, SCORES, TABLE, write_scores
 from cc_mujoco.figures import save, style
 from cc_mujoco.files import replacing
 
@@ -23,17 +23,14 @@ def write(out: str | os.PathLike[str], results: Results) -> str:
         The tables, as Markdown.
     """
     out = Path(out)
-    write_scores(out / "scores.parquet", results)
+    write_scores(out / SCORES, results)
     text = markdown(results)
-    with replacing(out / "table.md") as partial:
+    with replacing(out / TABLE) as partial:
         partial.write_text(text, encoding="utf-8")
     for scene in dict.fromkeys(cell.scene for cell, _ in results):
-        for stem, draw in (
-            ("errors", drawing.errors),
-            ("loops", drawing.loops),
-            ("pareto", drawing.pareto),
-        ):
+        for stem in FIGURES:
             with style():
+                draw = getattr(drawing, stem)
                 save(out / f"{scene}-{stem}.png", draw(results, scene))
     return text
 
@@ -48,7 +45,12 @@ def write_recording(out: str | os.PathLike[str], cell: Cell) -> Path:
 
     log = play(cell, record=True).log
     assert log is not None
-    folder = Path(out) / "recordings" / cell.name
+    folder = recording_folder(out, cell)
     model = mujoco.MjModel.from_xml_path(str(scene_path(cell.scene)))
     write_episode(folder, log, model)
     return folder
+
+
+def recording_folder(out: str | os.PathLike[str], cell: Cell) -> Path:
+    """Where `write_recording` writes."""
+    return Path(out) / "recordings" / cell.name

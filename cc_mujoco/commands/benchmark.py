@@ -43,8 +43,6 @@ class Benchmark:
 
     def run(self) -> None:
         """Play what is not done yet; print the tables."""
-        if self.out.exists() and not self.out.is_dir():
-            raise CableError(f"--out {self.out} is a file; it must be a folder.")
         for name, value, least in (
             ("seeds", self.seeds, 1),
             ("workers", self.workers, 0),
@@ -55,9 +53,14 @@ class Benchmark:
         from tqdm import tqdm
 
         from cc_mujoco.benchmark import CONDITIONS, Cell, Plan, run
-        from cc_mujoco.benchmark.writing import write, write_recording
+        from cc_mujoco.benchmark.runner import require_ours
+        from cc_mujoco.benchmark.writing import (
+            recording_folder,
+            write,
+            write_recording,
+        )
         from cc_mujoco.control import CONTROLLERS
-        from cc_mujoco.files import require_writable
+        from cc_mujoco.recording import episode
 
         plan = Plan(
             tuple(CONDITIONS) if self.scene == "all" else (self.scene,),
@@ -71,9 +74,11 @@ class Benchmark:
         for name in self.record:
             if name not in cells:
                 raise CableError.unknown("cell", name, cells)
+        require_ours(plan, self.out)
+        for name in self.record:
+            episode.require_ours(recording_folder(self.out, cells[name]))
         for warning in plan.check():
             print(f"warning: {warning}", file=sys.stderr)
-        require_writable(self.out)
         with tqdm(
             total=len(cells), unit="cell", disable=not sys.stderr.isatty()
         ) as bar:

@@ -42,16 +42,12 @@ class Diagnose:
             raise CableError(f"--seed is {self.seed}; it must be 0 or more.")
         if not self.data:
             raise CableError("no data given; name CSV or Parquet files, or folders.")
-        if self.out.exists() and not self.out.is_dir():
-            raise CableError(f"--out {self.out} is a file; it must be a folder.")
 
         from tqdm import tqdm
 
         from cc_mujoco.assets import SCENES, scene_path
         from cc_mujoco.diagnosis.diagnose import diagnose
-        from cc_mujoco.files import require_writable
 
-        require_writable(self.out)
         scene = self.scene
         if not scene.exists() and str(scene) in SCENES:
             scene = scene_path(str(scene))

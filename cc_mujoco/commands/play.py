@@ -80,17 +80,15 @@ class Play:
         }
         name = f"{self.scene}-{names['trajectory']}-{self.seed}"
         out = self.out or Path("runs", name)
-        if out.exists() and not out.is_dir():
-            raise CableError(f"--out {out} is a file; it must be a folder or be free.")
 
         import gymnasium
         from tqdm import tqdm
 
         from cc_mujoco.control import controller
-        from cc_mujoco.files import require_writable
         from cc_mujoco.recording import play, write_episode
+        from cc_mujoco.recording.episode import require_ours
 
-        require_writable(out)
+        require_ours(out)
 
         env = gymnasium.make(
             scene.environment,

@@ -66,7 +66,8 @@ class WhatIf:
 
         from cc_mujoco.whatif.pareto import read_objectives
         from cc_mujoco.whatif.plan import make_plan
-        from cc_mujoco.whatif.report import write_report
+        from cc_mujoco.whatif.report import FILES, write_report
+        from cc_mujoco.whatif.store import require_ours
         from cc_mujoco.whatif.study import carry_out
 
         if self.threads < 0:
@@ -87,6 +88,7 @@ class WhatIf:
             metrics=self.metric,
         )
         objectives = read_objectives(self.objective, plan.trial.metrics)
+        require_ours(folder, FILES)
         with tqdm(
             total=len(plan.designs),
             unit="design",

@@ -29,8 +29,8 @@ class WhatIfShow:
         """Play and write; print a table and how to open the recording."""
         from tqdm import tqdm
 
-        from cc_mujoco.files import require_writable
         from cc_mujoco.recording import write_episode
+        from cc_mujoco.recording.episode import require_ours
         from cc_mujoco.whatif.metrics import METRICS
         from cc_mujoco.whatif.show import read_row, show
         from cc_mujoco.whatif.store import read_study
@@ -42,7 +42,7 @@ class WhatIfShow:
             float(about["trial"]["duration"]),
             read_row(self.folder, self.row),
         )
-        require_writable(out)
+        require_ours(out)
         with tqdm(
             total=duration,
             unit="s",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from cc_mujoco import files
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.diagnose import Result
 from cc_mujoco.diagnosis.drawings import STEMS
@@ -25,7 +27,7 @@ from cc_mujoco.diagnosis.report import write_report
 from cc_mujoco.diagnosis.rollout import rollout
 from cc_mujoco.diagnosis.trials import Dataset
 from cc_mujoco.diagnosis.verdict import Diagnosis
-from cc_mujoco.diagnosis.wording import NO_SCENE, listed
+from cc_mujoco.diagnosis.wording import NO_SCENE
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing_folder
 
@@ -39,7 +41,7 @@ def require_ours(out: Path, scene: Path) -> None:
     """See to it that nothing is replaced but the files of an earlier diagnosis.
 
     Raises:
-        CableError: the folder holds the scene, or other files by the names of ours.
+        CableError: the folder holds the scene; see also `files.require_ours`.
     """
     names = (VERDICT, "report.html", *SOMETIMES)
     if scene.resolve() in {(out / name).resolve() for name in names}:
@@ -47,12 +49,15 @@ def require_ours(out: Path, scene: Path) -> None:
             f"the scene {scene} lies where the diagnosis writes its own; name another "
             "folder to write to."
         )
-    theirs = [name for name in names if (out / name).exists()]
-    if theirs and VERDICT not in theirs:
-        raise CableError(
-            f"{out} holds {listed(theirs)}, which no diagnosis wrote; name another "
-            "folder to write to."
-        )
+    files.require_ours(out, names, _has_verdict)
+
+
+def _has_verdict(folder: Path) -> bool:
+    try:
+        found = json.loads((folder / VERDICT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.keys() >= {"verdict", "provenance"}
 
 
 def write(

@@ -23,8 +23,7 @@ from cc_mujoco.diagnosis.likeness import alike_pairs, invisible
 from cc_mujoco.diagnosis.wording import TORQUE_UNIT, Names, capital, channel, plain
 from cc_mujoco.diagnosis.wording import share as share_of
 from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, PINK
-from cc_mujoco.files import replacing
-from cc_mujoco.recording.rerun_file import APPLICATION, strict
+from cc_mujoco.recording.rerun_file import recording
 
 TIMELINE = "trial_time"
 """Time since the start of a trial; trials share it."""
@@ -46,19 +45,12 @@ def write_recording(
             replaced.
     """
     both = changed(evidence)
-    with replacing(path) as partial, strict():
-        rec = rr.RecordingStream(
-            APPLICATION, recording_id=recording_id(evidence), send_properties=False
-        )
-        rec.save(partial, default_blueprint=_blueprint(evidence))
-        try:
-            rec.log("about", _about(evidence, Names(titles)), static=True)
-            for trace in evidence.traces:
-                _log_trace(rec, trace, both)
-            for each in evidence.maps:
-                _log_map(rec, each, both)
-        finally:
-            rec.disconnect()
+    with recording(path, recording_id(evidence), _blueprint(evidence)) as rec:
+        rec.log("about", _about(evidence, Names(titles)), static=True)
+        for trace in evidence.traces:
+            _log_trace(rec, trace, both)
+        for each in evidence.maps:
+            _log_map(rec, each, both)
 
 
 def recording_id(evidence: Evidence) -> str:
@@ -101,7 +93,7 @@ def _log_trace(rec: rr.RecordingStream, trace: Trace, both: bool) -> None:
         for kind, values in kinds.items():
             send([name, kind], values, *LOOKS[kind])
             if kind != "measured":
-                send([f"{name} error", kind], measured - values, *LOOKS[kind])
+                send([f"{name}_error", kind], measured - values, *LOOKS[kind])
     send(["motion", "motor"], trace.motor_angle, GREEN, 1.5)
     send(["motion", "joint"], trace.joint_angle, PINK, 1.5)
 
@@ -172,7 +164,7 @@ def _trial_tab(trace: Trace) -> rrb.Vertical:
     for name in trace.measured:
         title = capital(channel(name))
         views.append(view(name, f"{title} [{TORQUE_UNIT}]"))
-        views.append(view(f"{name} error", f"{title}, error [{TORQUE_UNIT}]"))
+        views.append(view(f"{name}_error", f"{title}, error [{TORQUE_UNIT}]"))
     views.append(view("motion", "Angles [rad]"))
     return rrb.Vertical(*views, name=trace.trial)
 

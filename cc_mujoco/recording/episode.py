@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 
-from cc_mujoco import engine
+from cc_mujoco import engine, files
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Controller
 from cc_mujoco.errors import CableError
-from cc_mujoco.files import replacing_folder
 from cc_mujoco.identity import versions
 from cc_mujoco.recording.columns import MODEL_XML, RATIO
 from cc_mujoco.recording.log import EpisodeLog, Recorder
@@ -23,7 +22,8 @@ from cc_mujoco.recording.summary import write_summary
 if TYPE_CHECKING:
     import gymnasium
 
-FILES = ("recording.rrd", "log.parquet", "metrics.json", "summary.png")
+LOG = "log.parquet"
+FILES = ("recording.rrd", LOG, "metrics.json", "summary.png")
 """What `write_episode` leaves in its folder."""
 
 
@@ -85,6 +85,15 @@ def play(
     return recorder.log()
 
 
+def require_ours(folder: str | os.PathLike[str]) -> None:
+    """Find out, before an episode is played, whether `FILES` may be written there.
+
+    Raises:
+        CableError: If not; see `files.require_ours`.
+    """
+    files.require_ours(folder, FILES, lambda place: files.is_marked(place / LOG))
+
+
 def write_episode(
     folder: str | os.PathLike[str], log: EpisodeLog, model: mujoco.MjModel
 ) -> tuple[Metric, ...]:
@@ -100,12 +109,17 @@ def write_episode(
 
     Returns:
         The metrics that were written.
+
+    Raises:
+        CableError: If the folder has files by these names that are not an episode's, or
+            cannot be written.
     """
     from cc_mujoco.recording.rerun_file import write_recording
 
+    require_ours(folder)
     found = measure(log)
-    with replacing_folder(folder) as partial:
-        log.write(partial / "log.parquet")
+    with files.replacing_folder(folder) as partial:
+        log.write(partial / LOG)
         write_metrics(partial / "metrics.json", found)
         write_summary(partial / "summary.png", log)
         write_recording(partial / "recording.rrd", log, model, found)

@@ -23,10 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.files import replacing
+from cc_mujoco.files import KEY, replacing
 from cc_mujoco.recording.columns import Column, cables_in, columns_for
 
-METADATA_KEY = b"cc_mujoco"
 """Key of the Parquet schema metadata that holds the log's metadata as JSON."""
 
 
@@ -118,7 +117,7 @@ class EpisodeLog:
             about = {"unit": column.unit, "meaning": column.meaning}
             fields.append(pa.field(column.name, array.type, False, about))
             arrays.append(array)
-        schema = pa.schema(fields, {METADATA_KEY: _to_json(self.metadata).encode()})
+        schema = pa.schema(fields, {KEY: _to_json(self.metadata).encode()})
         table = pa.Table.from_arrays(arrays, schema=schema)
         with replacing(path) as partial:
             pq.write_table(table, partial, compression="zstd")
@@ -138,7 +137,7 @@ class EpisodeLog:
             table = pq.read_table(path)
         except pa.ArrowInvalid as error:
             raise CableError(f"{path} is not a Parquet file: {error}.") from error
-        metadata = (table.schema.metadata or {}).get(METADATA_KEY)
+        metadata = (table.schema.metadata or {}).get(KEY)
         if metadata is None:
             raise CableError(f"{path} is a Parquet file, but not an episode log.")
         columns = {}

@@ -52,9 +52,10 @@ SERIES = (
     ("angle/reference", "reference_angle_rad", ORANGE),
     ("angle/motor", "motor_angle_rad", GREEN),
 )
+# No spaces in paths: Rerun shows them with a backslash before.
 CABLE_SERIES = (
-    ("tension/{}/motor end", "tension_{}_proximal_n", 0),
-    ("tension/{}/joint end", "tension_{}_distal_n", 1),
+    ("tension/{}/motor_end", "tension_{}_proximal_n", 0),
+    ("tension/{}/joint_end", "tension_{}_distal_n", 1),
     ("moving/{}", "moving_{}_fraction", 0),
 )
 CABLE_COLORS = ((BLUE, SKY), (ORANGE, YELLOW), (GREEN, PURPLE))
@@ -84,17 +85,37 @@ def write_recording(
         metrics: Numbers to show on the page about the episode.
     """
     frames = _frames(log["time_s"])
+    with recording(path, recording_id(log), _blueprint(log, model)) as rec:
+        rec.log("about", _about(log, metrics), static=True)
+        _log_series(rec, log)
+        _log_states(rec, log)
+        _log_scene(rec, log, model, frames)
+        _log_nodes(rec, log, frames)
+
+
+@contextmanager
+def recording(
+    path: str | os.PathLike[str], identity: str, blueprint: rrb.Blueprint
+) -> Iterator[rr.RecordingStream]:
+    """Yield a stream whose content becomes a file, whole or not at all.
+
+    It is kept in memory until then: Rerun's own writer does not say when the disk is
+    full, and then waits for ever.
+
+    Args:
+        path: Of the file.
+        identity: Of the recording.
+        blueprint: How it opens.
+    """
     with replacing(path) as partial, strict():
         rec = rr.RecordingStream(
-            APPLICATION, recording_id=recording_id(log), send_properties=False
+            APPLICATION, recording_id=identity, send_properties=False
         )
-        rec.save(partial, default_blueprint=_blueprint(log, model))
+        memory = rec.memory_recording()
+        rec.send_blueprint(blueprint, make_active=False, make_default=True)
         try:
-            rec.log("about", _about(log, metrics), static=True)
-            _log_series(rec, log)
-            _log_states(rec, log)
-            _log_scene(rec, log, model, frames)
-            _log_nodes(rec, log, frames)
+            yield rec
+            partial.write_bytes(memory.drain_as_bytes())
         finally:
             rec.disconnect()
 
@@ -117,22 +138,23 @@ def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
 def _log_series(rec: rr.RecordingStream, log: EpisodeLog) -> None:
     index = [rr.TimeColumn(TIMELINE, duration=log["time_s"])]
 
-    def send(path: str, column: str, color: int) -> None:
+    def send(parts: list[str], column: str, color: int) -> None:
         values = log[column]
         if column.endswith("_rad"):
             values = np.degrees(values)
-        name = path.partition("/")[2].replace("/", ", ")
+        path = rr.new_entity_path(parts)
+        name = ", ".join(parts[1:]).replace("_", " ")
         look = rr.SeriesLines(names=[name], colors=[color], widths=[1.5])
         rec.log(path, look, static=True)
         rec.send_columns(path, index, [*rr.Scalars.columns(scalars=values)])
 
     for path, column, color in SERIES:
-        send(rr.new_entity_path(path.split("/")), column, color)
+        send(path.split("/"), column, color)
     for number, cable in enumerate(log.cables):
         colors = CABLE_COLORS[number % len(CABLE_COLORS)]
         for path, column, shade in CABLE_SERIES:
             parts = [part.format(cable) for part in path.split("/")]
-            send(rr.new_entity_path(parts), column.format(cable), colors[shade])
+            send(parts, column.format(cable), colors[shade])
 
 
 def _log_states(rec: rr.RecordingStream, log: EpisodeLog) -> None:
@@ -146,7 +168,7 @@ def _log_states(rec: rr.RecordingStream, log: EpisodeLog) -> None:
             # Directions 0, 1, -1 and slack are positions 0, 1, 2 and 3 in STATES.
             state = np.where(slack, 3, slip[:, segment] % 3)
             changed = np.flatnonzero(np.diff(state, prepend=-1))
-            path = rr.new_entity_path(["slip", cable, f"{end} end"])
+            path = rr.new_entity_path(["slip", cable, f"{end}_end"])
             look = rr.StateConfiguration(
                 values=list(STATES), labels=list(STATES), colors=colors
             )

@@ -22,7 +22,7 @@ import pyarrow.csv as pa_csv
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.figures import save, style
-from cc_mujoco.files import replacing, replacing_folder
+from cc_mujoco.files import replacing, replacing_folder, require_ours
 from cc_mujoco.identity import differences, made_by, told
 from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress
 
@@ -86,13 +86,23 @@ def reproduce(
         One record per name, in the order of `EXPERIMENTS`.
 
     Raises:
-        CableError: an unknown name.
+        CableError: an unknown name, or a folder that cannot be written or holds what
+            would be replaced and is no experiment's.
     """
     wanted = set(names) or set(EXPERIMENTS)
     for name in sorted(wanted):
         if name not in EXPERIMENTS:
             raise CableError.unknown("experiment", name, EXPERIMENTS)
+    require_ours(
+        out,
+        (SUMMARY, *sorted(wanted)),
+        lambda place: any(_is_ours(place / name) for name in EXPERIMENTS),
+    )
     out = Path(out)
+    for name in wanted:
+        if (out / name).exists():  # what is in it depends on the experiment
+            there = sorted(os.listdir(out / name))
+            require_ours(out / name, there, _is_ours)
     out.mkdir(parents=True, exist_ok=True)
     names = [name for name in EXPERIMENTS if name in wanted]
     found = {n: one for n in names if (one := _read(out / n)) is not None}
@@ -143,6 +153,15 @@ def _write(folder: Path, outcome: Outcome) -> None:
         claims = [dataclasses.asdict(claim) for claim in outcome.claims]
         text = json.dumps({"made_by": made_by(), "claims": claims}, indent=1)
         (place / RESULT).write_text(text, encoding="utf-8")
+
+
+def _is_ours(folder: Path) -> bool:
+    """Whether some version of this package wrote the folder of an experiment."""
+    try:
+        found = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and "claims" in found
 
 
 def _read(folder: Path) -> tuple[object, tuple[Claim, ...]] | None:

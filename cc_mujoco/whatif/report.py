@@ -25,6 +25,10 @@ RANKING, PARETO, SOBOL, EFFECTS = (
     "sobol.parquet",
     "effects.parquet",
 )
+EFFECTS_PLOT, HEAT_MAPS, PARETO_PLOT = "effects.png", "heatmaps.png", "pareto.png"
+FILES = (RANKING, PARETO, SOBOL, EFFECTS, EFFECTS_PLOT, HEAT_MAPS, PARETO_PLOT)
+"""All that may be written beside the table."""
+
 LISTED = 20
 """Designs in the ranking."""
 
@@ -63,14 +67,14 @@ def write_report(
             _write_table(folder / PARETO, table.filter(pa.array(best)))
             written.append(folder / PARETO)
         if len(objectives) > 1 and best.any():
-            drawings["pareto"] = pareto_plot(table, objectives, best)
+            drawings[PARETO_PLOT] = pareto_plot(table, objectives, best)
         if found:
-            drawings["effects"] = effects_plot(found)
+            drawings[EFFECTS_PLOT] = effects_plot(found)
             if (maps := heat_maps(plan, table, found)) is not None:
-                drawings["heatmaps"] = maps
-        for stem, drawing in drawings.items():
-            save(folder / f"{stem}.png", drawing)
-            written.append(folder / f"{stem}.png")
+                drawings[HEAT_MAPS] = maps
+        for name, drawing in drawings.items():
+            save(folder / name, drawing)
+            written.append(folder / name)
     text = markdown(plan, table, goals, bool(objectives), cost, found)
     with replacing(folder / RANKING) as partial:
         partial.write_text(text, encoding="utf-8")

@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import contextlib
 import json
-import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from cc_mujoco import files
 from cc_mujoco.errors import CableError
-from cc_mujoco.files import replacing, require_writable
+from cc_mujoco.files import replacing
 from cc_mujoco.identity import differences, seal, sealed
 from cc_mujoco.whatif.evaluate import Result
 from cc_mujoco.whatif.metrics import METRICS
@@ -52,11 +52,9 @@ class Store:
         """The table of an earlier run that finished."""
         if folder is None:
             return
-        if folder.exists() and not folder.is_dir():
-            raise CableError(f"{folder} is a file; the study needs a folder.")
-        require_writable(folder)
+        require_ours(folder)
         about = plan.describe()
-        parts = sorted((folder / PARTS).glob("[0-9]*.parquet"))
+        parts = _parts(folder)
         if parts or (folder / TABLE).exists():
             _require_same(folder, about)
         else:
@@ -64,7 +62,7 @@ class Store:
             with replacing(folder / STUDY) as partial:
                 partial.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
         if again:
-            shutil.rmtree(folder / PARTS, ignore_errors=True)
+            _remove_parts(folder)
             return
         changed: list[str] = []
         for path in parts:
@@ -119,7 +117,7 @@ class Store:
                 with replacing(self._folder / TABLE) as partial:
                     table = sealed(self.whole, self._makers)
                     pq.write_table(table, partial, compression="zstd")
-                shutil.rmtree(self._folder / PARTS, ignore_errors=True)
+                _remove_parts(self._folder)
         return self.whole
 
     def _join(self) -> pa.Table:
@@ -135,6 +133,38 @@ class Store:
         columns |= _columns(results, plan.trial.metrics)
         fields = [_field(name, array.type) for name, array in columns.items()]
         return pa.Table.from_arrays(list(columns.values()), schema=pa.schema(fields))
+
+
+def require_ours(folder: Path, names: Iterable[str] = ()) -> None:
+    """Find out, before long work, whether a study may be kept in a folder.
+
+    Args:
+        folder: Where.
+        names: Of what else is to be written there.
+
+    Raises:
+        CableError: If not; see `files.require_ours`.
+    """
+    files.require_ours(folder, (STUDY, PARTS, TABLE, *names), _has_study)
+
+
+def _has_study(folder: Path) -> bool:
+    try:
+        found = json.loads((folder / STUDY).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.keys() >= {"trial", "variables"}
+
+
+def _parts(folder: Path) -> list[Path]:
+    return sorted((folder / PARTS).glob("[0-9]*.parquet"))
+
+
+def _remove_parts(folder: Path) -> None:
+    for part in _parts(folder):
+        part.unlink(missing_ok=True)
+    with contextlib.suppress(OSError):  # it holds something else, or is not there
+        (folder / PARTS).rmdir()
 
 
 def read_study(folder: Path) -> dict[str, Any]:

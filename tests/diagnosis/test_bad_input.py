@@ -176,7 +176,7 @@ def test_what_is_not_ours_is_not_replaced(
     assert files(tmp_path) == before
     if not earlier:
         assert diagnose(tmp_path / "run.csv", tmp_path) == 2
-        assert "scene.xml, which no diagnosis wrote" in capsys.readouterr().err
+        assert "scene.xml, which no such run wrote" in capsys.readouterr().err
         assert files(tmp_path) == before
 
 

@@ -17,6 +17,7 @@ from rerun.error_utils import strict_mode
 from cc_mujoco.diagnosis import recording as recording_module
 from cc_mujoco.diagnosis.evidence import Evidence
 from cc_mujoco.diagnosis.recording import TIMELINE, recording_id, write_recording
+from cc_mujoco.errors import CableError
 from diagnosis.report_examples import NOTHING, TITLES, evidence, trace
 
 
@@ -67,7 +68,7 @@ def test_every_sample_of_every_series_is_there(path: Path) -> None:
                 expected = getattr(each, kind)[name]
                 np.testing.assert_array_equal(np.ravel(values), expected)
         entity = rr.new_entity_path(
-            ["trials", each.trial, "joint_torque_nm error", "after"]
+            ["trials", each.trial, "joint_torque_nm_error", "after"]
         )
         error = each.measured["joint_torque_nm"] - each.after["joint_torque_nm"]
         _, values = rows(path, entity, "Scalars:scalars")
@@ -148,7 +149,7 @@ def test_file_is_written_whole_or_not_at_all(
     file.write_bytes(b"old")
     before = strict_mode()
     monkeypatch.setattr(recording_module, "_log_map", fail)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(CableError, match=r"evidence.rrd: disk full"):
         write_recording(file, evidence())
     assert file.read_bytes() == b"old" and list(tmp_path.iterdir()) == [file]
     assert strict_mode() == before

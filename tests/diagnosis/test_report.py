@@ -20,6 +20,7 @@ from cc_mujoco.diagnosis.page import Html, element
 from cc_mujoco.diagnosis.report import write_report
 from cc_mujoco.diagnosis.verdict import Diagnosis, Gap, NotTestable
 from cc_mujoco.diagnosis.wording import MINUS, Names, headline
+from cc_mujoco.errors import CableError
 from diagnosis.report_examples import DIAGNOSES, NOTHING, TITLES, evidence, maps
 
 VOID = {"meta", "img"}
@@ -210,7 +211,7 @@ def test_report_is_written_whole_or_not_at_all(
     folder.mkdir()
     (folder / "report.html").write_text("old")
     monkeypatch.setattr(report_module, "page", fail)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(CableError, match=r"out: disk full"):
         write_report(folder, DIAGNOSES["named"], NOTHING)
     assert [file.name for file in tmp_path.rglob("*")] == ["out", "report.html"]
     assert (folder / "report.html").read_text() == "old"

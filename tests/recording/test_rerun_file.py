@@ -133,8 +133,12 @@ def test_series_keep_every_sample(make_log: Any, model: Any, tmp_path: Path) -> 
     assert np.ravel(rows).tolist() == log["joint_torque_nm"].tolist()
     _, rows = column(path, "/angle/motor", "Scalars:scalars")
     assert np.ravel(rows) == pytest.approx(np.degrees(log["motor_angle_rad"]))
-    _, rows = column(path, "/tension/extensor/joint\\ end", "Scalars:scalars")
+    _, rows = column(path, "/tension/extensor/joint_end", "Scalars:scalars")
     assert np.ravel(rows).tolist() == log["tension_extensor_distal_n"].tolist()
+    legend = static(path, "/tension/extensor/joint_end")["SeriesLines:names"]
+    assert legend == [["extensor, joint end"]]
+    paths = {chunk.entity_path for chunk in RrdReader(path).stream()}
+    assert not any("\\" in path for path in paths)
 
 
 def test_nodes_are_decimated_to_frames(
@@ -163,7 +167,7 @@ def test_slip_states_are_logged_when_they_change(
     )
     write_recording(tmp_path / "run.rrd", log, model)
     times, rows = column(
-        tmp_path / "run.rrd", "/slip/flexor/motor\\ end", "StateChange:state"
+        tmp_path / "run.rrd", "/slip/flexor/motor_end", "StateChange:state"
     )
     expected = ["stuck", "slips to joint", "slips to motor", "slack", "slips to motor"]
     assert [row[0] for row in rows] == expected

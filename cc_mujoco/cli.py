@@ -65,6 +65,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             error = CableError("cannot write standard output: no space is left.")
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return 2
+    except MemoryError as error:
+        print(
+            f"{PROGRAM}: out of memory ({error}); shorter episodes need less.",
+            file=sys.stderr,
+        )
+        return 2
     except Exception:
         # What an import makes of an interruption need not be a KeyboardInterrupt.
         if interrupts:

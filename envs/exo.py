@@ -17,7 +17,7 @@ from cc_mujoco.control.observed import ACTION
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Task, Trajectory, Wearer
 from cc_mujoco.human import task as find_task
-from cc_mujoco.human.checks import number
+from cc_mujoco.human.checks import LONGEST, number
 
 from .device import Array, Device, Physics, Setup
 from .script import Author, find_trajectory
@@ -69,7 +69,7 @@ class Exo:
         self.frame_skip = frame_skip
         self.period = frame_skip * float(self.device.model.opt.timestep)
         """Time between control steps [s]."""
-        number("duration", duration, self.period, 1e6, "s")
+        number("duration", duration, self.period, LONGEST, "s")
         self.steps = round(duration / self.period)
         """Control steps in an episode."""
         source = find_trajectory(trajectory, setup.reach)

@@ -30,6 +30,9 @@ from cc_mujoco.files import is_marked, replacing
 from cc_mujoco.files import require_ours as require_ours_in
 from cc_mujoco.identity import differences, made_by, seal, sealed, told
 
+MAX_SEEDS = 10_000
+"""Of more, not even the names of the results are quickly listed."""
+
 CELLS, SCORES, TABLE = "cells", "scores.parquet", "table.md"
 PARTS = ("scores", "trace")
 """Of a cell: its files."""
@@ -57,6 +60,10 @@ class Plan:
             CableError: If there are none, a scene is unknown, or the files of two would
                 have the same name.
         """
+        if self.seeds > MAX_SEEDS:
+            raise CableError(
+                f"a benchmark has at most {MAX_SEEDS:,} seeds, not {self.seeds:,}."
+            )
         if not (self.scenes and self.controllers and self.seeds >= 1):
             raise CableError(
                 "a benchmark needs at least one scene, one controller and one seed."

@@ -73,9 +73,11 @@ class Play:
             raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
         names = {
             "trajectory": self.csv.stem
-            if self.csv
-            else self.trajectory or scene.trajectory,
-            "task": self.task or scene.task,
+            if self.csv is not None
+            else scene.trajectory
+            if self.trajectory is None
+            else self.trajectory,
+            "task": scene.task if self.task is None else self.task,
             "controller": self.controller,
         }
         name = f"{self.scene}-{names['trajectory']}-{self.seed}"
@@ -93,7 +95,7 @@ class Play:
         env = gymnasium.make(
             scene.environment,
             disable_env_checker=True,
-            trajectory=self.csv or names["trajectory"],
+            trajectory=names["trajectory"] if self.csv is None else self.csv,
             task=names["task"],
             duration=self.duration,
         )

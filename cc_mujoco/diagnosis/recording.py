@@ -23,6 +23,7 @@ from cc_mujoco.diagnosis.likeness import alike_pairs, invisible
 from cc_mujoco.diagnosis.wording import TORQUE_UNIT, Names, capital, channel, plain
 from cc_mujoco.diagnosis.wording import share as share_of
 from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, PINK
+from cc_mujoco.recording.axis import axis
 from cc_mujoco.recording.rerun_file import recording
 
 TIMELINE = "trial_time"
@@ -156,16 +157,21 @@ def _blueprint(evidence: Evidence) -> rrb.Blueprint:
 
 
 def _trial_tab(trace: Trace) -> rrb.Vertical:
-    def view(part: str, name: str) -> rrb.TimeSeriesView:
+    def view(part: str, name: str, *lines: FloatArray) -> rrb.TimeSeriesView:
         origin = rr.new_entity_path(["trials", trace.trial, part])
-        return rrb.TimeSeriesView(origin=origin, name=name)
+        return rrb.TimeSeriesView(
+            origin=origin, name=name, axis_y=axis(trace.time, lines)
+        )
 
     views = []
-    for name in trace.measured:
+    for name, measured in trace.measured.items():
         title = capital(channel(name))
-        views.append(view(name, f"{title} [{TORQUE_UNIT}]"))
-        views.append(view(f"{name}_error", f"{title}, error [{TORQUE_UNIT}]"))
-    views.append(view("motion", "Angles [rad]"))
+        played = (trace.before[name], trace.after[name])
+        errors = [measured - values for values in played]
+        views.append(view(name, f"{title} [{TORQUE_UNIT}]", measured, *played))
+        views.append(view(f"{name}_error", f"{title}, error [{TORQUE_UNIT}]", *errors))
+    angles = (trace.motor_angle, trace.joint_angle)
+    views.append(view("motion", "Angles [rad]", *angles))
     return rrb.Vertical(*views, name=trace.trial)
 
 

@@ -6,6 +6,9 @@ from typing import Any
 
 from cc_mujoco.errors import CableError
 
+LONGEST = 1e4
+"""Most that an episode may last [s]; all of its motion is kept in memory."""
+
 
 def number(label: str, value: Any, low: float, high: float, unit: str) -> None:
     """Check that a value is a number in [low, high].

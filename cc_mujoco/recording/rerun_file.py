@@ -22,6 +22,7 @@ from rerun.error_utils import strict_mode
 
 from cc_mujoco import engine
 from cc_mujoco.files import replacing
+from cc_mujoco.recording.axis import axis
 from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.recording.conduit3d import conduit_points, log_conduit
 from cc_mujoco.recording.log import EpisodeLog
@@ -137,24 +138,28 @@ def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
 
 def _log_series(rec: rr.RecordingStream, log: EpisodeLog) -> None:
     index = [rr.TimeColumn(TIMELINE, duration=log["time_s"])]
-
-    def send(parts: list[str], column: str, color: int) -> None:
-        values = log[column]
-        if column.endswith("_rad"):
-            values = np.degrees(values)
-        path = rr.new_entity_path(parts)
+    for parts, values, color in _series(log):
+        path = rr.new_entity_path(list(parts))
         name = ", ".join(parts[1:]).replace("_", " ")
         look = rr.SeriesLines(names=[name], colors=[color], widths=[1.5])
         rec.log(path, look, static=True)
         rec.send_columns(path, index, [*rr.Scalars.columns(scalars=values)])
 
+
+def _series(
+    log: EpisodeLog,
+) -> Iterator[tuple[tuple[str, ...], NDArray[np.float64], int]]:
+    """Every line of the plots: parts of its path, values and colour."""
     for path, column, color in SERIES:
-        send(path.split("/"), column, color)
+        values = log[column]
+        if column.endswith("_rad"):
+            values = np.degrees(values)
+        yield tuple(path.split("/")), values, color
     for number, cable in enumerate(log.cables):
         colors = CABLE_COLORS[number % len(CABLE_COLORS)]
         for path, column, shade in CABLE_SERIES:
-            parts = [part.format(cable) for part in path.split("/")]
-            send(parts, column.format(cable), colors[shade])
+            parts = tuple(part.format(cable) for part in path.split("/"))
+            yield parts, log[column.format(cable)], colors[shade]
 
 
 def _log_states(rec: rr.RecordingStream, log: EpisodeLog) -> None:
@@ -249,10 +254,17 @@ def _blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
     )
     scene = rrb.Spatial3DView(origin=f"/{WORLD}", name=name, eye_controls=eye)
     about = rrb.TextDocumentView(origin="/about", name="About")
+
+    def plot(origin: str, name: str) -> rrb.TimeSeriesView:
+        lines = [values for path, values, _ in _series(log) if path[0] == origin]
+        return rrb.TimeSeriesView(
+            origin=f"/{origin}", name=name, axis_y=axis(log["time_s"], lines)
+        )
+
     plots = rrb.Vertical(
-        rrb.TimeSeriesView(origin="/torque", name="Torque [N m]"),
-        rrb.TimeSeriesView(origin="/angle", name="Angle [deg]"),
-        rrb.TimeSeriesView(origin="/tension", name="Tension at the ends [N]"),
+        plot("torque", "Torque [N m]"),
+        plot("angle", "Angle [deg]"),
+        plot("tension", "Tension at the ends [N]"),
         rrb.TimeSeriesView(origin="/moving", name="Part of the cable that slips"),
         rrb.StateTimelineView(origin="/slip", name="Stick, slip, slack"),
         row_shares=[3, 3, 3, 2, 2],

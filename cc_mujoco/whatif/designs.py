@@ -28,7 +28,8 @@ from cc_mujoco.whatif.variables import Value, find
 Given = str | float | Sequence[object]
 """A range or values as text, one value, or several."""
 
-MAX_DESIGNS = 10_000_000
+MAX_DESIGNS = 1_000_000
+"""What fits into memory, and into weeks: a design takes a second or so."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def grid(ranges: Mapping[str, Range]) -> list[dict[str, Value]]:
                 "write low:high:count."
             )
     count = math.prod(len(values.levels) for values in ranges.values())
-    _require_count(count)
+    require_count(count)
     rows = itertools.product(*(values.levels for values in ranges.values()))
     return [dict(zip(ranges, row, strict=True)) for row in rows]
 
@@ -109,7 +110,7 @@ def latin_hypercube(
     Raises:
         CableError: the count is not one.
     """
-    _require_count(count)
+    require_count(count)
     unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(
         count
     )
@@ -169,6 +170,7 @@ def _from_toml(path: Path, text: str) -> list[dict[str, object]]:
 def _from_csv(path: Path, text: str) -> list[dict[str, object]]:
     lines = text.splitlines()
     blank = next((i for i, line in enumerate(lines) if line.strip()), len(lines))
+    require_count(max(1, len(lines) - blank - 1))
     rows = csv.reader(lines[blank:])
     names = [name.strip() for name in next(rows, [])]
     if twice := [name for name in names if names.count(name) > 1]:
@@ -201,8 +203,10 @@ def _read_ends(name: str, text: str) -> Range:
         raise CableError(
             f"the range {name}={text} must rise from its low to its high end."
         )
-    if rest and count < 2:
-        raise CableError(f"the range {name}={text} must have 2 values or more.")
+    if rest and not 2 <= count <= MAX_DESIGNS:
+        raise CableError(
+            f"the range {name}={text} must have 2 to {MAX_DESIGNS:,} values."
+        )
     if log and low <= 0.0:
         raise CableError(f"the range {name}={text} must be above 0 to be logarithmic.")
     shares = np.linspace(0.0, 1.0, count)
@@ -222,8 +226,14 @@ def _between(
     return found
 
 
-def _require_count(count: int) -> None:
+def require_count(count: int) -> None:
+    """Refuse a number of designs that no study can have, before they are made.
+
+    Raises:
+        CableError: Says how many there would be and how many there may be.
+    """
     if not 1 <= count <= MAX_DESIGNS:
         raise CableError(
-            f"a study must have 1 to {MAX_DESIGNS:,} designs, not {count:,}."
+            f"a study must have 1 to {MAX_DESIGNS:,} designs, not {count:,}; a Latin "
+            "hypercube covers many variables with few designs."
         )

@@ -16,7 +16,7 @@ from typing import Any
 
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import from_csv
-from cc_mujoco.human.checks import number
+from cc_mujoco.human.checks import LONGEST, number
 from cc_mujoco.identity import made_by
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import (
@@ -26,6 +26,7 @@ from cc_mujoco.whatif.designs import (
     grid,
     latin_hypercube,
     read_range,
+    require_count,
 )
 from cc_mujoco.whatif.evaluate import Design, rehearse
 from cc_mujoco.whatif.metrics import METRICS
@@ -128,12 +129,13 @@ def make_plan(
             rows = latin_hypercube(ranges, samples, seed)
         else:
             rows = grid(ranges)
+    require_count(len(rows))
     checked = _check(builder, rows)
     if designs is not None:
         names = list(checked[0])
         ranges = {n: Range(tuple(dict.fromkeys(d[n] for d in checked))) for n in names}
     full = designs is None and samples is None
-    source = trajectory or builder.scene.default("trajectory")
+    source = builder.scene.default("trajectory") if trajectory is None else trajectory
     batches = _batches(builder, checked, max(duration, CHIRP_TIME))
     return Plan(trial, tuple(checked), ranges, full, batches, source)
 
@@ -159,15 +161,15 @@ def _trial(
         )
     for name in metrics:
         look_up("metric", name, METRICS)
-    number("duration", duration, 0.05, 1e6, "s")
+    number("duration", duration, 0.05, LONGEST, "s")
     if not (isinstance(seed, int) and seed >= 0):
         raise CableError(f"seed must be an integer >= 0, not {seed!r}.")
     home = builder.scene
-    source = trajectory or home.default("trajectory")
+    source = home.default("trajectory") if trajectory is None else trajectory
     trial = Trial(
         scene,
         from_csv(source) if source.lower().endswith(".csv") else source,
-        task or home.default("task"),
+        home.default("task") if task is None else task,
         law,
         duration,
         seed,

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.whatif.designs import from_file, grid, latin_hypercube, read_range
+from cc_mujoco.whatif.designs import (
+    MAX_DESIGNS,
+    Range,
+    from_file,
+    grid,
+    latin_hypercube,
+    read_range,
+)
 
 CABLES = ("flexor", "extensor")
 
@@ -108,7 +115,8 @@ def test_designs_of_a_list_must_set_the_same(tmp_path: Path) -> None:
     ("name", "text", "wrong"),
     [
         ("friction", "0.3:0.1:3", "must rise"),
-        ("friction", "0.1:0.3:1", "2 values or more"),
+        ("friction", "0.1:0.3:1", "2 to 1,000,000 values"),
+        ("friction", "0:1:1000000000", "2 to 1,000,000 values"),
         ("friction", "0.1:0.3:3:lag", "is no range"),
         ("friction", "0.1:x:3", "is no range"),
         ("friction", "0:0.3:3:log", "above 0"),
@@ -131,3 +139,15 @@ def test_what_is_no_range_is_one_sentence(name: str, text: str, wrong: str) -> N
 def test_a_range_without_a_count_is_for_a_hypercube_only() -> None:
     with pytest.raises(CableError, match="low:high:count"):
         grid({"friction": read_range("friction", "0.1:0.3", CABLES)})
+
+
+def test_designs_are_counted_before_they_are_made(tmp_path: Path) -> None:
+    many = {name: Range(tuple(range(1000))) for name in ("a", "b", "c", "d")}
+    with pytest.raises(CableError, match="not 1,000,000,000,000"):
+        grid(many)
+    with pytest.raises(CableError, match="not 1,000,000,000"):
+        latin_hypercube(many, 10**9, 0)
+    path = tmp_path / "many.csv"
+    path.write_text("friction\n" + "0\n" * (MAX_DESIGNS + 1))
+    with pytest.raises(CableError, match="not 1,000,001"):
+        from_file(path)

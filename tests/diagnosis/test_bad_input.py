@@ -148,6 +148,9 @@ def test_bad_data_are_a_verdict_a_report_and_exit_code_2(
     for name in (*SOMETIMES, "verdict.json", "mine.txt"):
         (out / name).touch()
     assert diagnose(data, out) == 2
+    assert "verdict.json, scene.xml" in capsys.readouterr().err  # no verdict of ours
+    (out / "verdict.json").write_text('{"verdict": "none", "provenance": {}}')
+    assert diagnose(data, out) == 2
     said = capsys.readouterr().err
     assert said.startswith("cc-mujoco: fix-data: The data must be put right first: ")
     assert "empty.csv is empty" in said

@@ -141,5 +141,8 @@ def test_replacing_folder_keeps_what_it_does_not_write(tmp_path: Path) -> None:
 
 
 def test_replacing_needs_its_folder(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError), replacing(tmp_path / "no" / "file") as path:
+    with (
+        pytest.raises(CableError, match="cannot write"),
+        replacing(tmp_path / "no" / "file") as path,
+    ):
         path.write_text("x")

@@ -93,7 +93,7 @@ def test_results_of_other_code_or_broken_ones_are_not_taken(
     experiments: Experiments, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reproduce(["loops"], tmp_path)
-    (tmp_path / "loops" / "result.json").write_text("{}")
+    (tmp_path / "loops" / "result.json").write_text('{"code": "", "claims": [{}]}')
     reproduce(["loops"], tmp_path)
     assert len(experiments.ran) == 2
     monkeypatch.setattr("cc_mujoco.identity.sources", lambda: "other")

@@ -33,7 +33,8 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing, require_ours
 
 if TYPE_CHECKING:
-    from cc_mujoco.diagnosis.diagnose import Result, Tuning
+    from cc_mujoco.diagnosis.inference.baseline import Tuning
+    from cc_mujoco.diagnosis.result import Result
 
 PAIRS = (
     ("viscous_friction", "backlash"),
@@ -69,11 +70,11 @@ def cases(
 def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     """Generate, diagnose and record one case, and name it in naive ways if wanted."""
     from cc_mujoco.assets import scene_path
-    from cc_mujoco.diagnosis import slopes
-    from cc_mujoco.diagnosis.bench import Bench
-    from cc_mujoco.diagnosis.diagnose import reason
-    from cc_mujoco.diagnosis.findings import to_fix
-    from cc_mujoco.diagnosis.gap import overall
+    from cc_mujoco.diagnosis.data.bench import Bench
+    from cc_mujoco.diagnosis.data.findings import to_fix
+    from cc_mujoco.diagnosis.inference import slopes
+    from cc_mujoco.diagnosis.inference.gap import overall
+    from cc_mujoco.diagnosis.inference.reason import reason
     from cc_mujoco.diagnosis.intake import load
     from hidden_rig.dataset import make_dataset
     from hidden_rig.generate import facts_of, write_data
@@ -148,9 +149,9 @@ def settled(
 ) -> dict[str, Any] | None:
     """What is said when the experiment that a tie proposes has been done as well."""
     from cc_mujoco.assets import scene_path
-    from cc_mujoco.diagnosis.bench import Bench
-    from cc_mujoco.diagnosis.diagnose import reason
-    from cc_mujoco.diagnosis.experiment import DT, catalogue
+    from cc_mujoco.diagnosis.data.bench import Bench
+    from cc_mujoco.diagnosis.inference.experiment import DT, catalogue
+    from cc_mujoco.diagnosis.inference.reason import reason
     from cc_mujoco.diagnosis.intake import load
     from hidden_rig.dataset import clean_dataset, make_dataset
     from hidden_rig.generate import facts_of, write_data

@@ -15,13 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from cc_mujoco.diagnosis import channels
-from cc_mujoco.diagnosis.checks import check_recording, check_trials
-from cc_mujoco.diagnosis.clock import Track, lay_out
-from cc_mujoco.diagnosis.dataset_file import DatasetFile, read_dataset_file
-from cc_mujoco.diagnosis.findings import Finding, fix, note
-from cc_mujoco.diagnosis.noise import noise_of
-from cc_mujoco.diagnosis.reading import (
+from cc_mujoco.diagnosis.checks.checks import check_recording, check_trials
+from cc_mujoco.diagnosis.checks.noise import noise_of
+from cc_mujoco.diagnosis.checks.repeatability import floor_of
+from cc_mujoco.diagnosis.data import channels
+from cc_mujoco.diagnosis.data.clock import Track, lay_out
+from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, read_dataset_file
+from cc_mujoco.diagnosis.data.findings import Finding, fix, note
+from cc_mujoco.diagnosis.data.reading import (
     Recording,
     around,
     beside,
@@ -29,9 +30,8 @@ from cc_mujoco.diagnosis.reading import (
     read,
     trial_names,
 )
-from cc_mujoco.diagnosis.repeatability import floor_of
-from cc_mujoco.diagnosis.thinning import thinned
-from cc_mujoco.diagnosis.trials import Dataset, Facts, Trial
+from cc_mujoco.diagnosis.data.thinning import thinned
+from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Trial
 from cc_mujoco.errors import CableError
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib.util import find_spec
 
-from cc_mujoco.diagnosis.diagnose import Tuning
+from cc_mujoco.diagnosis.inference.baseline import Tuning
 from naive_naming.binning import binned
 from naive_naming.guess import Guess
 from naive_naming.refits import bic

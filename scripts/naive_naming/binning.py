@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.diagnose import Tuning
+from cc_mujoco.diagnosis.inference.baseline import Tuning
 from naive_naming.features import FAMILIES, Term
 from naive_naming.guess import Guess, decided
 from naive_naming.signals import Signals, signals

@@ -12,10 +12,10 @@ import math
 from collections.abc import Sequence
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.diagnose import Tuning
 from cc_mujoco.diagnosis.effects import EFFECTS
-from cc_mujoco.diagnosis.fitting import Problem, fit
-from cc_mujoco.diagnosis.screen import screen
+from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit
+from cc_mujoco.diagnosis.inference.screen import screen
 from cc_mujoco.errors import CableError
 from naive_naming.guess import Guess
 

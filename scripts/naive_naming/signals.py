@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.diagnose import Tuning
 from cc_mujoco.diagnosis.effects import acceleration
-from cc_mujoco.diagnosis.records import Record
+from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.records import Record
 
 REST = 0.01
 """Speed of the motor below which it rests [rad/s]."""

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.diagnose import Tuning
+from cc_mujoco.diagnosis.inference.baseline import Tuning
 from naive_naming.features import looks
 from naive_naming.guess import Guess
 from naive_naming.signals import Signals, signals

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.fitting import tamed
-from cc_mujoco.diagnosis.records import low_passed
+from cc_mujoco.diagnosis.inference.fitting import tamed
+from cc_mujoco.diagnosis.inference.records import low_passed
 from naive_naming.features import Signal
 from naive_naming.signals import Signals
 

@@ -14,9 +14,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis.findings import Finding, to_fix
+from cc_mujoco.diagnosis.data.findings import Finding, to_fix
+from cc_mujoco.diagnosis.data.trials import Dataset, Trial
 from cc_mujoco.diagnosis.intake import load
-from cc_mujoco.diagnosis.trials import Dataset, Trial
 
 Columns = dict[str, NDArray[np.float64]]
 

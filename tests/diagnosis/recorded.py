@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.bench import Bench
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.trials import Dataset, Noise, Trial
 from cc_mujoco.diagnosis.effects import EFFECTS, Rig, Torques
-from cc_mujoco.diagnosis.trials import Dataset, Noise, Trial
 from cc_mujoco.transmission import Transmission
 
 DT = 0.004

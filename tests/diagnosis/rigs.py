@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.bench import Bench
+from cc_mujoco.diagnosis.data.bench import Bench
 
 Signal = np.ndarray
 Torques = tuple[Signal, Signal]

@@ -13,15 +13,15 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.bench import Bench
-from cc_mujoco.diagnosis.checks import check_bench
+from cc_mujoco.diagnosis.checks.checks import check_bench
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.findings import Finding, to_fix
 from cc_mujoco.diagnosis.effects import EFFECTS, Rig
-from cc_mujoco.diagnosis.findings import Finding, to_fix
+from cc_mujoco.diagnosis.inference.plant import tuned
 from cc_mujoco.diagnosis.intake import load
-from cc_mujoco.diagnosis.output import SOMETIMES
-from cc_mujoco.diagnosis.plant import tuned
-from cc_mujoco.diagnosis.realisation import REALISATIONS
-from cc_mujoco.diagnosis.repair import added, repaired, write
+from cc_mujoco.diagnosis.report.output import SOMETIMES
+from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
+from cc_mujoco.diagnosis.scene.repair import added, repaired, write
 from cc_mujoco.errors import CableError
 from diagnosis import recorded
 from diagnosis.bench import RATIO, Columns, recording
@@ -132,7 +132,7 @@ def test_friction_stays_what_a_cable_can_have() -> None:
 
 
 def recorded_records() -> Any:
-    from cc_mujoco.diagnosis.records import prepare
+    from cc_mujoco.diagnosis.inference.records import prepare
 
     return prepare(recorded.dataset(duration=2.0), BENCH)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.diagnosis.bench import Bench
-from cc_mujoco.diagnosis.diagnose import reason
-from cc_mujoco.diagnosis.findings import to_fix
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.findings import to_fix
+from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.intake import load
 
 ROOT = Path(__file__).parents[2]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis.effects import EFFECTS
-from cc_mujoco.diagnosis.plant import Plant, tuned
-from cc_mujoco.diagnosis.realisation import REALISATIONS
-from cc_mujoco.diagnosis.records import prepare
+from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
 from diagnosis.recorded import BENCH, dataset
 
 IDS = """viscous_friction stribeck_friction presliding load_independent_friction

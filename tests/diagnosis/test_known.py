@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.plant import Plant, tuned
-from cc_mujoco.diagnosis.records import prepare
-from cc_mujoco.diagnosis.trials import Constant
+from cc_mujoco.diagnosis.data.trials import Constant
+from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.records import prepare
 from diagnosis.recorded import BENCH, dataset
 
 KNOWN = {

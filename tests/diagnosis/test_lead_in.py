@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.diagnose import reason
 from cc_mujoco.diagnosis.effects import EFFECTS, Rig
-from cc_mujoco.diagnosis.output import compared, scene
-from cc_mujoco.diagnosis.plant import Plant
-from cc_mujoco.diagnosis.records import prepare
+from cc_mujoco.diagnosis.inference.plant import Plant
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.report.output import compared, scene
 from diagnosis.recorded import BENCH, dataset
 
 ECCENTRIC = {

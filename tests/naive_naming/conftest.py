@@ -11,11 +11,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 
-from cc_mujoco.diagnosis.diagnose import Tuning
-from cc_mujoco.diagnosis.fitting import Problem, fit
-from cc_mujoco.diagnosis.folds import Crossed
-from cc_mujoco.diagnosis.plant import Plant, tuned
-from cc_mujoco.diagnosis.records import Record
+from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit
+from cc_mujoco.diagnosis.inference.folds import Crossed
+from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.records import Record
 from diagnosis.recorded import BENCH, motions
 from naive_naming.signals import Signals, observed
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from cc_mujoco.diagnosis.diagnose import Tuning
+from cc_mujoco.diagnosis.inference.baseline import Tuning
 from naive_naming import METHODS, installed
 from naive_naming.refits import bic
 

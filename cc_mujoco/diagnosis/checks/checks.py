@@ -1,0 +1,266 @@
+"""Readings that cannot be what they say: every check is a function, all are listed.
+
+Checks of a recording see all rows as they were recorded, checks of a trial the valid
+stretches with everything known applied.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from cc_mujoco.diagnosis.checks.alignment import check_alignment
+from cc_mujoco.diagnosis.checks.mechanics import mechanics
+from cc_mujoco.diagnosis.checks.signs import (
+    check_ratios,
+    check_signs,
+    check_sizes,
+    check_units,
+    groups,
+)
+from cc_mujoco.diagnosis.data import channels
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
+from cc_mujoco.diagnosis.data.findings import Finding, fix, note
+from cc_mujoco.diagnosis.data.reading import Recording
+from cc_mujoco.diagnosis.data.smoothing import velocity
+from cc_mujoco.diagnosis.data.trials import Facts, FloatArray, Trial
+
+JOINT_TURNS, MOTOR_TURNS = 2.0, 8.0
+"""Turns beyond which angles are taken for degrees, unless the unit is declared."""
+_ANGLES = {"motor": channels.MOTOR_ANGLE, "joint": channels.JOINT_ANGLE}
+_LOCKED = 0.05  # range of an angle that was held fast [rad]
+_CLIPPED = 5  # samples at an extreme that are one clipped stretch
+_CLIPS = 2
+_OVERLOAD = 150.0  # tensions that no scene explains, over its pretension
+_SIDE = re.compile(r"motor|joint|handle|output|tension|torque|angle", re.I)
+_CLOCK = re.compile(r"time|clock|stamp", re.I)
+
+
+def check_recording(
+    recording: Recording, facts: Facts, file: DatasetFile
+) -> list[Finding]:
+    """Run the checks of a recording."""
+    return [
+        *_locked(recording, facts),
+        *_constants(recording, facts),
+        *_clipping(recording),
+        *_degrees(recording, file),
+        *_second_clock(recording, file),
+    ]
+
+
+def check_trials(trials: Sequence[Trial]) -> list[Finding]:
+    """Run the checks of trials of one rig."""
+    known = [mechanics(trial) for trial in trials]
+    findings = check_ratios(trials, known) + check_sizes(trials, known)
+    for group in groups(trials, known):
+        findings += check_signs(group) + check_units(group)
+    for trial in trials:
+        findings += check_alignment(trial) + _motion(trial)
+    return findings
+
+
+def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
+    """Compare the measured ratio of the angles with that of a scene.
+
+    Args:
+        trial: the trial.
+        ratio: motor angle per joint angle of the ideal transmission.
+
+    Returns:
+        A finding if the two differ so much that units, signs or sides are wrong.
+    """
+    known = mechanics(trial)
+    if abs(known.follows) < 0.6:
+        return []
+    apart = known.ratio * ratio
+    if 0.5 < apart < 2.0:
+        return []
+    degrees = math.degrees(1.0)
+    motor, joint = (trial.labels.get(name, name) for name in channels.ANGLES)
+    reasons = {
+        f"{joint} is in degrees": apart / degrees,
+        f"{motor} is in degrees": apart * degrees,
+        "the scene has other pulleys": 3.0,
+    }
+    if abs(math.log(abs(ratio))) > 0.5:
+        reasons["the sides are swapped"] = apart / ratio**2
+    likely = min(reasons, key=lambda text: abs(math.log(abs(reasons[text]))))
+    if apart < 0.0:
+        likely = "a sign is inverted"
+    told = (
+        f"{trial.path}: the motor turns {1.0 / known.ratio:.3g} rad per joint radian, "
+        f"but {ratio:.3g} in the scene; perhaps {likely}."
+    )
+    impossible = not 0.25 < apart < 4.0
+    return [(fix if impossible else note)(told, trial.name)]
+
+
+def check_bench(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
+    """Compare trials with a scene: the ratio of the angles, the size of the torques.
+
+    A cable that winds up moves the joint less than its pulleys would: what counts is
+    the trial that comes closest to the scene.
+
+    Args:
+        trials: of one rig.
+        bench: of the scene, with what is known of the rig.
+    """
+    ratio = bench.joint_radius / bench.motor_radius
+    found = {trial.name: mechanics(trial) for trial in trials}
+    certain = [t for t in trials if abs(found[t.name].follows) > 0.6]
+    closest = min(
+        certain,
+        key=lambda t: abs(math.log(abs(found[t.name].ratio * ratio))),
+        default=None,
+    )
+    findings = check_ratio(closest, ratio) if closest else []
+    for trial in trials:
+        findings += _loads(trial, bench)
+    return findings
+
+
+def _loads(trial: Trial, bench: Bench) -> list[Finding]:
+    """Torques far beyond what the cables of a scene carry."""
+    findings = []
+    for channel, torque, radius in (
+        (channels.MOTOR_TORQUE, trial.motor_torque, bench.motor_radius),
+        (channels.JOINT_TORQUE, trial.joint_torque, bench.joint_radius),
+    ):
+        tension = float(np.sqrt(np.nanmean(torque**2))) / radius
+        share = tension / max(bench.cables[0].pretension, 1.0)
+        if share > _OVERLOAD:
+            told = (
+                f"{trial.column(channel)} takes a tension of {tension:.3g} N, "
+                f"{share:.3g} times the pretension of the scene; perhaps it is in mNm: "
+                f"declare [columns.{channel}] unit = 'mNm'."
+            )
+            findings.append(fix(told, trial.name, channel))
+    return findings
+
+
+def _locked(recording: Recording, facts: Facts) -> list[Finding]:
+    """An angle that moves although it is said to have been held fast."""
+    if not facts.locked:
+        return []
+    channel = _ANGLES[facts.locked]
+    moved = _range(recording.values[channel])
+    if moved <= _LOCKED:
+        return []
+    told = (
+        f"{recording.column(channel)} moves by {moved:.3g} rad, though "
+        f"locked = {facts.locked!r} says that it was held fast."
+    )
+    return [fix(told, recording.name, channel)]
+
+
+def _constants(recording: Recording, facts: Facts) -> list[Finding]:
+    """Channels that never change."""
+    findings = []
+    for channel in recording.values:
+        if channel in (channels.TIME, channels.VALID, channels.TEMPERATURE):
+            continue
+        values = recording.values[channel]
+        if recording.rows < 2 or not np.nanmax(values) == np.nanmin(values):
+            continue
+        where = f"{recording.column(channel)} is {np.nanmax(values):.6g} in every row"
+        if facts.locked and _ANGLES[facts.locked] == channel:
+            continue
+        advice = "check the sensor"
+        if channel in _ANGLES.values():
+            side = "motor" if channel == channels.MOTOR_ANGLE else "joint"
+            advice += f", or declare locked = {side!r} if it was held fast"
+        findings.append(fix(f"{where}; {advice}.", recording.name, channel))
+    return findings
+
+
+def _clipping(recording: Recording) -> list[Finding]:
+    """Torques and tensions that stay at their extreme while elsewhere they scatter."""
+    findings = []
+    for channel, values in recording.values.items():
+        if channels.kind(channel) not in (channels.TORQUE, channels.FORCE):
+            continue
+        same = np.diff(values) == 0.0
+        for extreme, side in (
+            (np.nanmax(values), "above"),
+            (np.nanmin(values), "below"),
+        ):
+            there = values == extreme
+            edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
+            lengths = edges[1::2] - edges[::2]
+            flat = lengths[lengths >= _CLIPPED]
+            if not len(flat) or (len(flat) < _CLIPS and flat[0] < 4 * _CLIPPED):
+                continue
+            inside = there[1:] & there[:-1]
+            usual = float(same[~inside].mean()) if not inside.all() else 1.0
+            if usual > 0.1 or inside.all():
+                continue  # coarse readings repeat everywhere
+            told = (
+                f"{recording.column(channel)} stays at {extreme:.6g} in "
+                f"{flat.sum()} rows, as if cut off {side}; use a sensor of wider range "
+                "or mark these rows invalid."
+            )
+            findings.append(fix(told, recording.name, channel))
+    return findings
+
+
+def _degrees(recording: Recording, file: DatasetFile) -> list[Finding]:
+    """Angles too large for radians."""
+    findings = []
+    limits = {channels.JOINT_ANGLE: JOINT_TURNS, channels.MOTOR_ANGLE: MOTOR_TURNS}
+    for channel, most in limits.items():
+        values = recording.values[channel]
+        turns = _range(values) / (2.0 * math.pi)
+        if turns <= most:
+            continue
+        told = f"{recording.column(channel)} covers {turns:.3g} turns"
+        label = recording.labels.get(channel, channel)
+        if file.source(channel).unit or file.unit(channel, label) == "deg":
+            findings.append(note(f"{told}, as declared.", recording.name, channel))
+            continue
+        advice = (
+            f"declare [columns.{channel}] unit = 'deg' if it is in degrees, or 'rad'"
+        )
+        findings.append(
+            fix(f"{told} if it is in radians; {advice}.", recording.name, channel)
+        )
+    return findings
+
+
+def _range(values: FloatArray) -> float:
+    """Range of readings, spikes aside."""
+    values = values[:: max(1, len(values) // 100_000)]
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return 0.0
+    low, high = np.percentile(values, [0.5, 99.5])
+    return float(high - low)
+
+
+def _second_clock(recording: Recording, file: DatasetFile) -> list[Finding]:
+    """Times of one side or channel that nobody has declared."""
+    declared = {file.source(channel).clock for channel in recording.values}
+    used = {*declared, *recording.labels.values()}
+    return [
+        fix(
+            f"{recording.path} has times of its own in column {name}; say in "
+            f"dataset.toml which channels they belong to: clock = {name!r}.",
+            recording.name,
+        )
+        for name in recording.names
+        if name not in used and _SIDE.search(name) and _CLOCK.search(name)
+    ]
+
+
+def _motion(trial: Trial) -> list[Finding]:
+    """Trials in which nothing happens."""
+    speed = np.abs(velocity(trial.motor_angle, trial.step, trial.segments))
+    turn = np.abs(velocity(trial.joint_angle, trial.step, trial.segments))
+    if np.nanmax(speed) * trial.duration < 1e-3 > np.nanmax(turn) * trial.duration:
+        told = f"{trial.path}: neither side moves by more than a milliradian."
+        return [note(told, trial.name)]
+    return []

@@ -1,0 +1,121 @@
+"""What a channel shows when nothing happens: quantisation and sensor noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+from scipy.signal import detrend
+
+from cc_mujoco.diagnosis.data import channels
+from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
+from cc_mujoco.diagnosis.data.smoothing import velocity
+from cc_mujoco.diagnosis.data.trials import Dataset, FloatArray, Noise, Trial
+
+_LOOK = 200_000  # samples that are enough to see a quantisation step
+_STILL = 0.02  # share of the usual top speed below which nothing moves
+HOLD = 0.2
+"""A hold is at least so long [s]."""
+_SHORT = 8
+_LEAST = 1e-6
+
+
+def resolution(values: FloatArray) -> float:
+    """Quantisation step of readings, 0 if they show none.
+
+    The differences between the values that occur are multiples of the step.
+    """
+    values = values[:_LOOK]
+    values = values[np.isfinite(values)]
+    levels = np.unique(values)
+    if len(levels) < 3 or len(levels) > 0.5 * len(values):
+        return 0.0
+    change = np.diff(levels)
+    change = change[change > 1e-9 * (levels[-1] - levels[0])]
+    step = float(np.percentile(change, 10))
+    few = change[change < 10.5 * step]
+    for _ in range(5):
+        multiples = np.maximum(1.0, np.round(few / step))
+        step = float(few.sum() / multiples.sum())
+    off = np.abs(few / step - np.round(few / step))
+    return step if float(np.mean(off)) < 0.1 else 0.0
+
+
+def holds(trial: Trial) -> list[slice]:
+    """Stretches of at least `HOLD` seconds in which neither side moves."""
+    still = np.ones(len(trial.time), dtype=bool)
+    for angle in (trial.motor_angle, trial.joint_angle):
+        speed = np.abs(velocity(angle, trial.step, trial.segments))
+        with np.errstate(invalid="ignore"):
+            still &= speed <= _STILL * np.nanpercentile(speed, 95)
+    found = []
+    for part in trial.segments:
+        edges = np.flatnonzero(np.diff(still[part], prepend=False, append=False))
+        found += [
+            slice(part.start + int(a), part.start + int(b))
+            for a, b in edges.reshape(-1, 2)
+            if (b - a) * trial.step >= HOLD
+        ]
+    return found
+
+
+def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
+    """Sensor noise of every channel: declared, else from holds, else from differences.
+
+    From holds it is the median standard deviation about straight lines of half their
+    least length, so that a torque that relaxes or a hand that trembles is not noise.
+    From differences it is the median size of third differences: what is smooth over
+    four samples is not noise. It is never less than what quantisation makes, nor than
+    a millionth of the channel's range.
+    """
+    still = [(trial, holds(trial)) for trial in dataset.trials]
+    found: dict[str, Noise] = {}
+    for channel in dataset.channels:
+        source = file.source(channel)
+        column = dataset.trials[0].labels.get(channel, channel)
+        factor = channels.kind(channel).factors[file.unit(channel, column)]
+        if source.resolution is not None:
+            step = source.resolution * factor
+        else:
+            steps = [resolution(trial.channel(channel)) for trial in dataset.trials]
+            step = float(np.median(steps))
+        spans = [float(np.ptp(values)) for values in _valid(dataset, channel)]
+        least = max(step / math.sqrt(12.0), _LEAST * max(spans, default=0.0))
+        if source.noise is not None:
+            found[channel] = Noise(source.noise * factor, step, "declared")
+            continue
+        held = [
+            scatter
+            for trial, parts in still
+            for part in parts
+            for scatter in _scatter(trial.channel(channel)[part], trial.step)
+        ]
+        rough = [_roughness(trial, channel) for trial in dataset.trials]
+        seen = float(np.median(held or rough))
+        how: Literal["holds", "differences"] = "holds" if held else "differences"
+        found[channel] = Noise(max(least, seen), step, how)
+    return found
+
+
+def _scatter(values: FloatArray, step: float) -> Iterator[float]:
+    """Standard deviations about short straight lines."""
+    length = max(_SHORT, round(0.5 * HOLD / step))
+    for start in range(0, len(values) - length + 1, length):
+        rest = detrend(values[start : start + length])
+        yield math.sqrt(float(rest @ rest) / (length - 2))
+
+
+def _valid(dataset: Dataset, channel: str) -> Iterator[FloatArray]:
+    """Valid stretches of a channel."""
+    for trial in dataset.trials:
+        for part in trial.segments:
+            yield trial.channel(channel)[part]
+
+
+def _roughness(trial: Trial, channel: str) -> float:
+    """Standard deviation of white noise with the same third differences."""
+    values = trial.channel(channel)
+    third = [np.abs(np.diff(values[part], 3)) for part in trial.segments]
+    return 1.4826 * float(np.median(np.concatenate(third))) / math.sqrt(20.0)

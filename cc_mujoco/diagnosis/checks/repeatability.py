@@ -1,0 +1,152 @@
+"""How alike two repetitions are: what no model can explain.
+
+Of two repetitions the root mean square difference over the square root of two is what
+one of them scatters. As far as the difference follows the motor's, it is no scatter
+but another motion, which a model is told of; that part is taken out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+from scipy.signal import correlate
+
+from cc_mujoco.diagnosis.data.channels import MOTOR_ANGLE
+from cc_mujoco.diagnosis.data.findings import Finding, fix
+from cc_mujoco.diagnosis.data.trials import Dataset, FloatArray, Floor, Trial
+
+_PERIODIC = 0.98  # correlation of a periodic motion with the next period
+_SAME = 0.03  # share of its spread by which a motion may differ from period to period
+_REPEATED = 0.15  # share of its spread by which a repeated motion may differ
+_SHIFTS = 20  # samples by which repeats may start apart
+
+Pair = dict[str, FloatArray]
+"""Differences between two repetitions, by channel."""
+
+
+def floor_of(dataset: Dataset) -> tuple[dict[str, Floor], list[Finding]]:
+    """What no model can explain, by channel, and declared repeats that are none.
+
+    It comes from trials declared as repeats, else from the periods of periodic trials.
+    Where nothing was repeated, it is the sensor noise, and what is measured against it
+    is a lower bound.
+    """
+    findings = []
+    pairs: list[Pair] = []
+    names = {trial.name for trial in dataset.trials}
+    for trial in dataset.trials:
+        if trial.facts.repeat_of not in names:
+            continue
+        original = dataset.trial(str(trial.facts.repeat_of))
+        pair = _repeat(original, trial)
+        if pair is not None:
+            pairs.append(pair)
+            continue
+        told = (
+            f"{trial.path} is declared a repeat of {original.name}, but its motor "
+            "moves otherwise; correct repeat_of."
+        )
+        findings.append(fix(told, trial.name))
+    source: Literal["repeats", "periods", "noise"] = "repeats"
+    if not pairs:
+        source = "periods"
+        pairs = [pair for trial in dataset.trials for pair in periods(trial)]
+    floor = {}
+    for channel in dataset.channels:
+        noise = dataset.noise[channel].deviation
+        if pairs:
+            squares = [_scatter(pair, channel) ** 2 for pair in pairs]
+            found = math.sqrt(float(np.mean(squares)) / 2.0)
+            floor[channel] = Floor(max(found, noise), source)
+        else:
+            floor[channel] = Floor(noise, "noise")
+    return floor, findings
+
+
+def _scatter(pair: Pair, channel: str) -> float:
+    """Root mean square difference that does not follow the motor's."""
+    apart = pair[channel]
+    motor = pair[MOTOR_ANGLE]
+    power = float(motor @ motor)
+    if channel != MOTOR_ANGLE and power > 0.0:
+        apart = apart - motor * (float(motor @ apart) / power)
+    return math.sqrt(float(np.mean(apart**2)))
+
+
+def _repeat(original: Trial, trial: Trial) -> Pair | None:
+    """Differences between two trials, or None if the motor moves otherwise."""
+    first = original.time[original.segments[0]][0]
+    times = trial.time - trial.time[trial.segments[0]][0] + first
+    shifts = np.arange(-_SHIFTS, _SHIFTS + 1) * trial.step
+    errors = []
+    for shift in shifts:
+        apart = _apart(original, trial, MOTOR_ANGLE, times + shift)
+        errors.append(float(np.mean(apart**2)) if len(apart) else math.inf)
+    best = times + shifts[int(np.argmin(errors))]
+    spread = float(np.std(original.motor_angle[original.segments[0]]))
+    if math.sqrt(min(errors)) > _REPEATED * spread:
+        return None
+    shared = [name for name in original.channels if name in trial.channels]
+    return {name: _apart(original, trial, name, best) for name in shared}
+
+
+def _apart(
+    original: Trial, trial: Trial, channel: str, times: FloatArray
+) -> FloatArray:
+    """Differences between two trials where both have readings."""
+    apart = [np.empty(0)]
+    for part in original.segments:
+        clock = original.time[part]
+        for own in trial.segments:
+            inside = (times[own] >= clock[0]) & (times[own] <= clock[-1])
+            wanted = times[own][inside]
+            there = np.interp(wanted, clock, original.channel(channel)[part])
+            apart.append(trial.channel(channel)[own][inside] - there)
+    return np.concatenate(apart)
+
+
+def periods(trial: Trial) -> Iterator[Pair]:
+    """Differences between neighbouring periods of the segments that are periodic."""
+    for part in trial.segments:
+        length = period(trial.motor_angle[part])
+        if length is None:
+            continue
+        row = np.arange(part.stop - part.start)
+        # The first period holds what is left of the start.
+        now = row[math.ceil(2.0 * length) :]
+        pair = {
+            name: values[now] - np.interp(now - length, row, values)
+            for name in trial.channels
+            for values in [trial.channel(name)[part]]
+        }
+        # A swing that grows is in step with itself, yet it is another motion.
+        if np.std(pair[MOTOR_ANGLE]) < _SAME * np.std(trial.motor_angle[part]):
+            yield pair
+
+
+def period(angle: FloatArray) -> float | None:
+    """Period of a motion in samples, None if it is not periodic."""
+    angle = angle - angle.mean()
+    count = len(angle)
+    if count < 40 or not angle.any():
+        return None
+    shifted = correlate(angle, angle, mode="full", method="fft")[count - 1 :]
+    power = np.concatenate([[0.0], np.cumsum(angle**2)])
+    lags = np.arange(int(count / 2.5))
+    scale = np.sqrt(power[count - lags] * (power[count] - power[lags]))
+    match = shifted[: len(lags)] / np.maximum(scale, 1e-300)
+    fallen = np.flatnonzero(match < 0.5)
+    if not len(fallen):
+        return None
+    peaks = (match[1:-1] >= match[:-2]) & (match[1:-1] > match[2:])
+    alike = np.flatnonzero(peaks & (match[1:-1] > _PERIODIC)) + 1
+    alike = alike[alike > fallen[0]]
+    if not len(alike):
+        return None
+    best = int(alike[0])
+    left, middle, right = match[best - 1 : best + 2]
+    bend = left - 2.0 * middle + right
+    return best + (0.5 * float((left - right) / bend) if bend < 0.0 else 0.0)

@@ -1,0 +1,1 @@
+"""Recorded trials: read, in channels of one unit and clock, thinned."""

@@ -1,0 +1,161 @@
+"""The rig as a scene describes it: cables, pulleys and the two joints they connect.
+
+bench = Bench.of("assets/bench.xml")
+bench.transmission.replay(dt, motor_angle=..., joint_angle=...)
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.diagnosis.data.trials import Constant
+from cc_mujoco.engine import from_mjcf
+from cc_mujoco.engine.config import PLUGIN
+from cc_mujoco.errors import CableError
+from cc_mujoco.transmission import Cable, Transmission
+
+
+@dataclass(frozen=True)
+class Bench:
+    """One or two cables between a motor's joint and an output joint.
+
+    Attributes:
+        path: of the scene.
+        sha256: of its text.
+        names: of the plugin instances; the one that pulls the joint positive first.
+        cables: as configured, in the same order.
+        motor: name of the motor's joint.
+        joint: name of the output joint.
+        motor_radius: of the motor's pulley [m].
+        joint_radius: of the joint's pulley [m].
+    """
+
+    path: Path
+    sha256: str
+    names: tuple[str, ...]
+    cables: tuple[Cable, ...]
+    motor: str
+    joint: str
+    motor_radius: float
+    joint_radius: float
+
+    @property
+    def transmission(self) -> Transmission:
+        """The cables on their pulleys."""
+        return Transmission(self.cables, self.motor_radius, self.joint_radius)
+
+    def known(self, constants: Mapping[str, Constant]) -> Bench:
+        """The bench with what the rig's file says in place of what the scene says.
+
+        Args:
+            constants: of `[rig]`, see `dataset_file.RIG`.
+        """
+        value = {name: constant.value for name, constant in constants.items()}
+        pulleys = {"motor_radius", "joint_radius"}
+        cable = {name: v for name, v in value.items() if name not in pulleys}
+        return replace(
+            self,
+            cables=tuple(given.replace(**cable) for given in self.cables),
+            motor_radius=value.get("motor_radius", self.motor_radius),
+            joint_radius=value.get("joint_radius", self.joint_radius),
+        )
+
+    @classmethod
+    def of(cls, scene: str | Path) -> Bench:
+        """Read a scene.
+
+        Raises:
+            CableError: the scene cannot be read, has no cable or more than two, or its
+                cables do not connect the same two hinge joints.
+        """
+        path = Path(scene)
+        if not path.is_file():
+            raise CableError(f"scene {path} is no file; give an MJCF file")
+        try:
+            spec = mujoco.MjSpec.from_file(str(path))
+            model = spec.compile()
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise CableError(f"scene {path} does not load: {reason}") from None
+        cables = from_mjcf(spec)
+        if len(cables) not in (1, 2):
+            raise CableError(
+                f"scene {path} has {len(cables)} cables; a diagnosis takes one cable "
+                f"or a pull-pull pair (plugin `{PLUGIN}`)"
+            )
+        found = {name: _ends(spec, model, path, name) for name in cables}
+        # Positive motor rotation draws the agonist towards the motor: negative gear.
+        order = sorted(found, key=lambda name: found[name][1])
+        (motor, near, joint, far) = found[order[0]]
+        signs = [(found[n][1] < 0.0, found[n][3] < 0.0) for n in order]
+        wanted = [(True, True), (False, False)][: len(order)]
+        if signs != wanted:
+            raise CableError(
+                f"scene {path}: the gears of its cables have signs that do not let "
+                "positive motor rotation pull the joint positive; the agonist has both "
+                "gears negative, the antagonist both positive"
+            )
+        for name in order[1:]:
+            if (found[name][0], found[name][2]) != (motor, joint):
+                raise CableError(
+                    f"scene {path}: cables {order[0]} and {name} connect different "
+                    "joints; a pull-pull pair has both in common"
+                )
+            if (-found[name][1], -found[name][3]) != (near, far):
+                raise CableError(
+                    f"scene {path}: cables {order[0]} and {name} have pulleys of "
+                    "different radii; a pull-pull pair shares both pulleys"
+                )
+        return cls(
+            path,
+            hashlib.sha256(path.read_bytes()).hexdigest(),
+            tuple(order),
+            tuple(cables[name] for name in order),
+            motor,
+            joint,
+            abs(near),
+            abs(far),
+        )
+
+
+def _ends(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str
+) -> tuple[str, float, str, float]:
+    """Joint and gear of the proximal and of the distal end of a cable."""
+    ends: list[str | float] = []
+    for actuator in spec.actuators:
+        if actuator.plugin.name != name:
+            continue
+        joint = spec.joint(actuator.target)
+        hinge = joint is not None and joint.type == mujoco.mjtJoint.mjJNT_HINGE
+        if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or not hinge:
+            raise CableError(
+                f"scene {path}: cable {name} ends at {actuator.target!r}; a diagnosis "
+                "needs both ends on pulleys of hinge joints"
+            )
+        ends += [_driven(model, str(actuator.target)), float(actuator.gear[0])]
+    motor, near, output, far = ends
+    return str(motor), float(near), str(output), float(far)
+
+
+def _driven(model: mujoco.MjModel, joint: str) -> str:
+    """The joint that a pulley with play takes along, else the joint itself.
+
+    Play is a fixed tendon with limits whose length is pulley less joint.
+    """
+    pulley = model.joint(joint).id
+    for tendon in np.flatnonzero(model.tendon_limited):
+        first, count = model.tendon_adr[tendon], model.tendon_num[tendon]
+        wraps = slice(first, first + count)
+        if count != 2 or (model.wrap_type[wraps] != mujoco.mjtWrap.mjWRAP_JOINT).any():
+            continue
+        ends, coefficients = model.wrap_objid[wraps], model.wrap_prm[wraps]
+        if ends[0] == pulley and coefficients[0] == -coefficients[1]:
+            return str(model.joint(int(ends[1])).name)
+    return joint

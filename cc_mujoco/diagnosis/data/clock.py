@@ -1,0 +1,324 @@
+"""The time of a recording: from rows as recorded to stretches sampled evenly.
+
+A gap, a missing reading or a masked row ends a stretch; nothing is interpolated across
+it. Only where times jitter inside a stretch is it sampled anew, linearly.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.diagnosis.data.channels import TEMPERATURE, TIME, VALID
+from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
+from cc_mujoco.diagnosis.data.findings import Finding, fix, note
+from cc_mujoco.diagnosis.data.reading import Recording
+from cc_mujoco.diagnosis.data.trials import Facts, FloatArray
+
+GAP = 3.0
+"""An interval of more than so many usual ones is a gap."""
+SLOWEST, SLOW = 25.0, 100.0
+"""Rates below which data are of no use, and of limited use [Hz]."""
+SHORTEST, FEWEST = 0.2, 20
+"""A stretch is at least so long [s], and has so many samples."""
+
+_MILLI, _FASTEST = 1e3, 5e3  # rates of times that are milliseconds [Hz]
+_MANY_DUPLICATES = 0.01
+_MANY_IRREGULAR = 0.05
+_MANY_MISSING = 0.3
+_EVEN = 0.1  # share of a step by which times may be off an even grid
+
+
+@dataclass
+class Track:
+    """Evenly sampled stretches of a recording.
+
+    Attributes:
+        time: (samples,) [s].
+        values: (samples,) by channel, finite in segments.
+        segments: stretches in order.
+        step: time between samples [s].
+    """
+
+    time: FloatArray
+    values: dict[str, FloatArray]
+    segments: tuple[slice, ...]
+    step: float
+
+
+def lay_out(
+    recording: Recording, facts: Facts, file: DatasetFile
+) -> tuple[Track | None, list[Finding]]:
+    """Find the stretches of a recording that can be used.
+
+    Returns:
+        The stretches, None if there is nothing to use; and what was noticed.
+    """
+    name, findings = recording.name, []
+    if recording.rows < 2:
+        rows = "one row of data" if recording.rows else "no rows of data"
+        told = f"{recording.path} has {rows}; a trial needs at least {SHORTEST} s."
+        return None, [fix(told, name)]
+    usable, found = _increasing(recording)
+    findings += found
+    if usable is None:
+        return None, findings
+    time = recording.values[TIME][usable]
+    step = float(np.median(np.diff(time)))
+    rate, found = _rate(recording, step)
+    findings += found
+    values = _on_one_clock(recording, usable, time, file)
+    good, found = _counts(recording, usable, time, values, facts)
+    findings += found
+    breaks, found = _gaps(recording, time, step)
+    findings += found
+    segments = _runs(good, breaks, max(FEWEST, round(SHORTEST * rate)))
+    if not segments:
+        lasts = float(time[-1] - time[0])
+        told = f"lasts {lasts:.3g} s; a trial needs at least {SHORTEST} s."
+        if lasts >= SHORTEST and len(time) >= FEWEST:
+            told = (
+                f"has no stretch of {SHORTEST} s without a gap or a missing reading; "
+                "record without interruption."
+            )
+        findings.append(fix(f"{recording.path} {told}", name))
+        return None, findings
+    values.pop(VALID, None)
+    track, found = _even(recording, Track(time, values, segments, step))
+    return track, findings + found
+
+
+def _increasing(
+    recording: Recording,
+) -> tuple[NDArray[np.intp] | slice | None, list[Finding]]:
+    """Rows whose times increase, or None where times cannot be trusted."""
+    name, where = recording.name, recording.column(TIME)
+    time = recording.values[TIME]
+    findings = []
+    rows: NDArray[np.intp] | slice = slice(None)
+    if np.isnan(time).any():
+        rows = np.flatnonzero(~np.isnan(time))
+        lost = len(time) - len(rows)
+        if lost > _MANY_MISSING * len(time) or len(rows) < 2:
+            told = f"{where} lacks {lost} of {len(time)} times; every row needs one."
+            return None, [fix(told, name, TIME)]
+        findings.append(
+            note(f"{where} lacks {lost} times; their rows are left out.", name, TIME)
+        )
+        time = time[rows]
+    change = np.diff(time)
+    if (change < 0).any():
+        k = int(np.argmax(change < 0))
+        back = int(np.count_nonzero(change < 0))
+        many = f", and {back - 1} more times" if back > 1 else ""
+        return None, [
+            *findings,
+            fix(
+                f"{where} goes back from {time[k]:.6g} to {time[k + 1]:.6g} s at row "
+                f"{k + 2}{many}; time must increase, so split recordings that were "
+                "joined and bring channels to one clock.",
+                name,
+                TIME,
+            ),
+        ]
+    same = int(np.count_nonzero(change == 0))
+    if same == len(change):
+        told = f"{where} is {time[0]:.6g} s in every row; time must increase."
+        return None, [*findings, fix(told, name, TIME)]
+    if same:
+        told = f"{where} repeats the time of the row before in {same} rows"
+        if same > _MANY_DUPLICATES * len(change):
+            advice = "write times with more digits, or the clock is too coarse."
+            findings.append(fix(f"{told}; {advice}", name, TIME))
+        else:
+            findings.append(note(f"{told}; the first of each is used.", name, TIME))
+        kept = np.concatenate([[True], change > 0])
+        rows = np.arange(len(recording.values[TIME]))[rows][kept]
+    return rows, findings
+
+
+def _rate(recording: Recording, step: float) -> tuple[float, list[Finding]]:
+    """Samples per second, and whether they are enough."""
+    rate = 1.0 / step
+    told = f"{recording.column(TIME)}: {rate:.4g} samples per second"
+    if rate < SLOWEST:
+        text = f"{told} are too few to see friction at reversals; record at 200 or more"
+        if SLOWEST < _MILLI * rate < _FASTEST:
+            text += (
+                f", or declare [columns.{TIME}] unit = 'ms' if that is what it holds"
+            )
+        return rate, [fix(f"{text}.", recording.name, TIME)]
+    if rate < SLOW:
+        text = f"{told} blur what happens at reversals; 200 or more are better."
+        return rate, [note(text, recording.name, TIME)]
+    return rate, []
+
+
+def _on_one_clock(
+    recording: Recording,
+    usable: NDArray[np.intp] | slice,
+    time: FloatArray,
+    file: DatasetFile,
+) -> dict[str, FloatArray]:
+    """Values at the common times, of channels with a delay or clock interpolated."""
+    values = {}
+    for channel, recorded in recording.values.items():
+        if channel == TIME:
+            continue
+        value = recorded[usable]
+        source = file.source(channel)
+        clock = recording.clocks.get(channel)
+        if clock is not None:
+            value = _at(time + source.delay, clock, recorded)
+        elif source.delay != 0.0:
+            value = _at(time + source.delay, time, value)
+        values[channel] = value
+    return values
+
+
+def _at(wanted: FloatArray, clock: FloatArray, values: FloatArray) -> FloatArray:
+    """Values at other times; NaN outside, in gaps and beside missing readings."""
+    known = np.isfinite(clock)
+    known[1:] &= np.diff(clock, prepend=clock[0])[1:] > 0
+    clock, values = clock[known], values[known]
+    if len(clock) < 2:
+        return np.full_like(wanted, np.nan)
+    interval = np.diff(clock)
+    after = np.clip(np.searchsorted(clock, wanted), 1, len(clock) - 1)
+    found = np.interp(wanted, clock, values, left=np.nan, right=np.nan)
+    found[interval[after - 1] > GAP * np.median(interval)] = np.nan
+    return found
+
+
+def _counts(
+    recording: Recording,
+    usable: NDArray[np.intp] | slice,
+    time: FloatArray,
+    values: dict[str, FloatArray],
+    facts: Facts,
+) -> tuple[NDArray[np.bool_], list[Finding]]:
+    """Which samples count: nothing missing, not masked, in the stretches declared."""
+    name = recording.name
+    findings = []
+    good = np.ones(len(time), dtype=bool)
+    mask = values.get(VALID)
+    if mask is not None:
+        if not np.isin(mask[~np.isnan(mask)], (0.0, 1.0)).all():
+            told = "holds other numbers than 0 and 1; 1 means that the row counts."
+            findings.append(fix(f"{recording.column(VALID)} {told}", name, VALID))
+        good &= mask == 1.0
+        if not good.any():
+            told = "is 1 in no row; 1 means that the row counts."
+            findings.append(fix(f"{recording.column(VALID)} {told}", name, VALID))
+    if facts.valid is not None:
+        inside = np.zeros(len(time), dtype=bool)
+        for start, stop in facts.valid:
+            inside |= (time >= start) & (time <= stop)
+        if not inside.any():
+            told = f"has no sample in the stretches declared valid, {facts.valid}"
+            ends = f"its times are {time[0]:.6g} to {time[-1]:.6g} s"
+            findings.append(fix(f"{recording.path} {told}; {ends}.", name))
+        good &= inside
+    total = max(1, int(np.count_nonzero(good)))
+    for channel, value in tuple(values.items()):
+        missing = np.isnan(value)
+        lost = int(np.count_nonzero(missing & good)) if missing.any() else 0
+        if channel == VALID or not lost:
+            continue
+        told = f"{recording.column(channel)} lacks {lost} of {total} readings"
+        if channel == TEMPERATURE:  # which is only told, and worth no trial
+            del values[channel]
+            findings.append(note(f"{told}; it is left out.", name, channel))
+        elif lost > _MANY_MISSING * total:
+            advice = "repair the sensor or leave the trial out."
+            findings.append(fix(f"{told}; {advice}", name, channel))
+        else:
+            advice = "the trial is split there and nothing is filled in."
+            findings.append(note(f"{told}; {advice}", name, channel))
+    for channel, value in values.items():
+        if channel != VALID:
+            good &= ~np.isnan(value)
+    return good, findings
+
+
+def _gaps(
+    recording: Recording, time: FloatArray, step: float
+) -> tuple[NDArray[np.intp], list[Finding]]:
+    """Rows before which there is a gap; whether the rest is regular."""
+    name = recording.name
+    change = np.diff(time)
+    gap = change > GAP * step
+    findings = []
+    if gap.any():
+        longest = int(np.argmax(change))
+        findings.append(
+            note(
+                f"{recording.column(TIME)} has {np.count_nonzero(gap)} gaps, the "
+                f"longest of {change[longest]:.4g} s at {time[longest]:.6g} s; the "
+                "trial is split there and nothing is filled in.",
+                name,
+                TIME,
+            )
+        )
+    irregular = np.count_nonzero((np.abs(change - step) > 0.5 * step) & ~gap)
+    if irregular > _MANY_IRREGULAR * len(change):
+        findings.append(
+            fix(
+                f"{recording.column(TIME)}: {irregular / len(change):.0%} of the "
+                f"intervals are off the usual {1e3 * step:.4g} ms by more than half; "
+                "use the times of the sampling clock, not those of arrival.",
+                name,
+                TIME,
+            )
+        )
+    return np.flatnonzero(gap) + 1, findings
+
+
+def _runs(
+    good: NDArray[np.bool_], breaks: NDArray[np.intp], fewest: int
+) -> tuple[slice, ...]:
+    """Runs of samples that count, without a gap inside and long enough."""
+    edges = np.flatnonzero(np.diff(good, prepend=False, append=False))
+    runs = []
+    for start, stop in edges.reshape(-1, 2):
+        inside = breaks[(breaks > start) & (breaks < stop)]
+        ends = [start, *inside, stop]
+        runs += [(a, b) for a, b in itertools.pairwise(ends)]
+    return tuple(slice(int(a), int(b)) for a, b in runs if b - a >= fewest)
+
+
+def _even(recording: Recording, track: Track) -> tuple[Track, list[Finding]]:
+    """The same stretches, sampled evenly."""
+    time, segments = track.time, track.segments
+    spans = [
+        (time[part][0], time[part][-1], part.stop - part.start) for part in segments
+    ]
+    step = sum(b - a for a, b, _ in spans) / sum(n - 1 for _, _, n in spans)
+    off = max(
+        float(np.abs(time[part] - (a + step * np.arange(n))).max())
+        for part, (a, _, n) in zip(segments, spans, strict=True)
+    )
+    if off <= _EVEN * step:
+        return Track(time, track.values, segments, step), []
+    grids = [a + step * np.arange(int((b - a) / step + 1e-6) + 1) for a, b, _ in spans]
+    values = {
+        channel: np.concatenate(
+            [
+                np.interp(grid, time[part], value[part])
+                for grid, part in zip(grids, segments, strict=True)
+            ]
+        )
+        for channel, value in track.values.items()
+    }
+    ends = np.cumsum([0, *(len(grid) for grid in grids)])
+    parts = tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
+    told = (
+        f"{recording.column(TIME)} is off an even clock by up to {1e3 * off:.3g} ms; "
+        f"the readings were interpolated at {1 / step:.5g} Hz."
+    )
+    return Track(np.concatenate(grids), values, parts, step), [
+        note(told, recording.name, TIME)
+    ]

@@ -1,0 +1,381 @@
+"""`dataset.toml`: what the columns of the trials mean, the rig, and facts per trial.
+
+All of it is optional. An example with every key:
+
+    name = "wrist rig, March"
+    notes = "cables relaid on Monday"
+
+    [columns.motor_angle_rad]       # one table per channel that needs one
+    name = "theta_m"                # column in the files, if called otherwise
+    unit = "deg"                    # of the readings, if not the channel's own
+    sign = -1                       # value = sign * (reading - offset) * unit
+    offset = 1.5                    # reading at true zero, in `unit`
+    delay = 0.004                   # s by which this channel comes late
+    clock = "t_encoder"             # its own column of times, if it has a clock
+    noise = 0.01                    # standard deviation, in `unit`
+    resolution = 0.02               # quantisation step, in `unit`
+
+    [rig]                           # uncertainty: one standard deviation
+    motor_radius = { value = 20, uncertainty = 0.1, unit = "mm" }
+    joint_radius = 0.104
+
+    [trials."run_*"]                # file name with or without ending, or a pattern;
+    pretension = 12.0               # later tables win over earlier ones
+
+    [trials.run_7]
+    split = "test"                  # train or test
+    repeat_of = "run_3"
+    temperature = 23.5              # degC
+    locked = "joint"                # the side that was held fast: motor or joint
+    valid = [[0.5, 12.0]]           # stretches of time that count, from and to in s
+    notes = "operator sneezed at the end"
+
+The channels are `time_s`, `motor_angle_rad`, `motor_torque_nm`, `joint_angle_rad`,
+`joint_torque_nm` and, if measured, `tension_<cable>_proximal_n`,
+`tension_<cable>_distal_n`, `temperature_c` and `valid` (1 where the sample counts).
+Positive motor rotation pulls the joint positive; the motor torque is what the motor
+puts into its pulley, the joint torque what the transmission puts into the joint.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+import math
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, get_args
+
+from cc_mujoco.diagnosis.data import channels
+from cc_mujoco.diagnosis.data.tables import ENDINGS
+from cc_mujoco.diagnosis.data.trials import Constant, Facts, Locked, Split
+from cc_mujoco.errors import CableError, look_up
+
+_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_PLAIN = {"1": 1.0}
+RIG: dict[str, dict[str, float]] = {
+    "motor_radius": _LENGTH,
+    "joint_radius": _LENGTH,
+    "pretension": channels.FORCE.factors,
+    "axial_stiffness": channels.FORCE.factors,
+    "friction": _PLAIN,
+}
+"""Constants that `[rig]` may give in place of the scene's, with units, SI first.
+
+`axial_stiffness` is EA, `friction` the coefficient mu. Everything else about the rig
+(conduits, lengths, wrap) is in the scene. None is negative."""
+MAY_VANISH = ("friction",)
+"""Those that may be 0."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a channel comes from: value = sign * (reading - offset) * factor.
+
+    Attributes:
+        name: column of the files; None is the channel's own name.
+        unit: of the readings; None is what the name says.
+        sign: 1 or -1.
+        offset: reading at true zero, in the unit of the readings.
+        delay: time by which the channel comes late [s].
+        clock: column with the times of this channel; None is `time_s`.
+        noise: standard deviation in the unit of the readings; None is not known.
+        resolution: quantisation step in the unit of the readings; None is not known.
+    """
+
+    name: str | None = None
+    unit: str | None = None
+    sign: float = 1.0
+    offset: float = 0.0
+    delay: float = 0.0
+    clock: str | None = None
+    noise: float | None = None
+    resolution: float | None = None
+
+
+@dataclass(frozen=True)
+class DatasetFile:
+    """The contents of a `dataset.toml`; the default is what an empty one says."""
+
+    columns: Mapping[str, Source] = field(default_factory=dict)
+    rig: Mapping[str, Constant] = field(default_factory=dict)
+    facts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    name: str = ""
+    notes: str = ""
+    path: str = ""
+    sha256: str = ""
+
+    def source(self, channel: str) -> Source:
+        """Where a channel comes from."""
+        return self.columns.get(channel, Source())
+
+    def unit(self, channel: str, column: str) -> str:
+        """Unit of a channel's readings: declared, else in the column's name."""
+        told = self.source(channel).unit or channels.spellings(channel).get(column)
+        return told or channels.kind(channel).unit
+
+    def facts_of(self, path: Path, names: Mapping[Path, str] | None = None) -> Facts:
+        """Facts of the trial in this file: of all tables that match, the last wins.
+
+        Args:
+            path: the file.
+            names: of all trials, by file; None if files are called by their own.
+        """
+        names = names or {path: path.stem}
+        facts = Facts()
+        for pattern, known in self.facts.items():
+            if _matches(path, names[path], pattern):
+                facts = replace(facts, **known)
+        return replace(facts, repeat_of=_named(facts.repeat_of, names))
+
+    def check_trials(
+        self, names: Mapping[Path, str], others: Iterable[Path] = ()
+    ) -> None:
+        """Check that every table of `[trials]` means a file, and so does `repeat_of`.
+
+        Args:
+            names: of the trials, by file.
+            others: data files that were not given but may be meant; only looked at
+                where none of the trials is.
+
+        Raises:
+            CableError: one does not.
+        """
+        unread = {path: path.stem for path in others} if self._absent(names) else {}
+        everything = {**unread, **names}
+        for pattern, known in self.facts.items():
+            where = f"{self.path}, [trials.{pattern!r}]"
+            if not _any(everything, pattern):
+                kind = f"trial in {self.path}, [trials]"
+                raise CableError.unknown(kind, pattern, everything.values())
+            original = _named(known.get("repeat_of"), names)
+            if original is not None and not _any(everything, original):
+                kind = f"trial in {where}, repeat_of"
+                raise CableError.unknown(kind, original, everything.values())
+            meant = [n for path, n in names.items() if _matches(path, n, pattern)]
+            if original in meant:
+                raise CableError(
+                    f"{where}, repeat_of: {original!r} cannot repeat itself; name the "
+                    "trial that was recorded first."
+                )
+
+    def _absent(self, names: Mapping[Path, str]) -> bool:
+        """Whether something is said of a trial that is not among these."""
+        told = [*self.facts, *(known.get("repeat_of") for known in self.facts.values())]
+        return not all(_any(names, name) for name in told if name is not None)
+
+
+def read_dataset_file(path: str | Path) -> DatasetFile:
+    """Read a `dataset.toml`.
+
+    Raises:
+        CableError: it cannot be read, has an unknown key or a value that cannot be.
+    """
+    path = Path(path)
+    try:
+        raw = path.read_bytes()
+        content = tomllib.loads(raw.decode("utf-8-sig"))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise CableError(f"cannot read {path}: {reason}.") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise CableError(f"{path} is not a TOML file: {error}.") from None
+    top = _Table(str(path), content)
+    top.only("name", "notes", "columns", "rig", "trials")
+    return DatasetFile(
+        columns={n: _source(t, n) for n, t in top.tables("columns").items()},
+        rig=_rig(top.table("rig")),
+        facts={n: _facts(t) for n, t in top.tables("trials").items()},
+        name=top.text("name") or "",
+        notes=top.text("notes") or "",
+        path=str(path),
+        sha256=hashlib.sha256(raw).hexdigest(),
+    )
+
+
+@dataclass(frozen=True)
+class _Table:
+    """A table of the file, and how to call it in a sentence."""
+
+    where: str
+    content: dict[str, Any]
+
+    def only(self, *allowed: str) -> None:
+        """Refuse other keys."""
+        for key in self.content:
+            if key not in allowed:
+                raise CableError.unknown(f"key in {self.where}", key, allowed)
+
+    def wrong(self, key: str, right: str) -> CableError:
+        """The error for a value that cannot be."""
+        return CableError(f"{self.where}, {key} must be {right}, not {self.told(key)}.")
+
+    def told(self, key: str) -> str:
+        """A value as text, not too long."""
+        told = repr(self.content[key])
+        return told if len(told) <= 60 else f"{told[:57]}..."
+
+    def table(self, key: str) -> _Table:
+        """A table inside this one, empty if it is not there."""
+        content = self.content.get(key, {})
+        if not isinstance(content, dict):
+            raise self.wrong(key, f"a table, written as [{key}]")
+        return _Table(f"{self.where}, [{key}]", content)
+
+    def tables(self, key: str) -> dict[str, _Table]:
+        """The tables of a table."""
+        outer = self.table(key)
+        inner = {}
+        for name, content in outer.content.items():
+            if not isinstance(content, dict):
+                raise outer.wrong(name, f"a table, written as [{key}.{name}]")
+            inner[name] = _Table(f"{self.where}, [{key}.{name}]", content)
+        return inner
+
+    def text(self, key: str) -> str | None:
+        """A text, or None if it is not there."""
+        value = self.content.get(key)
+        if value is not None and not isinstance(value, str):
+            raise self.wrong(key, "a text in quotes")
+        return value
+
+    def number(self, key: str, low: float = -math.inf) -> float | None:
+        """A finite number not below `low`, or None if it is not there."""
+        if key not in self.content:
+            return None
+        value = _number(self.content[key])
+        if value is None or value < low:
+            least = "" if low == -math.inf else f" of at least {low:g}"
+            raise self.wrong(key, f"a finite number{least}")
+        return value
+
+    def choice(self, key: str, allowed: Iterable[str]) -> str | None:
+        """One of the words allowed, or None if it is not there."""
+        value = self.text(key)
+        if value is not None and value not in tuple(allowed):
+            raise CableError.unknown(f"{key} in {self.where}", value, allowed)
+        return value
+
+
+def _source(table: _Table, channel: str) -> Source:
+    """One table of `[columns]`."""
+    try:
+        units = channels.kind(channel).factors
+    except CableError as error:
+        raise CableError(f"{table.where}: {error}") from None
+    if channel == channels.VALID:
+        table.only("name")
+    elif channel == channels.TIME:
+        table.only("name", "unit", "offset")
+    else:
+        table.only(*Source.__dataclass_fields__)
+    sign = table.number("sign")
+    if sign not in (None, 1.0, -1.0):
+        raise table.wrong("sign", "1 or -1")
+    return Source(
+        name=table.text("name"),
+        unit=table.choice("unit", units),
+        sign=1.0 if sign is None else sign,
+        offset=table.number("offset") or 0.0,
+        delay=table.number("delay") or 0.0,
+        clock=table.text("clock"),
+        noise=table.number("noise", 0.0),
+        resolution=table.number("resolution", 0.0),
+    )
+
+
+def _rig(table: _Table) -> dict[str, Constant]:
+    """The table `[rig]`."""
+    constants = {}
+    for name, given in table.content.items():
+        units = look_up(f"constant in {table.where}", name, RIG)
+        is_table = isinstance(given, dict)
+        inner = _Table(
+            f"{table.where}, {name}", given if is_table else {"value": given}
+        )
+        inner.only("value", "uncertainty", "unit")
+        value = inner.number("value", 0.0)
+        if value is None:
+            raise CableError(f"{inner.where} needs a `value`.")
+        if value == 0.0 and name not in MAY_VANISH:
+            raise inner.wrong("value", "more than 0")
+        factor = units[inner.choice("unit", units) or next(iter(units))]
+        doubt = inner.number("uncertainty", 0.0) or 0.0
+        if doubt > value > 0.0:
+            right = "one standard deviation in the unit of the value, and no larger"
+            raise inner.wrong("uncertainty", right)
+        constants[name] = Constant(value * factor, doubt * factor)
+    return constants
+
+
+def _facts(table: _Table) -> dict[str, Any]:
+    """One table of `[trials]`: the facts that it gives."""
+    table.only(*Facts.__dataclass_fields__)
+    known = {
+        "split": table.choice("split", get_args(Split)),
+        "repeat_of": table.text("repeat_of"),
+        "pretension": table.number("pretension", 0.0),
+        "temperature": table.number("temperature"),
+        "locked": table.choice("locked", get_args(Locked)),
+        "valid": _stretches(table),
+        "notes": table.text("notes"),
+    }
+    return {key: value for key, value in known.items() if value is not None}
+
+
+def _stretches(table: _Table) -> tuple[tuple[float, float], ...] | None:
+    """Stretches of time, or None if they are not there."""
+    given = table.content.get("valid")
+    if given is None:
+        return None
+    error = table.wrong("valid", "a list of [from, to] in seconds, from before to")
+    if not isinstance(given, list):
+        raise error
+    stretches = []
+    for pair in given:
+        if not isinstance(pair, list) or len(pair) != 2:
+            raise error
+        start, stop = _number(pair[0]), _number(pair[1])
+        if start is None or stop is None or not start < stop:
+            raise error
+        stretches.append((start, stop))
+    return tuple(stretches)
+
+
+def _number(value: object) -> float | None:
+    """A finite number, or None if it is something else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:  # TOML allows integers of any size
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _named(given: str | None, names: Mapping[Path, str]) -> str | None:
+    """The trial meant by a name or a file name; without ending if there is none."""
+    if given is None or given in names.values():
+        return given
+    bare = Path(given)
+    if bare.suffix.lower() in ENDINGS:
+        bare = bare.with_suffix("")
+    return next((n for path, n in names.items() if path.name == given), bare.as_posix())
+
+
+def _any(names: Mapping[Path, str], pattern: str) -> bool:
+    """Whether a pattern of `[trials]` means one of these files."""
+    return any(_matches(path, name, pattern) for path, name in names.items())
+
+
+def _matches(path: Path, name: str, pattern: str) -> bool:
+    """Whether a pattern of `[trials]` means this file.
+
+    A pattern with folders is held against as much of the path: how much of it is in the
+    name depends on which other files were given.
+    """
+    tail = Path(*path.parts[-1 - pattern.count("/") :])
+    called = (name, tail.as_posix(), tail.with_suffix("").as_posix())
+    return any(fnmatch.fnmatchcase(text, pattern) for text in called)

@@ -1,0 +1,263 @@
+"""Columns of numbers from a CSV or Parquet file, as they stand there.
+
+Files are streamed, so that of a large one no more is held than the columns wanted. CSV
+files may be separated by commas, semicolons, tabs or bars, have comment lines (`#`) on
+top and, unless separated by commas, decimal commas.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pq
+
+from cc_mujoco.diagnosis.data.trials import FloatArray
+from cc_mujoco.errors import CableError
+
+ENDINGS = (".csv", ".parquet")
+"""Endings of files that can be read, in any case."""
+
+_ABSENT = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None"]
+_SWITCHES = {"true": "1", "false": "0"}
+_SEPARATORS = ",;\t|"
+_HEAD = 1 << 16
+_BLOCK = 1 << 23
+
+
+class _Layout(NamedTuple):
+    """How a CSV file is written.
+
+    Attributes:
+        encoding: of the text.
+        top: lines before the first line of data.
+        separator: between cells.
+        decimal: point or comma.
+        names: of the columns.
+    """
+
+    encoding: str
+    top: int
+    separator: str
+    decimal: str
+    names: list[str]
+
+
+def column_names(path: Path) -> list[str]:
+    """Names of the columns of a file, in order.
+
+    Raises:
+        CableError: the file cannot be read, or the first line names no columns.
+    """
+    with _Readable(path):
+        if path.suffix.lower() == ".parquet":
+            return [str(name) for name in pq.ParquetFile(path).schema_arrow.names]
+        return _layout(path).names
+
+
+def read_columns(
+    path: Path, names: Iterable[str], switches: Iterable[str] = ()
+) -> dict[str, FloatArray]:
+    """Columns of a file as numbers; what is missing is NaN.
+
+    Args:
+        path: the file.
+        names: columns, each of which the file has once.
+        switches: those of them that may hold true and false, read as 1 and 0.
+
+    Returns:
+        Arrays (rows,) by name.
+
+    Raises:
+        CableError: the file cannot be read or holds something else than numbers.
+    """
+    names = list(names)
+    with _Readable(path):
+        if path.suffix.lower() == ".parquet":
+            return _gathered(names, _parquet_batches(path, names))
+        layout = _layout(path)
+        try:
+            return _gathered(names, _csv_batches(path, layout, names, switches))
+        except pa.ArrowInvalid as error:
+            raise _csv_error(path, layout, names, switches, error) from None
+
+
+def _gathered(
+    names: list[str], batches: Iterable[pa.RecordBatch]
+) -> dict[str, FloatArray]:
+    """Batches joined to one array per column."""
+    pieces: dict[str, list[FloatArray]] = defaultdict(list)
+    for batch in batches:
+        for name in names:
+            column = batch.column(name)
+            if pa.types.is_string(column.type):
+                column = _switched(column)
+            numbers = column.to_numpy(zero_copy_only=False)
+            pieces[name].append(np.array(numbers, dtype=float))
+    empty = [np.empty(0)]
+    # One column after the other, so that pieces are freed before the next is joined.
+    return {name: np.concatenate(pieces.pop(name, empty)) for name in names}
+
+
+def _switched(column: pa.StringArray) -> pa.DoubleArray:
+    """Numbers, true and false as numbers."""
+    words = pc.utf8_lower(pc.utf8_trim_whitespace(column))
+    for word, number in _SWITCHES.items():
+        words = pc.if_else(pc.equal(words, word), number, words)
+    return pc.cast(words, pa.float64())
+
+
+def _parquet_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
+    """Columns of a Parquet file as numbers."""
+    for batch in pq.ParquetFile(path).iter_batches(columns=names):
+        columns = []
+        for name in names:
+            column = batch.column(name)
+            try:
+                columns.append(pc.cast(column, pa.float64()))
+            except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+                raise CableError(
+                    f"{path}, column {name} holds {column.type}; it must hold numbers."
+                ) from None
+        yield pa.RecordBatch.from_arrays(columns, names)
+
+
+def _layout(path: Path) -> _Layout:
+    """Find out how a CSV file is written."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    encoding = _encoding(head)
+    lines = head.decode(encoding, errors="ignore").removeprefix("\ufeff").splitlines()
+    top = 0
+    while top < len(lines) and (not lines[top].strip() or lines[top].startswith("#")):
+        top += 1
+    if top == len(lines):
+        raise CableError(f"{path} is empty; its first line must name the columns.")
+    header = lines[top]
+    separator = max(_SEPARATORS, key=header.count)
+    names = [cell.strip() for cell in next(csv.reader([header], delimiter=separator))]
+    if not all(name.isprintable() for name in names):
+        raise CableError(
+            f"{path} is no text; give CSV, or Parquet with the ending .parquet."
+        )
+    if all(_is_number(name) for name in names):
+        raise CableError(
+            f"{path}, line {top + 1} is numbers; the first line must name the columns."
+        )
+    below = lines[top + 1] if top + 1 < len(lines) else ""
+    decimal = "," if separator != "," and "," in below else "."
+    return _Layout(encoding, top + 1, separator, decimal, names)
+
+
+def _encoding(head: bytes) -> str:
+    """Encoding of a text by its beginning."""
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8"
+
+
+def _csv_batches(
+    path: Path, layout: _Layout, names: list[str], texts: Iterable[str] = ()
+) -> Iterator[pa.RecordBatch]:
+    """Columns of a CSV file as numbers, some as the text that stands there."""
+    # Names of their own, for the file's may be there twice.
+    own = [name if name in names else f"#{k}" for k, name in enumerate(layout.names)]
+    kinds = dict.fromkeys(names, pa.float64()) | dict.fromkeys(texts, pa.string())
+    try:
+        reader = pa_csv.open_csv(
+            path,
+            pa_csv.ReadOptions(
+                use_threads=False,
+                block_size=_BLOCK,
+                column_names=own,
+                skip_rows=layout.top,
+                encoding=layout.encoding,
+            ),
+            pa_csv.ParseOptions(delimiter=layout.separator),
+            pa_csv.ConvertOptions(
+                include_columns=names,
+                column_types=kinds,
+                null_values=_ABSENT,
+                strings_can_be_null=True,
+                decimal_point=layout.decimal,
+            ),
+        )
+    except pa.ArrowInvalid as error:
+        if "Empty CSV" in str(error):
+            return
+        raise
+    yield from reader
+
+
+def _csv_error(
+    path: Path,
+    layout: _Layout,
+    names: list[str],
+    switches: Iterable[str],
+    error: Exception,
+) -> CableError:
+    """The error for a CSV file that is not all numbers, with the place."""
+    rows = 0
+    try:
+        for batch in _csv_batches(path, layout, names, names):
+            for name in names:
+                words = _SWITCHES if name in switches else {}
+                for k, cell in enumerate(batch.column(name).to_pylist()):
+                    if cell is None or cell.strip().lower() in words:
+                        continue
+                    if not _is_number(cell, layout.decimal):
+                        return CableError(
+                            f"{path}, column {name}, row {rows + k + 1} of the data: "
+                            f"{cell.strip()[:40]!r} must be a number."
+                        )
+            rows += batch.num_rows
+    except pa.ArrowInvalid as other:
+        error = other
+    told = " ".join(str(error).split())
+    return CableError(
+        f"{path} is not a table: {told[:160]}; every line must have the "
+        f"{len(layout.names)} cells that the first line names."
+    )
+
+
+def _is_number(cell: str, decimal: str = ".") -> bool:
+    """Whether a cell holds a number."""
+    try:
+        float(cell.strip().replace(decimal, "."))
+    except ValueError:
+        return False
+    return True
+
+
+class _Readable:
+    """Turns what goes wrong while a file is read into one sentence."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, pa.ArrowException):
+            told = " ".join(str(error).split())[:160].rstrip(".")
+            raise CableError(
+                f"{self.path} is not a whole {self.path.suffix[1:]} file: {told}."
+            ) from None
+        if isinstance(error, UnicodeError | csv.Error):
+            raise CableError(f"{self.path} is not a text file: {error}.") from None
+        if isinstance(error, OSError):
+            reason = error.strerror or str(error)
+            raise CableError(f"cannot read {self.path}: {reason}.") from None

@@ -1,0 +1,115 @@
+"""The baseline: all that is uncertain of the scene, fitted before anything is named."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.trials import Dataset
+from cc_mujoco.diagnosis.inference.fitting import Fit, Problem, fit, tamed, weight
+from cc_mujoco.diagnosis.inference.floor import noise_floor
+from cc_mujoco.diagnosis.inference.folds import (
+    Crossed,
+    cross,
+    stretches,
+)
+from cc_mujoco.diagnosis.inference.plant import Plant, Tuned, tuned
+from cc_mujoco.diagnosis.inference.records import Filtering, Record
+
+SEGMENTS = (8, 16, 32)
+"""Segments per cable, coarse first; finer where the coarse ones are not enough."""
+
+NUMERICS = 0.35
+"""RMS change by a finer simulation, over the noise floor, that is harmless."""
+
+GUESSED = 0.3
+"""Relative uncertainty of a pretension from which more than one start is tried."""
+
+OTHERS = (0.1, 0.3, 3.0)
+"""Such starts, over the value that was given."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """The baseline, ready for the search."""
+
+    problem: Problem
+    whole: Fit
+    crossed: Crossed
+    change: float
+    """RMS change by a finer simulation, over the floor."""
+
+
+def tune(
+    dataset: Dataset,
+    bench: Bench,
+    records: tuple[Record, ...],
+    filtering: Filtering,
+    seed: int,
+) -> Tuning:
+    """Fit the baseline, with as many segments as it needs."""
+    free = tuned(bench, records, dataset.constants)
+    counts = [record.free for record in records]
+    at = np.zeros(len(free))
+    for segments in SEGMENTS:
+        plant = Plant(bench, records, segments)
+        flat = tuple(
+            np.full(r.measured.shape, 0.02 * float(np.std(r.measured)) + 1e-9)
+            for r in records
+        )
+        problem = Problem(plant, free, (), flat, flat, 0.2)
+        tried = [fit(problem, start, counts) for start in _starts(free, at)]
+        at = min(tried, key=lambda found: found.cost).at
+        floor = noise_floor(dataset, plant, filtering, problem.values(at), seed=seed)
+        problem = replace(problem, noise=floor.noise, floor=floor.tolerance)
+        problem = problem.widened(at, counts)
+        at = fit(problem, at, counts).at
+        problem = replace(problem, weight=weight(problem.errors(at), counts))
+        whole = fit(problem, at, counts)
+        change = numerics(problem, whole.at)
+        if change <= NUMERICS:
+            break
+    division = stretches(records)
+    crossed = cross(problem, division, [whole.at] * len(division))
+    return Tuning(problem, whole, crossed, change)
+
+
+def _starts(free: Sequence[Tuned], at: FloatArray) -> list[FloatArray]:
+    """Places to fit from: several pretensions where it is anybody's guess.
+
+    Whether the slack side of a pair goes slack makes fits end in one valley or another.
+    """
+    starts = [at]
+    for index, parameter in enumerate(free):
+        if parameter.name == "pretension" and parameter.scale > GUESSED:
+            for factor in OTHERS:
+                start = at.copy()
+                start[index] = math.log(factor) / parameter.scale
+                starts.append(start)
+    return starts
+
+
+def numerics(problem: Problem, at: FloatArray) -> float:
+    """RMS change of the torques over the floor by finer segments and steps, the larger.
+
+    The finer simulation is that of the same parameters; errors are tamed as in fits.
+    """
+    values = problem.values(at)
+    plant = problem.plant
+    here = plant.simulate(values, problem.effects)
+    worst = 0.0
+    for finer in (plant.finer(segments=2), plant.finer(substeps=2)):
+        there = finer.simulate(values, problem.effects)
+        changes = [
+            tamed((a - b) / floor)[:, record.counts].ravel()
+            for a, b, floor, record in zip(
+                here, there, problem.floor, plant.records, strict=True
+            )
+        ]
+        worst = max(worst, float(np.sqrt(np.mean(np.concatenate(changes) ** 2))))
+    return worst

@@ -1,0 +1,217 @@
+"""What to record next, so that two rivals would no longer look the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.evidence import CHANNELS
+from cc_mujoco.diagnosis.inference.fitting import Problem
+from cc_mujoco.diagnosis.inference.records import Record, wind_up
+from cc_mujoco.diagnosis.inference.slopes import Slopes
+from cc_mujoco.diagnosis.verdict import NextExperiment
+
+DT = 0.008
+CLEAR = 5.0
+"""Difference over its standard deviation by the noise that settles it."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A trial that most rigs can run.
+
+    Attributes:
+        description: what to do.
+        motor: angle of the motor (samples,) [rad].
+        joint: angle of the joint (samples,) [rad].
+        pretension: relative to what the data had.
+    """
+
+    description: str
+    motor: FloatArray
+    joint: FloatArray
+    pretension: float = 1.0
+
+
+def catalogue(problem: Problem) -> list[Motion]:
+    """Trials within the speeds and tensions of the data; one goes further."""
+    records = problem.plant.records
+    bench = problem.plant.bench
+    ratio = bench.motor_radius / bench.joint_radius
+    swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in records)
+    rate = max(
+        float(np.quantile(np.abs(np.gradient(r.motor_angle, r.dt)), 0.99))
+        for r in records
+    )
+    wind = wind_up(bench)
+    time = np.arange(0.0, 40.0, DT)
+
+    def triangle(size: float, speed: float) -> FloatArray:
+        phase = (time * speed / (4.0 * size)) % 1.0
+        found: FloatArray = size * (1.0 - 4.0 * np.abs((phase + 0.25) % 1.0 - 0.5))
+        return found
+
+    ladder = np.concatenate(
+        [
+            triangle(swing, rate * part)[: time.size // 5]
+            for part in (0.02, 0.06, 0.2, 0.5, 1.0)
+        ]
+    )
+    ladder = ladder[: time.size]
+    chirp = swing * 0.3 * np.sin(2.0 * np.pi * (0.1 * time + 0.04 * time**2))
+    dwell = swing * np.interp(
+        time, [0, 1, 2, 3, 6, 7, 15, 16, 38, 39, 40], [0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]
+    )
+    small = triangle(2.0 * wind, rate * 0.1)
+    still = np.zeros(time.size)
+    return [
+        Motion(
+            "joint free, triangles at five speeds from 2 % to 100 % of the fastest",
+            ladder,
+            ladder * ratio,
+        ),
+        Motion("joint free, chirp from 0.1 to 3 Hz", chirp, chirp * ratio),
+        Motion(
+            "joint free, moves with rests of 1, 3, 8 and 22 s", dwell, dwell * ratio
+        ),
+        Motion(
+            "joint locked, slow triangles of the motor a few times its wind-up",
+            triangle(4.0 * wind, wind),
+            still,
+        ),
+        Motion(
+            "joint locked, small reversals of the motor within its wind-up",
+            small,
+            still,
+        ),
+        Motion(
+            "motor locked, joint moved slowly to and fro by hand",
+            still,
+            triangle(4.0 * wind * ratio, wind),
+        ),
+        Motion(
+            "joint free, slow triangle over the whole range, pretension halved",
+            triangle(swing, rate * 0.2),
+            triangle(swing, rate * 0.2) * ratio,
+            0.5,
+        ),
+        Motion(
+            "joint free, slow triangle over twice the range, if the rig allows",
+            triangle(2.0 * swing, rate * 0.2),
+            triangle(2.0 * swing, rate * 0.2) * ratio,
+        ),
+        Motion(
+            "joint locked, slow triangles, pretension halved",
+            triangle(4.0 * wind, wind),
+            still,
+            0.5,
+        ),
+    ]
+
+
+def propose(
+    rivals: Sequence[tuple[Problem, FloatArray]], ids: Sequence[str]
+) -> NextExperiment | None:
+    """The trial on which two fitted rivals differ most, whatever else is tuned.
+
+    If one of them were true, the other would be fitted again, to the old data and the
+    new; the difference that counts is what would be left then. A difference that comes
+    from friction, say, which the two estimate differently, settles nothing.
+
+    Args:
+        rivals: two models and where they were fitted.
+        ids: of the effects that they have.
+    """
+    if len(rivals) < 2:
+        return None
+    problem = rivals[0][0]
+    noise = np.array(
+        [[np.median(np.concatenate([f[row] for f in problem.noise]))] for row in (0, 1)]
+    )
+    known = [
+        Slopes(other).jacobian(at, [r.free for r in other.plant.records])
+        for other, at in rivals[:2]
+    ]
+    best: tuple[float, str, str] | None = None
+    for motion in catalogue(problem):
+        record = _record(problem, motion)
+        shown = [
+            other.plant.limited([record]).simulate(other.values(at), other.effects)[0]
+            for other, at in rivals[:2]
+        ]
+        apart = (shown[0] - shown[1]) / noise
+        left = min(
+            (
+                _left(other, at, replace(record, measured=torque), noise, old, apart)
+                for (other, at), torque, old in zip(rivals, shown, known, strict=False)
+            ),
+            key=np.linalg.norm,
+        )
+        score = float(np.linalg.norm(left)) * problem.weight
+        if best is None or score > best[0]:
+            sizes = np.sqrt(np.mean(left**2, axis=1))
+            row = int(np.argmax(sizes))
+            most = int(np.argmax(np.abs(left[row])))
+            told = (
+                f"{CHANNELS[row]} differs by {sizes[row] * noise[row, 0]:.3g} Nm RMS "
+                f"even when all else is tuned, {sizes[row]:.1f} times the noise; at "
+                f"{most * DT:.1f} s {EFFECTS[ids[0]].title} gives "
+                f"{shown[0][row, most]:.3g} Nm and {EFFECTS[ids[1]].title} "
+                f"{shown[1][row, most]:.3g} Nm"
+            )
+            best = (score, motion.description, told)
+    assert best is not None
+    settled = "" if best[0] > CLEAR else " (may not be enough)"
+    return NextExperiment(f"{best[1]}{settled}", tuple(ids[:2]), best[2])
+
+
+def _left(
+    problem: Problem,
+    at: FloatArray,
+    record: Record,
+    noise: FloatArray,
+    known: FloatArray,
+    apart: FloatArray,
+) -> FloatArray:
+    """What is left of a difference when a model is fitted again (2, samples).
+
+    Args:
+        problem: the model.
+        at: where it was fitted.
+        record: the new trial, with what the model says of it as measured.
+        noise: (2, 1) of the torques [Nm].
+        known: (residuals, parameters) Jacobian on the data there are, and priors.
+        apart: (2, samples) difference over the noise.
+    """
+    wide = (np.broadcast_to(noise, apart.shape),)
+    new = replace(
+        problem, plant=problem.plant.limited([record]), noise=wide, floor=wide
+    )
+    every = [np.ones(record.counts.size, dtype=bool)]
+    slopes = Slopes(new).jacobian(at, every)[: apart.size]
+    wanted = np.concatenate([problem.weight * apart.ravel(), np.zeros(len(known))])
+    change = np.linalg.lstsq(np.concatenate([slopes, known]), wanted)[0]
+    left: FloatArray = apart - (slopes @ change).reshape(apart.shape) / problem.weight
+    return left
+
+
+def _record(problem: Problem, motion: Motion) -> Record:
+    base = problem.plant.records[0]
+    size = min(motion.motor.size, motion.joint.size)
+    tension = base.pretension or problem.plant.bench.cables[0].pretension
+    return replace(
+        base,
+        trial="next",
+        dt=DT,
+        time=np.arange(size, dtype=np.float64) * DT,
+        motor_angle=motion.motor[:size],
+        joint_angle=motion.joint[:size],
+        measured=np.zeros((2, size)),
+        counts=np.ones(size, dtype=bool),
+        pretension=tension * motion.pretension,
+        start=0.0,
+    )

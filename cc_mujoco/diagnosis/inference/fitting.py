@@ -1,0 +1,227 @@
+"""Parameters of the simulated rig from records, by least squares in the loop.
+
+Residuals are divided by the noise floor of their channel and weighted by how many of
+them are independent, so that priors and intervals count for what they are worth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.effects import EFFECTS, Knob
+from cc_mujoco.diagnosis.inference.plant import Plant, Tuned
+from cc_mujoco.diagnosis.inference.slopes import WILD, Slopes
+
+Masks = Sequence[NDArray[np.bool_]]
+"""For every record the samples that take part."""
+
+_EVALUATIONS = 12
+
+
+def knob_as_tuned(knob: Knob, start: float) -> Tuned:
+    """A parameter of an effect as one of the fit."""
+    if knob.low > 0.0:
+        low, high = math.log(knob.low / start), math.log(knob.high / start)
+        return Tuned(knob.name, knob.unit, start, 1.0, low, high, True)
+    size = knob.typical
+    return Tuned(
+        knob.name, knob.unit, 0.0, size, knob.low / size, knob.high / size, False
+    )
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is fitted to what.
+
+    Attributes:
+        plant: simulates.
+        tuned: every free parameter, baseline first.
+        effects: ids that are present.
+        noise: (2, samples) of every record, what no model explains [Nm].
+        floor: the same, by which errors are divided, see `floor.Floor` [Nm].
+        weight: of a residual over its floor; below 1 where neighbours are not
+            independent or where the model is known not to reach the floor.
+        raised: factor of the floor where the baseline is far off, see `widened`.
+    """
+
+    plant: Plant
+    tuned: tuple[Tuned, ...]
+    effects: tuple[str, ...]
+    noise: tuple[FloatArray, ...]
+    floor: tuple[FloatArray, ...]
+    weight: float = 1.0
+    raised: float = 1.0
+
+    def widened(self, at: FloatArray, masks: Masks) -> Problem:
+        """The same with its floor raised to where usual errors are not wild.
+
+        Where the sensors are much better than the model, nearly every error would be
+        tamed, and fits follow the many small ones only.
+        """
+        kept = [
+            np.abs(error[:, mask]).ravel()
+            for error, mask in zip(self.plainly(at), masks, strict=True)
+        ]
+        usual = float(np.median(np.concatenate(kept))) / 0.6745
+        factor = max(1.0, usual / WILD)
+        return replace(
+            self, floor=tuple(factor * floor for floor in self.floor), raised=factor
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(parameter.name for parameter in self.tuned)
+
+    def values(self, at: FloatArray) -> dict[str, float]:
+        """Parameters at a place of the fit, which may be just beyond a bound."""
+        return {
+            parameter.name: parameter.value(
+                min(max(float(place), parameter.low), parameter.high)
+            )
+            for parameter, place in zip(self.tuned, at, strict=True)
+        }
+
+    def with_effect(self, name: str, start: dict[str, float]) -> Problem:
+        """The same with an effect more, its shape parameters from `start`."""
+        more = tuple(
+            knob_as_tuned(knob, start.get(knob.name, knob.typical))
+            for knob in EFFECTS[name].knobs
+        )
+        return replace(self, tuned=(*self.tuned, *more), effects=(*self.effects, name))
+
+    def placed(self, at: FloatArray, start: Mapping[str, float]) -> FloatArray:
+        """Place of the fit that continues a narrower one with an effect's `start`."""
+        new = [
+            0.0 if parameter.factor else start[parameter.name] / parameter.scale
+            for parameter in self.tuned[at.size :]
+        ]
+        return np.concatenate([at, new])
+
+    def without(self, name: str) -> Problem:
+        """The same without an effect."""
+        gone = {knob.name for knob in EFFECTS[name].knobs}
+        return replace(
+            self,
+            tuned=tuple(p for p in self.tuned if p.name not in gone),
+            effects=tuple(e for e in self.effects if e != name),
+        )
+
+    def errors(self, at: FloatArray) -> list[FloatArray]:
+        """Simulated less measured over the floor, tamed; (2, samples) per record."""
+        return [tamed(error) for error in self.plainly(at)]
+
+    def plainly(self, at: FloatArray) -> list[FloatArray]:
+        """Simulated less measured over the floor; (2, samples) per record."""
+        played = self.plant.simulate(self.values(at), self.effects)
+        return [
+            (torque - record.measured) / floor
+            for torque, record, floor in zip(
+                played, self.plant.records, self.floor, strict=True
+            )
+        ]
+
+    def residual(self, at: FloatArray, masks: Masks) -> FloatArray:
+        """Weighted errors where the masks are set, then priors."""
+        return self.weighted(self.errors(at), at, masks)
+
+    def weighted(
+        self, errors: Sequence[FloatArray], at: FloatArray, masks: Masks
+    ) -> FloatArray:
+        """Errors where the masks are set, weighted, then priors."""
+        parts = [
+            self.weight * error[:, mask].ravel()
+            for error, mask in zip(errors, masks, strict=True)
+        ]
+        known = [
+            place / parameter.prior
+            for parameter, place in zip(self.tuned, at, strict=True)
+            if math.isfinite(parameter.prior)
+        ]
+        return np.concatenate([*parts, np.array(known)])
+
+
+def tamed(error: FloatArray) -> FloatArray:
+    """Errors whose squares grow linearly beyond `WILD` (Huber): few must not rule."""
+    size = np.abs(error)
+    root = np.sqrt(np.maximum(2.0 * WILD * size - WILD**2, 0.0))
+    found: FloatArray = np.where(size <= WILD, error, np.sign(error) * root)
+    return found
+
+
+def weight(errors: Sequence[FloatArray], masks: Masks) -> float:
+    """Weight of errors over the floor that makes their squares count as independent.
+
+    The root of the share of samples that are independent (the sum of autocorrelations,
+    up to their first zero), over the RMS error where that exceeds 1.
+    """
+    lags = 200
+    total = np.zeros(lags)
+    count, square = 0, 0.0
+    for error, mask in zip(errors, masks, strict=True):
+        kept = np.where(mask, error, 0.0)
+        for row in kept:
+            size = 1 << (2 * row.size).bit_length()
+            power = np.abs(np.fft.rfft(row, size)) ** 2
+            correlation = np.fft.irfft(power)[:lags]
+            total[: correlation.size] += correlation[:lags]
+        count += 2 * int(np.sum(mask))
+        square += float(np.sum(kept**2))
+    shape = total / max(total[0], 1e-300)
+    end = int(np.argmax(shape < 0.02)) or lags
+    independent = 1.0 / max(1.0 + 2.0 * float(np.sum(shape[1:end])), 1.0)
+    return math.sqrt(independent) / max(math.sqrt(square / max(count, 1)), 1.0)
+
+
+class Fit(NamedTuple):
+    """Where a fit ended.
+
+    Attributes:
+        at: place of the parameters.
+        cost: half the sum of squares there.
+    """
+
+    at: FloatArray
+    cost: float
+
+
+def fit(
+    problem: Problem,
+    start: FloatArray,
+    masks: Masks,
+    evaluations: int = _EVALUATIONS,
+    slopes: Slopes | None = None,
+) -> Fit:
+    """Least squares from a start.
+
+    Args:
+        problem: what is fitted to what.
+        start: place of the parameters.
+        masks: samples that take part.
+        evaluations: most of them.
+        slopes: of this problem, to share what other fits have taken.
+    """
+    low = np.array([parameter.low for parameter in problem.tuned])
+    high = np.array([parameter.high for parameter in problem.tuned])
+    slopes = slopes or Slopes(problem)
+    found = least_squares(
+        lambda at: problem.weighted(
+            [tamed(error) for error in slopes.errors(at)], at, masks
+        ),
+        np.clip(start, low, high),
+        jac=lambda at: slopes.jacobian(at, masks),
+        bounds=(low - 1e-9, high + 1e-9),
+        x_scale="jac",
+        ftol=1e-3,
+        xtol=1e-3,
+        max_nfev=evaluations,
+    )
+    return Fit(found.x, float(found.cost))

@@ -1,0 +1,177 @@
+"""What no model can explain: sensor noise, and that of angles sent through the rig.
+
+Where the cable runs, noise of the angles hardly matters; where its end sticks, the
+angle's last digit is worth newtons. So the floor is a number for every sample: the
+scatter of the simulated torques over draws of angle noise, and the torque sensors' own
+noise. By what errors are divided is a little more: spikes of noise shift in time, and
+an angle that seems to stand still may have moved by its noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.channels import (
+    JOINT_ANGLE,
+    JOINT_TORQUE,
+    MOTOR_ANGLE,
+    MOTOR_TORQUE,
+)
+from cc_mujoco.diagnosis.data.trials import Dataset, Noise
+from cc_mujoco.diagnosis.inference.plant import Plant, Values
+from cc_mujoco.diagnosis.inference.records import Filtering, Record, low_passed, stilled
+
+DRAWS = 6
+"""Simulations with angles drawn anew."""
+NEAR = 0.04
+"""Time over which the scatter is taken together [s]."""
+LEAST = 1e-3
+"""Least floor, over the RMS of the channel."""
+
+_QUIET = Noise(0.0, 0.0, "declared")
+
+
+class Floor(NamedTuple):
+    """Standard deviations (2, samples) of every record [Nm].
+
+    Attributes:
+        noise: of what no model can explain; not less than repetitions differ.
+        tolerance: by which errors are divided.
+    """
+
+    noise: tuple[FloatArray, ...]
+    tolerance: tuple[FloatArray, ...]
+
+
+def noise_floor(
+    dataset: Dataset,
+    plant: Plant,
+    filtering: Filtering,
+    values: Values,
+    effects: tuple[str, ...] = (),
+    seed: int = 0,
+) -> Floor:
+    """Noise in both torques of every record, as the simulated rig passes it on."""
+    random = np.random.default_rng(seed)
+    noise = {n: dataset.noise.get(n, _QUIET) for n in (MOTOR_ANGLE, JOINT_ANGLE)}
+    clean = plant.simulate(values, effects)
+
+    def scatter(records: Sequence[Record]) -> list[FloatArray]:
+        drawn = plant.limited(records).simulate(values, effects)
+        return [(a - b) ** 2 / DRAWS for a, b in zip(drawn, clean, strict=True)]
+
+    plain = [np.zeros(torque.shape) for torque in clean]
+    wide = [np.zeros(torque.shape) for torque in clean]
+    for _ in range(DRAWS):
+        read = [_drawn(r, noise, filtering, random) for r in plant.records]
+        moved = [_unsettled(r, filtering, random) for r in read]
+        for total, square in zip(plain, scatter(read), strict=True):
+            total += square
+        for total, square in zip(wide, scatter(moved), strict=True):
+            total += square
+    own = [
+        dataset.noise.get(n, _QUIET).deviation ** 2 * filtering.passed
+        for n in (MOTOR_TORQUE, JOINT_TORQUE)
+    ]
+    whole = np.concatenate([record.measured for record in plant.records], axis=1)
+    least = (LEAST * np.std(whole, axis=1)) ** 2
+    base = np.maximum(np.array(own), least)[:, None]
+    alone = [total + base for total in plain]
+    short = _repeated(dataset, filtering) - np.concatenate(alone, axis=1).mean(axis=1)
+    return Floor(
+        tuple(np.sqrt(each + np.maximum(short, 0.0)[:, None]) for each in alone),
+        tuple(
+            np.sqrt(_near(total, record.dt) + base)
+            for total, record in zip(wide, plant.records, strict=True)
+        ),
+    )
+
+
+def _repeated(dataset: Dataset, filtering: Filtering) -> FloatArray:
+    """Variance of both torques between repetitions, less noise that filters take out.
+
+    0 where nothing was repeated.
+    """
+    found = []
+    for name in (MOTOR_TORQUE, JOINT_TORQUE):
+        floor = dataset.floor.get(name)
+        blocked = dataset.noise.get(name, _QUIET).deviation ** 2 * (
+            1 - filtering.passed
+        )
+        seen = floor is not None and floor.source != "noise"
+        found.append(floor.deviation**2 - blocked if floor and seen else 0.0)
+    return np.array(found)
+
+
+def _near(square: FloatArray, dt: float) -> FloatArray:
+    """Mean over the neighbourhood, at its highest nearby: spikes shift in time."""
+    size = max(3, round(NEAR / dt))
+    mean: FloatArray = uniform_filter1d(square, size, axis=1)
+    highest: FloatArray = maximum_filter1d(mean, size, axis=1)
+    return highest
+
+
+def _drawn(
+    record: Record,
+    noise: dict[str, Noise],
+    filtering: Filtering,
+    random: np.random.Generator,
+) -> Record:
+    """The record as it might have been read another time."""
+    angles = (record.motor_angle, record.joint_angle)
+    read = [
+        _read_again(angle, noise[name], width, filtering, random)
+        for angle, name, width in zip(
+            angles, (MOTOR_ANGLE, JOINT_ANGLE), filtering.still, strict=True
+        )
+    ]
+    return replace(record, motor_angle=read[0], joint_angle=read[1])
+
+
+def _read_again(
+    angle: FloatArray,
+    noise: Noise,
+    width: float,
+    filtering: Filtering,
+    random: np.random.Generator,
+) -> FloatArray:
+    if noise.deviation == 0.0:
+        return angle
+    impulse = np.zeros(2001)
+    impulse[1000] = 1.0
+    here = np.sum(low_passed(impulse, filtering.motion_band, filtering.rate) ** 2)
+    scale = noise.deviation * np.sqrt(filtering.motion_passed / here)
+    read = angle + scale * random.normal(size=angle.size)
+    return stilled(low_passed(read, filtering.motion_band, filtering.rate), width)
+
+
+def _unsettled(
+    record: Record, filtering: Filtering, random: np.random.Generator
+) -> Record:
+    """The record with movements that are too small to be seen."""
+    motor, joint = (
+        angle + _unseen(angle, width, random)
+        for angle, width in zip(
+            (record.motor_angle, record.joint_angle), filtering.still, strict=True
+        )
+    )
+    return replace(record, motor_angle=motor, joint_angle=joint)
+
+
+def _unseen(angle: FloatArray, width: float, random: np.random.Generator) -> FloatArray:
+    """Movement that may have happened where the angle was taken to stand still."""
+    moved = np.zeros(angle.size)
+    edges = np.flatnonzero(np.diff(angle) != 0.0)
+    for first, last in pairwise([-1, *edges.tolist(), angle.size - 1]):
+        size = last - first
+        if size > 2:
+            bump = np.sin(np.pi * np.arange(1, size + 1) / (size + 1))
+            moved[first + 1 : last + 1] = 0.5 * random.uniform(-width, width) * bump
+    return moved

@@ -1,0 +1,151 @@
+"""Held-out data: every sample is predicted by parameters that were fitted to others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.inference.fitting import Fit, Problem, fit, tamed
+from cc_mujoco.diagnosis.inference.records import Record
+from cc_mujoco.diagnosis.inference.slopes import Slopes
+
+BLOCK = 1.0
+"""Length of a block of the bootstrap [s]."""
+PIECES = 12
+"""Stretches of a record that are held out in turn."""
+PARTS = 3
+"""Parts of the trials that are held out in turn; fewer trials are split in time."""
+
+
+class Fold(NamedTuple):
+    """One division of the samples: (samples,) of every record."""
+
+    train: tuple[NDArray[np.bool_], ...]
+    test: tuple[NDArray[np.bool_], ...]
+
+
+def stretches(records: Sequence[Record]) -> tuple[Fold, ...]:
+    """Two halves that predict each other, every other stretch of every record.
+
+    Both halves see every trial, so that what is found does not hang on which trial, say
+    the only one with slack, fell on which side. Where the dataset reserves trials for
+    tests, these are left out of it.
+    """
+    free = [record.free for record in records]
+    odd = [_odd_pieces(counts) for counts in free]
+    one = tuple(counts & ~half for counts, half in zip(free, odd, strict=True))
+    other = tuple(counts & half for counts, half in zip(free, odd, strict=True))
+    return (Fold(one, other), Fold(other, one))
+
+
+def _odd_pieces(counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Second, fourth, ... piece of the samples that count."""
+    place = np.cumsum(counts) / max(int(np.sum(counts)), 1)
+    odd: NDArray[np.bool_] = (place * PIECES * (1.0 - 1e-9)).astype(int) % 2 == 1
+    return odd
+
+
+def trials(records: Sequence[Record]) -> tuple[Fold, ...]:
+    """Whole trials held out: those that the dataset reserves, or a third in turn.
+
+    Trials that repeat each other stay together. Fewer trials than parts: `stretches`.
+    """
+    if any(record.split == "test" for record in records):
+        return (
+            Fold(
+                tuple(record.free for record in records),
+                tuple(record.reserved for record in records),
+            ),
+        )
+    groups = sorted({record.group for record in records if record.counts.any()})
+    if len(groups) < PARTS:
+        return stretches(records)
+    found = []
+    for part in range(PARTS):
+        out = set(groups[part::PARTS])
+        found.append(
+            Fold(
+                tuple(r.counts & (r.group not in out) for r in records),
+                tuple(r.counts & (r.group in out) for r in records),
+            )
+        )
+    return tuple(found)
+
+
+class Crossed(NamedTuple):
+    """One model fitted fold by fold.
+
+    Attributes:
+        problem: the model.
+        fits: one per fold.
+        errors: (2, samples) of every record, over the floor and tamed as in `fitting`:
+            of the fit that has not seen the sample, NaN where no fit was held out.
+    """
+
+    problem: Problem
+    fits: tuple[Fit, ...]
+    errors: tuple[FloatArray, ...]
+
+    @property
+    def squares(self) -> float:
+        """Mean square of the held-out errors."""
+        kept = [e[:, np.isfinite(e[0])] for e in self.errors]
+        return float(np.mean(np.concatenate([k.ravel() for k in kept]) ** 2))
+
+
+def cross(
+    problem: Problem,
+    division: Sequence[Fold],
+    starts: Sequence[FloatArray],
+    evaluations: int = 12,
+) -> Crossed:
+    """Fit a model on every fold and predict what it has not seen.
+
+    Args:
+        problem: the model.
+        division: of the samples.
+        starts: one per fold.
+        evaluations: most of each fit.
+    """
+    fits, slopes = [], Slopes(problem)
+    errors = [np.full(r.measured.shape, np.nan) for r in problem.plant.records]
+    for fold, start in zip(division, starts, strict=True):
+        found = fit(problem, start, fold.train, evaluations, slopes)
+        fits.append(found)
+        for kept, error, mask in zip(
+            errors, slopes.errors(found.at), fold.test, strict=True
+        ):
+            kept[:, mask] = tamed(error[:, mask])
+    return Crossed(problem, tuple(fits), tuple(errors))
+
+
+def blocks(crossed: Crossed) -> FloatArray:
+    """Sum of squares of the held-out errors in blocks of about a second (blocks, 2)."""
+    found = []
+    for record, error in zip(
+        crossed.problem.plant.records, crossed.errors, strict=True
+    ):
+        size = max(2, round(BLOCK / record.dt))
+        squares = np.where(np.isfinite(error), error, 0.0) ** 2
+        kept = np.isfinite(error[0])
+        for first in range(0, kept.size, size):
+            if np.any(kept[first : first + size]):
+                found.append(np.sum(squares[:, first : first + size], axis=1))
+    return np.array(found)
+
+
+def excess(crossed: Crossed) -> float:
+    """By how much held-out errors exceed the floor, over its standard error.
+
+    The error is that of blocks: a few bad moments, say one stick that broke at another
+    time, do not make a model wrong.
+    """
+    raised = crossed.problem.raised**2
+    sums = raised * blocks(crossed).sum(axis=1)
+    counts = 2.0 * np.array([np.sum(np.isfinite(e[0])) for e in crossed.errors]).sum()
+    scatter = np.std(sums) * np.sqrt(sums.size)
+    return float((sums.sum() - counts) / max(scatter, 1e-300))

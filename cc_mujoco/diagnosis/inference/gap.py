@@ -1,0 +1,155 @@
+"""How much of the gap is closed, on trials that the parameters have not seen.
+
+Errors are weighted by how well the angles tell the torque at that moment: where an end
+of the cable sticks, the last digit of its angle is worth newtons, and a handful of such
+samples would decide over all others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.evidence import CHANNELS, Trace
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit
+from cc_mujoco.diagnosis.inference.folds import BLOCK, Fold
+from cc_mujoco.diagnosis.inference.slopes import Slopes
+from cc_mujoco.diagnosis.verdict import Gap
+
+DRAWS = 400
+SOLID = 0.95
+"""Share of draws with a gap to close from which on its closing has an interval."""
+
+
+class Predicted(NamedTuple):
+    """Samples predicted by parameters that were fitted to others.
+
+    Attributes:
+        torques: (2, samples) of every record [Nm].
+        places: of the parameters, one per fold.
+    """
+
+    torques: tuple[FloatArray, ...]
+    places: tuple[FloatArray, ...]
+
+
+def predicted(
+    problem: Problem, start: FloatArray, division: Sequence[Fold]
+) -> Predicted:
+    """Torques of every record by parameters fitted to other samples.
+
+    Samples that no fold holds out are predicted by the last fit.
+    """
+    records = problem.plant.records
+    found = [np.zeros(record.measured.shape) for record in records]
+    slopes, places = Slopes(problem), []
+    for fold in division:
+        at = fit(problem, start, fold.train, 6, slopes).at
+        places.append(at)
+        played = problem.plant.simulate(problem.values(at), problem.effects)
+        for kept, torque, train in zip(found, played, fold.train, strict=True):
+            kept[:, ~train] = torque[:, ~train]
+            empty = np.all(kept == 0.0, axis=0)
+            kept[:, empty] = torque[:, empty]
+    return Predicted(tuple(found), tuple(places))
+
+
+def gaps(
+    problem: Problem,
+    before: Sequence[FloatArray],
+    after: Sequence[FloatArray],
+    division: Sequence[Fold],
+    seed: int = 0,
+) -> dict[str, Gap]:
+    """Gap of each channel on the samples that are held out."""
+    records = problem.plant.records
+    masks = [np.zeros(r.counts.size, dtype=bool) for r in records]
+    for fold in division:
+        for mask, test in zip(masks, fold.test, strict=True):
+            mask |= test
+    found = {}
+    random = np.random.default_rng(seed)
+    for row, channel in enumerate(CHANNELS):
+        squares = []
+        for record, mask, old, new, noise, floor in zip(
+            records, masks, before, after, problem.noise, problem.floor, strict=True
+        ):
+            size = max(2, round(BLOCK / record.dt))
+            columns = (
+                np.array(
+                    [
+                        (old[row] - record.measured[row]) ** 2,
+                        (new[row] - record.measured[row]) ** 2,
+                        noise[row] ** 2,
+                        np.ones(mask.size),
+                    ]
+                )
+                * mask
+                / floor[row] ** 2
+            )
+            for first in range(0, mask.size, size):
+                if np.any(mask[first : first + size]):
+                    squares.append(columns[:, first : first + size].sum(axis=1))
+        found[channel] = _gap(np.array(squares), random)
+    return found
+
+
+def _gap(squares: FloatArray, random: np.random.Generator) -> Gap:
+    """From weighted sums per block (blocks, 4): before, after, floor, weights."""
+    draws = random.integers(0, len(squares), (DRAWS, len(squares)))
+    shares = [_closed(*squares[draw, :3].sum(axis=0)) for draw in draws]
+    old, new, floor, weights = squares.sum(axis=0)
+    low = high = math.nan
+    if np.mean(np.isfinite(shares)) > SOLID:
+        low, high = np.nanquantile(shares, [0.025, 0.975]).tolist()
+    return Gap(
+        float(np.sqrt(old / weights)),
+        float(np.sqrt(new / weights)),
+        float(np.sqrt(floor / weights)),
+        _closed(old, new, floor),
+        (low, high),
+    )
+
+
+def _closed(old: float, new: float, floor: float) -> float:
+    """Share of the gap that is closed; NaN where there is none to close."""
+    gap = old - floor
+    return float(1.0 - (new - floor) / gap) if old > 1.02 * floor else math.nan
+
+
+def overall(found: Mapping[str, Gap]) -> float:
+    """Share of the gap that is closed in all channels together; NaN without a gap."""
+    old, new, floor = (
+        sum(square)
+        for square in zip(
+            *(
+                (g.rmse_before**2, g.rmse_after**2, g.noise_floor**2)
+                for g in found.values()
+            ),
+            strict=True,
+        )
+    )
+    return _closed(old, new, floor)
+
+
+def traces(
+    problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
+) -> tuple[Trace, ...]:
+    """What the report draws."""
+    return tuple(
+        Trace(
+            record.trial,
+            record.time,
+            record.motor_angle,
+            record.joint_angle,
+            dict(zip(CHANNELS, record.measured, strict=True)),
+            dict(zip(CHANNELS, old, strict=True)),
+            dict(zip(CHANNELS, new, strict=True)),
+            record.counts.astype(float),
+        )
+        for record, old, new in zip(problem.plant.records, before, after, strict=True)
+    )

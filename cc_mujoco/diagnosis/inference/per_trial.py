@@ -1,0 +1,229 @@
+"""How far off every trial is, and whether one of them was recorded on another rig.
+
+A cable that was tightened or laid anew between trials is no effect of the library: the
+trials then contradict each other, and nothing that is added explains them all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.evidence import CHANNELS
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit, tamed
+from cc_mujoco.diagnosis.verdict import TrialError
+from cc_mujoco.diagnosis.wording import number
+
+LEAST = 3
+"""Trials from which one can stand out."""
+APART = 2.0
+"""Error of a trial that stands out, over that of the rest fitted without it."""
+OFF = 2.5
+"""The same over the noise floor."""
+SUSPECTS = 2
+"""Trials that are left out in turn, the worst first."""
+OWN = 0.6
+"""Share of its squared error beyond the floor that a change of its own must take."""
+WIDEST = math.log(8.0)
+"""Logarithm of the largest such change."""
+
+
+def trial_errors(
+    problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
+) -> tuple[TrialError, ...]:
+    """Errors of every trial of which samples count, in order.
+
+    Args:
+        problem: with the floor that weights samples.
+        before: (2, samples) torque of the baseline for every record [Nm].
+        after: the same with what was added.
+    """
+    found = []
+    for name, places in _places(problem).items():
+        measured = [problem.plant.records[k].measured for k in places]
+        off, left = (
+            [torque[k] - m for k, m in zip(places, measured, strict=True)]
+            for torque in (before, after)
+        )
+        found.append(
+            TrialError(
+                name,
+                _rms(problem, places, off),
+                _rms(problem, places, left),
+                _rms(problem, places, [problem.noise[k] for k in places]),
+                _misfit(problem, places, off),
+                _misfit(problem, places, left),
+            )
+        )
+    return tuple(found)
+
+
+class Odd(NamedTuple):
+    """A trial that the rest does not foretell.
+
+    Attributes:
+        trial: its name.
+        misfit: RMS error over the noise floor, by parameters fitted to the others.
+        rest: the same of the others.
+        own: what a parameter of its own would have to be, in words; empty where that
+            does not explain it.
+    """
+
+    trial: str
+    misfit: float
+    rest: float
+    own: str
+
+    @property
+    def question(self) -> str:
+        """What to ask whoever recorded it."""
+        told = f" It looks as if {self.own}." if self.own else ""
+        name = self.trial
+        return (
+            f"Trial {name} is off by {number(self.misfit)} times the noise floor, the "
+            f"others, fitted without it, by {number(self.rest)}: was its pretension or "
+            f"its route changed?{told} If so, declare its pretension in dataset.toml "
+            f"([trials.{name!r}] pretension), or leave it out."
+        )
+
+
+def odd_trial(problem: Problem, at: FloatArray) -> Odd | None:
+    """The trial that contradicts the others, if there is one.
+
+    Args:
+        problem: a model that explains the others.
+        at: its parameters, fitted to all.
+    """
+    places = _places(problem)
+    if len(places) < LEAST:
+        return None
+    errors = _errors(problem, at)
+    off = {
+        name: _misfit(problem, own, [errors[k] for k in own])
+        for name, own in places.items()
+    }
+    suspects = sorted(off, key=lambda name: -off[name])[:SUSPECTS]
+    found = [
+        _left_out(problem, at, name, places)
+        for name in suspects
+        if off[name] > OFF / 2.0
+    ]
+    odd = min(found, key=lambda each: each[0].rest, default=None)
+    if odd is None or odd[0].misfit < max(OFF, APART * odd[0].rest):
+        return None
+    return odd[0]._replace(own=_own(problem, odd[1], places[odd[0].trial]))
+
+
+def _left_out(
+    problem: Problem, at: FloatArray, name: str, places: dict[str, list[int]]
+) -> tuple[Odd, FloatArray]:
+    """Fit all trials but one and predict that one."""
+    own = places[name]
+    masks = [
+        record.free & (k not in own) for k, record in enumerate(problem.plant.records)
+    ]
+    there = fit(problem, at, masks).at
+    errors = _errors(problem, there)
+    rest = [k for other, theirs in places.items() if other != name for k in theirs]
+    return Odd(
+        name,
+        _misfit(problem, own, [errors[k] for k in own]),
+        _misfit(problem, rest, [errors[k] for k in rest]),
+        "",
+    ), there
+
+
+def _own(problem: Problem, at: FloatArray, places: list[int]) -> str:
+    """Which change of its own explains a trial, in words."""
+    values = problem.values(at)
+    records = problem.plant.records
+    start = problem.plant.bench.cables[0].pretension
+
+    def misfit(name: str, factor: float) -> float:
+        errors = []
+        for k in places:
+            record, changed = records[k], {**values}
+            if name == "pretension":
+                usual = start if record.pretension is None else record.pretension
+                record = replace(record, pretension=factor * usual)
+            else:
+                changed[name] = factor * values[name]
+            plant = problem.plant.limited([record])
+            (torque,) = plant.simulate(changed, problem.effects)
+            errors.append(torque - record.measured)
+        return _misfit(problem, places, errors)
+
+    usual = misfit("friction", 1.0)
+    tried = {}
+    for name in ("pretension", "friction"):
+        best = minimize_scalar(
+            lambda log, name=name: misfit(name, math.exp(log)),
+            bounds=(-WIDEST, WIDEST),
+            method="bounded",
+            options={"xatol": 0.01, "maxiter": 25},
+        )
+        tried[name] = (float(best.fun), math.exp(float(best.x)))
+    name = min(tried, key=lambda each: tried[each][0])
+    left, factor = tried[name]
+    if left**2 - 1.0 > (1.0 - OWN) * (usual**2 - 1.0):
+        return ""
+    if name == "friction":
+        return f"friction times wrap were {number(factor)} times that of the others"
+    known = records[places[0]].pretension
+    tension = values.get("pretension", start)
+    if known is not None and start > 0.0:
+        tension *= known / start
+    return f"its pretension were {number(factor * tension)} N, not {number(tension)} N"
+
+
+def _places(problem: Problem) -> dict[str, list[int]]:
+    """Indices of the records of every trial of which samples count."""
+    found: dict[str, list[int]] = {}
+    for k, record in enumerate(problem.plant.records):
+        if record.counts.any():
+            found.setdefault(record.trial, []).append(k)
+    return found
+
+
+def _errors(problem: Problem, at: FloatArray) -> list[FloatArray]:
+    """Simulated less measured (2, samples) of every record [Nm]."""
+    played = problem.plant.simulate(problem.values(at), problem.effects)
+    return [
+        torque - record.measured
+        for torque, record in zip(played, problem.plant.records, strict=True)
+    ]
+
+
+def _rms(
+    problem: Problem, places: Sequence[int], errors: Sequence[FloatArray]
+) -> dict[str, float]:
+    """RMS error of each channel, weighted by the inverse square of the floor [Nm]."""
+    weights = [_counts(problem, k) / np.square(problem.floor[k]) for k in places]
+    squares = [
+        (w * error**2).sum(axis=1) for w, error in zip(weights, errors, strict=True)
+    ]
+    total = np.sum([w.sum(axis=1) for w in weights], axis=0)
+    found = np.sqrt(np.sum(squares, axis=0) / total)
+    return dict(zip(CHANNELS, found.tolist(), strict=True))
+
+
+def _misfit(
+    problem: Problem, places: Sequence[int], errors: Sequence[FloatArray]
+) -> float:
+    """RMS error over the noise floor, tamed as in fits."""
+    squares = [
+        tamed(error / problem.floor[k])[:, _counts(problem, k)].ravel() ** 2
+        for k, error in zip(places, errors, strict=True)
+    ]
+    return problem.raised * float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def _counts(problem: Problem, place: int) -> NDArray[np.bool_]:
+    return problem.plant.records[place].counts

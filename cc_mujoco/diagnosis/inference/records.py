@@ -1,0 +1,229 @@
+"""Trials made ready for comparison: one clock, one band, a run-in that does not count.
+
+Measured and simulated torques pass the same zero-phase low-pass. Angles, which are
+played, keep a wider band: friction answers a reversal with a corner, and a corner of
+smoothed angles is not a smoothed corner. Angles then stand still where their noise
+moves less than a few of its deviations: a cable that sticks turns the slightest
+movement of its end into tension, and noise would shake it loose.
+
+What the cable did before a trial is unknown: a short lead-in from rest in pretension
+goes to the first sample, and samples do not count until the motor has moved the whole
+cable.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from scipy.signal import butter, sosfiltfilt
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
+from cc_mujoco.diagnosis.data.trials import Dataset, Trial
+
+BAND = 25.0
+"""Highest frequency compared [Hz]."""
+MOTION_BAND = 60.0
+"""Highest frequency of the angles that are played [Hz]."""
+RATE = 250.0
+"""Least samples per second kept."""
+RAMP = 20
+"""Samples of either part of a lead-in, see `plant.led`."""
+LEAD = 2 * RAMP
+"""Samples that lead from rest in the pose 0 to the first sample."""
+RUN_IN = 3.0
+"""Travel of the motor before samples count, over the travel that winds up the cable."""
+STILL = 3.0
+"""Movement that counts as none, in deviations of the angle's noise."""
+SHORTEST = 50
+"""Least samples of a stretch that is used."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One stretch of one trial; arrays have one entry per compared sample.
+
+    Attributes:
+        trial: name of the trial.
+        dt: time between samples [s].
+        step: time between samples as recorded [s].
+        time: as recorded [s].
+        motor_angle: [rad].
+        joint_angle: [rad].
+        measured: (2, samples) motor and joint torque [Nm].
+        band: to which the torques are low-passed [Hz].
+        counts: whether a sample counts.
+        pretension: of this trial if known [N], else None.
+        start: time since the trial began at the first sample [s].
+        split: what `dataset.toml` reserves the trial for, else None.
+        group: of trials that repeat each other; they are never on both sides.
+    """
+
+    trial: str
+    dt: float
+    step: float
+    time: FloatArray
+    motor_angle: FloatArray
+    joint_angle: FloatArray
+    measured: FloatArray
+    band: float
+    counts: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    pretension: float | None
+    start: float
+    split: str | None
+    group: str
+
+    @property
+    def free(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Whether a sample counts and is not reserved for the test."""
+        return self.counts & (self.split != "test")
+
+    @property
+    def reserved(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Whether a sample counts and is reserved for the test."""
+        return self.counts & (self.split == "test")
+
+
+@dataclass(frozen=True)
+class Filtering:
+    """What happened to the recorded signals.
+
+    Attributes:
+        band: cut-off of the low-pass of torques [Hz].
+        motion_band: the same of angles [Hz].
+        rate: samples per second that are compared.
+        passed: variance of white noise of a torque that passes, over its own.
+        motion_passed: the same of an angle.
+        still: movement of motor and joint that counts as none [rad].
+    """
+
+    band: float
+    motion_band: float
+    rate: float
+    passed: float
+    motion_passed: float
+    still: tuple[float, ...]
+
+
+def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filtering]:
+    """Records of a dataset, in order, and how they were filtered."""
+    slowest = min(trial.rate for trial in dataset.trials)
+    band, motion_band = min(BAND, 0.3 * slowest), min(MOTION_BAND, 0.4 * slowest)
+    first = dataset.trials[0]
+    bands = (band, motion_band)
+    passed = (_passed(first, band), _passed(first, motion_band))
+    still = tuple(
+        STILL * dataset.noise[name].deviation * passed[1] ** 0.5
+        if name in dataset.noise
+        else 0.0
+        for name in (MOTOR_ANGLE, JOINT_ANGLE)
+    )
+    records = []
+    for trial in dataset.trials:
+        for part in trial.segments:
+            if part.stop - part.start >= SHORTEST:
+                records.append(_record(trial, part, bands, bench, still))
+    rate = first.rate / _thinning(first.rate)
+    return tuple(records), Filtering(*bands, rate, *passed, still)
+
+
+def _thinning(rate: float) -> int:
+    return max(1, int(rate / RATE + 1e-9))
+
+
+def _record(
+    trial: Trial,
+    part: slice,
+    bands: tuple[float, float],
+    bench: Bench,
+    still: tuple[float, ...],
+) -> Record:
+    thin = _thinning(trial.rate)
+    band, motion_band = bands
+    angles = np.array([trial.motor_angle[part], trial.joint_angle[part]])
+    torques = np.array([trial.motor_torque[part], trial.joint_torque[part]])
+    smooth = low_passed(angles, motion_band, trial.rate)[:, ::thin]
+    measured = low_passed(torques, band, trial.rate)[:, ::thin]
+    for row, width in enumerate(still):
+        smooth[row] = stilled(smooth[row], width)
+    time = trial.time[part][::thin]
+    dt = trial.step * thin
+    travel = np.cumsum(np.abs(np.diff(smooth[0], prepend=smooth[0, 0])))
+    counts = (travel > RUN_IN * wind_up(bench)) & (time - time[0] > 0.1)
+    # Where the filter has no samples on both sides it is not the same for both.
+    edge = max(2, round(0.5 / band / dt))
+    counts[:edge] = False
+    counts[-edge:] = False
+    return Record(
+        trial.name,
+        dt,
+        trial.step,
+        time,
+        smooth[0],
+        smooth[1],
+        measured,
+        band,
+        counts,
+        trial.facts.pretension,
+        float(time[0] - trial.time[0]),
+        trial.facts.split,
+        trial.facts.repeat_of or trial.name,
+    )
+
+
+def low_passed(signals: FloatArray, band: float, rate: float) -> FloatArray:
+    """Zero-phase low-pass of signals (..., samples)."""
+    if band >= 0.45 * rate:
+        return signals
+    passed: FloatArray = sosfiltfilt(_filter(band, rate), signals, axis=-1)
+    return passed
+
+
+@lru_cache(maxsize=16)
+def _filter(band: float, rate: float) -> FloatArray:
+    filter_: FloatArray = butter(2, band, fs=rate, output="sos")
+    return filter_
+
+
+def stilled(angle: FloatArray, width: float) -> FloatArray:
+    """The angle without movements smaller than a width (samples,) [rad].
+
+    It is followed with this much play, forwards and backwards in time; the mean of both
+    has no lag in steady motion, and stands still where the angle does but for noise.
+    """
+    if width == 0.0:
+        return angle
+    mean: FloatArray = 0.5 * (
+        _followed(angle, width) + _followed(angle[::-1].copy(), width)[::-1]
+    )
+    return mean
+
+
+@njit(nogil=True)
+def _followed(angle: FloatArray, width: float) -> FloatArray:
+    out = np.empty(angle.size)
+    at = angle[0]
+    for i in range(angle.size):
+        at = min(max(at, angle[i] - width), angle[i] + width)
+        out[i] = at
+    return out
+
+
+def _passed(trial: Trial, band: float) -> float:
+    impulse = np.zeros(4001)
+    impulse[2000] = 1.0
+    return float(np.sum(low_passed(impulse, band, trial.rate) ** 2))
+
+
+def wind_up(bench: Bench) -> float:
+    """Motor rotation that takes up the whole cable against its friction [rad]."""
+    cable = bench.cables[0]
+    a = max(cable.friction * cable.wrap, 1e-6)
+    strain = cable.pretension / cable.axial_stiffness
+    slip = 2.0 * strain * cable.length * (math.expm1(a) / a - 1.0)
+    return slip / bench.motor_radius

@@ -1,0 +1,275 @@
+"""Which effects to add, one after another, by what they do for held-out data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.inference.folds import Crossed, Fold, blocks, cross
+from cc_mujoco.diagnosis.inference.screen import Signature, alike, screen
+from cc_mujoco.errors import CableError
+
+REFITTED = 6
+"""Most candidates that are refitted by simulation in one round."""
+PROMISING = 0.15
+"""Share of the leader's explained error that a candidate needs to be refitted."""
+LOOKALIKE = 0.9
+"""Cosine beyond which two signatures cannot be told apart by screening."""
+MOST = 4
+"""Most effects that are added."""
+DRAWS = 400
+"""Block bootstraps."""
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """When an effect is named; calibrated on rigs without any, see the README.
+
+    Attributes:
+        reduction: least relative reduction of the held-out squared error.
+        misfit: RMS held-out error over the floor below which nothing is missing.
+        certainty: least reduction over its standard error.
+        agreement: largest spread of the amplitude between the folds over its mean.
+        rival: a rival within this many standard errors of the winner is a tie.
+    """
+
+    reduction: float = 0.10
+    misfit: float = 1.25
+    certainty: float = 2.0
+    agreement: float = 1.0
+    rival: float = 2.0
+
+
+class Candidate(NamedTuple):
+    """An effect refitted on top of the model so far.
+
+    Attributes:
+        id: of the effect.
+        crossed: the wider model.
+        reduction: of the held-out squared error, relative.
+        certainty: the reduction over its standard error.
+        reason: why it may not be named, or empty.
+    """
+
+    id: str
+    crossed: Crossed
+    reduction: float
+    certainty: float
+    reason: str
+
+
+class Round(NamedTuple):
+    """One step of the search.
+
+    Attributes:
+        candidates: refitted, the best first.
+        added: the one that was added, or None.
+        rivals: ids that do as well as the one added, itself first.
+        confidence: share of bootstraps that the added one wins.
+    """
+
+    candidates: tuple[Candidate, ...]
+    added: str | None
+    rivals: tuple[str, ...]
+    confidence: float
+
+
+class Search(NamedTuple):
+    """How the search went.
+
+    Attributes:
+        before: the baseline.
+        after: the model with all effects that were added.
+        rounds: steps.
+        signatures: of every effect, on top of the baseline.
+    """
+
+    before: Crossed
+    after: Crossed
+    rounds: tuple[Round, ...]
+    signatures: tuple[Signature, ...]
+
+
+def search(
+    baseline: Crossed,
+    division: Sequence[Fold],
+    ids: Sequence[str],
+    thresholds: Thresholds,
+    progress: Callable[[float, str], None] = lambda share, doing: None,
+) -> Search:
+    """Add effects while each passes, then drop those that later ones made useless."""
+    now, rounds = baseline, []
+    first: tuple[Signature, ...] = ()
+    for count in range(MOST):
+        left = [name for name in ids if name not in now.problem.effects]
+        progress(count / MOST, f"screening {len(left)} effects")
+        signatures = _screened(now, division, left)
+        first = first or tuple(signatures)
+        chosen = _chosen(signatures)
+        candidates: list[Candidate] = []
+        while chosen:
+            for place, signature in enumerate(chosen):
+                share = (count + place / len(chosen)) / MOST
+                progress(share, f"refitting {signature.id}")
+                candidates.append(_refit(now, division, signature, thresholds))
+            chosen = _overlooked(signatures, candidates, thresholds)
+        step = _decided(now, candidates, thresholds)
+        rounds.append(step)
+        if step.added is None:
+            break
+        now = next(c.crossed for c in candidates if c.id == step.added)
+    now = _pruned(now, division, thresholds)
+    return Search(baseline, now, _settled(rounds), first)
+
+
+def _settled(rounds: Sequence[Round]) -> tuple[Round, ...]:
+    """Rounds without rivals that still help when the leader has been added.
+
+    They explain something else; only what the leader made useless is tied with it.
+    """
+    found = []
+    for step, after in zip_longest(rounds, rounds[1:]):
+        helpful = {c.id for c in after.candidates if not c.reason} if after else set()
+        rivals = tuple(name for name in step.rivals if name not in helpful)
+        found.append(step._replace(rivals=rivals))
+    return tuple(found)
+
+
+def _screened(
+    now: Crossed, division: Sequence[Fold], ids: Sequence[str]
+) -> list[Signature]:
+    """Signatures on what may be learnt from, at the mean of the folds' fits."""
+    masks = [record.free for record in now.problem.plant.records]
+    at = np.mean([fit.at for fit in now.fits], axis=0)
+    return screen(now.problem, at, masks, ids)
+
+
+def _chosen(signatures: Sequence[Signature]) -> list[Signature]:
+    if not signatures or signatures[0].explained <= 0.0:
+        return []
+    least = PROMISING * signatures[0].explained
+    return [s for s in signatures if s.explained >= least][:REFITTED]
+
+
+def _overlooked(
+    signatures: Sequence[Signature],
+    candidates: Sequence[Candidate],
+    thresholds: Thresholds,
+) -> list[Signature]:
+    """What resembles the best candidate and was not refitted.
+
+    Signatures are of first order, and screening by them may rank lookalikes wrongly.
+    """
+    leader = max(candidates, key=lambda candidate: candidate.reduction)
+    if leader.reduction < thresholds.reduction:
+        return []
+    sign = next(s for s in signatures if s.id == leader.id)
+    done = {candidate.id for candidate in candidates}
+    return [
+        s
+        for s in signatures
+        if s.id not in done
+        and (alike(s, sign) > LOOKALIKE or s.id in EFFECTS[leader.id].alike)
+    ]
+
+
+def _refit(
+    now: Crossed, division: Sequence[Fold], signature: Signature, thresholds: Thresholds
+) -> Candidate:
+    wider = now.problem.with_effect(signature.id, signature.start)
+    starts = [wider.placed(fit.at, signature.start) for fit in now.fits]
+    try:
+        crossed = cross(wider, division, starts)
+    except CableError as error:
+        return Candidate(signature.id, now, 0.0, 0.0, str(error))
+    old, better = blocks(now).sum(axis=1), blocks(crossed).sum(axis=1)
+    gain = old - better
+    reduction = float(gain.sum() / old.sum())
+    scatter = float(np.std(gain) * np.sqrt(gain.size) / old.sum())
+    certainty = reduction / max(scatter, 1e-12)
+    reason = _objection(crossed, signature.id, reduction, certainty, thresholds)
+    return Candidate(signature.id, crossed, reduction, certainty, reason)
+
+
+def _objection(
+    crossed: Crossed,
+    name: str,
+    reduction: float,
+    certainty: float,
+    thresholds: Thresholds,
+) -> str:
+    if reduction < thresholds.reduction:
+        taken = round(reduction, 2) + 0.0  # no minus before a zero
+        return f"takes {taken:.0%} of the error, less than {thresholds.reduction:.0%}"
+    if certainty < thresholds.certainty:
+        return f"its gain is {certainty:.1f} standard errors"
+    knobs = {knob.name: knob for knob in EFFECTS[name].knobs}
+    spread, mean = amplitude(crossed, name)
+    # Where more than a size is fitted, one parameter may stand in for another.
+    if len(knobs) == 1 and spread > thresholds.agreement * mean:
+        return "its size differs between the halves of the data"
+    for parameter, place in zip(crossed.problem.tuned, crossed.fits[0].at, strict=True):
+        if parameter.name in knobs and knobs[parameter.name].low <= 0.0:
+            if place >= parameter.high * 0.999:
+                return f"{parameter.name} runs to its bound"
+    return ""
+
+
+def amplitude(crossed: Crossed, name: str) -> tuple[float, float]:
+    """Spread between the folds and mean size of an effect's amplitude, in scales."""
+    knobs = {knob.name for knob in EFFECTS[name].knobs if knob.low <= 0.0}
+    index = [i for i, p in enumerate(crossed.problem.tuned) if p.name in knobs]
+    found = np.array([fit.at[index] for fit in crossed.fits])
+    if found.shape[0] < 2:
+        return 0.0, float(np.linalg.norm(found[0]))
+    spread = float(np.linalg.norm(found[0] - found[1]))
+    return spread, float(np.linalg.norm(found.mean(axis=0)))
+
+
+def _decided(
+    now: Crossed, candidates: list[Candidate], thresholds: Thresholds
+) -> Round:
+    candidates.sort(key=lambda candidate: -candidate.reduction)
+    able = [candidate for candidate in candidates if not candidate.reason]
+    if not able:
+        return Round(tuple(candidates), None, (), 0.0)
+    sums = {c.id: blocks(c.crossed).sum(axis=1) for c in able}
+    best = able[0]
+    rivals = [best]
+    for other in able[1:]:
+        apart = sums[other.id] - sums[best.id]
+        error = np.std(apart) * np.sqrt(apart.size)
+        if apart.sum() < thresholds.rival * error:
+            rivals.append(other)
+    # Where the data do not tell, the one with fewer parameters comes first.
+    rivals.sort(key=lambda rival: len(EFFECTS[rival.id].knobs))
+    leader = rivals[0].id
+    names = tuple(rival.id for rival in rivals)
+    return Round(tuple(candidates), leader, names, confidence(sums, leader))
+
+
+def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:
+    """Share of block bootstraps in which this candidate is the best."""
+    random = np.random.default_rng(seed)
+    table = np.array(list(sums.values()))
+    place = list(sums).index(name)
+    draws = random.integers(0, table.shape[1], (DRAWS, table.shape[1]))
+    totals = table[:, draws].sum(axis=2)
+    return float(np.mean(np.argmin(totals, axis=0) == place))
+
+
+def _pruned(now: Crossed, division: Sequence[Fold], thresholds: Thresholds) -> Crossed:
+    """Without the effects that the others have made useless."""
+    for name in now.problem.effects[:-1]:
+        slim = now.problem.without(name)
+        kept = [i for i, p in enumerate(now.problem.tuned) if p in slim.tuned]
+        crossed = cross(slim, division, [fit.at[kept] for fit in now.fits])
+        if crossed.squares <= now.squares * (1.0 + 0.5 * thresholds.reduction):
+            now = crossed
+    return now

@@ -1,0 +1,1 @@
+"""What a diagnosis writes: page, figures, maps, recording."""

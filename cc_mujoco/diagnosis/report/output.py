@@ -1,0 +1,156 @@
+"""What a diagnosis leaves behind: one folder, written whole."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cc_mujoco import files
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.trials import Dataset
+from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
+from cc_mujoco.diagnosis.inference.plant import CLOCKS, shifted
+from cc_mujoco.diagnosis.inference.records import low_passed
+from cc_mujoco.diagnosis.report.drawings import STEMS
+from cc_mujoco.diagnosis.report.recording import write_recording
+from cc_mujoco.diagnosis.report.report import write_report
+from cc_mujoco.diagnosis.result import Result
+from cc_mujoco.diagnosis.scene.repair import repaired
+from cc_mujoco.diagnosis.scene.repair import write as write_scene
+from cc_mujoco.diagnosis.scene.rollout import rollout
+from cc_mujoco.diagnosis.verdict import Diagnosis
+from cc_mujoco.diagnosis.wording import NO_SCENE
+from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing_folder
+
+VERDICT = "verdict.json"
+SOMETIMES = ("scene.xml", "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
+"""Files that only some verdicts come with."""
+TITLES = {name: effect.title for name, effect in EFFECTS.items()}
+
+
+def require_ours(out: Path, scene: Path) -> None:
+    """See to it that nothing is replaced but the files of an earlier diagnosis.
+
+    Raises:
+        CableError: the folder holds the scene; see also `files.require_ours`.
+    """
+    names = (VERDICT, "report.html", *SOMETIMES)
+    if scene.resolve() in {(out / name).resolve() for name in names}:
+        raise CableError(
+            f"the scene {scene} lies where the diagnosis writes its own; name another "
+            "folder to write to."
+        )
+    files.require_ours(out, names, _has_verdict)
+
+
+def _has_verdict(folder: Path) -> bool:
+    try:
+        found = json.loads((folder / VERDICT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.keys() >= {"verdict", "provenance"}
+
+
+def write(
+    result: Result, dataset: Dataset, out: Path, command: str, seed: int
+) -> Diagnosis:
+    """Write everything to a folder and return the diagnosis with its provenance."""
+    diagnosis = replace(
+        result.diagnosis, provenance=provenance(result, dataset, command, seed)
+    )
+    with replacing_folder(out) as place:
+        if result.problem is not None:
+            try:
+                said = scene(result, place / "scene.xml")
+            except CableError as error:  # the verdict stands without it
+                said = [f"{NO_SCENE}: {error}."]
+            diagnosis = replace(diagnosis, problems=(*diagnosis.problems, *said))
+            write_recording(place / "evidence.rrd", result.evidence, TITLES)
+        write_report(place, diagnosis, result.evidence, TITLES)
+        diagnosis.write(place / VERDICT)
+        written = {file.name for file in place.iterdir()}
+    for name in SOMETIMES:
+        if name not in written:  # of an earlier diagnosis with another verdict
+            (out / name).unlink(missing_ok=True)
+    return diagnosis
+
+
+def provenance(
+    result: Result, dataset: Dataset, command: str, seed: int
+) -> Mapping[str, Any]:
+    """Where all this comes from."""
+    return {
+        "command": command,
+        "seed": seed,
+        "scene": {"path": str(result.bench.path), "sha256": result.bench.sha256},
+        "data": {trial.path: trial.sha256 for trial in dataset.trials},
+        "dataset": {"path": dataset.path, "sha256": dataset.sha256},
+        "versions": {
+            "cc_mujoco": version("cc_mujoco"),
+            "mujoco": mujoco.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
+    }
+
+
+def scene(result: Result, path: Path) -> list[str]:
+    """Write the scene with the effects; compare its rollout with the replay."""
+    problem = result.problem
+    assert problem is not None
+    values = problem.values(result.at)
+    cables = problem.plant.cables(values, problem.effects)
+    near, far = problem.plant.radii(values)
+    bench = replace(result.bench, motor_radius=near, joint_radius=far)
+    effects = {
+        name: {knob.name: values[knob.name] for knob in EFFECTS[name].knobs}
+        for name in problem.effects
+    }
+    write_scene(path, repaired(bench, cables, effects))
+    try:
+        apart, size = compared(result, path)
+    except CableError as error:
+        return [f"scene.xml is written, but cannot be compared: {error}."]
+    return [
+        f"scene.xml, played by MuJoCo along the first seconds of {apart[0]}, differs "
+        f"from the replay by {apart[1]:.2g} Nm RMS, with torques of {size:.2g} Nm RMS."
+    ]
+
+
+def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
+    """RMS difference of scene and replay on the first seconds of a record [Nm]."""
+    problem = result.problem
+    assert problem is not None
+    record = problem.plant.records[0]
+    values = problem.values(result.at)
+    short = min(record.time.size, round(4.0 / record.dt))
+    offset = values.get("joint_angle_offset", 0.0)
+    near, far = problem.plant.radii(values)
+    ahead = values.get(JOINT_DELAY, 0.0) / record.dt
+    joint = shifted(record.joint_angle, ahead)[:short] + offset
+    time = record.start + record.dt * np.arange(short)
+    shown = np.array(
+        rollout(path, time, record.motor_angle[:short], joint, lead_in=far / near)
+    )
+    quiet = {
+        **values,
+        "motor_torque_offset": 0.0,
+        "joint_torque_offset": 0.0,
+        **dict.fromkeys(CLOCKS, 0.0),
+    }
+    played: FloatArray = problem.plant.simulate(quiet, problem.effects, only=0)[0]
+    edge = round(1.0 / record.band / record.dt)
+    passed = low_passed(shown, record.band, 1.0 / record.dt)
+    error = (passed - played[:, :short])[:, edge:-edge]
+    return (record.trial, float(np.sqrt(np.mean(error**2)))), float(
+        np.sqrt(np.mean(played[:, :short] ** 2))
+    )

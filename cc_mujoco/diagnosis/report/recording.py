@@ -1,0 +1,194 @@
+"""The evidence of a diagnosis as a Rerun recording: every sample, to zoom into.
+
+    write_recording("evidence.rrd", evidence)
+
+`rerun evidence.rrd` opens it as a finished layout, one tab a trial, at the trial where
+the baseline errs most. Recordings of equal evidence compare equal.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.evidence import Evidence, Map, Trace
+from cc_mujoco.diagnosis.report.excerpt import changed, worst
+from cc_mujoco.diagnosis.report.likeness import alike_pairs, invisible
+from cc_mujoco.diagnosis.wording import TORQUE_UNIT, Names, capital, channel, plain
+from cc_mujoco.diagnosis.wording import share as share_of
+from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, PINK
+from cc_mujoco.recording.axis import axis
+from cc_mujoco.recording.rerun_file import recording
+
+TIMELINE = "trial_time"
+"""Time since the start of a trial; trials share it."""
+
+LOOKS = {"measured": (GREY, 2.5), "before": (ORANGE, 1.5), "after": (BLUE, 1.5)}
+
+
+def write_recording(
+    path: str | os.PathLike[str],
+    evidence: Evidence,
+    titles: Mapping[str, str] | None = None,
+) -> None:
+    """Write the evidence as a `.rrd` file, whole or not at all.
+
+    Args:
+        path: of the file.
+        evidence: what is logged.
+        titles: id of an effect to its name; an id that is not in it has its underscores
+            replaced.
+    """
+    both = changed(evidence)
+    with recording(path, recording_id(evidence), _blueprint(evidence)) as rec:
+        rec.log("about", _about(evidence, Names(titles)), static=True)
+        for trace in evidence.traces:
+            _log_trace(rec, trace, both)
+        for each in evidence.maps:
+            _log_map(rec, each, both)
+
+
+def recording_id(evidence: Evidence) -> str:
+    """Return an id that is the same for equal evidence, and only for it."""
+    digest = hashlib.sha256()
+
+    def add(name: str, *arrays: FloatArray) -> None:
+        digest.update(repr(name).encode())
+        for array in arrays:
+            digest.update(f"{array.dtype}{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+
+    for trace in evidence.traces:
+        add(trace.trial, trace.time, trace.motor_angle, trace.joint_angle, trace.counts)
+        for kind in (trace.measured, trace.before, trace.after):
+            for name, values in kind.items():
+                add(name, values)
+    for each in evidence.maps:
+        name = f"{each.channel}/{each.axis}/{each.unit}/{each.share}/{each.chance}"
+        add(name, each.centre, each.before, each.after, each.band)
+    isolability = evidence.isolability
+    add("/".join(isolability.ids), isolability.alike, isolability.visible)
+    return digest.hexdigest()[:32]
+
+
+def _log_trace(rec: rr.RecordingStream, trace: Trace, both: bool) -> None:
+    """Log measured and simulated torques, their differences, and both angles."""
+    index = [rr.TimeColumn(TIMELINE, duration=trace.time)]
+
+    def send(parts: list[str], values: FloatArray, color: str, width: float) -> None:
+        path = rr.new_entity_path(["trials", trace.trial, *parts])
+        look = rr.SeriesLines(names=[parts[-1]], colors=[_rgba(color)], widths=[width])
+        rec.log(path, look, static=True)
+        rec.send_columns(path, index, [*rr.Scalars.columns(scalars=values)])
+
+    for name, measured in trace.measured.items():
+        kinds = {"measured": measured, "before": trace.before[name]}
+        if both:
+            kinds["after"] = trace.after[name]
+        for kind, values in kinds.items():
+            send([name, kind], values, *LOOKS[kind])
+            if kind != "measured":
+                send([f"{name}_error", kind], measured - values, *LOOKS[kind])
+    send(["motion", "motor"], trace.motor_angle, GREEN, 1.5)
+    send(["motion", "joint"], trace.joint_angle, PINK, 1.5)
+
+
+def _log_map(rec: rr.RecordingStream, each: Map, both: bool) -> None:
+    """Log mean errors as bars, without the bins that have no data."""
+    kinds = {"before": each.before}
+    if both:
+        kinds["after"] = each.after
+    for kind, values in kinds.items():
+        there = np.isfinite(values)
+        if not there.any():
+            continue
+        bars = rr.BarChart(
+            values[there], abscissa=each.centre[there], color=_rgba(LOOKS[kind][0])
+        )
+        rec.log(_map_path(each, kind), bars, static=True)
+
+
+def _about(evidence: Evidence, names: Names) -> rr.TextDocument:
+    """Describe in Markdown what there is."""
+    lines = ["# Evidence of a diagnosis", ""]
+    lines.append(
+        "Measured torques are grey, those simulated before orange, those simulated "
+        "with the named effects blue. Errors are measured minus simulated."
+    )
+    lines += ["", "# Maps of the error", "| | over | share | by chance |"]
+    lines.append("|---|---|---:|---:|")
+    for each in sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share)):
+        cells = (
+            capital(channel(each.channel)),
+            f"{plain(each.axis)} [{each.unit or '1'}]",
+            share_of(each.share),
+            share_of(each.chance),
+        )
+        lines.append(f"| {' | '.join(map(_cell, cells))} |")
+    lines += ["", "# Effects that are alike", "| | | likeness |", "|---|---|---:|"]
+    for one, other, alike in alike_pairs(evidence.isolability):
+        lines.append(f"| {_cell(names(one))} | {_cell(names(other))} | {alike:.2f} |")
+    weak = invisible(evidence.isolability)
+    if weak:
+        lines += ["", f"Smaller than the noise, if present: {names.list(weak)}."]
+    return rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
+
+
+def _blueprint(evidence: Evidence) -> rrb.Blueprint:
+    about = rrb.TextDocumentView(origin="/about", name="About")
+    tabs: list[rrb.Container | rrb.View] = [_trial_tab(t) for t in evidence.traces]
+    if evidence.maps:
+        ranked = sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
+        tabs.append(rrb.Grid(*map(_map_view, ranked), name="Maps of the error"))
+    most = worst(evidence)
+    trials = [trace.trial for trace in evidence.traces]
+    first = trials.index(most.trace.trial) if most is not None else 0
+    return rrb.Blueprint(
+        rrb.Tabs(*tabs, about, active_tab=first),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        collapse_panels=True,
+    )
+
+
+def _trial_tab(trace: Trace) -> rrb.Vertical:
+    def view(part: str, name: str, *lines: FloatArray) -> rrb.TimeSeriesView:
+        origin = rr.new_entity_path(["trials", trace.trial, part])
+        return rrb.TimeSeriesView(
+            origin=origin, name=name, axis_y=axis(trace.time, lines)
+        )
+
+    views = []
+    for name, measured in trace.measured.items():
+        title = capital(channel(name))
+        played = (trace.before[name], trace.after[name])
+        errors = [measured - values for values in played]
+        views.append(view(name, f"{title} [{TORQUE_UNIT}]", measured, *played))
+        views.append(view(f"{name}_error", f"{title}, error [{TORQUE_UNIT}]", *errors))
+    angles = (trace.motor_angle, trace.joint_angle)
+    views.append(view("motion", "Angles [rad]", *angles))
+    return rrb.Vertical(*views, name=trace.trial)
+
+
+def _map_view(each: Map) -> rrb.BarChartView:
+    quantity = f"{plain(each.axis)} [{each.unit or '1'}]"
+    name = f"{capital(channel(each.channel))}, mean error [{TORQUE_UNIT}]"
+    return rrb.BarChartView(origin=_map_path(each), name=f"{name} over {quantity}")
+
+
+def _map_path(each: Map, *more: str) -> str:
+    return rr.new_entity_path(["maps", each.channel, each.axis, *more])
+
+
+def _cell(text: str) -> str:
+    """Text that does not end a cell of a table."""
+    return text.replace("|", "\\|")
+
+
+def _rgba(color: str) -> int:
+    return int(f"{color[1:]}FF", 16)

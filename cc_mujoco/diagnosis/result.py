@@ -1,0 +1,35 @@
+"""A diagnosis with everything that belongs to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.evidence import Evidence
+from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.fitting import Problem
+from cc_mujoco.diagnosis.verdict import (
+    Diagnosis,
+)
+
+
+@dataclass(frozen=True)
+class Result:
+    """A diagnosis with everything that belongs to it.
+
+    Attributes:
+        diagnosis: what is said.
+        evidence: what is drawn.
+        problem: the final model, or None where there is none.
+        at: its parameters.
+        bench: of the scene.
+        tuning: the baseline, or None where there is none.
+    """
+
+    diagnosis: Diagnosis
+    evidence: Evidence
+    problem: Problem | None
+    at: FloatArray
+    bench: Bench
+    tuning: Tuning | None = None

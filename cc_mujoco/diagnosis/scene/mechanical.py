@@ -1,0 +1,227 @@
+"""Effects of motor and joint in a scene: play, ripple, gravity, springs, inertia.
+
+Each function changes a scene so that it moves as the effect says, and so that the
+torques of `instruments` show it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.scene.instruments import (
+    JOINT_TORQUE,
+    MOTOR_TORQUE,
+    add_part,
+    force_sensor,
+    word,
+)
+from cc_mujoco.errors import CableError
+from cc_mujoco.transmission import Cable
+
+Values = Mapping[str, float]
+
+PROBE_INERTIA = 1e-6
+"""Of the body whose torque shows an acceleration [kg m^2]."""
+PLAY_DAMPING = 0.02
+"""Damping ratio of a pulley that swings in its play on the cables alone."""
+NO_INPUT = 16
+"""`ctrlspec` of an actuator with `input="none"`: it adds nothing to `ctrl`."""
+
+
+def end_stiffness(cable: Cable) -> float:
+    """Stiffness of a cable's end where only its last segment moves [N/m]."""
+    return 2.0 * cable.segments * cable.axial_stiffness / cable.length
+
+
+def rim_stiffness(bench: Bench, radius: float) -> float:
+    """The same of all cables, about a pulley of this radius [Nm/rad]."""
+    return sum(end_stiffness(cable) for cable in bench.cables) * radius**2
+
+
+def backlash(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Joint and pulley on hinges of their own, coupled by a tendon with two limits."""
+    play = values["backlash"]
+    if play < 0.0:
+        raise CableError(f"backlash is {play!r} rad; it must be 0 or more")
+    name, step = f"{bench.joint}_pulley", spec.option.timestep
+    # The cables' stiffness and this inertia swing with 1 / step, half of what an
+    # explicit force allows.
+    inertia = rim_stiffness(bench, bench.joint_radius) * step**2
+    joint = spec.joint(bench.joint)
+    model = spec.compile()
+    index = model.joint(bench.joint).id
+    body = model.jnt_bodyid[index]
+    pulley = joint.parent.parent.add_body(
+        name=name,
+        pos=model.body_pos[body],
+        quat=model.body_quat[body],
+    )
+    _weightless(pulley, model.jnt_pos[index], inertia)
+    # All of it is said: a scene may have defaults.
+    hinge = pulley.add_joint(
+        name=name,
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        pos=model.jnt_pos[index],
+        axis=model.jnt_axis[index],
+        ref=joint.ref,
+        limited=False,
+        armature=0.0,
+        frictionloss=0.0,
+    )
+    hinge.damping[:] = 0.0
+    hinge.stiffness[:] = 0.0
+    for actuator in spec.actuators:
+        if actuator.plugin.name in bench.names and actuator.target == bench.joint:
+            actuator.target = name
+    tendon = spec.add_tendon(
+        name=f"{bench.joint}_backlash",
+        limited=True,
+        range=[-play / 2.0, play / 2.0],
+        margin=0.0,
+        solref_limit=[4.0 * step, 1.0],
+        solimp_limit=[0.999, 0.9999, play / 1000.0, 0.5, 2.0],
+    )
+    tendon.frictionloss, tendon.armature = 0.0, 0.0
+    tendon.stiffness[:] = 0.0
+    tendon.damping[:] = 0.0
+    tendon.damping[0] = 2.0 * PLAY_DAMPING * inertia / step
+    tendon.wrap_joint(name, 1.0)
+    tendon.wrap_joint(bench.joint, -1.0)
+    _keep_keyframes(spec, model, bench.joint, name)
+
+
+def _keep_keyframes(
+    spec: mujoco.MjSpec, before: mujoco.MjModel, joint: str, pulley: str
+) -> None:
+    """Put a new pulley where its joint is in every keyframe, and no other elsewhere.
+
+    MuJoCo appends zeros, whichever joint is new.
+    """
+    after = spec.compile()
+    old, new = before.joint(joint), after.joint(pulley)
+    for key, pose, speed in zip(
+        spec.keys, before.key_qpos, before.key_qvel, strict=True
+    ):
+        key.qpos = np.insert(pose, new.qposadr[0], pose[old.qposadr[0]])
+        key.qvel = np.insert(speed, new.dofadr[0], speed[old.dofadr[0]])
+
+
+def cogging(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Torque that the motor needs more: cosine cos(order q) + sine sin(order q)."""
+    order = values["cogging_order"]
+    cosine, sine = values["cogging_cosine"], values["cogging_sine"]
+    if cosine == sine == 0.0:
+        return
+    _wave(spec, "motor_cogging", bench.motor, order, -sine, -cosine)
+    add_part(spec, MOTOR_TORQUE, force_sensor(spec, "motor_cogging"), -1.0)
+
+
+def gravity(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Torque that the joint gets less: sine sin(q) + cosine cos(q)."""
+    cosine, sine = values["gravity_cosine"], values["gravity_sine"]
+    _wave(spec, "joint_gravity", bench.joint, 1.0, -sine, -cosine)
+    add_part(spec, JOINT_TORQUE, force_sensor(spec, "joint_gravity"), 1.0)
+
+
+def _wave(
+    spec: mujoco.MjSpec,
+    name: str,
+    joint: str,
+    order: float,
+    sine: float,
+    cosine: float,
+) -> None:
+    """Torque sine sin(order q) + cosine cos(order q): a DC motor that only cogs."""
+    actuator = spec.add_actuator(name=name)
+    actuator.trntype, actuator.target = mujoco.mjtTrn.mjTRN_JOINT, joint
+    actuator.gear, actuator.forcelimited = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], False
+    wave = [math.hypot(sine, cosine), order, math.atan2(cosine, sine)]
+    actuator.set_to_dcmotor(
+        motorconst=[0.0, 0.0], resistance=1.0, cogging=wave, ctrlspec=NO_INPUT
+    )
+
+
+def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Two springs in parallel are one, at rest in between."""
+    added = values["joint_stiffness"]
+    joint = spec.joint(bench.joint)
+    present, rest = float(joint.stiffness[0]), float(joint.springref)
+    total = present + added
+    if rest != 0.0 and (total == 0.0 or any(joint.stiffness[1:])):
+        unit = "deg" if spec.compiler.degree else "rad"
+        raise CableError(
+            f"joint {bench.joint!r} has a spring about {rest:g} {unit} that another "
+            "one about 0 cannot be added to; take it out of the scene"
+        )
+    joint.stiffness[0] = total
+    joint.springref = present * rest / total if rest != 0.0 else 0.0
+    angle = "joint_stiffness_angle"
+    spec.add_sensor(
+        name=angle,
+        type=mujoco.mjtSensor.mjSENS_JOINTPOS,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        objname=bench.joint,
+    )
+    add_part(spec, JOINT_TORQUE, angle, -added)
+
+
+def joint_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Inertia between transmission and joint sensor."""
+    _inertia(spec, bench.joint, values["joint_inertia"], JOINT_TORQUE, -1.0)
+
+
+def motor_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Inertia between motor sensor and pulley."""
+    _inertia(spec, bench.motor, values["motor_inertia"], MOTOR_TORQUE, 1.0)
+
+
+def _inertia(
+    spec: mujoco.MjSpec, name: str, inertia: float, channel: str, sign: float
+) -> None:
+    """More armature of a joint, and the torque that accelerates it in a channel."""
+    if inertia == 0.0:
+        return
+    joint = spec.joint(name)
+    model = spec.compile()
+    present = model.dof_M0[model.joint(name).dofadr[0]]
+    if present + inertia <= 0.0:
+        raise CableError(
+            f"joint {name!r} has an inertia of {present:.3g} kg m^2, so {inertia:.3g} "
+            "cannot be added; give the scene's joint its whole inertia"
+        )
+    joint.armature += inertia - PROBE_INERTIA
+    # MuJoCo's sensors do not see armature; they see what turns a body that rides along.
+    index = model.joint(name).id
+    probe = joint.parent.add_body(
+        name=f"{name}_acceleration",
+        pos=model.jnt_pos[index],
+    )
+    _weightless(probe, np.zeros(3), PROBE_INERTIA)
+    along = np.empty(4)
+    mujoco.mju_quatZ2Vec(along, model.jnt_axis[index])
+    site = probe.add_site(
+        name=word(f"{name}_acceleration"),
+        pos=[0.0] * 3,
+        quat=along,
+        rgba=[0.0] * 4,
+    )
+    site.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    spec.add_sensor(
+        name=site.name,
+        type=mujoco.mjtSensor.mjSENS_TORQUE,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=site.name,
+    )
+    add_part(spec, channel, site.name, sign * inertia / PROBE_INERTIA)
+
+
+def _weightless(body: mujoco.MjsBody, centre: FloatArray, inertia: float) -> None:
+    """Give a body the same inertia about every axis, and a milligram of mass."""
+    body.mass, body.ipos, body.inertia = 1e-6, centre, [inertia] * 3
+    body.explicitinertial = True

@@ -1,0 +1,104 @@
+"""How MuJoCo has the effects that are not in the cable.
+
+    REALISATIONS["joint_stiffness"].apply(spec, bench, {"joint_stiffness": 0.5})
+
+Every entry changes a scene so that it moves as the effect says, and so that the torques
+that `instruments.measured` reads show it. All of it is plain MJCF: actuators without
+input, hinges, tendons, springs, armature, sensors with delay. To add an effect, write
+its entry; entries are applied in the order of the table, mechanics before sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.scene import mechanical, sensing
+from cc_mujoco.diagnosis.scene.mechanical import Values
+
+
+@dataclass(frozen=True)
+class Realisation:
+    """How MuJoCo has one effect.
+
+    Attributes:
+        parameters: names of its values; 0 is off, and leaves the scene as it was.
+        note: with what, and what a user of the scene should know.
+        apply: changes a scene.
+    """
+
+    parameters: tuple[str, ...]
+    note: str
+    apply: Callable[[mujoco.MjSpec, Bench, Values], None]
+
+
+REALISATIONS: dict[str, Realisation] = {
+    "angle_offset": Realisation(
+        ("joint_angle_offset",),
+        "`ref` of the joint: where it is when the cables are at rest",
+        sensing.angle_offset,
+    ),
+    "backlash": Realisation(
+        ("backlash",),
+        "the cables' pulley turns on a hinge of its own and takes the joint along "
+        "through a fixed tendon with two limits; the pulley has the least inertia that "
+        "the time step allows",
+        mechanical.backlash,
+    ),
+    "motor_cogging": Realisation(
+        ("cogging_cosine", "cogging_sine", "cogging_order"),
+        "the cogging torque of MuJoCo's DC motor, as an actuator without input",
+        mechanical.cogging,
+    ),
+    "joint_gravity": Realisation(
+        ("gravity_sine", "gravity_cosine"),
+        "the same with one period per turn: independent of the joint's axis in space "
+        "and of the mass of the scene",
+        mechanical.gravity,
+    ),
+    "joint_stiffness": Realisation(
+        ("joint_stiffness",),
+        "stiffness of the joint, about 0",
+        mechanical.stiffness,
+    ),
+    "joint_inertia": Realisation(
+        ("joint_inertia",),
+        "armature of the joint; a weightless body that rides along shows it",
+        mechanical.joint_inertia,
+    ),
+    "motor_inertia": Realisation(
+        ("motor_inertia",),
+        "armature of the motor; a weightless body that rides along shows it",
+        mechanical.motor_inertia,
+    ),
+    "torque_sensor_gain": Realisation(
+        ("motor_torque_gain", "joint_torque_gain"),
+        "weights of the sums that are the torques",
+        sensing.gain,
+    ),
+    "torque_offset": Realisation(
+        ("motor_torque_offset", "joint_torque_offset"),
+        "a constant in the sums that are the torques",
+        sensing.torque_offset,
+    ),
+    "torque_sensor_offset": Realisation(
+        (
+            "motor_torque_bias",
+            "joint_torque_bias",
+            "motor_torque_drift",
+            "joint_torque_drift",
+        ),
+        "a constant and a clock in the sums that are the torques",
+        sensing.bias,
+    ),
+    "sensor_delay": Realisation(
+        ("joint_delay", "motor_torque_delay", "joint_torque_delay"),
+        "MuJoCo's own delay of sensors, linear between steps; where a torque comes "
+        "early, the angles and the other torque are delayed instead",
+        sensing.delay,
+    ),
+}
+"""Every effect outside the cable, and the offsets that a baseline has tuned, by id."""

@@ -1,0 +1,160 @@
+"""The scene with the effects that were found, as plain MJCF.
+
+    spec = repaired(bench, cables, {"backlash": {"backlash": 0.02}})
+    write("scene.xml", spec)
+
+What an effect changes in the cables is in the cables that are given; everything else is
+realised by `realisation`. The file loads wherever `cc_mujoco` is imported; a comment at
+its top names effects and values.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.scene.instruments import instrument
+from cc_mujoco.diagnosis.scene.mechanical import Values, rim_stiffness
+from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
+from cc_mujoco.engine import to_mjcf
+from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing
+from cc_mujoco.transmission import Cable
+
+
+def repaired(
+    bench: Bench, cables: Sequence[Cable], effects: Mapping[str, Values]
+) -> mujoco.MjSpec:
+    """The scene of a bench with other cables, and with effects.
+
+    Args:
+        bench: whose scene it is; its radii become the gears.
+        cables: in place of `bench.cables`, already with what effects change in them.
+        effects: parameters by id; those that act in the cables are only named in the
+            comment of the file.
+
+    Raises:
+        CableError: another number of cables, a value that is missing, unknown or not
+            finite, or a scene that cannot have the effect.
+    """
+    if len(cables) != len(bench.cables):
+        raise CableError(
+            f"the scene {bench.path} has {len(bench.cables)} cables, got {len(cables)}"
+        )
+    in_cables = [name for name in effects if name not in REALISATIONS]
+    if in_cables and tuple(cables) == bench.cables:
+        raise CableError(
+            f"effects {', '.join(in_cables)} act in the cables, but the cables are "
+            "those of the scene; give changed ones"
+        )
+    bench = replace(bench, cables=tuple(cables))
+    spec = mujoco.MjSpec.from_file(str(bench.path))
+    for name, cable, sign in zip(bench.names, cables, (-1.0, 1.0), strict=False):
+        near = (bench.motor, sign * bench.motor_radius)
+        far = (bench.joint, sign * bench.joint_radius)
+        to_mjcf(spec, name, cable, near, far)
+    try:
+        spec.option.timestep = min(spec.option.timestep, _largest_step(spec, bench))
+        instrument(spec, bench)
+        for name, realisation in REALISATIONS.items():
+            if name in effects:
+                _check(name, realisation.parameters, effects[name])
+                if any(effects[name][key] != 0.0 for key in realisation.parameters):
+                    realisation.apply(spec, bench, effects[name])
+        spec.comment = _comment(bench, effects)
+        spec.compile()
+    except CableError:
+        raise
+    except ValueError as error:
+        reason = str(error).strip().splitlines()[0]
+        told = ", ".join(["sensors", *effects])
+        raise CableError(
+            f"scene {bench.path} cannot have what is added ({told}): {reason}"
+        ) from None
+    return spec
+
+
+def added(scene: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Effects outside the cables that a scene has from an earlier diagnosis.
+
+    Raises:
+        CableError: the scene does not load.
+    """
+    try:
+        comment = mujoco.MjSpec.from_file(os.fspath(scene)).comment
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise CableError(f"scene {scene} does not load: {reason}") from None
+    named = re.findall(r"^ {4}(\w+): ", comment, re.MULTILINE)
+    return tuple(name for name in named if name in REALISATIONS)
+
+
+def write(path: str | os.PathLike[str], spec: mujoco.MjSpec) -> None:
+    """Write a scene, whole or not at all; it loads from wherever it lies.
+
+    Raises:
+        CableError: the scene is incomplete, or the file would not load again.
+    """
+    with replacing(path) as partial:
+        try:
+            spec.compile()
+            partial.write_text(_text(spec), encoding="utf-8")
+            mujoco.MjModel.from_xml_path(str(partial))
+        except ValueError as error:
+            reason = str(error).strip().splitlines()[0]
+            raise CableError(f"scene {path} cannot be written: {reason}") from None
+
+
+def _text(spec: mujoco.MjSpec) -> str:
+    """MJCF of a compiled scene that finds its meshes and textures from any folder."""
+    origin = Path(spec.modelfiledir).absolute()
+    before = spec.meshdir, spec.texturedir
+    if any(asset.file for asset in [*spec.meshes, *spec.hfields, *spec.skins]):
+        spec.meshdir = str(origin / spec.meshdir)
+    if any(texture.file or any(texture.cubefiles) for texture in spec.textures):
+        spec.texturedir = str(origin / spec.texturedir)
+    try:
+        return str(spec.to_xml())
+    finally:
+        spec.meshdir, spec.texturedir = before
+
+
+def _largest_step(spec: mujoco.MjSpec, bench: Bench) -> float:
+    """Half of the time step at which the cables' ends would be unstable [s]."""
+    model = spec.compile()
+    limits = []
+    for joint, radius in (
+        (bench.motor, bench.motor_radius),
+        (bench.joint, bench.joint_radius),
+    ):
+        inertia = model.dof_M0[model.joint(joint).dofadr[0]]
+        limits.append(2.0 * math.sqrt(inertia / rim_stiffness(bench, radius)))
+    return 0.5 * min(limits)
+
+
+def _check(name: str, parameters: Sequence[str], values: Values) -> None:
+    for given in values:
+        if given not in parameters:
+            raise CableError.unknown(f"parameter of {name}", given, parameters)
+    for wanted in parameters:
+        if wanted not in values:
+            raise CableError(f"effect {name} needs a value for `{wanted}`")
+        if not math.isfinite(values[wanted]):
+            raise CableError(f"effect {name}: `{wanted}` is not finite")
+
+
+def _comment(bench: Bench, effects: Mapping[str, Values]) -> str:
+    lines = [f" {bench.path.name}, sha256 {bench.sha256[:16]}, refitted"]
+    for name, values in effects.items():
+        written = ", ".join(f"{key} {value:.6g}" for key, value in values.items())
+        realisation = REALISATIONS.get(name)
+        how = realisation.note if realisation else "keys of the cable plugin"
+        lines.append(f"    {name}: {written} ({how})")
+    return ";\n".join(lines).replace("--", "- -") + " "

@@ -1,0 +1,149 @@
+"""What a scene must be so that any effect can be added to it, asked before the work.
+
+    require_repairable(Bench.of("bench.xml"))
+
+What is known to go wrong has a sentence of its own. For the rest the repair is
+rehearsed: with every effect at once the scene must be written and load again, and as
+it is it must show what its cables do by themselves.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.scene.mechanical import Values
+from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
+from cc_mujoco.diagnosis.scene.repair import repaired, write
+from cc_mujoco.diagnosis.scene.rollout import rollout
+from cc_mujoco.diagnosis.wording import listed
+from cc_mujoco.engine import from_mjcf
+from cc_mujoco.engine.mjcf import instances
+from cc_mujoco.errors import CableError
+
+_FLAGS = ("actuation", "constraint", "damper", "limit", "sensor", "spring")
+"""Parts of MuJoCo that cables, instruments or effects are made of."""
+_COMPILER = ("settotalmass", "boundmass", "boundinertia")
+"""Settings of the compiler that change the bodies that effects add."""
+_SECONDS, _STEPS = 0.3, (200, 5000)
+_SWING = 0.3  # of the joint in the rehearsal [rad]
+_APART = 1e-3  # of the largest torque
+
+
+def require_repairable(bench: Bench) -> None:
+    """See to it that the scene of a bench can have whatever effect is found.
+
+    Raises:
+        CableError: it cannot; the sentence says what to change in it.
+    """
+    spec = mujoco.MjSpec.from_file(str(bench.path))
+    _settings(spec, bench)
+    _ends(spec, bench)
+    plain = _rehearsed(bench, {})
+    everything = {
+        name: {
+            knob: typical.get(knob, 0.01)  # offsets have no entry in the library
+            for knob in realisation.parameters
+        }
+        for name, realisation in REALISATIONS.items()
+        for typical in [_typical(name)]
+    }
+    full = _rehearsed(bench, everything)
+    with TemporaryDirectory() as folder:
+        try:
+            write(Path(folder) / "scene.xml", full)
+        except CableError as error:
+            reason = str(error).partition("cannot be written: ")[2]
+            raise CableError(
+                f"scene {bench.path} would not load again once it is written: {reason}"
+            ) from None
+    _played(plain, bench)
+
+
+def _rehearsed(bench: Bench, effects: Mapping[str, Values]) -> mujoco.MjSpec:
+    try:
+        return repaired(bench, bench.cables, effects)
+    except CableError as error:
+        taken = re.search(r"repeated name '(.+)' in (\w+)", str(error))
+        if taken is None:
+            raise
+        raise CableError(
+            f"scene {bench.path} has {taken[2]} {taken[1]!r}, and a repaired scene may "
+            "need that name for its own; rename it"
+        ) from None
+
+
+def _typical(effect: str) -> dict[str, float]:
+    knobs = EFFECTS[effect].knobs if effect in EFFECTS else ()
+    return {knob.name: knob.typical for knob in knobs}
+
+
+def _settings(spec: mujoco.MjSpec, bench: Bench) -> None:
+    """Options of the whole scene."""
+    off = [
+        name
+        for name in _FLAGS
+        if spec.option.disableflags
+        & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}"))
+    ]
+    if off:
+        raise CableError(
+            f"scene {bench.path} disables {listed(off)} in <flag>; cables, sensors and "
+            "the effects that are added need them enabled"
+        )
+    for name in _COMPILER:
+        if getattr(spec.compiler, name) > 0.0:
+            raise CableError(
+                f"scene {bench.path} has {name} in <compiler>, which would change the "
+                "bodies that effects add; give the bodies their masses instead"
+            )
+
+
+def _ends(spec: mujoco.MjSpec, bench: Bench) -> None:
+    """What makes cables in MuJoCo differ from the cables of a replay."""
+    model = spec.compile()
+    for name, instance in instances(model).items():
+        used = np.flatnonzero(model.actuator_plugin == instance)
+        if model.actuator_forcelimited[used].any():
+            raise CableError(
+                f"scene {bench.path}: the actuators of cable {name} have a forcerange, "
+                "which no cable has; take it away (see <default>, too)"
+            )
+    for name, cable in from_mjcf(spec).items():
+        if cable.bend != "fixed":
+            raise CableError(
+                f"scene {bench.path}: cable {name} has bend = {cable.bend}, and a "
+                "diagnosis plays cables whose wrap is that of `conduit`; set it to "
+                "fixed"
+            )
+
+
+def _played(plain: mujoco.MjSpec, bench: Bench) -> None:
+    """Play a short motion through the scene and through its cables alone."""
+    step = plain.option.timestep
+    count = min(max(round(_SECONDS / step), _STEPS[0]), _STEPS[1])
+    phase = np.linspace(0.0, 4.0 * math.pi, count)
+    joint = _SWING * np.sin(phase)
+    ratio = bench.joint_radius / bench.motor_radius
+    motor = ratio * (joint + 0.1 * _SWING * np.sin(1.7 * phase))
+    shown = rollout(plain, step * np.arange(count), motor, joint)
+    alone = bench.transmission.replay(step, motor_angle=motor, joint_angle=joint)
+    for side, torque, own in zip(
+        ("motor", "joint"), shown, (alone.motor_torque, alone.joint_torque), strict=True
+    ):
+        apart, most = np.abs(torque - own).max(), np.abs(own).max()
+        if not apart <= _APART * most:
+            raise CableError(
+                f"scene {bench.path}: played by MuJoCo, {side}_torque_nm differs from "
+                f"what its cables do alone by {apart:.2g} Nm, with torques of "
+                f"{most:.2g} Nm; take out of the scene whatever changes the cables' "
+                f"forces, and other parts of the <tuple> {side}_torque_nm"
+            )

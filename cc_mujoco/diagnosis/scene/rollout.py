@@ -1,0 +1,230 @@
+"""A recorded motion played through a scene in MuJoCo itself.
+
+    motor_torque, joint_torque = rollout("scene.xml", time, motor_angle, joint_angle)
+
+Both joints follow the given angles, whatever acts on them; cables, actuators, tendons
+and sensors are MuJoCo's business. So this shows of a written scene what a replay shows
+of the model that it was written from.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.inference.plant import led
+from cc_mujoco.diagnosis.inference.records import LEAD
+from cc_mujoco.diagnosis.scene.instruments import (
+    angle_sensors,
+    instrument,
+    instrumented,
+    torque_weights,
+    without_delay,
+)
+from cc_mujoco.engine.mjcf import instances
+from cc_mujoco.errors import CableError
+
+DRIVE = 1e8
+"""Armature that makes a joint go where it is driven [kg m^2]."""
+UNEVEN = 1e-3
+"""Deviation of a time step from the mean that is still even, relative."""
+
+
+def rollout(
+    scene: str | os.PathLike[str] | mujoco.MjSpec,
+    time: ArrayLike,
+    motor_angle: ArrayLike,
+    joint_angle: ArrayLike,
+    lead_in: float | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Torques that the sensors of a scene show along a motion.
+
+    The first sample is at rest in pretension, as in `Transmission.replay`; a recorded
+    motion begins elsewhere and takes a `lead_in`, on which the torques depend until the
+    whole cable has moved. Steps are the samples', unless a joint is free (a pulley with
+    backlash), then they are at most the scene's, or a sensor is late by less. Speeds
+    and accelerations are differences of the angles. Sensors that delay the angles are
+    allowed for: the torques returned are those that are shown together with the angles
+    given.
+
+    Args:
+        scene: file, or specification with instruments.
+        time: (samples,) evenly spaced [s]; what sensors that drift start from.
+        motor_angle: (samples,) [rad].
+        joint_angle: (samples,) [rad].
+        lead_in: turns of the motor per turn of the joint, to come from rest in the
+            pose 0 to the first sample, see `plant.led`; None begins there at rest.
+
+    Returns:
+        Torque that the motor puts into its pulley, and torque that the transmission
+        puts into the joint, (samples,) each [Nm].
+
+    Raises:
+        CableError: arrays that do not fit, are uneven or not finite, a scene that is no
+            bench, or one that does not stay finite.
+    """
+    clock, angles = _motion(time, motor_angle, joint_angle)
+    if lead_in is not None:
+        step = (clock[-1] - clock[0]) / (clock.size - 1)
+        before = clock[0] + step * np.arange(-LEAD, 0)
+        motor, joint = led(angles[0], angles[1], lead_in, 1)
+        led_in = rollout(scene, np.concatenate([before, clock]), motor, joint)
+        return led_in[0][LEAD:], led_in[1][LEAD:]
+    model = _model(scene)
+    dt = float(clock[-1] - clock[0]) / (clock.size - 1)
+    longest = model.opt.timestep if model.nv > 2 else dt
+    # A sensor cannot be late by less than a step.
+    wanted = min([longest, *model.sensor_delay[model.sensor_delay > 0.0]])
+    substeps = math.ceil(dt / max(wanted, min(dt, model.opt.timestep)) - 1e-6)
+    late = float(model.sensor_delay[angle_sensors(model)[0]])
+    shown = _play(model, clock[0], dt, substeps, angles, math.ceil(late / dt))
+    at = np.arange(shown.shape[1]) * dt
+    motor, joint = (np.interp(at[: clock.size] + late, at, row) for row in shown)
+    return motor, joint
+
+
+def _play(
+    model: mujoco.MjModel,
+    start: float,
+    dt: float,
+    substeps: int,
+    angles: FloatArray,
+    more: int,
+) -> FloatArray:
+    """Torques shown (2, samples + more); the last angles hold on for `more` samples."""
+    model.opt.timestep = dt / substeps
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    joints = list(_driven(model))
+    place, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+    model.dof_armature[dof] += DRIVE
+    model.dof_M0[dof] += DRIVE  # what counts where a joint turns a balanced body
+    speed = np.gradient(angles, dt, axis=1)
+    force = DRIVE * np.gradient(speed, dt, axis=1)
+    samples = angles.shape[1]
+    count = (samples - 1 + more) * substeps + 1
+    position, velocity, drive = (
+        _refined(signal, substeps, count) for signal in (angles, speed, force)
+    )
+    for signal in (velocity, drive):
+        signal[(samples - 1) * substeps + 1 :] = 0.0
+    data = _at_rest(model, angles[0, 0], angles[1, 0], start)
+    rows = np.empty((samples + more, model.nsensordata))
+    qpos, qvel, applied = data.qpos, data.qvel, data.qfrc_applied
+    for step in range(count):
+        qpos[place] = position[step]
+        qvel[dof] = velocity[step]
+        applied[dof] = drive[step]
+        if step == 0:
+            _remember(model, data)
+        mujoco.mj_step(model, data)
+        if step % substeps == 0:
+            rows[step // substeps] = data.sensordata
+    shown: FloatArray = torque_weights(model) @ rows.T
+    if any(warning.number for warning in data.warning) or not np.isfinite(shown).all():
+        raise CableError(
+            f"the scene does not stay finite along this motion at a step of "
+            f"{model.opt.timestep:g} s; reduce its time step"
+        )
+    return shown
+
+
+def _at_rest(
+    model: mujoco.MjModel, near: float, far: float, start: float
+) -> mujoco.MjData:
+    """Both joints at these angles, cables in pretension, sensors that saw only that."""
+    motor, joint = _driven(model)
+    cables = list(instances(model).values())
+    ends = np.flatnonzero(np.isin(model.actuator_plugin, cables))
+    data = mujoco.MjData(model)
+
+    def lay() -> None:
+        data.qpos[model.jnt_qposadr[motor]] = near
+        data.qpos[model.jnt_qposadr[joint]] = far
+        for target in model.actuator_trnid[ends, 0]:
+            # A pulley of its own begins in the middle of its play.
+            if target not in (motor, joint):
+                data.qpos[model.jnt_qposadr[target]] = far
+
+    lay()
+    mujoco.mj_fwdPosition(model, data)
+    # A reset lays the cables in at the lengths that the model starts from.
+    lengths = model.actuator_outadr[ends]
+    model.actuator_length0[lengths] = data.actuator_length[lengths]
+    mujoco.mj_resetData(model, data)
+    lay()
+    data.time = start
+    return data
+
+
+def _remember(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Fill the memory of sensors with delay with what they see now."""
+    with without_delay(model):
+        mujoco.mj_forward(model, data)
+    for sensor in np.flatnonzero(model.sensor_history[:, 0]):
+        count, first = int(model.sensor_history[sensor, 0]), model.sensor_adr[sensor]
+        seen = data.sensordata[first : first + model.sensor_dim[sensor]]
+        times = data.time - model.opt.timestep * np.arange(count, 0, -1.0)
+        values = np.tile(seen, (count, 1))
+        mujoco.mj_initSensorHistory(model, data, sensor, times, values, 0.0)
+
+
+def _refined(signal: FloatArray, substeps: int, count: int) -> FloatArray:
+    """(2, samples) at `count` steps, linear between samples, the last one held."""
+    samples = np.arange(signal.shape[1])
+    at = np.arange(count) / substeps
+    return np.column_stack([np.interp(at, samples, row) for row in signal])
+
+
+def _driven(model: mujoco.MjModel) -> tuple[int, int]:
+    """Indices of the motor's and the joint's hinge."""
+    near, far = (model.sensor_objid[sensor] for sensor in angle_sensors(model))
+    return int(near), int(far)
+
+
+def _model(scene: str | os.PathLike[str] | mujoco.MjSpec) -> mujoco.MjModel:
+    """The scene with instruments, compiled; the scene itself stays as it is."""
+    if isinstance(scene, mujoco.MjSpec):
+        return scene.copy().compile()
+    if not os.path.isfile(scene):
+        raise CableError(f"scene {scene} is no file; give an MJCF file")
+    try:
+        spec = mujoco.MjSpec.from_file(os.fspath(scene))
+        if not instrumented(spec):
+            instrument(spec, Bench.of(os.fspath(scene)))
+        return spec.compile()
+    except CableError:
+        raise
+    except ValueError as error:
+        reason = str(error).strip().splitlines()[0]
+        raise CableError(f"scene {scene} does not load: {reason}") from None
+
+
+def _motion(
+    time: ArrayLike, motor_angle: ArrayLike, joint_angle: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Time (samples,) and both angles (2, samples), checked."""
+    clock, motor, joint = (
+        np.asarray(signal, dtype=np.float64)
+        for signal in (time, motor_angle, joint_angle)
+    )
+    if clock.ndim != 1 or not clock.shape == motor.shape == joint.shape:
+        raise CableError(
+            f"time, motor_angle and joint_angle have shapes {clock.shape}, "
+            f"{motor.shape} and {joint.shape}; all must be (samples,)"
+        )
+    if clock.size < 3:
+        raise CableError(f"a motion of {clock.size} samples; give 3 or more")
+    angles = np.array([motor, joint])
+    if not (np.isfinite(clock).all() and np.isfinite(angles).all()):
+        raise CableError("time and angles of a motion must be finite")
+    steps = np.diff(clock)
+    mean = float(steps.mean())
+    if not (mean > 0.0 and np.abs(steps - mean).max() <= UNEVEN * mean):
+        raise CableError("the samples of a motion must be evenly spaced in time")
+    return clock, angles

@@ -1,0 +1,131 @@
+"""Effects of sensors in a scene: offsets, gain, drift, delay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.scene.instruments import (
+    JOINT_ANGLE,
+    JOINT_TORQUE,
+    MOTOR_ANGLE,
+    MOTOR_TORQUE,
+    Part,
+    add_part,
+    parts,
+    set_parts,
+    word,
+)
+from cc_mujoco.errors import CableError
+
+Values = Mapping[str, float]
+
+CLOCK, ONE = "instrument_clock", "instrument_one"
+"""Sensors that show the time and the number 1; they are never late."""
+
+
+def angle_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """The cables are at rest where motor and joint, plus the offset, agree."""
+    offset = values["joint_angle_offset"]
+    # A specification keeps the unit of its file.
+    unit = math.degrees(1.0) if spec.compiler.degree else 1.0
+    spec.joint(bench.joint).ref -= offset * unit
+
+
+def torque_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """A constant in both torques."""
+    _constant(spec, MOTOR_TORQUE, values["motor_torque_offset"])
+    _constant(spec, JOINT_TORQUE, values["joint_torque_offset"])
+
+
+def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Torques that read too much by a share of themselves."""
+    for channel, name in (
+        (MOTOR_TORQUE, "motor_torque_gain"),
+        (JOINT_TORQUE, "joint_torque_gain"),
+    ):
+        gain = 1.0 + values[name]
+        scaled = [Part(p.sensor, gain * p.weight) for p in parts(spec, channel)]
+        set_parts(spec, channel, scaled)
+
+
+def bias(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Torques that read too much by a constant, and more and more as time passes."""
+    for channel, side in ((MOTOR_TORQUE, "motor"), (JOINT_TORQUE, "joint")):
+        _constant(spec, channel, values[f"{side}_torque_bias"])
+        drift = values[f"{side}_torque_drift"]
+        if drift != 0.0:
+            _own(spec, CLOCK, mujoco.mjtSensor.mjSENS_CLOCK)
+            add_part(spec, channel, CLOCK, drift)
+
+
+def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    """Delay readings; one that comes early delays everything else.
+
+    In MuJoCo a sensor is late by a time step or more; by less than half, it is not.
+    """
+    side = values["joint_delay"]
+    angles = {MOTOR_ANGLE: 0.0, JOINT_ANGLE: side}
+    torques = {
+        MOTOR_TORQUE: values["motor_torque_delay"],
+        JOINT_TORQUE: side + values["joint_torque_delay"],
+    }
+    common = max(0.0, -min([*angles.values(), *torques.values()]))
+    for name, own in angles.items():
+        if own + common >= 0.5 * spec.option.timestep:
+            _late(spec, spec.sensor(name), own + common)
+    for channel, own in torques.items():
+        if own + common < 0.5 * spec.option.timestep:
+            continue
+        delayed = []
+        for part in parts(spec, channel):
+            source = spec.sensor(part.sensor)
+            if source.name in (CLOCK, ONE):
+                delayed.append(part)
+                continue
+            copy = spec.add_sensor(
+                name=word(f"{channel}_{source.name}"),
+                type=source.type,
+                objtype=source.objtype,
+                objname=source.objname,
+            )
+            _late(spec, copy, own + common)
+            delayed.append(Part(copy.name, part.weight))
+        set_parts(spec, channel, delayed)
+
+
+def _constant(spec: mujoco.MjSpec, channel: str, value: float) -> None:
+    if value != 0.0:
+        add_part(spec, channel, _one(spec), value)
+
+
+def _late(spec: mujoco.MjSpec, sensor: mujoco.MjsSensor, delay: float) -> None:
+    sensor.delay = delay
+    sensor.interp = 1
+    # Enough to be played at half the time step, too.
+    sensor.nsample = 2 * math.ceil(delay / spec.option.timestep) + 4
+
+
+def _one(spec: mujoco.MjSpec) -> str:
+    """Name of a sensor whose last number is always 1: the world's own z axis."""
+    _own(
+        spec,
+        ONE,
+        mujoco.mjtSensor.mjSENS_FRAMEZAXIS,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname="world",
+    )
+    return ONE
+
+
+def _own(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtSensor, **shown: Any) -> None:
+    """Add a sensor unless it is there."""
+    found = spec.sensor(name)
+    if found is None:
+        spec.add_sensor(name=name, type=kind, **shown)
+    elif found.type != kind:
+        raise CableError(f"the scene has a sensor {name!r} of its own; rename it")

@@ -1,0 +1,118 @@
+"""Good data need no repair; readings that cannot be are told in a sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cc_mujoco.diagnosis.data.channels import DRIVE
+from cc_mujoco.diagnosis.data.findings import to_fix
+from cc_mujoco.diagnosis.intake import load
+from diagnosis.bench import loaded, one, only_fix, recording, write
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_good_data_need_no_repair(tmp_path: Path, seed: int) -> None:
+    columns = recording(seed=seed)
+    trial = one(tmp_path, columns)
+    assert trial.segments == (slice(0, 10_000),)
+    assert np.array_equal(trial.joint_torque, columns["joint_torque_nm"])
+
+
+@settings(max_examples=25)
+@given(
+    seed=st.integers(0, 1000),
+    rate=st.sampled_from((100.0, 200.0, 1000.0)),
+    noise=st.sampled_from((0.0, 1.0, 3.0)),
+    seconds=st.floats(3.0, 12.0),
+)
+def test_no_kind_of_good_data_needs_repair(
+    tmp_path_factory: pytest.TempPathFactory,
+    seed: int,
+    rate: float,
+    noise: float,
+    seconds: float,
+) -> None:
+    folder = tmp_path_factory.mktemp("data")
+    one(folder, recording(seconds, rate, seed, noise))
+
+
+@pytest.mark.parametrize("channel", DRIVE)
+def test_constant_channels(tmp_path: Path, channel: str) -> None:
+    columns = recording()
+    columns[channel][:] = 0.3
+    found = [f for f in to_fix(loaded(tmp_path, columns)[1]) if f.channel == channel]
+    assert "is 0.3 in every row; check the sensor" in found[0].statement
+
+
+def test_a_locked_joint_is_right_if_declared(tmp_path: Path) -> None:
+    columns = recording()
+    columns["joint_angle_rad"][:] = 0.3
+    one(tmp_path, columns, "[trials.run]\nlocked = 'joint'")
+
+
+def test_a_joint_that_moves_was_not_held_fast(tmp_path: Path) -> None:
+    toml = "[trials.run]\nlocked = 'joint'"
+    told = only_fix(loaded(tmp_path, recording(), toml)[1]).statement
+    assert "held fast" in told
+
+
+def test_an_angle_in_degrees_by_its_name_may_turn_often(tmp_path: Path) -> None:
+    columns = recording()
+    columns["motor_angle_deg"] = 9.0 * np.degrees(columns.pop("motor_angle_rad"))
+    columns["motor_torque_nm"] = columns["motor_torque_nm"] / 9.0
+    one(tmp_path, columns)
+
+
+def test_clipped_torque(tmp_path: Path) -> None:
+    columns = recording()
+    columns["motor_torque_nm"] = np.clip(columns["motor_torque_nm"], -9.0, 0.2)
+    found = only_fix(loaded(tmp_path, columns)[1])
+    assert "stays at 0.2" in found.statement and "cut off above" in found.statement
+
+
+def test_a_copy_is_no_repeat(tmp_path: Path) -> None:
+    for name in "ab":
+        write(tmp_path / f"{name}.csv", recording(3.0))
+    dataset, findings = load(tmp_path)
+    assert len(dataset.trials) == 1
+    assert any("is a copy of" in finding.statement for finding in findings)
+
+
+def test_like_names_in_two_folders(tmp_path: Path) -> None:
+    for seed, name in enumerate("ab"):
+        (tmp_path / name).mkdir()
+        write(tmp_path / name / "run.csv", recording(3.0, seed=seed))
+    dataset, _ = load([tmp_path / "b", tmp_path / "a"])
+    assert [trial.name for trial in dataset.trials] == ["b/run", "a/run"]
+
+
+def test_the_dataset_file_in_the_folder_is_used(tmp_path: Path) -> None:
+    write(tmp_path / "a.csv", recording(3.0))
+    (tmp_path / "dataset.toml").write_text("[rig]\njoint_radius = 0.1")
+    dataset, findings = load(str(tmp_path))
+    assert dataset.constants["joint_radius"].value == 0.1
+    assert any("dataset.toml" in finding.statement for finding in findings)
+
+
+@settings(max_examples=60)
+@given(data=st.data())
+def test_any_table_of_numbers_is_data_or_a_sentence(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    folder = tmp_path_factory.mktemp("data")
+    columns = {name: v.copy() for name, v in recording(2.0, 100.0).items()}
+    names = st.sampled_from(sorted(columns))
+    for _ in range(data.draw(st.integers(1, 3))):
+        values = columns[data.draw(names)]
+        start = data.draw(st.integers(0, 199))
+        stop = data.draw(st.integers(start, 200))
+        values[start:stop] = data.draw(
+            st.sampled_from((0.0, np.nan, np.inf, -1e300, 1e9, 1e-300))
+        )
+    dataset, findings = loaded(folder, columns)
+    assert dataset.trials or to_fix(findings)

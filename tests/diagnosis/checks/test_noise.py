@@ -1,0 +1,112 @@
+"""Quantisation, sensor noise and repeatability: what was put in is found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cc_mujoco.diagnosis.checks.noise import resolution
+from cc_mujoco.diagnosis.checks.repeatability import period
+from cc_mujoco.diagnosis.intake import load
+from diagnosis.bench import RATIO, loaded, only_fix, recording, write
+
+
+@given(
+    step=st.floats(1e-5, 1e-1),
+    offset=st.floats(-1.0, 1.0),
+    seed=st.integers(0, 99),
+)
+def test_quantisation_step_is_found(step: float, offset: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    levels = np.cumsum(rng.integers(-2, 3, 2000))
+    assert resolution(offset + step * levels) == pytest.approx(step, rel=1e-3)
+    assert resolution(rng.standard_normal(2000)) == 0.0
+
+
+def test_noise_is_what_was_put_in(tmp_path: Path) -> None:
+    dataset, _ = loaded(tmp_path, recording(60.0))
+    noise = dataset.noise
+    assert noise["joint_torque_nm"].deviation == pytest.approx(2e-3, rel=0.1)
+    assert noise["motor_torque_nm"].deviation == pytest.approx(1e-3, rel=0.1)
+    assert noise["joint_angle_rad"].resolution == pytest.approx(2e-4, rel=1e-3)
+
+
+def test_noise_in_rests_is_not_the_torque_that_relaxes(tmp_path: Path) -> None:
+    columns = recording(30.0)
+    rest = columns["time_s"] % 5.0 > 3.0
+    rng = np.random.default_rng(0)
+    count = len(rest)
+    hold = np.where(rest, 0.0, np.sin(2 * np.pi * columns["time_s"]))
+    columns["motor_angle_rad"] = hold
+    columns["joint_angle_rad"] = hold / RATIO
+    columns["joint_torque_nm"] = (
+        0.1 * hold
+        + np.exp(-(columns["time_s"] % 5.0))
+        + 2e-3 * rng.standard_normal(count)
+    )
+    dataset, _ = loaded(tmp_path, columns)
+    noise = dataset.noise["joint_torque_nm"]
+    assert noise.source == "holds"
+    assert noise.deviation == pytest.approx(2e-3, rel=0.15)
+
+
+def test_declared_noise_wins(tmp_path: Path) -> None:
+    toml = "[columns.motor_torque_nm]\nunit = 'mNm'\nnoise = 7\nresolution = 0.5"
+    columns = recording()
+    columns["motor_torque_nm"] *= 1e3
+    noise = loaded(tmp_path, columns, toml)[0].noise["motor_torque_nm"]
+    assert noise.source == "declared"
+    assert noise.deviation == pytest.approx(7e-3)
+    assert noise.resolution == pytest.approx(5e-4)
+
+
+def test_declared_noise_is_in_the_unit_of_the_columns_name(tmp_path: Path) -> None:
+    toml = "[columns.motor_angle_rad]\nnoise = 0.02\nresolution = 0.01"
+    columns = recording()
+    columns["motor_angle_deg"] = np.degrees(columns.pop("motor_angle_rad"))
+    noise = loaded(tmp_path, columns, toml)[0].noise["motor_angle_rad"]
+    assert noise.deviation == pytest.approx(np.radians(0.02))
+    assert noise.resolution == pytest.approx(np.radians(0.01))
+
+
+def test_repeats_give_the_floor(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    for name in "ab":
+        columns = recording(10.0, noise=0.0)
+        columns["joint_torque_nm"] += 0.02 * rng.standard_normal(5000)
+        write(tmp_path / f"{name}.csv", columns)
+    (tmp_path / "dataset.toml").write_text("[trials.b]\nrepeat_of = 'a.csv'")
+    floor = load(tmp_path)[0].floor["joint_torque_nm"]
+    assert floor.source == "repeats"
+    assert floor.deviation == pytest.approx(0.02, rel=0.05)
+
+
+def test_a_repeat_that_is_none(tmp_path: Path) -> None:
+    for seed, name in enumerate("ab"):
+        write(tmp_path / f"{name}.csv", recording(5.0, seed=seed))
+    (tmp_path / "dataset.toml").write_text("[trials.b]\nrepeat_of = 'a'")
+    assert "correct repeat_of" in only_fix(load(tmp_path)[1]).statement
+
+
+@given(length=st.floats(60.0, 400.0))
+def test_period_of_a_motion(length: float) -> None:
+    angle = np.sin(2.0 * np.pi * np.arange(1500) / length)
+    assert period(angle) == pytest.approx(length, rel=2e-3)
+    assert period(np.random.default_rng(0).standard_normal(500).cumsum()) is None
+
+
+def test_a_swing_that_grows_does_not_repeat_itself(tmp_path: Path) -> None:
+    columns = recording(noise=0.0)
+    now = columns["time_s"]
+    for name in list(columns)[1:]:
+        columns[name] = (1.0 + 0.05 * now) * np.sin(2.0 * np.pi * 0.5 * now)
+    floor = loaded(tmp_path, columns)[0].floor
+    assert {entry.source for entry in floor.values()} == {"noise"}
+    for name in list(columns)[1:]:
+        columns[name] = np.sin(2.0 * np.pi * 0.5 * now)
+    floor = loaded(tmp_path, columns)[0].floor
+    assert {entry.source for entry in floor.values()} == {"periods"}

@@ -1,0 +1,115 @@
+"""Errors per trial, and the trial that was recorded on another rig than the rest."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cc_mujoco.diagnosis.data.trials import Dataset
+from cc_mujoco.diagnosis.inference.baseline import Tuning, tune
+from cc_mujoco.diagnosis.inference.per_trial import odd_trial, trial_errors
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.records import prepare
+from diagnosis.recorded import BENCH, dataset
+
+USUAL = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
+COUNT = 4
+
+
+def recorded(odd: int = -1, changes: Mapping[str, float] | None = None) -> Dataset:
+    """Four trials, one of them with other cables than the rest."""
+    trials = []
+    for seed in (0, 1):
+        rigs = (USUAL, {**USUAL, **(changes or {})})
+        same, other = (dataset(changes=r, seed=seed, duration=3.0) for r in rigs)
+        for usual, changed in zip(same.trials, other.trials, strict=True):
+            name = f"run_{len(trials)}"
+            trial = changed if len(trials) == odd else usual
+            trials.append(replace(trial, name=name, path=f"{name}.csv"))
+    return replace(dataset(duration=0.1), trials=tuple(trials[:COUNT]))
+
+
+def tuning(data: Dataset) -> Tuning:
+    return tune(data, BENCH, *prepare(data, BENCH), 0)
+
+
+@pytest.mark.parametrize(
+    ("odd", "changes", "told"),
+    [
+        (2, {"pretension": 40.0}, r"its pretension were (40|39\.\d|40\.\d) N, not 8"),
+        (0, {"friction": 0.2}, r"friction times wrap were 1\.5\d times"),
+    ],
+)
+def test_a_trial_with_other_cables_is_asked_about(
+    odd: int, changes: dict[str, float], told: str
+) -> None:
+    found = tuning(recorded(odd, changes))
+    asked = odd_trial(found.problem, found.whole.at)
+    assert asked is not None
+    assert asked.trial == f"run_{odd}"
+    assert asked.misfit > 5.0 * asked.rest
+    assert asked.rest < 2.0
+    assert f"Trial run_{odd} is off by" in asked.question
+    assert re.search(told, asked.question), asked.question
+
+
+@pytest.fixture(scope="module")
+def alike() -> Tuning:
+    """Of four trials of one rig."""
+    return tuning(recorded())
+
+
+def test_trials_of_one_rig_are_not_asked_about(alike: Tuning) -> None:
+    assert odd_trial(alike.problem, alike.whole.at) is None
+
+
+def test_what_all_trials_lack_is_no_trial_of_its_own() -> None:
+    data = recorded()
+    trials = tuple(
+        replace(t, joint_torque=t.joint_torque + 0.3 * np.sin(9.0 * t.motor_angle) ** 3)
+        for t in data.trials
+    )
+    found = tuning(replace(data, trials=trials))
+    assert odd_trial(found.problem, found.whole.at) is None
+
+
+def test_errors_per_trial_add_up_to_those_of_all(alike: Tuning) -> None:
+    problem, at = alike.problem, alike.whole.at
+    played = problem.plant.simulate(problem.values(at), ())
+    errors = trial_errors(problem, played, played)
+    assert [each.trial for each in errors] == [f"run_{k}" for k in range(COUNT)]
+    counts = [int(r.counts.sum()) for r in problem.plant.records]
+    squares = [each.misfit_before**2 for each in errors]
+    whole = np.average(squares, weights=counts)
+    kept = [
+        e[:, r.counts].ravel() ** 2
+        for e, r in zip(problem.errors(at), problem.plant.records, strict=True)
+    ]
+    assert whole == pytest.approx(problem.raised**2 * np.mean(np.concatenate(kept)))
+    for each in errors:
+        assert each.rmse_after == each.rmse_before
+        for name, rmse in each.rmse_before.items():
+            assert 0.5 * each.noise_floor[name] < rmse
+
+
+def test_an_undeclared_pretension_is_unknown_with_a_question() -> None:
+    data = recorded(2, {"pretension": 40.0})
+    found = reason(data, BENCH, ids=("motor_inertia",)).diagnosis
+    assert found.verdict == "unknown"
+    assert "Trial run_2 is off by" in found.question
+    worst = max(found.trials, key=lambda each: each.misfit_after)
+    assert worst.trial == "run_2"
+    assert '"question": "Trial run_2' in found.to_json()
+
+
+def test_a_declared_pretension_is_no_contradiction() -> None:
+    data = recorded(2, {"pretension": 40.0})
+    odd = data.trials[2]
+    declared = replace(odd, facts=replace(odd.facts, pretension=80.0 * 40.0 / 82.0))
+    trials = (*data.trials[:2], declared, *data.trials[3:])
+    found = tuning(replace(data, trials=trials))
+    assert odd_trial(found.problem, found.whole.at) is None

@@ -1,0 +1,120 @@
+"""From trials to a verdict, on data whose truth is known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cc_mujoco.diagnosis.data.trials import Facts
+from cc_mujoco.diagnosis.inference.folds import trials as held_out
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.verdict import SCHEMA
+from diagnosis.recorded import BENCH, dataset
+
+FEW = ("viscous_friction", "joint_gravity", "motor_inertia")
+TUNED = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
+
+
+def test_nothing_is_named_where_nothing_is_missing() -> None:
+    result = reason(dataset(changes=TUNED), BENCH, ids=FEW)
+    found = result.diagnosis
+    assert found.verdict == "none"
+    assert found.effects == ()
+    assert found.baseline.parameters["axial_stiffness"].value == pytest.approx(
+        47e3, rel=0.02
+    )
+    friction = found.baseline.parameters["friction"]
+    assert friction.value == pytest.approx(0.13, rel=0.05)
+    assert any("wrap" in said for said in found.baseline.not_identifiable)
+    for gap in found.gap.values():
+        assert gap.rmse_before == gap.rmse_after
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("viscous_friction", {"viscous_friction": 40.0}),
+        ("joint_gravity", {"gravity_sine": 0.4, "gravity_cosine": 0.1}),
+    ],
+)
+def test_the_missing_effect_is_named_and_the_gap_closes(
+    name: str, values: dict[str, float]
+) -> None:
+    data = dataset({name: values}, changes=TUNED, seed=3)
+    result = reason(data, BENCH, ids=FEW)
+    found = result.diagnosis
+    assert found.verdict == "named", found.statement
+    assert [effect.id for effect in found.effects] == [name]
+    for key, value in values.items():
+        fitted = found.effects[0].parameters[key]
+        assert fitted.value == pytest.approx(value, rel=0.15, abs=0.05)
+        assert fitted.ci95[0] < fitted.value < fitted.ci95[1]
+    for gap in found.gap.values():
+        assert gap.rmse_after <= gap.rmse_before
+    assert max(gap.gap_closed for gap in found.gap.values()) > 0.8
+    text = json.loads(found.to_json())
+    assert text["schema"] == SCHEMA
+    assert text["effects"][0]["id"] == name
+
+
+def test_an_effect_outside_the_library_is_unknown() -> None:
+    data = dataset(changes=TUNED, seed=4)
+    trials = []
+    for trial in data.trials:
+        torque = trial.joint_torque + 0.3 * np.sin(9.0 * trial.joint_angle) ** 3
+        trials.append(type(trial)(**{**trial.__dict__, "joint_torque": torque}))
+    changed = type(data)(**{**data.__dict__, "trials": tuple(trials)})
+    found = reason(changed, BENCH, ids=("viscous_friction", "motor_inertia")).diagnosis
+    assert found.verdict == "unknown", found.statement
+    assert found.where
+    assert found.where[0].channel == "joint_torque_nm"
+
+
+def test_a_motor_that_hardly_moves_cannot_be_judged() -> None:
+    data = dataset(duration=3.0, chosen=(1,))
+    trial = data.trials[0]
+    still = type(trial)(**{**trial.__dict__, "motor_angle": 0.01 * trial.motor_angle})
+    found = reason(type(data)((still,), noise=data.noise), BENCH).diagnosis
+    assert found.verdict == "fix-data"
+    assert "larger motions" in found.statement
+
+
+@pytest.mark.parametrize(
+    ("reserved", "still", "told"),
+    [((0, 1, 2), (), "leave some of those that move"), ((1,), (1,), "trial_1")],
+)
+def test_what_is_reserved_has_to_move_and_to_leave_something(
+    reserved: tuple[int, ...], still: tuple[int, ...], told: str
+) -> None:
+    data = dataset(duration=3.0)
+    trials = [
+        replace(
+            trial,
+            facts=Facts(split="test" if k in reserved else None),
+            motor_angle=(0.01 if k in still else 1.0) * trial.motor_angle,
+        )
+        for k, trial in enumerate(data.trials)
+    ]
+    found = reason(replace(data, trials=tuple(trials)), BENCH).diagnosis
+    assert found.verdict == "fix-data"
+    assert told in found.statement
+
+
+def test_a_trial_that_never_moves_is_no_part_to_hold_out() -> None:
+    data = dataset(duration=3.0, chosen=(0, 2, 1, 1))
+    names = ("stroke", "fast", "still", "quiet")
+    trials = tuple(
+        replace(
+            trial,
+            name=name,
+            motor_angle=(0.01 if k > 1 else 1.0) * trial.motor_angle,
+        )
+        for k, (name, trial) in enumerate(zip(names, data.trials, strict=True))
+    )
+    records, _ = prepare(replace(data, trials=trials), BENCH)
+    for fold in held_out(records):
+        assert sum(map(np.sum, fold.train)) and sum(map(np.sum, fold.test))

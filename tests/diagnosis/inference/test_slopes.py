@@ -1,0 +1,73 @@
+"""Derivatives that fits share are those of what they fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit
+from cc_mujoco.diagnosis.inference.plant import OFFSETS, Plant, Values, tuned
+from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.slopes import Slopes
+from diagnosis.recorded import BENCH, dataset
+
+RECORDS, _ = prepare(dataset(duration=3.0), BENCH)
+COUNTS = [record.counts for record in RECORDS]
+FREE = tuned(BENCH, RECORDS, {})
+
+
+@dataclass(frozen=True)
+class Counted(Plant):
+    """A plant that notes what it simulates."""
+
+    played: tuple[list[Values], ...] = ([],)
+
+    def simulate(
+        self, values: Values, effects: Sequence[str] = (), only: int | None = None
+    ) -> list[FloatArray]:
+        self.played[0].append(values)
+        return super().simulate(values, effects, only)
+
+
+def problem(plant: Plant) -> Problem:
+    flat = tuple(np.full(r.measured.shape, 0.05) for r in RECORDS)
+    return Problem(plant, FREE, (), flat, flat, 0.2)
+
+
+def test_derivatives_are_differences_of_the_residual() -> None:
+    one = problem(Plant(BENCH, RECORDS, 8))
+    at = np.zeros(len(FREE))
+    found = Slopes(one).jacobian(at, COUNTS)
+    here = one.residual(at, COUNTS)
+    for index, parameter in enumerate(FREE):
+        step = 1e-3 if parameter.factor else 0.02
+        moved = at.copy()
+        moved[index] += step
+        column = (one.residual(moved, COUNTS) - here) / step
+        # Friction's corners make differences depend on the step.
+        exact = parameter.name in OFFSETS
+        apart = np.linalg.norm(found[:, index] - column) / np.linalg.norm(column)
+        assert apart < (0.02 if exact else 0.3), parameter.name
+
+
+def test_what_only_a_torque_sensor_shows_needs_no_simulation() -> None:
+    plant = Counted(BENCH, RECORDS, 8, 1, ([],))
+    Slopes(problem(plant)).jacobian(np.zeros(len(FREE)), COUNTS)
+    sensors = sum("torque" in parameter.name for parameter in FREE)
+    assert sensors == 4
+    assert len(plant.played[0]) == 1 + len(FREE) - sensors
+
+
+def test_fits_of_one_neighbourhood_share_their_derivatives() -> None:
+    plant = Counted(BENCH, RECORDS, 8, 1, ([],))
+    one = problem(plant)
+    slopes = Slopes(one)
+    first = fit(one, np.zeros(len(FREE)), COUNTS, slopes=slopes)
+    alone = len(plant.played[0])
+    again = fit(one, first.at, COUNTS, slopes=slopes)
+    assert len(plant.played[0]) - alone < 0.5 * alone
+    assert again.cost == pytest.approx(first.cost, rel=1e-2)

@@ -267,19 +267,51 @@ def march(
             j = i + 1
         # Fronts come to the null point from both sides, so friction there is kinetic,
         # unless only static friction holds the segment as a whole.
-        if met or not pushed(
+        turning = met or not pushed(
             max(left_e[i] / left_c[i], 0.0),
             max(right_e[j] / right_c[j], 0.0),
             growth[i],
             growth[i],
             drag[i],
-        ):
+        )
+        moved = 0
+        while turning:
             at_null = _null_slip(
                 left_e[i] / left_c[i], 1.0 / left_c[i],
                 right_e[j] / right_c[j], 1.0 / right_c[j],
                 1.0 if far > 0.0 else -1.0,
                 tension[i], tension[j], growth[i], drag[i], 1.0 / compliance[0],
             )  # fmt: skip
+            # A neighbour that would slip against its front has the null point.
+            beyond = 0
+            if j < n:
+                at = (right_e[j] - at_null) / right_c[j]
+                slip = (right_b[j] - right_a[j] * at) * right_way
+                if slip < -TOLERANCE * abs(at) * compliance[j]:
+                    beyond = 1
+            if i > 0:
+                at = (left_e[i] + at_null) / left_c[i]
+                slip = (left_a[i - 1] * at - left_b[i - 1]) * left_way
+                if slip < -TOLERANCE * abs(at) * compliance[i]:
+                    beyond = -1 if beyond == 0 else 2
+            if beyond == 0:
+                break
+            if beyond == 2 or beyond * moved < 0:
+                return False
+            moved = beyond
+            if beyond > 0:
+                left_way = -right_way if left_way == 0 else left_way
+                left_a[i], left_b[i], left_c[j], left_e[j] = _join(
+                    left_c[i], left_e[i], growth[i], drag[i],
+                    compliance[j], tension[j], left_way > 0,
+                )  # fmt: skip
+            else:
+                right_way = -left_way if right_way == 0 else right_way
+                right_a[i], right_b[i], right_c[i], right_e[i] = _join(
+                    right_c[j], right_e[j], growth[i], drag[i],
+                    compliance[i], tension[i], right_way < 0,
+                )  # fmt: skip
+            i, j = i + beyond, j + beyond
     for s in range(i, j):
         shift[s] = at_null
     for s in range(i + 1, j):

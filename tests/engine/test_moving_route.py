@@ -268,13 +268,14 @@ def test_integrators_agree() -> None:
     found = {}
     for integrator in INTEGRATORS:
         m = limb(integrator, RATES.replace('"20"', '"300"'))
+        m.opt.timestep *= 0.5  # integrators differ in proportion to it
         d = mujoco.MjData(m)
-        found[integrator] = run(m, d, controls)[:, 1:4]
+        found[integrator] = run(m, d, np.repeat(controls, 2, axis=0))[:, 1:4]
         lost = read(m, d, "bowden").dissipated
         found.setdefault("lost", lost)
         assert lost == pytest.approx(found["lost"], rel=0.03), integrator
         error = np.abs(found[integrator] - found["Euler"]).max()
-        assert error < 0.02 * np.abs(found["Euler"]).max(), integrator
+        assert error < 0.015 * np.abs(found["Euler"]).max(), integrator
 
 
 def test_actuation_can_be_disabled(any_limb: mujoco.MjModel) -> None:

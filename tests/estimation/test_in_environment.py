@@ -30,5 +30,8 @@ def test_friction_of_the_scene_is_found_while_the_environment_steps() -> None:
         estimator.update(seen + 0.5 * random.normal(size=seen.shape), reading.slip)
     env.close()
     assert estimator.friction == pytest.approx(cable.friction, rel=0.05)
-    assert abs(estimator.friction - cable.friction) < 3.0 * estimator.deviation
+    # Where motion turns in the first or last segment its direction does not tell so.
+    unseen = 0.005 * cable.friction
+    error = abs(estimator.friction - cable.friction)
+    assert error < 3.0 * estimator.deviation + unseen
     assert estimator.misfit == pytest.approx(1.0, abs=0.2)

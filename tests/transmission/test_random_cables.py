@@ -51,6 +51,19 @@ def test_no_segment_carries_more_than_friction_holds(term, seed):
     assert beyond_friction(cable, motion.tension) < 1e-9
 
 
+@pytest.mark.parametrize("term", ["coulomb", "seals", "static", "static_memory"])
+@given(seed=SEEDS)
+@settings(max_examples=40)
+def test_friction_never_acts_with_the_slip(term, seed):
+    rng = np.random.default_rng(seed)
+    cable = cable_of(rng, term)
+    near, far = motion_of(rng, cable)
+    motion = replay(cable, 1e-3, u_proximal=near, u_distal=far, profile=True)
+    friction = np.diff(motion.tension, axis=1)
+    rounding = 1e-9 * (motion.tension.max() + 1.0)
+    assert np.all(friction * motion.direction >= -rounding)
+
+
 @pytest.mark.parametrize("term", [term for term in TERMS if term not in END_BY_END])
 @given(seed=SEEDS)
 @settings(max_examples=25)

@@ -15,8 +15,10 @@ fitted to all readings with the present :math:`\theta`: else readings that happe
 high would count for more.
 
 Where the motion turns it does so inside a segment, which follows neither sign: the two
-segments beside a change of direction are left out. A sensor whose tension is below four
-times its noise is left out too.
+segments beside a change of direction are left out. (In the first and the last segment
+directions do not show it. Friction then looks smaller, by some tenths of a percent in
+the wrist scene, which the deviation does not count.) A sensor whose tension is below
+four times its noise is left out too.
 """
 
 from __future__ import annotations

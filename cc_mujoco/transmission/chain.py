@@ -124,3 +124,49 @@ def lay(
     for i in range(first, last):
         left += (strained - tension[i]) / stiffness[i]
         shift[i] = left
+
+
+@compiled
+def lay_slack(
+    n: int,
+    free: FloatArray,
+    tension: FloatArray,
+    stiffness: FloatArray,
+    slack: FloatArray,
+    near_p: float,
+    near_q: float,
+    far_p: float,
+    far_q: float,
+    shift: FloatArray,
+) -> None:
+    """Lay all slack cable evenly that nothing holds; arguments as in `solve`.
+
+    `free` is not 0 where a segment has no friction without tension (n,).
+    """
+    first = 0
+    while first < n:
+        last = first
+        while (
+            last < n
+            and slack[last] != 0.0
+            and slack[last + 1] != 0.0
+            and free[last] != 0.0
+        ):
+            last += 1
+        if last > first:
+            left_bound = first > 0 or near_q > 0.0
+            right_bound = last < n or far_q > 0.0
+            left, right = 0.0, 0.0
+            if first > 0:
+                left = shift[first - 1]
+            elif left_bound:
+                left = (tension[0] - near_p) / near_q
+            if last < n:
+                right = shift[last]
+            elif right_bound:
+                right = (far_p - tension[n]) / far_q
+            lay(
+                first, last, tension, stiffness, left, left_bound, right, right_bound,
+                shift,
+            )  # fmt: skip
+        first = last + 1

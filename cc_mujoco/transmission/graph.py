@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.transmission.chain import lay, slipping, solve
+from cc_mujoco.transmission.chain import lay_slack, slipping, solve
 from cc_mujoco.transmission.fronts import TOLERANCE
 
 _LEFT, _HELD, _SLACK = 0, 1, 2
@@ -105,8 +105,7 @@ def _settle(
     """Displacements and tensions of a step of which `_mark` has told what slips."""
     gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
     for s in range(n - 1, -1, -1):
-        free = drag[s] == 0.0 and viscosity[s] == 0.0
-        if slack[s + 1] != 0.0 and free:
+        if slack[s + 1] != 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
             slack[s] = 1.0
         slip = way[s]
         if slack[s] != 0.0 and slack[s + 1] != 0.0:
@@ -123,30 +122,10 @@ def _settle(
     )  # fmt: skip
     for i in range(n + 1):
         node[i] = max(node[i], 0.0)
-    first = 0
-    while first < n:
-        last = first
-        while last < n and slack[last] != 0.0 and slack[last + 1] != 0.0:
-            if drag[last] != 0.0 or viscosity[last] != 0.0:
-                break
-            last += 1
-        if last > first:
-            bounded_left = first > 0 or near_q > 0.0
-            bounded_right = last < n or far_q > 0.0
-            left, right = 0.0, 0.0
-            if first > 0:
-                left = shift[first - 1]
-            elif bounded_left:
-                left = (tension[0] - near_p) / near_q
-            if last < n:
-                right = shift[last]
-            elif bounded_right:
-                right = (far_p - tension[n]) / far_q
-            lay(
-                first, last, tension, stiffness, left, bounded_left, right,
-                bounded_right, shift,
-            )  # fmt: skip
-        first = last + 1
+    free = gain
+    for s in range(n):
+        free[s] = 1.0 if drag[s] == 0.0 and viscosity[s] == 0.0 else 0.0
+    lay_slack(n, free, tension, stiffness, slack, near_p, near_q, far_p, far_q, shift)
 
 
 @compiled

@@ -590,7 +590,7 @@ def _solve(
         viscosity, near_p, near_q, far_p, far_q, shift, node, work,
     )  # fmt: skip
     if prm[_BRISTLE] > 0.0:
-        # Slack: no elastic part, bristles keep what they can without new energy.
+        # No elastic part: bristles keep what they can without new energy.
         slipped[:] = shift
         for j in range(n):
             most = abs(held[j])
@@ -786,6 +786,8 @@ def _commit_bristles(
             kept = 0.5 * start**2 / spring[j]
             now = min(max(held[j], -abs(elastic)), abs(elastic)) / spring[j]
         lost += max(before - kept, 0.0)
+        gained = 0.5 * (start + held[j]) * (shift[j] - slipped[j])
+        lost += max(kept + gained - 0.5 * abs(held[j] * now), 0.0)
         new_state[first + j] = held[j]
         new_state[first + n + j] = now
         # Viscous drag acts on the elastic part of the motion, too.

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.transmission.chain import slipping, solve
+from cc_mujoco.transmission.chain import lay_slack, slipping, solve
 
 _ROUNDS = 60
 _ROUNDING = 1e-12
@@ -58,15 +58,17 @@ def preslide(
     `spring` is the stiffness of the bristles of each segment (n,) [N/m], `held` their
     force [N], in and out. `slipped` (n,) says which way each segment is expected to
     slip, and then which part of its displacement [m] is slip and not stretch of its
-    bristles. `work` holds (7 n + 1,).
+    bristles. `work` holds (8 n + 1,).
 
     Returns:
-        True, or False where some of the cable goes slack; outputs are then undefined.
+        True, or False where no solution was found; outputs are then undefined.
     """
     way, slack = work[:n], work[n : 2 * n + 1]
     lines, rest = work[2 * n + 1 : 5 * n + 1], work[5 * n + 1 :]
     gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
-    slack[:] = 0.0
+    free = rest[2 * n :]
+    for i in range(n + 1):
+        slack[i] = 1.0 if tension[i] < 0.0 else 0.0
     for s in range(n):
         way[s] = 0.0
         if slipped[s] != 0.0:
@@ -83,7 +85,29 @@ def preslide(
             n, tension, stiffness, gain, offset, own, slack,
             near_p, near_q, far_p, far_q, shift, node, rest,
         )  # fmt: skip
+        for s in range(n):
+            free[s] = 1.0 if own[s] == 0.0 else 0.0
+        lay_slack(
+            n, free, tension, stiffness, slack, near_p, near_q, far_p, far_q, shift
+        )
+        largest = 0.0
+        for i in range(n + 1):
+            largest = max(largest, abs(node[i]))
         settled = True
+        for i in range(n + 1):
+            behind = shift[i - 1] if i > 0 else 0.0
+            ahead = shift[i] if i < n else 0.0
+            strained = tension[i] + stiffness[i] * (ahead - behind)
+            if i == 0:
+                strained = near_p + near_q * ahead
+            elif i == n:
+                strained = far_p - far_q * behind
+            now = 1.0 if strained < 0.0 else 0.0
+            if now != slack[i]:
+                slack[i] = now
+                scale = largest + stiffness[i] * (abs(ahead) + abs(behind))
+                if abs(strained) > _ROUNDING * scale:
+                    settled = False
         for s in range(n):
             left, w = node[s], shift[s]
             least, most = _limits(
@@ -117,15 +141,18 @@ def preslide(
     if not settled:
         return False
     for i in range(n + 1):
-        if not 0.0 <= node[i] < np.inf:
+        if not np.isfinite(node[i]):
             return False
+        node[i] = max(node[i], 0.0)
     for s in range(n):
         left, w = node[s], shift[s]
         stretched = held[s] + spring[s] * w
         slipped[s] = 0.0
         if way[s] != 0.0:
-            least, most = _limits(left, 0.0, hold_right[s], hold_left[s], drag[s], 0.0)
-            force = (most if way[s] > 0.0 else least) - left
+            # What Coulomb friction takes, without the share of viscosity.
+            force = (hold_right[s] - 1.0) * left + drag[s]
+            if way[s] < 0.0:
+                force = -(hold_left[s] - 1.0) * node[s + 1] - drag[s]
             if spring[s] > 0.0:
                 slipped[s] = (stretched - force) / spring[s]
             else:

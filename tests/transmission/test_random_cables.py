@@ -64,6 +64,27 @@ def test_friction_never_acts_with_the_slip(term, seed):
     assert np.all(friction * motion.direction >= -rounding)
 
 
+@pytest.mark.parametrize("drag", ["coulomb", "load_independent", "seals"])
+@given(seed=SEEDS)
+@settings(max_examples=15)
+def test_energy_of_bristles_adds_up_where_the_cable_goes_slack(drag, seed):
+    rng = np.random.default_rng(seed)
+    cable = cable_of(rng, drag).replace(
+        pretension=rng.choice([0.5, 2.0, 10.0]),
+        bristle_length=10 ** rng.uniform(-5, -3),
+    )
+    near, far = motion_of(rng, cable)
+    fine = np.arange(0.0, near.size - 1, 1.0 / 16.0)
+    near, far = (np.interp(fine, np.arange(near.size), end) for end in (near, far))
+    motion = replay(cable, 1e-3 / 16.0, u_proximal=near, u_distal=far)
+    pull, give = motion.tension_distal, motion.tension_proximal
+    work = 0.5 * (pull[1:] + pull[:-1]) @ np.diff(far)
+    work -= 0.5 * (give[1:] + give[:-1]) @ np.diff(near)
+    stored = motion.stored[-1] - motion.stored[0]
+    scale = motion.stored.max() + motion.dissipated[-1] + 1e-6
+    assert abs(work - stored - motion.dissipated[-1]) < 0.02 * scale
+
+
 @pytest.mark.parametrize("term", [term for term in TERMS if term not in END_BY_END])
 @given(seed=SEEDS)
 @settings(max_examples=25)

@@ -24,6 +24,7 @@ _CALLS = {
     "transmission": ("transmission", "engine"),
     "engine": ("transmission", "engine"),
     "control": ("transmission", "engine", "control"),
+    "predecessors": ("transmission", "engine", "predecessors"),
 }
 """Parts of the package that are compiled, and those whose code is in theirs."""
 

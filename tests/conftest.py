@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from hypothesis import settings
 
+from shared_folder import ABSENT, SHARED
+
 # The same examples in every run, and no deadline: the first call of a compiled function
 # includes its compilation.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
@@ -29,3 +31,23 @@ def pytest_configure(config: pytest.Config) -> None:
         _, seen = env.reset(seed=0)
         for name in ("model", "stiction"):
             controller(name, env.unwrapped.drive).torque(seen)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip what needs the folder beside the checkout; begin with what takes longest.
+
+    A long test that begins last would leave the other workers idle.
+    """
+    if not SHARED.is_dir():
+        for item in items:
+            if item.get_closest_marker("shared"):
+                item.add_marker(pytest.mark.skip(reason=ABSENT))
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say how many tests the missing folder cost."""
+    skipped = terminalreporter.stats.get("skipped", ())
+    missed = sum(ABSENT in str(report.longrepr) for report in skipped)
+    if missed:
+        terminalreporter.write_line(f"{missed} tests skipped: {ABSENT}")

@@ -102,7 +102,21 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     site = package.parents[1]
     lent = [p for p in sys.path if Path(p).name in ("site-packages", "dist-packages")]
     (site / "lent.pth").write_text("\n".join(lent) + "\n")
+    lend_compiled(package.parent)
     return commands
+
+
+def lend_compiled(package: Path) -> None:
+    """Give it what Numba has compiled here of the same sources, a minute's work.
+
+    Numba keeps code beside its source, which it knows by time and size.
+    """
+    for source in (ROOT / "cc_mujoco").rglob("*.py"):
+        copy = package / source.relative_to(ROOT / "cc_mujoco")
+        shutil.copystat(source, copy)
+        for kept in (source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ci]"):
+            (copy.parent / "__pycache__").mkdir(exist_ok=True)
+            shutil.copy2(kept, copy.parent / "__pycache__")
 
 
 @pytest.mark.wheel

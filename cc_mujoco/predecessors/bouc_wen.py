@@ -14,11 +14,10 @@ from __future__ import annotations
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from cc_mujoco.compiled import FloatArray
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.predecessors.model import Answer, Environment, Model, Spring
 from cc_mujoco.transmission import Cable
 
@@ -151,7 +150,7 @@ def _parts(
     return position, _hysteresis(speed, turn, dt, rho, sigma, lead, exponent), speed
 
 
-@njit(nogil=True)
+@compiled
 def _hysteresis(
     speed: FloatArray,
     turn: FloatArray,

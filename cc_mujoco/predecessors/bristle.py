@@ -19,10 +19,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from cc_mujoco.compiled import FloatArray
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.predecessors.model import (
     Answer,
     Environment,
@@ -124,7 +123,7 @@ class LuGreChain(BristleChain):
         super().__init__(cable, LUGRE)
 
 
-@njit(nogil=True)
+@compiled
 def _play(
     near: FloatArray,
     moved: FloatArray,
@@ -170,7 +169,7 @@ def _play(
     return out
 
 
-@njit(nogil=True)
+@compiled
 def _tensions(
     start: FloatArray,
     spring: FloatArray,
@@ -188,7 +187,7 @@ def _tensions(
         before = after
 
 
-@njit(nogil=True)
+@compiled
 def _settle(
     start: FloatArray,
     spring: FloatArray,
@@ -233,7 +232,7 @@ def _settle(
             slip[j] += pace * ahead
 
 
-@njit(nogil=True)
+@compiled
 def _bristle(
     friction: float, slip: float, limit: float, shape: FloatArray, dt: float
 ) -> tuple[float, float, float]:

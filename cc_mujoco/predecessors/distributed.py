@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from cc_mujoco.compiled import FloatArray
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.predecessors.model import Answer, Environment, Model, scales, springs
 from cc_mujoco.transmission import PARAMETERS, kernel, rest_state
 
@@ -53,7 +52,7 @@ class Distributed(Model):
         )
 
 
-@njit(nogil=True)
+@compiled
 def _play(
     values: FloatArray,
     sections: FloatArray,
@@ -94,7 +93,7 @@ def _play(
     return out
 
 
-@njit(nogil=True)
+@compiled
 def _balance(
     prm: FloatArray,
     n: int,

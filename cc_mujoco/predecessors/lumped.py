@@ -14,10 +14,9 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from cc_mujoco.compiled import FloatArray
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.predecessors.model import (
     Answer,
     Environment,
@@ -117,7 +116,7 @@ class LumpedMasses(Model):
         return step, np.concatenate([dt * by_input, by_input])
 
 
-@njit(nogil=True)
+@compiled
 def _step_through(near: FloatArray, steps: FloatArray, gains: FloatArray) -> FloatArray:
     """Stretch of the last element and place of the last mass, (samples, 2) [m]."""
     n = steps.shape[1] // 2

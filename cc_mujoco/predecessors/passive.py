@@ -13,10 +13,9 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from cc_mujoco.compiled import FloatArray
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.predecessors.model import (
     Answer,
     Environment,
@@ -72,7 +71,7 @@ class PassiveDistributed(Model):
         )
 
 
-@njit(nogil=True)
+@compiled
 def _play(
     near: FloatArray,
     angle: FloatArray,
@@ -118,7 +117,7 @@ def _play(
     return out
 
 
-@njit(nogil=True)
+@compiled
 def _front(
     tension: FloatArray,
     angle: FloatArray,

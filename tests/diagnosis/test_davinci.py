@@ -11,15 +11,16 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.findings import to_fix
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.intake import load
+from shared_folder import SHARED
 
 ROOT = Path(__file__).parents[2]
-DATA = ROOT.parent / "shared" / "data" / "davinci"
+DATA = SHARED / "data" / "davinci"
 FITTED, HELD_OUT = ("freq4_load0", "freq4_load8"), ("freq4_load2", "freq2_load6")
 SUSPECTS = ("end_compliance", "load_independent_friction", "viscous_friction")
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not DATA.is_dir(), reason="needs measured data")
+@pytest.mark.shared
 def test_compliance_and_friction_without_load_close_the_gap_on_other_loads() -> None:
     files = [DATA / f"tool4_{name}.csv" for name in (*FITTED, *HELD_OUT)]
     dataset, findings = load(files, ROOT / "scripts" / "davinci.toml")

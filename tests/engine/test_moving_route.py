@@ -261,16 +261,15 @@ def test_batch_equals_a_plain_loop(any_limb: mujoco.MjModel, threads: int) -> No
 
 
 def test_integrators_agree() -> None:
-    controls = np.stack(
-        [0.8 - 0.4 * np.cos(np.linspace(0.0, 9.0, 3000)), -np.linspace(0.0, 1.2, 3000)],
-        axis=1,
-    )
+    # With stiction they agree to first order in the step only.
+    time, step = np.linspace(0.0, 1.0, 12_000), 1.25e-4
+    controls = np.stack([0.8 - 0.4 * np.cos(9.0 * time), -1.2 * time], axis=1)
     found = {}
     for integrator in INTEGRATORS:
         m = limb(integrator, RATES.replace('"20"', '"300"'))
-        m.opt.timestep *= 0.5  # integrators differ in proportion to it
+        m.opt.timestep = step
         d = mujoco.MjData(m)
-        found[integrator] = run(m, d, np.repeat(controls, 2, axis=0))[:, 1:4]
+        found[integrator] = run(m, d, controls)[:, 1:4]
         lost = read(m, d, "bowden").dissipated
         found.setdefault("lost", lost)
         assert lost == pytest.approx(found["lost"], rel=0.03), integrator

@@ -52,8 +52,10 @@ def march(a: VectorEnv, b: VectorEnv, steps: int) -> int:
     return ended
 
 
-@pytest.mark.parametrize("threads", [1, 2, 4])
-@pytest.mark.parametrize("trajectory", ["sweep", "multisine", "walk"])
+@pytest.mark.parametrize(
+    ("trajectory", "threads"),
+    [("multisine", 1), ("multisine", 2), ("multisine", 4), ("sweep", 4), ("walk", 2)],
+)
 def test_it_equals_sync_through_autoresets(
     name: str, trajectory: str, threads: int
 ) -> None:
@@ -66,13 +68,16 @@ def test_it_equals_sync_through_autoresets(
     march(a, b, 10)
 
 
-@pytest.mark.parametrize("task", ["tunnel", "spring", "transparent", "assist"])
-def test_it_equals_sync_for_every_task_over_a_long_episode(
-    name: str, task: str
+@pytest.mark.parametrize(
+    ("task", "duration"),
+    [("tunnel", 1.5), ("spring", 0.3), ("transparent", 0.3), ("assist", 0.3)],
+)
+def test_it_equals_sync_for_every_task_and_over_a_long_episode(
+    name: str, task: str, duration: float
 ) -> None:
-    a, b = pair(name, task=task, duration=1.5, frame_skip=3)
+    a, b = pair(name, task=task, duration=duration, frame_skip=3)
     equal(a.reset(seed=0), b.reset(seed=0))
-    march(a, b, 1000)
+    assert march(a, b, round(duration / 0.0015) + 40) == COUNT
 
 
 def test_it_equals_sync_where_episodes_end_apart(

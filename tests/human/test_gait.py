@@ -11,9 +11,10 @@ import pytest
 
 from cc_mujoco.human import Walk, gait_table
 from cc_mujoco.human.gait import ANGLES, PERIOD, Harmonics, assistance
+from shared_folder import SHARED
 
 ROOT = Path(__file__).parents[2]
-DATA = ROOT.parent / "shared" / "data" / "gait"
+DATA = SHARED / "data" / "gait"
 PHASE = np.linspace(0.0, 1.0, 2001)
 
 
@@ -26,13 +27,6 @@ def script() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-@pytest.fixture
-def data() -> Path:
-    if not DATA.is_dir():
-        pytest.skip(f"the measured gait is not at {DATA}")
-    return DATA
 
 
 def test_harmonics_and_derivative() -> None:
@@ -103,10 +97,9 @@ def test_walk_scales_all_joints() -> None:
     np.testing.assert_allclose(a.companions["hip"].angle, 2 * b.companions["hip"].angle)
 
 
-def test_fit_reproduces_the_shipped_table(
-    script: ModuleType, data: Path, tmp_path: Path
-) -> None:
-    period, table, errors = script.fit(data)
+@pytest.mark.shared
+def test_fit_reproduces_the_shipped_table(script: ModuleType, tmp_path: Path) -> None:
+    period, table, errors = script.fit(DATA)
     assert period == gait_table.PERIOD
     assert errors["ankle"] < 0.5
     assert max(errors["knee"], errors["hip"]) < 0.5
@@ -115,14 +108,15 @@ def test_fit_reproduces_the_shipped_table(
         shipped = getattr(gait_table, name.upper())
         np.testing.assert_allclose(coefficients, shipped, atol=2e-6)
     target = tmp_path / "table.py"
-    script.main([str(data), "--table", str(target)])
+    script.main([str(DATA), "--table", str(target)])
     head = target.read_text(encoding="utf-8").split("PERIOD")[0]
     shipped_text = Path(gait_table.__file__).read_text(encoding="utf-8")
     assert shipped_text.startswith(head)
 
 
-def test_shipped_profile_fits_the_measured_ankle(data: Path) -> None:
-    walk = np.genfromtxt(data / "ankle_walk_tidy.csv", delimiter=",", names=True)
+@pytest.mark.shared
+def test_shipped_profile_fits_the_measured_ankle() -> None:
+    walk = np.genfromtxt(DATA / "ankle_walk_tidy.csv", delimiter=",", names=True)
     cycle = (walk["t_s"] >= 0.599) & (walk["t_s"] < 1.83)
     phase = (walk["t_s"][cycle] - 0.60) / PERIOD
     error = np.rad2deg(ANGLES["ankle"](phase)) - walk["ankle_r_deg"][cycle]

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from shared_folder import SHARED
 from transmission.continuum import Continuum, solve
 from transmission.motions import MOTIONS, motion
 
-REFERENCE = Path(__file__).parents[3] / "shared" / "reference" / "cable"
+REFERENCE = SHARED / "reference" / "cable"
 
 WRIST = [(2.0, 0.28)]
 BENDS = [(0.8, 0.15), (0.6, np.inf), (0.6, 0.4)]
@@ -36,11 +36,10 @@ def stretch_along(cable: Continuum, stiffness: float, points: int = 20_001) -> f
     return np.trapezoid([cable.tension(p) for p in x], x) / stiffness
 
 
+@pytest.mark.shared
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("cable", ["wrist", "three_bends"])
 def test_agrees_with_recorded_solutions(cable: str, name: str) -> None:
-    if not REFERENCE.is_dir():
-        pytest.skip("the recorded continuum solutions are not beside this checkout")
     file = f"{cable}__{name}.csv"
     recorded = json.loads((REFERENCE / "parameters.json").read_text())[file]
     sections, friction, stiffness, pretension = CABLES[cable]
@@ -227,10 +226,9 @@ def test_motions_start_at_rest_and_repeat_with_their_seed(name: str) -> None:
     assert [end[0] for end in first] == pytest.approx([0.0, 0.005], abs=1e-15)
 
 
+@pytest.mark.shared
 @pytest.mark.parametrize("name", sorted(set(MOTIONS) - {"random_reversals"}))
 def test_nominal_motions_are_the_recorded_ones(name: str) -> None:
-    if not REFERENCE.is_dir():
-        pytest.skip("the recorded continuum solutions are not beside this checkout")
     file = REFERENCE / f"wrist__{name}.csv"
     recorded = np.loadtxt(file, delimiter=",", skiprows=1, usecols=(0, 1)).T
     np.testing.assert_allclose(motion(name, 0.005), recorded, atol=1e-5)

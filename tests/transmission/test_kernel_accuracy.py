@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from cc_mujoco.transmission import Cable, Section, replay
+from shared_folder import SHARED
 from transmission.continuum import solve
 from transmission.motions import MOTIONS, motion
 
-REFERENCE = Path(__file__).parents[3] / "shared" / "reference" / "cable"
+REFERENCE = SHARED / "reference" / "cable"
 
 CABLES = {
     "one bend": Cable(
@@ -119,9 +120,8 @@ def references(folder: Path):
         yield Path(file).stem, cable, table[:, :2].T, table[:, 2:].T
 
 
+@pytest.mark.shared
 def test_references_solved_by_another_solver():
-    if not REFERENCE.is_dir():
-        pytest.skip("reference motions are not in this checkout")
     cases = list(references(REFERENCE))
     assert len(cases) == 14
     for name, cable, ends, tensions in cases:

@@ -16,9 +16,9 @@ from cc_mujoco.diagnosis.data.trials import Constant, Facts
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.errors import CableError
 from diagnosis.bench import recording, write
+from shared_folder import SHARED
 
-DAVINCI = Path(__file__).parents[4] / "shared" / "data" / "davinci"
-
+DAVINCI = SHARED / "data" / "davinci"
 DAVINCI_TOML = Path(__file__).parents[3] / "scripts" / "davinci.toml"
 
 
@@ -177,7 +177,7 @@ def test_value_is_sign_times_reading_less_offset(
     assert dataset.trials[0].motor_angle == pytest.approx(truth, abs=2e-6)
 
 
-@pytest.mark.skipif(not DAVINCI.is_dir(), reason="needs measured data")
+@pytest.mark.shared
 def test_measured_data_load_and_their_signs_are_right() -> None:
     dataset, findings = load(DAVINCI, DAVINCI_TOML)
     assert [f for f in findings if f.severity == "fix"] == []
@@ -193,7 +193,7 @@ def test_measured_data_load_and_their_signs_are_right() -> None:
     assert floor.source == "periods" and 5e-4 < floor.deviation < 5e-3
 
 
-@pytest.mark.skipif(not DAVINCI.is_dir(), reason="needs measured data")
+@pytest.mark.shared
 def test_measured_data_with_signs_as_recorded_are_found_out() -> None:
     _, findings = load(DAVINCI)
     (found,) = [f for f in findings if f.severity == "fix"]

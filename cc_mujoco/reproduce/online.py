@@ -56,10 +56,10 @@ def run(progress: Progress) -> Outcome:
     ends = following(truth.time, by_ends.value[:, 0], by_ends.deviation[:, 0], friction)
     claims = (
         _claim_slopes(instant),
-        _claim_law(printed),
+        claim_law(printed),
         _claim_filters(one, ends),
         _claim_bend(bend),
-        _claim_stiffness(soft),
+        claim_stiffness(soft),
     )
     figures = {
         "slopes": draw.slopes(instant, printed),
@@ -84,7 +84,8 @@ def _claim_slopes(found: Slopes) -> Claim:
     )
 
 
-def _claim_law(found: Laws) -> Claim:
+def claim_law(found: Laws) -> Claim:
+    """Whether the update law of the thesis does, as printed or mended."""
     left = found.left
     printed, signed, summed, ours = left
     good = left[printed] < 0.25
@@ -129,7 +130,8 @@ def _claim_bend(found: Bends) -> Claim:
     )
 
 
-def _claim_stiffness(found: Softening) -> Claim:
+def claim_stiffness(found: Softening) -> Claim:
+    """Whether stiffness is followed in partial motion and refused in mass motion."""
     result = following(found.time, *found.found, found.truth)
     good = result.settled < REST and result.error < 0.05
     guarded = abs(found.refused - 1.0) < 1e-12 and abs(found.fooled - 1.0) > 0.2

@@ -168,14 +168,14 @@ def _of_surface(
         [axes[n].code([d[n] for d in designs]) for n in (across, up)], axis=-1
     )
     shown = [columns[names.index(n)] for n in (across, up)]
-    values[_beyond(places, np.stack(shown, axis=-1)).reshape(x.shape)] = np.nan
+    values[outside_hull(places, np.stack(shown, axis=-1)).reshape(x.shape)] = np.nan
     ticks: dict[str, Sequence[object]] = {
         name: axes[name].values.at(shares[name]) for name in (across, up)
     }
     return values, ticks
 
 
-def _beyond(places: Array, points: Array) -> NDArray[np.bool_]:
+def outside_hull(places: Array, points: Array) -> NDArray[np.bool_]:
     """Which points lie outside the convex hull of places, all (n, 2) on scales of 1."""
     # A little is allowed, for a hypercube does not reach the ends of its ranges.
     grown = places.mean(axis=0) + 1.05 * (places - places.mean(axis=0))

@@ -110,6 +110,12 @@ def _tangents(rig: Rig, trials: str, seed: int) -> Array:
     return np.stack(columns, axis=1)
 
 
+def forget() -> None:
+    """Drop what is kept of earlier rigs, as after a change of `LOOKED_AT`."""
+    _plain.cache_clear()
+    _tangents.cache_clear()
+
+
 def _left_over(rig: Rig, change: Array, trials: str, seed: int) -> Array:
     """What of a change remains when the plain rig has been tuned to it."""
     bounds = np.array([tuned.bound for tuned in TUNED.values()])

@@ -113,6 +113,7 @@ def test_process(name: str, tmp_path: Path) -> None:
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
 
+@pytest.mark.slow
 def test_read_only_install_without_a_cache(tmp_path: Path) -> None:
     """Where Numba may write nowhere, the callbacks are compiled without a cache."""
     script = tmp_path / "script.py"

@@ -13,7 +13,7 @@ sys.path.insert(0, str(SCRIPTS))
 
 from hidden_rig.dataset import make_trials  # noqa: E402
 from hidden_rig.nominal import Rig, make_rig  # noqa: E402
-from hidden_rig.trials import Trial  # noqa: E402
+from hidden_rig.trials import SETS, Trial  # noqa: E402
 
 
 @pytest.fixture
@@ -31,6 +31,15 @@ def cut(trial: Trial, seconds: float) -> Trial:
     rows = round(1000 * (seconds + 0.6)) + 1
     return dataclasses.replace(
         trial, command=trial.command[:rows], target=trial.target[:rows]
+    )
+
+
+@pytest.fixture
+def few_and_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three rich trials of 4 s instead of eight of 8 s."""
+    rich = SETS["rich"]
+    monkeypatch.setitem(
+        SETS, "rich", lambda rng: [cut(rich(rng)[k], 4.0) for k in (0, 2, 4)]
     )
 
 

@@ -22,8 +22,7 @@ def two_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two trials instead of eight, which is quicker."""
     monkeypatch.setitem(SETS, "ramps", lambda rng: ramps(rng)[1:3])
     monkeypatch.setitem(strength.LOOKED_AT, "ramps", (0,))
-    strength._plain.cache_clear()
-    strength._tangents.cache_clear()
+    strength.forget()
 
 
 def made(folder: Path, effect: str, strength: str = "3") -> Path:

@@ -9,7 +9,7 @@ from cc_mujoco.estimation.samples import Track
 from cc_mujoco.reproduce import online_estimates as estimates
 from cc_mujoco.reproduce import online_laws as laws
 from cc_mujoco.reproduce import online_runs as runs
-from cc_mujoco.reproduce.online import _claim_law, _claim_stiffness
+from cc_mujoco.reproduce.online import claim_law, claim_stiffness
 from cc_mujoco.transmission import replay
 
 MU = runs.CABLE.friction
@@ -83,7 +83,7 @@ def test_verdict_on_the_law_follows_the_numbers(
     printed: float, summed: float, verdict: str
 ) -> None:
     left = dict(zip([*laws.LAWS, "ours"], [printed, 0.7, summed, 0.0], strict=True))
-    assert _claim_law(laws.Laws(np.zeros(1), {}, left, -0.02)).verdict == verdict
+    assert claim_law(laws.Laws(np.zeros(1), {}, left, -0.02)).verdict == verdict
 
 
 def test_friction_that_grows_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,9 +105,9 @@ def test_stiffness_is_found_in_partial_motion_and_refused_in_mass_motion() -> No
     assert found.refused == pytest.approx(1.0, abs=1e-12)
     assert abs(found.fooled - 1.0) > 0.2
     kept = Track(found.truth, 0.01 * found.truth)
-    assert _claim_stiffness(found._replace(found=kept)).verdict == "agrees"
+    assert claim_stiffness(found._replace(found=kept)).verdict == "agrees"
     fooled = found._replace(found=kept, refused=0.5)
-    assert _claim_stiffness(fooled).verdict == "in part"
+    assert claim_stiffness(fooled).verdict == "in part"
 
 
 def test_bend_is_found_from_a_uniform_start() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.whatif.charts import _beyond
+from cc_mujoco.whatif.charts import outside_hull
 
 
 def test_a_map_is_blank_beyond_the_designs() -> None:
@@ -12,7 +12,7 @@ def test_a_map_is_blank_beyond_the_designs() -> None:
     places = rng.uniform(size=(200, 2))
     places = places[places.sum(axis=1) < 1.0]
     x, y = np.meshgrid(np.linspace(0.0, 1.0, 21), np.linspace(0.0, 1.0, 21))
-    beyond = _beyond(places, np.stack([x.ravel(), y.ravel()], axis=-1))
+    beyond = outside_hull(places, np.stack([x.ravel(), y.ravel()], axis=-1))
     total = (x + y).ravel()
     assert beyond[total > 1.15].all()
     inside = (total < 0.85) & (np.minimum(x, y).ravel() > 0.1)
@@ -21,4 +21,4 @@ def test_a_map_is_blank_beyond_the_designs() -> None:
 
 def test_designs_on_a_line_bound_nothing() -> None:
     places = np.stack([np.linspace(0.0, 1.0, 5)] * 2, axis=-1)
-    assert not _beyond(places, np.array([[0.0, 1.0], [0.5, 0.5]])).any()
+    assert not outside_hull(places, np.array([[0.0, 1.0], [0.5, 0.5]])).any()

@@ -38,7 +38,7 @@ class Cluster:
         self.processes: list[subprocess.Popen[bytes]] = []
         self._folder, self._file = folder, folder / "scheduler.json"
         self._start("dask_scheduler", HOME, "--port", "0")
-        with self._client() as client:
+        with self.client() as client:
             self.address = client.scheduler.address
 
     def work(self, home: Path = HOME) -> None:
@@ -46,10 +46,10 @@ class Cluster:
         self._start("dask_worker", home, "--nthreads", "1", "--no-nanny")
 
     def wait(self, workers: int) -> None:
-        with self._client() as client:
+        with self.client() as client:
             client.wait_for_workers(workers, timeout=90)
 
-    def _client(self) -> Any:
+    def client(self) -> Any:
         return distributed.Client(scheduler_file=str(self._file), timeout="60s")
 
     def _start(self, module: str, home: Path, *words: str) -> None:
@@ -245,6 +245,6 @@ def test_a_wrong_address_is_one_sentence(address: str, refusal: Asked) -> None:
 def test_a_worker_is_no_scheduler(cluster: Cluster, refusal: Asked) -> None:
     cluster.work()
     cluster.wait(1)
-    with cluster._client() as client:
+    with cluster.client() as client:
         (address,) = client.nthreads()
     assert "no Dask scheduler but a Worker" in refusal(address)

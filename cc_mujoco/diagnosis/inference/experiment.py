@@ -146,7 +146,9 @@ def propose(
         apart = (shown[0] - shown[1]) / noise
         left = min(
             (
-                _left(other, at, replace(record, measured=torque), noise, old, apart)
+                left_after_fit(
+                    other, at, replace(record, measured=torque), noise, old, apart
+                )
                 for (other, at), torque, old in zip(rivals, shown, known, strict=False)
             ),
             key=np.linalg.norm,
@@ -169,7 +171,7 @@ def propose(
     return NextExperiment(f"{best[1]}{settled}", tuple(ids[:2]), best[2])
 
 
-def _left(
+def left_after_fit(
     problem: Problem,
     at: FloatArray,
     record: Record,

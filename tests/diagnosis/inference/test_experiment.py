@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis.inference.baseline import Tuning, tune
-from cc_mujoco.diagnosis.inference.experiment import _left, propose
+from cc_mujoco.diagnosis.inference.experiment import left_after_fit, propose
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.records import prepare
 from diagnosis.recorded import BENCH, dataset
@@ -55,5 +55,5 @@ def test_what_tuning_makes_up_for_separates_nothing(tuning: Tuning) -> None:
     apart = (shown[1] - shown[0]) / noise
     nothing = np.zeros((0, at.size))
     new = replace(record, measured=shown[0])
-    left = _left(problem, at, new, noise, nothing, apart)
+    left = left_after_fit(problem, at, new, noise, nothing, apart)
     assert np.linalg.norm(left) < 0.1 * np.linalg.norm(apart)

@@ -1,19 +1,17 @@
-"""Puts the rig on the path, and holds what its tests share."""
+"""What the tests of the rig share."""
 
 from __future__ import annotations
 
 import dataclasses
-import sys
 from pathlib import Path
 
 import pytest
 
-SCRIPTS = Path(__file__).parents[2] / "scripts"
-sys.path.insert(0, str(SCRIPTS))
+from hidden_rig.dataset import make_trials
+from hidden_rig.nominal import Rig, make_rig
+from hidden_rig.trials import SETS, Trial
 
-from hidden_rig.dataset import make_trials  # noqa: E402
-from hidden_rig.nominal import Rig, make_rig  # noqa: E402
-from hidden_rig.trials import SETS, Trial  # noqa: E402
+SCRIPTS = Path(__file__).parents[2] / "scripts"
 
 
 @pytest.fixture

@@ -1,15 +1,11 @@
-"""Puts the naive ways on the path, and makes rigs whose only fault is known."""
+"""Rigs whose only fault is known."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 
 from cc_mujoco.diagnosis.inference.baseline import Tuning
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit

@@ -1,11 +1,11 @@
-"""Put claims, the benchmark of controllers and that of the diagnosis into the README.
+"""Put parameters, claims and both benchmarks into the README.
 
     python scripts/train_policy.py --out runs/policy.zip
     python scripts/diagnose_benchmark.py --naive binned sparse bic --out runs/sealed
-    python scripts/fill_readme.py [claims] [benchmark] [diagnosis]
+    python scripts/fill_readme.py [parameters] [claims] [benchmark] [diagnosis]
 
-Runs what is not done yet of the first two, and replaces what stands between the marks
-of each block. The benchmark is its default run, and at the wrist the policy.
+Runs what is not done yet of claims and benchmark, and replaces what stands between the
+marks of each block. The benchmark is its default run, and at the wrist the policy.
 """
 
 from __future__ import annotations
@@ -32,9 +32,11 @@ from cc_mujoco.benchmark.report import (
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.files import replacing
 from cc_mujoco.reproduce import EXPERIMENTS, Claim, reproduce, table
+from cc_mujoco.transmission import PARAMETERS
+from cc_mujoco.transmission.parameter import as_table
 
 README = Path(__file__).resolve().parents[1] / "README.md"
-BLOCKS = ("claims", "benchmark", "diagnosis")
+BLOCKS = ("parameters", "claims", "benchmark", "diagnosis")
 
 
 def block(claims: Mapping[str, Sequence[Claim]]) -> str:
@@ -111,6 +113,8 @@ def main() -> None:
     parser.add_argument("--policy", type=Path, default=Path("runs", "policy.zip"))
     options = parser.parse_args()
     texts = {}
+    if "parameters" in options.blocks:
+        texts["parameters"] = as_table(PARAMETERS)
     if "claims" in options.blocks:
         records = reproduce([], options.results)
         texts["claims"] = block({record.name: record.claims for record in records})

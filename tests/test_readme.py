@@ -11,22 +11,14 @@ import pytest
 
 import cc_mujoco
 from cc_mujoco.transmission import PARAMETERS
+from cc_mujoco.transmission.parameter import as_table
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
 
-def table() -> str:
-    """Parameters as Markdown."""
-    rows = ["| key | unit | range | default | meaning |", "|---|---|---|---|---|"]
-    for p in PARAMETERS:
-        opening = "(" if p.low_open else "["
-        span = f"{opening}{p.low:g}, {p.high:g}]"
-        rows.append(f"| `{p.name}` | {p.unit} | {span} | {p.default:g} | {p.meaning} |")
-    return "\n".join(rows)
-
-
 def test_parameter_table_is_that_of_the_package() -> None:
-    assert table() in README, f"paste this into README.md:\n{table()}"
+    written = f"<!-- parameters: begin -->\n{as_table(PARAMETERS)}\n"
+    assert written in README, "run `python scripts/fill_readme.py parameters`"
 
 
 @pytest.mark.parametrize("code", re.findall(r"```python\n(.*?)```", README, re.S))

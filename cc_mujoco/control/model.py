@@ -175,7 +175,7 @@ class CableModel:
 
     def _pack(self, row: int, cable: int, factor: float) -> None:
         strand = self._strands(row)[cable].cable
-        values = np.array([getattr(strand, p.name) for p in PARAMETERS])
+        values = np.array(strand.scalars)
         values[_FRICTIONS] = np.minimum(factor * values[_FRICTIONS], _MOST_FRICTION)
         sections = self._sections[row % len(self._sections)][cable]
         kernel.pack(values, sections, strand.segments, self.packed[row, cable])

@@ -435,7 +435,8 @@ EFFECTS: dict[str, Effect] = {
             starts=({"backlash": 0.01}, {"backlash": 0.05}),
             shows="reversals of torque at several loads",
             alike=("presliding", "end_compliance"),
-            mujoco="pulley on a hinge of its own, coupled by a fixed tendon with two limits",
+            mujoco="pulley on a hinge of its own, coupled by a fixed tendon "
+            "with two limits",
             source="Nordin and Gutman, Automatica 38, 2002",
         ),
         Effect(
@@ -479,7 +480,8 @@ EFFECTS: dict[str, Effect] = {
             ),
             shows="slow motion over several poles",
             alike=("pulley_eccentricity",),
-            mujoco="cogging of a `dcmotor` actuator on the motor, in the sum of its torque",
+            mujoco="cogging of a `dcmotor` actuator on the motor, in the sum "
+            "of its torque",
             source="MuJoCo dcmotor cogging",
             torques=_cogging,
         ),
@@ -550,7 +552,8 @@ EFFECTS: dict[str, Effect] = {
             starts=({"joint_inertia": 1e-3},),
             shows="accelerations over a decade",
             alike=("sensor_delay", "joint_stiffness"),
-            mujoco="`armature` of the joint, shown by a weightless body that rides along",
+            mujoco="`armature` of the joint, shown by a weightless body "
+            "that rides along",
             source="dynamics",
             torques=lambda s, v: s.added(
                 joint=-v["joint_inertia"] * acceleration(s.joint_angle, s.dt)
@@ -565,7 +568,8 @@ EFFECTS: dict[str, Effect] = {
             starts=({"motor_inertia": 1e-4},),
             shows="accelerations over a decade",
             alike=("sensor_delay", "viscous_friction"),
-            mujoco="`armature` of the motor, shown by a weightless body that rides along",
+            mujoco="`armature` of the motor, shown by a weightless body "
+            "that rides along",
             source="dynamics",
             torques=lambda s, v: s.added(
                 motor=v["motor_inertia"] * acceleration(s.motor_angle, s.dt)

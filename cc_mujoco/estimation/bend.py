@@ -59,7 +59,8 @@ class BendEstimator:
         """Start from what the cable's parameters say, or from a guess.
 
         Args:
-            cable: the cable. Viscous and load-independent friction must be off.
+            cable: the cable. No term may be on for which the law does not hold, see
+                `slope.require_slope`.
             sensors: at least two; between neighbours only the mean can be told.
             pieces: equal intervals of the spline.
             degree: of the spline: 3 where the bend varies smoothly, 1 or 0 (a value per

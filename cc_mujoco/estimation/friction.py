@@ -25,7 +25,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import Track, checked_sample, rows, wrap_angles
 from cc_mujoco.estimation.sensors import Sensors
-from cc_mujoco.estimation.slope import SlopeFit
+from cc_mujoco.estimation.slope import SlopeFit, require_slope
 from cc_mujoco.transmission.parameters import PARAMETERS, Cable
 
 _BOUNDS = next(p for p in PARAMETERS if p.name == "friction")
@@ -47,8 +47,8 @@ class FrictionEstimator:
         """Start from a guess.
 
         Args:
-            cable: the cable; only its wrap angles count. Viscous and load-independent
-                friction must be off.
+            cable: the cable; only its wrap angles count. No term may be on for which
+                the law does not hold, see `slope.require_slope`.
             sensors: at least two.
             start: the guess; default the cable's friction.
             spread: standard deviation of the guess.
@@ -167,7 +167,7 @@ class SlopeLaw:
         """Start from mu_0.
 
         Args:
-            cable: the cable; only its wrap angles count.
+            cable: as in `FrictionEstimator`.
             sensors: at least two.
             gain: k [1/N].
             start: mu_0; default the cable's friction.
@@ -175,9 +175,10 @@ class SlopeLaw:
             integrated: add to the last value instead of to mu_0.
 
         Raises:
-            CableError: fewer than two sensors, a gain that is not finite, or a start
-                out of bounds.
+            CableError: fewer than two sensors, a gain that is not finite, a start
+                out of bounds, or a cable that the law does not hold for.
         """
+        require_slope(cable)
         if len(set(sensors.nodes)) < 2 or not np.isfinite(gain):
             raise CableError(
                 f"gain is {gain!r} with {len(set(sensors.nodes))} sensors; "

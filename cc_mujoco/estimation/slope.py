@@ -35,6 +35,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import checked_noise, checked_sample
 from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.transmission.parameter import Term
 from cc_mujoco.transmission.parameters import Cable
 
 CLEAR = 4.0
@@ -70,6 +71,26 @@ def moving_runs(direction: ArrayLike) -> Iterator[Run]:
             yield Run(begin, end, way)
 
 
+def require_slope(cable: Cable) -> None:
+    """Refuse a cable whose moving parts do not all have the slope s mu/R.
+
+    A coefficient that changes with time, all along, may be followed.
+
+    Raises:
+        CableError: drag that needs no tension, or a coefficient that changes with
+            anything but time.
+    """
+    cable.require_terms(
+        _has_slope, "the slope of the logarithm of tension is not that of friction then"
+    )
+
+
+def _has_slope(term: Term) -> bool:
+    if term.acts_on == "coefficient":
+        return set(term.depends_on) <= {"time"}
+    return term.acts_on != "drag"
+
+
 class SlopeFit:
     """Recursive fit of parameters that the logarithm of tension is linear in.
 
@@ -96,25 +117,15 @@ class SlopeFit:
             memory: of the misfit, in samples.
 
         Raises:
-            CableError: fewer than two sensors, one off the cable, or drag that needs no
-                tension, with which the logarithm is not linear.
+            CableError: fewer than two sensors, one off the cable, or as
+                `require_slope`.
         """
         if len(set(sensors.nodes)) < 2:
             raise CableError(
                 f"sensors are at nodes {list(sensors.nodes)}; a slope takes at least "
                 "two different ones"
             )
-        for name in (
-            "load_independent_friction",
-            "seal_proximal",
-            "seal_distal",
-            "viscous_friction",
-        ):
-            if getattr(cable, name) > 0.0:
-                raise CableError(
-                    f"cable parameter `{name}` is {getattr(cable, name)!r}; the slope "
-                    "tells friction only where it is 0 (off)"
-                )
+        require_slope(cable)
         self.fit = fit
         self._segments = cable.segments
         self._nodes: NDArray[np.intp] = sensors.on(cable)

@@ -38,6 +38,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import Track, checked_noise, checked_sample, rows
 from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.transmission.parameter import Term
 from cc_mujoco.transmission.parameters import Cable
 
 
@@ -58,7 +59,8 @@ class StiffnessEstimator:
         """Start from a guess.
 
         Args:
-            cable: the cable; only its length and its segments count.
+            cable: the cable; only its length and its segments count. Elasticity that
+                changes must be off.
             sensors: one at node 0 and more along the cable; one at the distal end is
                 not used.
             start: the guess [N]; default the cable's stiffness.
@@ -68,9 +70,12 @@ class StiffnessEstimator:
             least: sensors, beside that at node 0, that the front must have passed.
 
         Raises:
-            CableError: no sensor at node 0, too few of them, or a start, a spread or a
-                memory that is none.
+            CableError: no sensor at node 0, too few of them, a start, a spread or a
+                memory that is none, or elasticity that changes.
         """
+        cable.require_terms(
+            _has_stiffness, "what the proximal end moves is not stretch by EA then"
+        )
         guess = cable.axial_stiffness if start is None else start
         if not (np.isfinite(guess) and guess > 0.0):
             raise CableError(f"start is {start!r} N; stiffness must be positive")
@@ -197,3 +202,8 @@ class StiffnessEstimator:
             )
         ]
         return Track(*np.reshape(found, (-1, 2)).T)
+
+
+def _has_stiffness(term: Term) -> bool:
+    """Whether (2.16) holds with one EA, whatever the friction."""
+    return term.acts_on != "elasticity" or not term.depends_on

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.predecessors.model import Answer, Environment, Model, scales, springs
-from cc_mujoco.transmission import PARAMETERS, kernel, rest_state
+from cc_mujoco.transmission import kernel, rest_state
 
 _ROUNDS = 60
 """Most evaluations per step for the balance of cable and spring."""
@@ -34,7 +34,7 @@ class Distributed(Model):
         stiffness, moved = springs(environment, near.size)
         cable = self.cable
         state = rest_state(cable, initial_tension)
-        values = np.array([getattr(cable, p.name) for p in PARAMETERS])
+        values = np.array(cable.scalars)
         sections = np.array(cable.conduit, dtype=np.float64)
         factor = scales(wrap_scale, near.size)
         return Answer(

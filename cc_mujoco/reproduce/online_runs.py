@@ -99,7 +99,7 @@ def simulate(
     time, near, far = motion
     n = cable.segments
     factors = np.broadcast_to(np.asarray(factor, dtype=float), time.shape)
-    values = np.array([getattr(cable, p.name) for p in PARAMETERS])
+    values = np.array(cable.scalars)
     place = [p.name for p in PARAMETERS].index(drifting)
     sections = np.array(cable.conduit)
     prm = np.empty(kernel.parameter_size(n))

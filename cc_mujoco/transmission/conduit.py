@@ -29,7 +29,7 @@ def packed(cable: Cable) -> FloatArray:
     """The cable's parameters as the kernel takes them, `kernel.pack`."""
     prm = np.empty(kernel.parameter_size(cable.segments))
     kernel.pack(
-        np.array([getattr(cable, p.name) for p in PARAMETERS]),
+        np.array(cable.scalars),
         np.array(cable.conduit, dtype=np.float64),
         cable.segments,
         prm,

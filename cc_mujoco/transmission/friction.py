@@ -8,16 +8,17 @@ that slips at speed v, tension grows in the direction of motion from T_behind to
 E = exp(mu a) with the segment's wrap angle a (thesis 2.10), B the drag that needs no
 tension, C that of viscosity. A segment that does not slip holds as long as neither of
 its tensions exceeds `H` times the other plus B. The solvers see only E, H, B and C, so
-a new term is a line in `TERMS`, its parameters and its share in the functions below.
+a new term is a field of `Cable` and its share in the functions below.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.transmission.parameters import PARAMETERS
+from cc_mujoco.transmission.parameter import Term
+from cc_mujoco.transmission.parameters import PARAMETERS, TERMS
 
 INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
 """Position of each scalar parameter in the packed vector."""
@@ -43,8 +44,6 @@ _WRAP_REACH = INDEX["wrap_reach"]
 _DRIFT = INDEX["friction_drift"]
 _HEATING = INDEX["friction_heating"]
 _COOLING = INDEX["cooling_time"]
-_STIFFENING = INDEX["stiffening"]
-_CREEP = INDEX["creep"]
 
 MAX_EXPONENT = 30.0
 """Largest mu times wrap angle of one segment; beyond it (a ratio of 1e13) it is cut."""
@@ -55,89 +54,22 @@ SOFTEST_BRISTLE = 1e-12
 """Stiffness [N/m] below which bristles give none, as those of a slack cable."""
 
 
-class Term(NamedTuple):
-    """A named friction term; it is off, bit for bit, while parameter `switch` is 0."""
+def _where(holds: Callable[[Term], bool]) -> tuple[tuple[int, int], ...]:
+    """Indices of the terms that are so, each with that without which it is constant."""
+    return tuple(
+        (INDEX[name], INDEX[term.constant_without or name])
+        for name, term in TERMS.items()
+        if holds(term)
+    )
 
-    name: str
-    switch: str
-    equation: str
-    source: str
 
-
-TERMS = (
-    Term("kinetic", "friction", "dT/dx = s mu_d T/R", "thesis 2.6, 2.10"),
-    Term(
-        "static",
-        "static_friction",
-        "mu_s holds a segment at rest; mu_d + (mu_s - mu_d) exp(-slip/memory_length)",
-        "thesis 2.7, 2.17; slip weakening after Ida, J. Geophys. Res. 77, 1972",
-    ),
-    Term("viscous", "viscous_friction", "dT/dx = c v", "thesis 2.4.4, Fig. 2.13"),
-    Term(
-        "stribeck",
-        "stribeck_friction",
-        "mu += mu_b exp(-(|v|/v_b)^p)",
-        "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
-    ),
-    Term(
-        "load_independent",
-        "load_independent_friction",
-        "dT/dx = s f_0",
-        "capstan intercept; Palli and Melchiorri, Mechatronics 24, 2014",
-    ),
-    Term(
-        "proximal_seal",
-        "seal_proximal",
-        "T jumps by s F at the proximal end",
-        "dry friction of wipers and ferrules",
-    ),
-    Term(
-        "distal_seal",
-        "seal_distal",
-        "T jumps by s F at the distal end",
-        "dry friction of wipers and ferrules",
-    ),
-    Term(
-        "asymmetric",
-        "friction_asymmetry",
-        "mu *= 1 + a towards proximal, 1 - a towards distal",
-        "direction-dependent efficiency, e.g. the drive and backdrive friction of "
-        "Duclusaud et al., arXiv 2410.08650, 2024",
-    ),
-    Term(
-        "presliding",
-        "bristle_length",
-        "dF/dw = F_Coulomb/z_b until F = F_Coulomb",
-        "elastic-plastic limit of Dahl, Aerospace Corp. TOR-0158, 1968; with normal "
-        "force, Palli and Melchiorri, Mechatronics 24, 2014",
-    ),
-    Term(
-        "tension_dependent",
-        "tension_exponent",
-        "mu *= (T/T_0)^e",
-        "Howell's F = a N^n, e.g. Jung, Pan, Kang, Tribology Int. 41, 2008",
-    ),
-    Term(
-        "ageing",
-        "ageing_friction",
-        "mu += beta ln(1 + t/t_0) with contacts of age t",
-        "Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, J. Geophys. Res. 88, 1983",
-    ),
-    Term(
-        "configuration_dependent",
-        "wrap_growth",
-        "wrap angle *= 1 + g u_distal, in the last part of the conduit",
-        "a routing that bends with the joint; thesis Experiment 1b",
-    ),
-    Term("drift", "friction_drift", "mu *= 1 + d t", "wear and weather, thesis 3.2.3"),
-    Term(
-        "heating",
-        "friction_heating",
-        "mu *= 1 + h W, dW/dt = friction power - W/t_c",
-        "a liner that warms up by its own friction, one thermal mass",
-    ),
+_VARYING = _where(lambda term: term.acts_on != "pulley" and bool(term.depends_on))
+_SCALING = _where(
+    lambda term: (
+        term.acts_on == "coefficient"
+        and not {"load", "time", "place"}.isdisjoint(term.depends_on)
+    )
 )
-"""The friction terms that exist."""
 
 
 @compiled
@@ -148,29 +80,20 @@ def ratio(coefficient: float, angle: float) -> float:
 
 @compiled
 def scaled(values: FloatArray) -> bool:
-    """Whether load, rest, place or time change the coefficients."""
-    return bool(
-        values[_TENSION_EXPONENT] != 0.0
-        or values[_AGEING] != 0.0
-        or values[_WRAP_GROWTH] != 0.0
-        or values[_DRIFT] != 0.0
-        or values[_HEATING] != 0.0
-    )
+    """Whether load, time or place change the coefficients."""
+    for switch, other in _SCALING:
+        if values[switch] != 0.0 and values[other] != 0.0:
+            return True
+    return False
 
 
 @compiled
 def plain(values: FloatArray) -> bool:
-    """Whether all is constant: of no rate, history, direction, load or time."""
-    return bool(
-        values[_STIFFENING] == 0.0
-        and values[_CREEP] == 0.0
-        and values[_VISCOUS] == 0.0
-        and values[_STRIBECK] == 0.0
-        and (values[_STATIC] == 0.0 or values[_MEMORY] == 0.0)
-        and values[_ASYMMETRY] == 0.0
-        and values[_BRISTLE] == 0.0
-        and not scaled(values)
-    )
+    """Whether all is constant, along the cable as well."""
+    for switch, other in _VARYING:
+        if values[switch] != 0.0 and values[other] != 0.0:
+            return False
+    return True
 
 
 @compiled

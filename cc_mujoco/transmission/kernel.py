@@ -11,20 +11,7 @@ in, a term that is off changes no bit, and `advance` reads `state` and writes
 caller of your own is best compiled without `cache=True`, for Numba would keep it when
 this module changes.
 
-State vector, `state_size(n)` floats:
-
-    0, 1               displacement of the proximal and the distal end [m]
-    2                  energy dissipated so far [J]
-    3                  stretch of the cable, negative where it is slack [m]
-    4                  time since the start [s], while a term depends on the state
-    5                  way of the distal end since the start [m], likewise
-    6                  heat of friction in the conduit [J], while friction depends on it
-    7 : 8 + n          tension of node i [N]; negative where slack, see `slack`
-    8 + n : 8 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
-    8 + 2 n : 8 + 3 n  remembered slip speed of segment j [m/s]
-    8 + 3 n : 8 + 4 n  friction of segment j that its bristles hold [N]
-    8 + 4 n : 8 + 5 n  stretch of these bristles [m]
-    8 + 5 n : 8 + 6 n  age of the contacts of segment j, see `friction.aged`
+What stands where in `prm` and `state` is told in `packing.py`.
 
 Node 0 is the proximal end, node n the distal end. Node i carries the strain of the
 cable between the centres of the segments beside it, so that the sum of T_i h_i / EA is
@@ -40,10 +27,15 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.transmission import elasticity as elastic
 from cc_mujoco.transmission import friction as law
+from cc_mujoco.transmission import packing as at
 from cc_mujoco.transmission.chain import lay
 from cc_mujoco.transmission.fronts import march, pushed
 from cc_mujoco.transmission.graph import sweep
-from cc_mujoco.transmission.parameters import PARAMETERS
+from cc_mujoco.transmission.packing import STATE_HEADER as STATE_HEADER
+from cc_mujoco.transmission.packing import node_stiffness as node_stiffness
+from cc_mujoco.transmission.packing import parameter_size as parameter_size
+from cc_mujoco.transmission.packing import segment_angles as segment_angles
+from cc_mujoco.transmission.packing import state_size as state_size
 from cc_mujoco.transmission.presliding import preslide
 
 POSITION, TENSION = 0, 1
@@ -52,19 +44,11 @@ POSITION, TENSION = 0, 1
 OK, NOT_FINITE = 0, 1
 """Status of a step; on NOT_FINITE the new state is the old one."""
 
-STATE_HEADER = 7
-_TIME, _TRAVEL, _HEAT = 4, 5, 6
-_HEADER = 40
 _SOLVER_WORK = 11  # per node, for `march` and `sweep`
 _STEP_WORK = 10  # per segment, behind it: slip, coefficients and bristles
 _NODE_WORK = 2  # per node, behind that: tension before the step, stiffness in it
 _SHIFT, _SLIPPED, _GROWTH, _GROWTH_LEFT, _HOLD_RIGHT = 0, 1, 2, 3, 4
 _HOLD_LEFT, _DRAG, _VISCOSITY, _SPRING, _HELD = 5, 6, 7, 8, 9
-_SEGMENT_STATE = 5  # numbers per segment behind those of the nodes
-_CHANGES = _HEADER - 4
-_SCALED = _HEADER - 3
-_PLAIN = _HEADER - 2
-_LENGTH = _HEADER - 1
 _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _FRICTION = law.INDEX["friction"]
@@ -83,19 +67,6 @@ _CREEP_TIME = law.INDEX["creep_time"]
 _LEAST_STIFFENING = 1e-12  # [1/N], below which it drowns in rounding
 _ROUNDS = 8
 _CURVED = 1e-5  # relative error of tension up to which a straight line will do
-_SCALARS = len(PARAMETERS)
-
-
-@compiled
-def state_size(n: int) -> int:
-    """Length of the state vector of a cable of n segments."""
-    return STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n
-
-
-@compiled
-def parameter_size(n: int) -> int:
-    """Length of the packed parameter vector of a cable of n segments."""
-    return _HEADER + 6 * n + 2
 
 
 @compiled
@@ -114,18 +85,19 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
         n: number of segments.
         out: packed vector, `parameter_size(n)`.
     """
-    for i in range(_HEADER):
-        out[i] = values[i] if i < _SCALARS else 0.0
+    for i in range(at.SCALARS):
+        out[i] = values[i]
+    out[at.CHANGES] = 0.0
     if out[_STIFFENING] < _LEAST_STIFFENING:
         out[_STIFFENING] = 0.0
     total = 0.0
     for s in range(sections.shape[0]):
         total += sections[s, 0]
     step = total / n
-    out[_LENGTH] = total
-    out[_PLAIN] = 1.0 if law.plain(values) else 0.0
-    out[_SCALED] = 1.0 if law.scaled(values) else 0.0
-    a = _HEADER
+    out[at.LENGTH] = total
+    out[at.PLAIN] = 1.0 if law.plain(values) else 0.0
+    out[at.SCALED] = 1.0 if law.scaled(values) else 0.0
+    angles = segment_angles(out, n)
     for j in range(n):
         # Wrap angle of the segment: the curvature of the sections that it covers.
         begin, end = j * step, (j + 1) * step
@@ -136,33 +108,31 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
             if shared > 0.0:
                 angle += shared / sections[s, 1]
             start = stop
-        out[a + j] = angle
+        angles[j] = angle
     _follow_angles(out, n)
-    stiffness = node_stiffness(out, n)
+    stiffness, compliance = node_stiffness(out, n), at.node_compliance(out, n)
     for i in range(n + 1):
         # The end nodes stand for half a segment.
         share = 2.0 if i in (0, n) else 1.0
         stiffness[i] = share * values[_EA] / step
         if i == n and values[_END_COMPLIANCE] > 0.0:
             stiffness[i] = 1.0 / (1.0 / stiffness[i] + values[_END_COMPLIANCE])
-        out[a + 4 * n + i] = 1.0 / stiffness[i]
+        compliance[i] = 1.0 / stiffness[i]
 
 
 @compiled
 def _follow_angles(prm: FloatArray, n: int) -> None:
     """Pack what depends on the wrap angles of the segments."""
-    values = prm[:_SCALARS]
+    values = at.scalars(prm)
     hold = law.holding_coefficient(values)
-    length = prm[_LENGTH] / n
-    a = _HEADER
+    length = prm[at.LENGTH] / n
+    angle, drag = segment_angles(prm, n), at.constant_drag(prm, n)
+    growth, holding = at.constant_growth(prm, n), at.constant_hold(prm, n)
     for j in range(n):
-        angle = prm[a + j]
-        growth = law.ratio(values[_FRICTION], angle)
-        prm[a + n + j] = growth
-        prm[a + 2 * n + j] = (
-            growth if hold == values[_FRICTION] else law.ratio(hold, angle)
-        )
-        prm[a + 3 * n + j] = law.drag(values, length, growth, j, n)
+        growth[j] = holding[j] = law.ratio(values[_FRICTION], angle[j])
+        if hold != values[_FRICTION]:
+            holding[j] = law.ratio(hold, angle[j])
+        drag[j] = law.drag(values, length, growth[j], j, n)
 
 
 @compiled
@@ -171,8 +141,7 @@ def rebend(prm: FloatArray, n: int, angles: FloatArray) -> None:
 
     The length stays. Call `expect_change` too.
     """
-    for j in range(n):
-        prm[_HEADER + j] = angles[j]
+    segment_angles(prm, n)[:] = angles[:n]
     _follow_angles(prm, n)
 
 
@@ -182,7 +151,7 @@ def expect_change(prm: FloatArray) -> None:
 
     Tensions may then lie beyond what friction holds, so slip may begin anywhere.
     """
-    prm[_CHANGES] = 1.0
+    prm[at.CHANGES] = 1.0
 
 
 @compiled
@@ -194,32 +163,31 @@ def initialize(
         state[i] = 0.0
     state[0] = u_proximal
     state[1] = u_distal
-    stretch = prm[_PRETENSION] * prm[_LENGTH] / prm[_EA]
+    stretch = prm[_PRETENSION] * prm[at.LENGTH] / prm[_EA]
     state[3] = stretch + prm[_PRETENSION] * prm[_END_COMPLIANCE]
     if prm[_STIFFENING] > 0.0:
         state[3] = _rest_stretch(prm, prm[_PRETENSION])
-    for i in range(n + 1):
-        state[STATE_HEADER + i] = prm[_PRETENSION]
+    at.tensions(state, n)[:] = prm[_PRETENSION]
 
 
 @compiled
 def _compliance(prm: FloatArray) -> float:
     """Compliance of the cable with its end spring [m/N]."""
-    return float(prm[_LENGTH] / prm[_EA] + prm[_END_COMPLIANCE])
+    return float(prm[at.LENGTH] / prm[_EA] + prm[_END_COMPLIANCE])
 
 
 @compiled
 def _rest_stretch(prm: FloatArray, tension: float) -> float:
     """Stretch of the cable with its end spring at a uniform tension [m]."""
     return elastic.stretch_of(
-        tension, prm[_LENGTH], prm[_EA], prm[_STIFFENING], prm[_END_COMPLIANCE]
+        tension, prm[at.LENGTH], prm[_EA], prm[_STIFFENING], prm[_END_COMPLIANCE]
     )
 
 
 @compiled
 def _piece(prm: FloatArray, n: int, i: int) -> tuple[float, float, float, float]:
     """Node i for `elasticity.py`: length, stiffness EA, stiffening, end spring."""
-    length = prm[_LENGTH] / n
+    length = prm[at.LENGTH] / n
     if i in (0, n):
         length *= 0.5
     spring = prm[_END_COMPLIANCE] if i == n else 0.0
@@ -230,23 +198,11 @@ def _piece(prm: FloatArray, n: int, i: int) -> tuple[float, float, float, float]
 def stretch(prm: FloatArray, n: int, state: FloatArray) -> float:
     """Stretch of all nodes [m], which `state[3]` follows."""
     total = 0.0
+    tension = at.tensions(state, n)
     for i in range(n + 1):
         length, ea, stiffening, spring = _piece(prm, n, i)
-        tension = state[STATE_HEADER + i]
-        total += elastic.stretch_of(tension, length, ea, stiffening, spring)
+        total += elastic.stretch_of(tension[i], length, ea, stiffening, spring)
     return total
-
-
-@compiled
-def segment_angles(prm: FloatArray, n: int) -> FloatArray:
-    """Wrap angle of every segment (n,) [rad], a view into `prm`."""
-    return prm[_HEADER : _HEADER + n]
-
-
-@compiled
-def node_stiffness(prm: FloatArray, n: int) -> FloatArray:
-    """Stiffness of every node (n+1,) [N/m], a view into `prm`."""
-    return prm[_HEADER + 5 * n + 1 : _HEADER + 6 * n + 2]
 
 
 @compiled
@@ -256,14 +212,14 @@ def end_stiffness(prm: FloatArray, n: int, distal: bool) -> float:
     That of the nodes up to the first segment that friction holds: of half a segment
     where the conduit bends from its mouth on.
     """
-    a = _HEADER
     compliance = 0.0
     factor = min(1.0 + prm[_STIFFENING] * prm[_PRETENSION], 100.0)
     stiffness = node_stiffness(prm, n)
+    hold, drag = at.constant_hold(prm, n), at.constant_drag(prm, n)
     for i in range(n + 1):
         compliance += 1.0 / stiffness[n - i if distal else i]
         j = n - 1 - i if distal else i
-        if i < n and (prm[a + 2 * n + j] > 1.0 or prm[a + 3 * n + j] > 0.0):
+        if i < n and (hold[j] > 1.0 or drag[j] > 0.0):
             return float(factor / compliance)
     # Nothing holds: one spring between both ends, which two equal masses find twice as
     # stiff as it is.
@@ -273,21 +229,21 @@ def end_stiffness(prm: FloatArray, n: int, distal: bool) -> float:
 @compiled
 def slack(prm: FloatArray, n: int, state: FloatArray) -> float:
     """Length of cable that lies slack in the conduit [m]."""
-    stiffness = node_stiffness(prm, n)
+    tension, stiffness = at.tensions(state, n), node_stiffness(prm, n)
     total = 0.0
     for i in range(n + 1):
-        total -= min(state[STATE_HEADER + i], 0.0) / stiffness[i]
+        total -= min(tension[i], 0.0) / stiffness[i]
     return total
 
 
 @compiled
 def stored(prm: FloatArray, n: int, state: FloatArray) -> float:
     """Elastic energy of the cable and of the bristles on it [J]."""
-    total = _elastic_energy(prm, n, state[STATE_HEADER : STATE_HEADER + n + 1])
+    total = _elastic_energy(prm, n, at.tensions(state, n))
     if prm[_BRISTLE] > 0.0:
-        first = STATE_HEADER + 1 + 3 * n
+        force, stretched = at.bristle_forces(state, n), at.bristle_stretches(state, n)
         for j in range(n):
-            total += 0.5 * abs(state[first + j] * state[first + n + j])
+            total += 0.5 * abs(force[j] * stretched[j])
     return total
 
 
@@ -356,24 +312,21 @@ def step(
         new_state[i] = state[i]
     if not (np.isfinite(near_value) and np.isfinite(far_value)):
         return NOT_FINITE
-    t = STATE_HEADER
-    plain = prm[_PLAIN] != 0.0
+    plain = prm[at.PLAIN] != 0.0
     by_position = near == POSITION and far == POSITION
     near_moved, far_moved = near_value - state[0], far_value - state[1]
     still = by_position and near_moved == 0.0 and far_moved == 0.0
-    changes = prm[_CHANGES] != 0.0
+    changes = prm[at.CHANGES] != 0.0
     if plain and still and not changes:
         _rest(n, new_state)
         return OK
-    a = _HEADER
-    growth = prm[a + n : a + 2 * n]
+    growth, drag = at.constant_growth(prm, n), at.constant_drag(prm, n)
     hold_right, hold_left = growth, growth
-    drag = prm[a + 3 * n : a + 4 * n]
-    compliance = prm[a + 4 * n : a + 5 * n + 1]
-    tension = state[t : t + n + 1]
+    compliance = at.node_compliance(prm, n)
+    tension = at.tensions(state, n)
     if prm[_CREEP] > 0.0:
         tension = _creep(prm, n, state, dt, new_state, work)
-    node = new_state[t : t + n + 1]
+    node = at.tensions(new_state, n)
     shift = _row(work, n, _SHIFT)
     varying = not plain or prm[_STATIC] > 0.0
     if varying:
@@ -434,8 +387,8 @@ def step(
 @compiled
 def _rest(n: int, new_state: FloatArray) -> None:
     """Forget the slip of every segment: all have stuck."""
-    for j in range(2 * n):
-        new_state[STATE_HEADER + n + 1 + j] = 0.0
+    at.slips(new_state, n)[:] = 0.0
+    at.slip_speeds(new_state, n)[:] = 0.0
 
 
 @compiled
@@ -467,16 +420,16 @@ def _creep(
 
     The elastic energy that goes is dissipated.
     """
-    time, scale = state[_TIME], prm[_CREEP_TIME]
+    time, scale = state[at.TIME], prm[_CREEP_TIME]
     before = 1.0 + prm[_CREEP] * math.expm1(-time / scale)
     after = 1.0 + prm[_CREEP] * math.expm1(-(time + dt) / scale)
     rest = prm[_PRETENSION]
     grown = _rest_stretch(prm, rest * before) - _rest_stretch(prm, rest * after)
     start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n
-    old = state[STATE_HEADER : STATE_HEADER + n + 1]
+    old = at.tensions(state, n)
     tension = work[start : start + n + 1]
     for i in range(n + 1):
-        share = _piece(prm, n, i)[0] / prm[_LENGTH]
+        share = _piece(prm, n, i)[0] / prm[at.LENGTH]
         tension[i] = _pulled(prm, n, i, old[i], -share * grown)
     lost = _elastic_energy(prm, n, old) - _elastic_energy(prm, n, tension)
     new_state[2] += max(lost, 0.0)
@@ -576,8 +529,7 @@ def _solve(
     hold_right, hold_left = _row(work, n, _HOLD_RIGHT), _row(work, n, _HOLD_LEFT)
     drag, viscosity = _row(work, n, _DRAG), _row(work, n, _VISCOSITY)
     if prm[_BRISTLE] > 0.0:
-        slip = STATE_HEADER + n + 1
-        slipped[:] = state[slip : slip + n]
+        slipped[:] = at.slips(state, n)
         held = _row(work, n, _HELD)
         if preslide(
             n, tension, stiffness, growth, growth_left, hold_right, hold_left, drag,
@@ -629,38 +581,42 @@ def _coefficients(
     work: FloatArray,
 ) -> None:
     """Write the coefficients of every segment for this step, see `friction.py`."""
-    values = prm[:_SCALARS]
-    a = _HEADER
-    plain = prm[_PLAIN] != 0.0
-    scaled = prm[_SCALED] != 0.0
+    values = at.scalars(prm)
+    plain = prm[at.PLAIN] != 0.0
+    scaled = prm[at.SCALED] != 0.0
     asymmetry = values[_ASYMMETRY]
-    length = prm[_LENGTH] / n
+    length = prm[at.LENGTH] / n
     growth, growth_left = _row(work, n, _GROWTH), _row(work, n, _GROWTH_LEFT)
     hold_right, hold_left = _row(work, n, _HOLD_RIGHT), _row(work, n, _HOLD_LEFT)
     drag, viscosity = _row(work, n, _DRAG), _row(work, n, _VISCOSITY)
     resting = law.holding_coefficient(values)
     drift = 1.0
     if scaled:
-        drift = law.drift_factor(values, state[_TIME] + dt, state[_HEAT])
-    first = STATE_HEADER + n + 1
+        drift = law.drift_factor(values, state[at.TIME] + dt, state[at.HEAT])
+    constant_growth, constant_hold = (
+        at.constant_growth(prm, n),
+        at.constant_hold(prm, n),
+    )
+    constant_drag = at.constant_drag(prm, n)
+    slips, speeds = at.slips(state, n), at.slip_speeds(state, n)
+    angles, ages = segment_angles(prm, n), at.contact_ages(state, n)
     for j in range(n):
-        slip = state[first + j]
-        right_hold = left_hold = prm[a + 2 * n + j]
+        slip = slips[j]
+        right_hold = left_hold = constant_hold[j]
         if plain:
-            growth[j] = growth_left[j] = prm[a + n + j]
-            drag[j] = prm[a + 3 * n + j]
+            growth[j] = growth_left[j] = constant_growth[j]
+            drag[j] = constant_drag[j]
             viscosity[j] = 0.0
         else:
-            angle = prm[a + j]
+            angle = angles[j]
             if scaled:
-                angle *= law.wrap_factor(values, state[_TRAVEL], j, n)
+                angle *= law.wrap_factor(values, state[at.TRAVEL], j, n)
             mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
-            speed = state[first + n + j]
-            coefficient = law.kinetic_coefficient(values, abs(slip), speed)
+            coefficient = law.kinetic_coefficient(values, abs(slip), speeds[j])
             holding = resting
             if scaled:
                 factor = drift * law.load_factor(values, mean)
-                extra = values[_AGEING] * state[first + 4 * n + j]
+                extra = values[_AGEING] * ages[j]
                 holding = factor * (holding + extra)
                 # Without memory the first slip renews the contacts.
                 extra = extra if values[_MEMORY] > 0.0 else 0.0
@@ -679,7 +635,8 @@ def _coefficients(
                 spring = law.bristle_stiffness(
                     values, coefficient, angle, mean, drag[j]
                 )
-                force, stretch = state[first + 2 * n + j], state[first + 3 * n + j]
+                force = at.bristle_forces(state, n)[j]
+                stretch = at.bristle_stretches(state, n)[j]
                 _row(work, n, _SPRING)[j] = spring
                 _row(work, n, _HELD)[j] = law.bristle_force(force, stretch, spring)
         # A segment that goes on slipping the same way has already broken away.
@@ -704,7 +661,7 @@ def _commit(
     """Write ends, slack, slip memory and dissipated energy of the step."""
     stiffness = node_stiffness(prm, n)
     shift = _row(work, n, _SHIFT)
-    t = STATE_HEADER
+    node = at.tensions(new_state, n)
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.
     left = near_value - state[0]
@@ -714,55 +671,55 @@ def _commit(
         strained = tension[i] + stiffness[i] * (right - left)
         if curved:
             strained = _pulled(prm, n, i, tension[i], right - left)
-        elif new_state[t + i] <= 0.0:
+        elif node[i] <= 0.0:
             strained = min(strained, 0.0)
         if (i == 0 and near == TENSION) or (i == n and far == TENSION):
-            strained = max(new_state[t + i], 0.0)
-        new_state[t + i] = strained
+            strained = max(node[i], 0.0)
+        node[i] = strained
         left = right
     if near == POSITION:
         new_state[0] = near_value
     else:
-        stretched = _stretched(prm, n, 0, tension[0], new_state[t])
+        stretched = _stretched(prm, n, 0, tension[0], node[0])
         new_state[0] = state[0] + shift[0] - stretched
     if far == POSITION:
         new_state[1] = far_value
     else:
-        stretched = _stretched(prm, n, n, tension[n], new_state[t + n])
+        stretched = _stretched(prm, n, n, tension[n], node[n])
         new_state[1] = state[1] + shift[n - 1] + stretched
     lost = 0.0
     slipped = shift
     if prm[_BRISTLE] > 0.0:
         slipped = _row(work, n, _SLIPPED)
         lost = _commit_bristles(n, state, new_state, work)
-    values = prm[:_SCALARS]
+    values = at.scalars(prm)
     remembers = prm[_STRIBECK] > 0.0
     ages = prm[_AGEING] > 0.0
-    low, low_before = max(new_state[t], 0.0), max(tension[0], 0.0)
+    before_slip, slip = at.slips(state, n), at.slips(new_state, n)
+    low, low_before = max(node[0], 0.0), max(tension[0], 0.0)
     for j in range(n):
         moved = slipped[j]
-        high, high_before = max(new_state[t + j + 1], 0.0), max(tension[j + 1], 0.0)
+        high, high_before = max(node[j + 1], 0.0), max(tension[j + 1], 0.0)
         force, before = high - low, high_before - low_before
         low, low_before = high, high_before
         # Mean friction over the slip; after a reversal slip begins at the new friction.
         if before * moved > 0.0:
             force = 0.5 * (force + before)
         lost += max(force * moved, 0.0)
-        old = state[t + n + 1 + j]
-        same = moved * old > 0.0
-        new_state[t + n + 1 + j] = moved + old if same else moved
+        same = moved * before_slip[j] > 0.0
+        slip[j] = moved + before_slip[j] if same else moved
         if ages:
-            age = t + 5 * n + 1 + j
-            new_state[age] = law.aged(values, state[age], moved, dt)
+            age = at.contact_ages(state, n)[j]
+            at.contact_ages(new_state, n)[j] = law.aged(values, age, moved, dt)
         if remembers:
-            speed = state[t + 2 * n + 1 + j] if same else 0.0
-            new_state[t + 2 * n + 1 + j] = law.remembered_speed(
+            speed = at.slip_speeds(state, n)[j] if same else 0.0
+            at.slip_speeds(new_state, n)[j] = law.remembered_speed(
                 values, speed, moved, dt
             )
-    if prm[_PLAIN] == 0.0:
-        new_state[_TIME] = state[_TIME] + dt
-        new_state[_TRAVEL] = state[_TRAVEL] + (new_state[1] - state[1])
-        new_state[_HEAT] = law.warmed(prm[:_SCALARS], state[_HEAT], lost, dt)
+    if prm[at.PLAIN] == 0.0:
+        new_state[at.TIME] = state[at.TIME] + dt
+        new_state[at.TRAVEL] = state[at.TRAVEL] + (new_state[1] - state[1])
+        new_state[at.HEAT] = law.warmed(at.scalars(prm), state[at.HEAT], lost, dt)
     new_state[2] += lost
     new_state[3] = new_state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])
 
@@ -774,11 +731,13 @@ def _commit_bristles(
     """Write force and stretch of the bristles; return energy lost without slip [J]."""
     shift, slipped = _row(work, n, _SHIFT), _row(work, n, _SLIPPED)
     held, spring = _row(work, n, _HELD), _row(work, n, _SPRING)
-    node = new_state[STATE_HEADER : STATE_HEADER + n + 1]
-    first = STATE_HEADER + 1 + 3 * n
+    node = at.tensions(new_state, n)
+    forces, stretches = at.bristle_forces(state, n), at.bristle_stretches(state, n)
+    new_forces = at.bristle_forces(new_state, n)
+    new_stretches = at.bristle_stretches(new_state, n)
     lost = 0.0
     for j in range(n):
-        force, stretch = state[first + j], state[first + n + j]
+        force, stretch = forces[j], stretches[j]
         start = law.bristle_force(force, stretch, spring[j])
         before, kept, now = 0.5 * abs(force * stretch), 0.0, 0.0
         elastic = start + spring[j] * (shift[j] - slipped[j])
@@ -788,8 +747,8 @@ def _commit_bristles(
         lost += max(before - kept, 0.0)
         gained = 0.5 * (start + held[j]) * (shift[j] - slipped[j])
         lost += max(kept + gained - 0.5 * abs(held[j] * now), 0.0)
-        new_state[first + j] = held[j]
-        new_state[first + n + j] = now
+        new_forces[j] = held[j]
+        new_stretches[j] = now
         # Viscous drag acts on the elastic part of the motion, too.
         total = max(node[j + 1], 0.0) - max(node[j], 0.0)
         lost += max((total - held[j]) * (shift[j] - slipped[j]), 0.0)

@@ -43,6 +43,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission.conduit import packed
 from cc_mujoco.transmission.kernel import segment_angles
+from cc_mujoco.transmission.parameter import Term
 from cc_mujoco.transmission.parameters import Cable
 
 
@@ -102,13 +103,7 @@ class Mesh:
         Raises:
             CableError: a friction term that chapter 2 does not know.
         """
-        for name in (
-            "viscous_friction", "stribeck_friction", "load_independent_friction",
-            "seal_proximal", "seal_distal", "friction_asymmetry", "end_compliance",
-            "bristle_length", "tension_exponent", "ageing_friction", "wrap_growth",
-            "friction_drift", "friction_heating", "stiffening", "creep",
-        ):  # fmt: skip
-            _require_zero(cable, name)
+        cable.require_terms(_is_coulomb, "chapter 2 knows Coulomb friction only")
         n = cable.segments
         wrap = segment_angles(packed(cable), n)
         static = cable.static_friction or cable.friction
@@ -544,9 +539,8 @@ def _measured(node: int, u: float | None, tension: float | None) -> Constraint:
     raise CableError(f"prescribe either u_{end} or tension_{end}, not both or neither")
 
 
-def _require_zero(cable: Cable, name: str) -> None:
-    if getattr(cable, name) != 0.0:
-        raise CableError(
-            f"cable parameter `{name}` is {getattr(cable, name)!r}; "
-            "the thesis's own solver knows Coulomb friction only, so it must be 0"
-        )
+def _is_coulomb(term: Term) -> bool:
+    """Whether (2.6) and (2.7) say all of it; pulleys are not their matter."""
+    return term.acts_on == "pulley" or (
+        term.acts_on == "coefficient" and not term.depends_on
+    )

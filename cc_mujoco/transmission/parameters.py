@@ -1,12 +1,13 @@
-"""The one table of cable parameters, and the cable it describes.
+"""The cable: every parameter is a field of it, described where it stands.
 
     >>> from cc_mujoco.transmission import Cable
     >>> cable = Cable.from_config({"conduit": "0.8:0.15 0.6:inf 0.6:0.4"})
     >>> round(cable.length, 3), round(cable.wrap, 3)
     (2.0, 6.833)
 
-`PARAMETERS` is what MJCF configuration keys, the fields of `Cable` and the
-parameters that a fit may vary have in common: name, unit, bounds, default, meaning.
+The fields of `Cable` carry their unit, bounds, default, meaning and law; MJCF keys, the
+packed vector of the kernel and the parameters that a fit may vary are read off them as
+`PARAMETERS`.
 """
 
 from __future__ import annotations
@@ -14,259 +15,13 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import NamedTuple
 
 from cc_mujoco.errors import CableError
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One scalar parameter of a cable.
-
-    The value must lie in [low, high], or in (low, high] where `low_open`.
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    default: float
-    meaning: str
-    low_open: bool = False
-
-    @property
-    def allowed(self) -> str:
-        """The allowed range as text, with its unit."""
-        bracket = "(" if self.low_open else "["
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"a number in {bracket}{self.low:g}, {self.high:g}]{unit}"
-
-    def admits(self, value: float) -> bool:
-        """Whether `value` is finite and within bounds."""
-        above = value > self.low if self.low_open else value >= self.low
-        return above and value <= self.high
-
-
-PARAMETERS = (
-    Parameter(
-        "axial_stiffness",
-        "N",
-        0.0,
-        1e9,
-        4000.0,
-        "EA of the cable: tension per unit strain (thesis k_c, 2.8)",
-        low_open=True,
-    ),
-    Parameter(
-        "pretension", "N", 0.0, 1e6, 10.0, "uniform tension in the reference pose"
-    ),
-    Parameter(
-        "friction", "1", 0.0, 5.0, 0.15, "kinetic Coulomb coefficient mu_d (2.6)"
-    ),
-    Parameter(
-        "static_friction",
-        "1",
-        0.0,
-        5.0,
-        0.0,
-        "break-away coefficient mu_s (2.7, 2.17); 0 is off, else at least `friction`",
-    ),
-    Parameter(
-        "memory_length",
-        "m",
-        0.0,
-        1.0,
-        0.0,
-        "slip over which break-away and Stribeck friction adapt; 0 is at once",
-    ),
-    Parameter(
-        "viscous_friction",
-        "N s/m^2",
-        0.0,
-        1e6,
-        0.0,
-        "drag per conduit length and slip speed; 0 is off",
-    ),
-    Parameter(
-        "stribeck_friction",
-        "1",
-        0.0,
-        5.0,
-        0.0,
-        "extra friction coefficient at vanishing slip speed; 0 is off",
-    ),
-    Parameter(
-        "stribeck_speed",
-        "m/s",
-        0.0,
-        10.0,
-        0.01,
-        "slip speed over which the Stribeck term decays",
-        low_open=True,
-    ),
-    Parameter(
-        "stribeck_exponent",
-        "1",
-        0.0,
-        10.0,
-        1.0,
-        "exponent of that decay",
-        low_open=True,
-    ),
-    Parameter(
-        "load_independent_friction",
-        "N/m",
-        0.0,
-        1e5,
-        0.0,
-        "drag per conduit length that needs no tension; 0 is off",
-    ),
-    Parameter(
-        "seal_proximal",
-        "N",
-        0.0,
-        1e5,
-        0.0,
-        "drag of the seal at the proximal end; needs no tension; 0 is off",
-    ),
-    Parameter(
-        "seal_distal", "N", 0.0, 1e5, 0.0, "the same at the distal end of the conduit"
-    ),
-    Parameter(
-        "friction_asymmetry",
-        "1",
-        -0.9,
-        0.9,
-        0.0,
-        "a: friction times 1 + a for slip towards proximal, 1 - a towards distal",
-    ),
-    Parameter(
-        "end_compliance",
-        "m/N",
-        0.0,
-        1.0,
-        0.0,
-        "spring between the cable and its distal end; 0 is off",
-    ),
-    Parameter(
-        "bristle_length",
-        "m",
-        0.0,
-        1.0,
-        0.0,
-        "elastic displacement over which friction builds up (presliding); 0 is off",
-    ),
-    Parameter(
-        "tension_exponent",
-        "1",
-        -1.0,
-        1.0,
-        0.0,
-        "e: friction times (T / pretension)^e, T at least 1 % of the pretension",
-    ),
-    Parameter(
-        "ageing_friction",
-        "1",
-        0.0,
-        5.0,
-        0.0,
-        "beta: friction grows by beta ln(1 + t / ageing_time) with the age t of the "
-        "contacts, which slip over `memory_length` renews; 0 is off",
-    ),
-    Parameter(
-        "ageing_time", "s", 0.0, 1e6, 1.0, "time scale of that growth", low_open=True
-    ),
-    Parameter(
-        "wrap_growth",
-        "1/m",
-        -1e3,
-        1e3,
-        0.0,
-        "g: wrap angles times 1 + g u, u the distal displacement from the rest pose",
-    ),
-    Parameter(
-        "wrap_reach",
-        "1",
-        0.0,
-        1.0,
-        1.0,
-        "share of the conduit, from its distal end, in which they do",
-        low_open=True,
-    ),
-    Parameter(
-        "friction_drift",
-        "1/s",
-        -1e3,
-        1e3,
-        0.0,
-        "d: friction times 1 + d t + h W, t the time since the start",
-    ),
-    Parameter(
-        "friction_heating",
-        "1/J",
-        -1e3,
-        1e3,
-        0.0,
-        "h: of the heat W that friction left in the conduit; 0 is off",
-    ),
-    Parameter(
-        "cooling_time",
-        "s",
-        0.0,
-        1e9,
-        60.0,
-        "time in which that heat falls to 1/e",
-        low_open=True,
-    ),
-    Parameter(
-        "stiffening",
-        "1/N",
-        0.0,
-        1.0,
-        0.0,
-        "s: axial stiffness times 1 + s T, to 100-fold; 0 is off",
-    ),
-    Parameter(
-        "creep",
-        "1",
-        0.0,
-        1.0,
-        0.0,
-        "share of the pretension that the rest pose loses in the end, as the cable "
-        "grows longer; 0 is off",
-    ),
-    Parameter(
-        "creep_time", "s", 0.0, 1e9, 60.0, "time scale of that loss", low_open=True
-    ),
-    Parameter(
-        "eccentricity",
-        "m",
-        0.0,
-        0.1,
-        0.0,
-        "e: radius of the proximal pulley plus e cos(q - phase) at its angle q; "
-        "0 is off",
-    ),
-    Parameter(
-        "eccentricity_phase", "rad", -10.0, 10.0, 0.0, "angle of its largest radius"
-    ),
-    Parameter(
-        "ovality",
-        "m",
-        0.0,
-        0.1,
-        0.0,
-        "o: radius of the proximal pulley plus o cos(2 q - phase); 0 is off",
-    ),
-    Parameter(
-        "ovality_phase", "rad", -10.0, 10.0, 0.0, "twice an angle of largest radius"
-    ),
-)
-"""Scalar parameters; their order is that of the packed vector of the kernel."""
-_DEFAULT = {parameter.name: parameter.default for parameter in PARAMETERS}
+from cc_mujoco.transmission.parameter import Parameter, Term, parameter, parameters_of
 
 MAX_SEGMENTS = 1000
 MAX_SECTIONS = 64
@@ -281,8 +36,6 @@ BEND_ALLOWED = (
     "`fixed` (the sections of `conduit` bend it) or, with a `route` of one branch, "
     "`route` (that spatial tendon does, as it moves)"
 )
-KEYS = (*(p.name for p in PARAMETERS), "segments", "conduit", "route", "bend")
-"""All configuration keys of a cable."""
 
 
 class Section(NamedTuple):
@@ -296,61 +49,368 @@ class Section(NamedTuple):
 class Cable:
     """One cable in its conduit, from the proximal (motor) to the distal (joint) end.
 
-    Scalar fields are those of `PARAMETERS`, in SI units. `conduit` is the bend of the
-    route as sections, `segments` the number N of friction elements along it, `route`
-    the name of the MuJoCo spatial tendon that draws it (empty: none). With `bend`
-    `"route"` the conduit bends in MuJoCo as that tendon does at the moment; its length
-    stays that of the sections, which also bend it wherever there is no MuJoCo.
+    Scalar fields are in SI units; `PARAMETERS` describes them. `conduit` is the bend of
+    the route as sections, `segments` the number N of friction elements along it,
+    `route` the name of the MuJoCo spatial tendon that draws it (empty: none). With
+    `bend` `"route"` the conduit bends in MuJoCo as that tendon does at the moment; its
+    length stays that of the sections, which also bend it wherever there is no MuJoCo.
 
     Raises:
         CableError: a value is outside its range.
     """
 
-    axial_stiffness: float = _DEFAULT["axial_stiffness"]
-    pretension: float = _DEFAULT["pretension"]
-    friction: float = _DEFAULT["friction"]
-    static_friction: float = _DEFAULT["static_friction"]
-    memory_length: float = _DEFAULT["memory_length"]
-    viscous_friction: float = _DEFAULT["viscous_friction"]
-    stribeck_friction: float = _DEFAULT["stribeck_friction"]
-    stribeck_speed: float = _DEFAULT["stribeck_speed"]
-    stribeck_exponent: float = _DEFAULT["stribeck_exponent"]
-    load_independent_friction: float = _DEFAULT["load_independent_friction"]
-    seal_proximal: float = _DEFAULT["seal_proximal"]
-    seal_distal: float = _DEFAULT["seal_distal"]
-    friction_asymmetry: float = _DEFAULT["friction_asymmetry"]
-    end_compliance: float = _DEFAULT["end_compliance"]
-    bristle_length: float = _DEFAULT["bristle_length"]
-    tension_exponent: float = _DEFAULT["tension_exponent"]
-    ageing_friction: float = _DEFAULT["ageing_friction"]
-    ageing_time: float = _DEFAULT["ageing_time"]
-    wrap_growth: float = _DEFAULT["wrap_growth"]
-    wrap_reach: float = _DEFAULT["wrap_reach"]
-    friction_drift: float = _DEFAULT["friction_drift"]
-    friction_heating: float = _DEFAULT["friction_heating"]
-    cooling_time: float = _DEFAULT["cooling_time"]
-    stiffening: float = _DEFAULT["stiffening"]
-    creep: float = _DEFAULT["creep"]
-    creep_time: float = _DEFAULT["creep_time"]
-    eccentricity: float = _DEFAULT["eccentricity"]
-    eccentricity_phase: float = _DEFAULT["eccentricity_phase"]
-    ovality: float = _DEFAULT["ovality"]
-    ovality_phase: float = _DEFAULT["ovality_phase"]
+    axial_stiffness: float = parameter(
+        unit="N",
+        bounds=(0.0, 1e9),
+        default=4000.0,
+        low_open=True,
+        meaning="EA of the cable: tension per unit strain (thesis k_c, 2.8)",
+    )
+    pretension: float = parameter(
+        unit="N",
+        bounds=(0.0, 1e6),
+        default=10.0,
+        meaning="uniform tension in the reference pose",
+    )
+    friction: float = parameter(
+        unit="1",
+        bounds=(0.0, 5.0),
+        default=0.15,
+        meaning="kinetic Coulomb coefficient mu_d (2.6)",
+        term=Term(
+            equation="dT/dx = s mu_d T/R",
+            source="thesis 2.6, 2.10",
+            acts_on="coefficient",
+        ),
+    )
+    static_friction: float = parameter(
+        unit="1",
+        bounds=(0.0, 5.0),
+        default=0.0,
+        meaning=(
+            "break-away coefficient mu_s (2.7, 2.17); 0 is off, else at least "
+            "`friction`"
+        ),
+        term=Term(
+            equation=(
+                "mu_s holds a segment at rest; mu_d + (mu_s - mu_d) "
+                "exp(-slip/memory_length)"
+            ),
+            source=(
+                "thesis 2.7, 2.17; slip weakening after Ida, J. Geophys. Res. 77, 1972"
+            ),
+            acts_on="coefficient",
+            depends_on=("history",),
+            constant_without="memory_length",
+        ),
+    )
+    memory_length: float = parameter(
+        unit="m",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning=(
+            "slip over which break-away and Stribeck friction adapt; 0 is at once"
+        ),
+    )
+    viscous_friction: float = parameter(
+        unit="N s/m^2",
+        bounds=(0.0, 1e6),
+        default=0.0,
+        meaning="drag per conduit length and slip speed; 0 is off",
+        term=Term(
+            equation="dT/dx = c v",
+            source="thesis 2.4.4, Fig. 2.13",
+            acts_on="drag",
+            depends_on=("rate",),
+        ),
+    )
+    stribeck_friction: float = parameter(
+        unit="1",
+        bounds=(0.0, 5.0),
+        default=0.0,
+        meaning="extra friction coefficient at vanishing slip speed; 0 is off",
+        term=Term(
+            equation="mu += mu_b exp(-(|v|/v_b)^p)",
+            source=("Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"),
+            acts_on="coefficient",
+            depends_on=("rate",),
+        ),
+    )
+    stribeck_speed: float = parameter(
+        unit="m/s",
+        bounds=(0.0, 10.0),
+        default=0.01,
+        low_open=True,
+        meaning="slip speed over which the Stribeck term decays",
+    )
+    stribeck_exponent: float = parameter(
+        unit="1",
+        bounds=(0.0, 10.0),
+        default=1.0,
+        low_open=True,
+        meaning="exponent of that decay",
+    )
+    load_independent_friction: float = parameter(
+        unit="N/m",
+        bounds=(0.0, 1e5),
+        default=0.0,
+        meaning="drag per conduit length that needs no tension; 0 is off",
+        term=Term(
+            equation="dT/dx = s f_0",
+            source=("capstan intercept; Palli and Melchiorri, Mechatronics 24, 2014"),
+            acts_on="drag",
+        ),
+    )
+    seal_proximal: float = parameter(
+        unit="N",
+        bounds=(0.0, 1e5),
+        default=0.0,
+        meaning="drag of the seal at the proximal end; needs no tension; 0 is off",
+        term=Term(
+            equation="T jumps by s F at the proximal end",
+            source="dry friction of wipers and ferrules",
+            acts_on="drag",
+        ),
+    )
+    seal_distal: float = parameter(
+        unit="N",
+        bounds=(0.0, 1e5),
+        default=0.0,
+        meaning="the same at the distal end of the conduit",
+        term=Term(
+            equation="T jumps by s F at the distal end",
+            source="dry friction of wipers and ferrules",
+            acts_on="drag",
+        ),
+    )
+    friction_asymmetry: float = parameter(
+        unit="1",
+        bounds=(-0.9, 0.9),
+        default=0.0,
+        meaning=(
+            "a: friction times 1 + a for slip towards proximal, 1 - a towards distal"
+        ),
+        term=Term(
+            equation="mu *= 1 + a towards proximal, 1 - a towards distal",
+            source=(
+                "direction-dependent efficiency, e.g. the drive and "
+                "backdrive friction of Duclusaud et al., arXiv 2410.08650, "
+                "2024"
+            ),
+            acts_on="coefficient",
+            depends_on=("direction",),
+        ),
+    )
+    end_compliance: float = parameter(
+        unit="m/N",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning="spring between the cable and its distal end; 0 is off",
+        term=Term(
+            equation="u_distal += C T_distal",
+            source="springs in series",
+            acts_on="elasticity",
+        ),
+    )
+    bristle_length: float = parameter(
+        unit="m",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning=(
+            "elastic displacement over which friction builds up (presliding); 0 is off"
+        ),
+        term=Term(
+            equation="dF/dw = F_Coulomb/z_b until F = F_Coulomb",
+            source=(
+                "elastic-plastic limit of Dahl, Aerospace Corp. TOR-0158, "
+                "1968; with normal force, Palli and Melchiorri, "
+                "Mechatronics 24, 2014"
+            ),
+            acts_on="elasticity",
+            depends_on=("history",),
+        ),
+    )
+    tension_exponent: float = parameter(
+        unit="1",
+        bounds=(-1.0, 1.0),
+        default=0.0,
+        meaning=(
+            "e: friction times (T / pretension)^e, T at least 1 % of the pretension"
+        ),
+        term=Term(
+            equation="mu *= (T/T_0)^e",
+            source=(
+                "Howell's F = a N^n, e.g. Jung, Pan, Kang, Tribology Int. 41, 2008"
+            ),
+            acts_on="coefficient",
+            depends_on=("load",),
+        ),
+    )
+    ageing_friction: float = parameter(
+        unit="1",
+        bounds=(0.0, 5.0),
+        default=0.0,
+        meaning=(
+            "beta: friction grows by beta ln(1 + t / ageing_time) with the age "
+            "t of the contacts, which slip over `memory_length` renews; 0 is "
+            "off"
+        ),
+        term=Term(
+            equation="mu += beta ln(1 + t/t_0) with contacts of age t",
+            source=(
+                "Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, J. "
+                "Geophys. Res. 88, 1983"
+            ),
+            acts_on="coefficient",
+            depends_on=("history", "time"),
+        ),
+    )
+    ageing_time: float = parameter(
+        unit="s",
+        bounds=(0.0, 1e6),
+        default=1.0,
+        low_open=True,
+        meaning="time scale of that growth",
+    )
+    wrap_growth: float = parameter(
+        unit="1/m",
+        bounds=(-1e3, 1e3),
+        default=0.0,
+        meaning=(
+            "g: wrap angles times 1 + g u, u the distal displacement from the rest pose"
+        ),
+        term=Term(
+            equation=("wrap angle *= 1 + g u_distal, in the last part of the conduit"),
+            source="a routing that bends with the joint; thesis Experiment 1b",
+            acts_on="coefficient",
+            depends_on=("place",),
+        ),
+    )
+    wrap_reach: float = parameter(
+        unit="1",
+        bounds=(0.0, 1.0),
+        default=1.0,
+        low_open=True,
+        meaning="share of the conduit, from its distal end, in which they do",
+    )
+    friction_drift: float = parameter(
+        unit="1/s",
+        bounds=(-1e3, 1e3),
+        default=0.0,
+        meaning="d: friction times 1 + d t + h W, t the time since the start",
+        term=Term(
+            equation="mu *= 1 + d t",
+            source="wear and weather, thesis 3.2.3",
+            acts_on="coefficient",
+            depends_on=("time",),
+        ),
+    )
+    friction_heating: float = parameter(
+        unit="1/J",
+        bounds=(-1e3, 1e3),
+        default=0.0,
+        meaning="h: of the heat W that friction left in the conduit; 0 is off",
+        term=Term(
+            equation="mu *= 1 + h W, dW/dt = friction power - W/t_c",
+            source=("a liner that warms up by its own friction, one thermal mass"),
+            acts_on="coefficient",
+            depends_on=("time",),
+        ),
+    )
+    cooling_time: float = parameter(
+        unit="s",
+        bounds=(0.0, 1e9),
+        default=60.0,
+        low_open=True,
+        meaning="time in which that heat falls to 1/e",
+    )
+    stiffening: float = parameter(
+        unit="1/N",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning="s: axial stiffness times 1 + s T, to 100-fold; 0 is off",
+        term=Term(
+            equation="EA *= 1 + s T",
+            source="machine design practice: bedding in of strands",
+            acts_on="elasticity",
+            depends_on=("load",),
+        ),
+    )
+    creep: float = parameter(
+        unit="1",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning=(
+            "share of the pretension that the rest pose loses in the end, as "
+            "the cable grows longer; 0 is off"
+        ),
+        term=Term(
+            equation="T_0 *= 1 - c (1 - exp(-t/t_c))",
+            source="standard linear solid",
+            acts_on="elasticity",
+            depends_on=("time",),
+        ),
+    )
+    creep_time: float = parameter(
+        unit="s",
+        bounds=(0.0, 1e9),
+        default=60.0,
+        low_open=True,
+        meaning="time scale of that loss",
+    )
+    eccentricity: float = parameter(
+        unit="m",
+        bounds=(0.0, 0.1),
+        default=0.0,
+        meaning=(
+            "e: radius of the proximal pulley plus e cos(q - phase) at its "
+            "angle q; 0 is off"
+        ),
+        term=Term(
+            equation="r + e cos(q - phase)",
+            source="geometry",
+            acts_on="pulley",
+            depends_on=("place",),
+        ),
+    )
+    eccentricity_phase: float = parameter(
+        unit="rad",
+        bounds=(-10.0, 10.0),
+        default=0.0,
+        meaning="angle of its largest radius",
+    )
+    ovality: float = parameter(
+        unit="m",
+        bounds=(0.0, 0.1),
+        default=0.0,
+        meaning="o: radius of the proximal pulley plus o cos(2 q - phase); 0 is off",
+        term=Term(
+            equation="r + o cos(2 q - phase)",
+            source="geometry",
+            acts_on="pulley",
+            depends_on=("place",),
+        ),
+    )
+    ovality_phase: float = parameter(
+        unit="rad",
+        bounds=(-10.0, 10.0),
+        default=0.0,
+        meaning="twice an angle of largest radius",
+    )
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""
     bend: str = BENDS[0]
 
     def __post_init__(self) -> None:
-        for parameter in PARAMETERS:
-            value = getattr(self, parameter.name)
+        for p in PARAMETERS:
+            value = getattr(self, p.name)
             number = isinstance(value, Real) and not isinstance(value, bool)
-            if not number or not parameter.admits(value):
+            if not number or not p.admits(value):
                 raise CableError(
-                    f"cable parameter `{parameter.name}` is {value!r}; "
-                    f"it must be {parameter.allowed}"
+                    f"cable parameter `{p.name}` is {value!r}; it must be {p.allowed}"
                 )
-            object.__setattr__(self, parameter.name, float(value))
+            object.__setattr__(self, p.name, float(value))
         if 0.0 < self.static_friction < self.friction:
             raise CableError(
                 f"cable parameter `static_friction` is {self.static_friction!r}; it "
@@ -398,6 +458,41 @@ class Cable:
         """Total wrap angle of the conduit [rad]."""
         return sum(section.length / section.radius for section in self.conduit)
 
+    @property
+    def scalars(self) -> tuple[float, ...]:
+        """Values of the scalar parameters in the order of `PARAMETERS`."""
+        return tuple(getattr(self, p.name) for p in PARAMETERS)
+
+    @property
+    def terms(self) -> dict[str, Term]:
+        """The terms that are on, by the parameter that switches them on."""
+        found = {}
+        for name, term in TERMS.items():
+            if getattr(self, name) != 0.0:
+                other = term.constant_without
+                constant = other and getattr(self, other) == 0.0
+                found[name] = term._replace(depends_on=()) if constant else term
+        return found
+
+    def require_terms(self, holds: Callable[[Term], bool], why: str) -> None:
+        """Refuse the cable where a law does not hold for it.
+
+        Args:
+            holds: whether the law holds for a term.
+            why: what law, as the end of a sentence.
+
+        Raises:
+            CableError: a term is on for which it does not.
+        """
+        for name, term in self.terms.items():
+            if not holds(term):
+                other = term.constant_without
+                off = f"it or `{other}` must be 0" if other else "it must be 0"
+                raise CableError(
+                    f"cable parameter `{name}` is {getattr(self, name)!r}; {off} "
+                    f"(off), for {why}"
+                )
+
     @classmethod
     def from_config(cls, config: Mapping[str, str], where: str = "cable") -> Cable:
         """Read a cable from configuration text, as it stands in an MJCF file.
@@ -417,16 +512,15 @@ class Cable:
                     f"{where}: unknown key `{key}`{hint} (keys: {', '.join(KEYS)})"
                 )
         values: dict[str, object] = {}
-        for parameter in PARAMETERS:
-            if parameter.name in config:
-                text = config[parameter.name]
+        for p in PARAMETERS:
+            if p.name in config:
+                text = config[p.name]
                 number = _number(text)
-                if number is None or not parameter.admits(number):
+                if number is None or not p.admits(number):
                     raise CableError(
-                        f"{where}: key `{parameter.name}` is {text!r}; "
-                        f"it must be {parameter.allowed}"
+                        f"{where}: key `{p.name}` is {text!r}; it must be {p.allowed}"
                     )
-                values[parameter.name] = number
+                values[p.name] = number
         if "segments" in config:
             text = config["segments"]
             if not (text.isascii() and text.isdigit()):
@@ -458,6 +552,16 @@ class Cable:
     def replace(self, **changes: object) -> Cable:
         """A copy with some fields changed."""
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+
+PARAMETERS: tuple[Parameter, ...] = parameters_of(Cable)
+"""Scalar parameters; their order is that of the packed vector of the kernel."""
+
+TERMS: dict[str, Term] = {p.name: p.term for p in PARAMETERS if p.term is not None}
+"""The terms that exist, by the parameter that switches each on."""
+
+KEYS = tuple(field.name for field in dataclasses.fields(Cable))
+"""All configuration keys of a cable."""
 
 
 def _number(text: str) -> float | None:

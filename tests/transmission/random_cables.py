@@ -8,7 +8,7 @@ import numpy as np
 
 from cc_mujoco.transmission import Cable, Section
 
-TERMS = {
+CABLES = {
     "coulomb": lambda r: {},
     "load_independent": lambda r: {"load_independent_friction": 10 ** r.uniform(-2, 2)},
     "seals": lambda r: {
@@ -66,7 +66,7 @@ def cable_of(rng: np.random.Generator, term: str = "coulomb") -> Cable:
         "pretension": rng.choice([0.0, 1.0, 10.0, 50.0, 100.0]) * rng.uniform(0.5, 1.0),
         "friction": friction,
         "segments": int(rng.integers(4, 61)),
-    } | TERMS[term](rng)
+    } | CABLES[term](rng)
     if "static_friction" in values:
         values["static_friction"] *= friction
     conduit = tuple(

@@ -9,54 +9,18 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.transmission import Cable, Conduit, Section, replay
-from cc_mujoco.transmission.parameters import PARAMETERS
+from cc_mujoco.transmission import PARAMETERS, TERMS, Cable, Conduit, Section, replay
+from transmission.terms_on import TERMS_ON
 
 BENT = Cable(friction=0.21, pretension=10.0, conduit=(Section(2.0, 0.28),))
 STRAIGHT = Cable(friction=0.3, pretension=10.0, conduit=(Section(2.0, math.inf),))
-TERMS_ON = {
-    "kinetic": {},
-    "static": {"static_friction": 0.4},
-    "weakening": {"static_friction": 0.4, "memory_length": 2e-3},
-    "viscous": {"viscous_friction": 30.0},
-    "stribeck": {"stribeck_friction": 0.1, "memory_length": 1e-3},
-    "load_independent": {"load_independent_friction": 2.0},
-    "proximal seal": {"seal_proximal": 1.5},
-    "distal seal": {"seal_distal": 0.8},
-    "asymmetric": {"friction_asymmetry": 0.4},
-    "end spring": {"end_compliance": 3e-4},
-    "bristles": {"bristle_length": 5e-4},
-    "tension": {"tension_exponent": -0.3},
-    "ageing": {"ageing_friction": 0.05, "ageing_time": 0.1, "memory_length": 1e-3},
-    "ageing at once": {"ageing_friction": 0.05, "ageing_time": 0.1},
-    "wrap": {"wrap_growth": 30.0},
-    "wrap near the joint": {"wrap_growth": 30.0, "wrap_reach": 0.3},
-    "drift": {"friction_drift": 0.2},
-    "heating": {"friction_heating": 2.0, "cooling_time": 2.0},
-    "stiffening": {"stiffening": 0.05},
-    "creep": {"creep": 0.5, "creep_time": 1.0},
-    "all": {
-        "static_friction": 0.4,
-        "memory_length": 2e-3,
-        "viscous_friction": 30.0,
-        "stribeck_friction": 0.1,
-        "load_independent_friction": 2.0,
-        "seal_proximal": 0.2,
-        "seal_distal": 0.1,
-        "friction_asymmetry": -0.3,
-        "end_compliance": 1e-4,
-        "bristle_length": 1e-4,
-        "tension_exponent": 0.2,
-        "ageing_friction": 0.02,
-        "wrap_growth": -5.0,
-        "wrap_reach": 0.7,
-        "friction_drift": 0.01,
-        "friction_heating": -0.1,
-        "stiffening": 0.01,
-        "creep": 0.2,
-        "creep_time": 5.0,
-    },
-}
+OF_CABLES = {name for name, term in TERMS.items() if term.acts_on != "pulley"}
+
+
+def test_every_term_of_a_cable_is_tested_alone_and_with_all_others():
+    alone = [BENT.replace(**on).terms for name, on in TERMS_ON.items() if name != "all"]
+    assert {name for terms in alone if len(terms) <= 2 for name in terms} == OF_CABLES
+    assert set(BENT.replace(**TERMS_ON["all"]).terms) == OF_CABLES
 
 
 def trapezoid(force, displacement):

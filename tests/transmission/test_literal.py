@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import Cable, Section, replay
+from cc_mujoco.transmission import TERMS, Cable, Section, replay
 from cc_mujoco.transmission.literal import (
     Constraint,
     Mesh,
@@ -208,6 +208,20 @@ def test_bad_ends_are_refused(ends: dict[str, float], says: str) -> None:
         ThesisCable(CABLE).step(**ends)
 
 
-def test_terms_that_chapter_2_does_not_know_are_refused() -> None:
-    with pytest.raises(CableError, match="viscous_friction"):
-        Mesh.of(CABLE.replace(viscous_friction=1.0))
+COULOMB = ("friction", "static_friction")
+
+
+@pytest.mark.parametrize("name", [name for name in TERMS if name not in COULOMB])
+def test_terms_that_chapter_2_does_not_know_are_refused(name: str) -> None:
+    cable = CABLE.replace(**{name: 1e-3})
+    if TERMS[name].acts_on == "pulley":
+        Mesh.of(cable)
+        return
+    with pytest.raises(CableError, match=f"`{name}` is 0.001; it must be 0"):
+        Mesh.of(cable)
+
+
+def test_static_friction_that_weakens_is_refused() -> None:
+    weakening = CABLE.replace(static_friction=0.5, memory_length=1e-3)
+    with pytest.raises(CableError, match="it or `memory_length` must be 0"):
+        Mesh.of(weakening)

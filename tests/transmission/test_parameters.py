@@ -57,10 +57,32 @@ def test_configuration_text_gives_the_same_cable_back(cable):
     assert Cable.from_config(cable.to_config()) == cable
 
 
-def test_every_key_is_a_field_and_every_term_has_its_switch():
+def test_every_key_is_a_field():
     assert set(KEYS) == set(Cable.__dataclass_fields__)
-    assert {term.switch for term in TERMS} <= {p.name for p in PARAMETERS}
-    assert all(p.admits(p.default) for p in PARAMETERS)
+    assert Cable().scalars == tuple(p.default for p in PARAMETERS)
+
+
+@pytest.mark.parametrize("parameter", PARAMETERS, ids=lambda p: p.name)
+def test_every_parameter_says_what_it_is(parameter):
+    assert parameter.unit and parameter.meaning
+    assert parameter.admits(parameter.default)
+    assert getattr(Cable, parameter.name) == parameter.default
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_every_term_says_its_law_and_whose_it_is(name):
+    term = TERMS[name]
+    assert term.equation and term.source
+    assert Cable(**{name: 0.0}).terms.keys() <= {"friction"}
+    if name != "friction":
+        assert getattr(Cable, name) == 0.0
+
+
+def test_static_friction_is_constant_unless_it_weakens():
+    held = Cable(static_friction=0.3)
+    assert held.terms["static_friction"].depends_on == ()
+    weakening = held.replace(memory_length=1e-3)
+    assert weakening.terms["static_friction"].depends_on == ("history",)
 
 
 def test_length_and_wrap_are_those_of_the_sections():

@@ -9,15 +9,42 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.transmission import Cable, Section, Transmission, kernel, replay
+from cc_mujoco.transmission import (
+    PARAMETERS,
+    TERMS,
+    Cable,
+    Section,
+    Transmission,
+    kernel,
+    replay,
+)
 from cc_mujoco.transmission.conduit import packed
 from cc_mujoco.transmission.friction import drag, ratio
-from cc_mujoco.transmission.parameters import PARAMETERS
-from transmission.random_cables import TERMS, cable_of, motion_of, turned_around
+from transmission.random_cables import CABLES, cable_of, motion_of, turned_around
 
 SEEDS = st.integers(0, 2**31)
-WITH_CONSTANT_COEFFICIENTS = ("coulomb", "load_independent", "seals", "static")
+WITH_CONSTANT_COEFFICIENTS = [
+    name
+    for name in CABLES
+    if not any(
+        term.depends_on or term.acts_on == "elasticity"
+        for term in cable_of(np.random.default_rng(0), name).terms.values()
+    )
+]
+VANISHING = [
+    pytest.param(name, 1e-7 if term.acts_on == "drag" else 1e-9, id=name)
+    for name, term in TERMS.items()
+    if term.acts_on != "pulley" and name not in ("friction", "static_friction")
+]
 END_BY_END = ("end_compliance", "configuration_dependent")  # belong to the distal end
+
+
+def test_there_are_random_cables_with_every_term():
+    drawn = set()
+    for name in CABLES:
+        for seed in range(5):
+            drawn |= set(cable_of(np.random.default_rng(seed), name).terms)
+    assert drawn == {name for name, term in TERMS.items() if term.acts_on != "pulley"}
 
 
 def difference(one, other):
@@ -85,7 +112,7 @@ def test_energy_of_bristles_adds_up_where_the_cable_goes_slack(drag, seed):
     assert abs(work - stored - motion.dissipated[-1]) < 0.02 * scale
 
 
-@pytest.mark.parametrize("term", [term for term in TERMS if term not in END_BY_END])
+@pytest.mark.parametrize("term", [term for term in CABLES if term not in END_BY_END])
 @given(seed=SEEDS)
 @settings(max_examples=25)
 def test_a_cable_turned_around_pulls_alike(term, seed):
@@ -111,22 +138,7 @@ def test_static_friction_barely_above_kinetic_changes_nothing(seed):
     assert difference(held.tension_distal, kinetic.tension_distal) < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("term", "small"),
-    [
-        ("load_independent_friction", 1e-7),
-        ("seal_proximal", 1e-7),
-        ("seal_distal", 1e-7),
-        ("viscous_friction", 1e-7),
-        ("friction_asymmetry", 1e-9),
-        ("stribeck_friction", 1e-9),
-        ("tension_exponent", 1e-9),
-        ("friction_drift", 1e-9),
-        ("bristle_length", 1e-9),
-        ("stiffening", 1e-9),
-        ("creep", 1e-9),
-    ],
-)
+@pytest.mark.parametrize(("term", "small"), VANISHING)
 @given(seed=SEEDS)
 @settings(max_examples=15)
 def test_a_vanishing_term_changes_nothing(term, small, seed):

@@ -1,0 +1,136 @@
+"""Where the numbers of a cable stand: packed parameters and state, and views of both.
+
+    prm = np.empty(parameter_size(n))
+    segment_angles(prm, n)[3]          # wrap angle of a segment [rad]
+    tensions(state, n)[0]              # of the proximal end [N]
+
+Both vectors have a header of single numbers, then rows of one number per node or
+segment. Every offset derives from the rows before it; nothing else counts them.
+
+State vector:
+
+    0, 1               displacement of the proximal and the distal end [m]
+    2                  energy dissipated so far [J]
+    3                  stretch of the cable, negative where it is slack [m]
+    4                  time since the start [s], while a term depends on the state
+    5                  way of the distal end since the start [m], likewise
+    6                  heat of friction in the conduit [J], while friction depends on it
+    7 : 8 + n          tension of node i [N]; negative where slack, see `kernel.slack`
+    8 + n : 8 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
+    8 + 2 n : 8 + 3 n  remembered slip speed of segment j [m/s]
+    8 + 3 n : 8 + 4 n  friction of segment j that its bristles hold [N]
+    8 + 4 n : 8 + 5 n  stretch of these bristles [m]
+    8 + 5 n : 8 + 6 n  age of the contacts of segment j, see `friction.aged`
+"""
+
+from __future__ import annotations
+
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.transmission.parameters import PARAMETERS
+
+SCALARS = len(PARAMETERS)
+"""Numbers that a packed cable begins with, in the order of `PARAMETERS`."""
+CHANGES, SCALED, PLAIN, LENGTH = range(SCALARS, SCALARS + 4)
+"""Behind them: whether bends may change, `friction.scaled`, `.plain`, length [m]."""
+_ROWS = SCALARS + 4
+
+STATE_HEADER = 7
+"""Numbers before the tensions."""
+TIME, TRAVEL, HEAT = 4, 5, 6
+_SEGMENT_STATE = 5
+
+
+@compiled
+def state_size(n: int) -> int:
+    """Length of the state vector of a cable of n segments."""
+    return STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n
+
+
+@compiled
+def parameter_size(n: int) -> int:
+    """Length of the packed parameter vector of a cable of n segments."""
+    return _ROWS + 6 * n + 2
+
+
+@compiled
+def scalars(prm: FloatArray) -> FloatArray:
+    """Scalar parameters in the order of `PARAMETERS`."""
+    return prm[:SCALARS]
+
+
+@compiled
+def segment_angles(prm: FloatArray, n: int) -> FloatArray:
+    """Wrap angle of every segment (n,) [rad]."""
+    return prm[_ROWS : _ROWS + n]
+
+
+@compiled
+def constant_growth(prm: FloatArray, n: int) -> FloatArray:
+    """E of every segment where all is constant, see `friction.py` (n,)."""
+    return prm[_ROWS + n : _ROWS + 2 * n]
+
+
+@compiled
+def constant_hold(prm: FloatArray, n: int) -> FloatArray:
+    """H of every segment, likewise (n,)."""
+    return prm[_ROWS + 2 * n : _ROWS + 3 * n]
+
+
+@compiled
+def constant_drag(prm: FloatArray, n: int) -> FloatArray:
+    """B of every segment, likewise (n,) [N]."""
+    return prm[_ROWS + 3 * n : _ROWS + 4 * n]
+
+
+@compiled
+def node_compliance(prm: FloatArray, n: int) -> FloatArray:
+    """Compliance of every node (n + 1,) [m/N]."""
+    return prm[_ROWS + 4 * n : _ROWS + 5 * n + 1]
+
+
+@compiled
+def node_stiffness(prm: FloatArray, n: int) -> FloatArray:
+    """Stiffness of every node (n + 1,) [N/m]."""
+    return prm[_ROWS + 5 * n + 1 : _ROWS + 6 * n + 2]
+
+
+@compiled
+def tensions(state: FloatArray, n: int) -> FloatArray:
+    """Tension of every node (n + 1,) [N]; negative where slack."""
+    return state[STATE_HEADER : STATE_HEADER + n + 1]
+
+
+@compiled
+def _segment_row(state: FloatArray, n: int, row: int) -> FloatArray:
+    start = STATE_HEADER + 1 + (1 + row) * n
+    return state[start : start + n]
+
+
+@compiled
+def slips(state: FloatArray, n: int) -> FloatArray:
+    """Slip of every segment since it last stuck or turned (n,) [m]; 0 at rest."""
+    return _segment_row(state, n, 0)
+
+
+@compiled
+def slip_speeds(state: FloatArray, n: int) -> FloatArray:
+    """Remembered slip speed of every segment (n,) [m/s]."""
+    return _segment_row(state, n, 1)
+
+
+@compiled
+def bristle_forces(state: FloatArray, n: int) -> FloatArray:
+    """Friction of every segment that its bristles hold (n,) [N]."""
+    return _segment_row(state, n, 2)
+
+
+@compiled
+def bristle_stretches(state: FloatArray, n: int) -> FloatArray:
+    """Stretch of the bristles of every segment (n,) [m]."""
+    return _segment_row(state, n, 3)
+
+
+@compiled
+def contact_ages(state: FloatArray, n: int) -> FloatArray:
+    """Age of the contacts of every segment (n,), see `friction.aged`."""
+    return _segment_row(state, n, 4)

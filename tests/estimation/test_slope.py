@@ -1,0 +1,75 @@
+"""Estimators refuse the cables that their law does not hold for, and no others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation.bend import BendEstimator
+from cc_mujoco.estimation.friction import FrictionEstimator, SlopeLaw
+from cc_mujoco.estimation.samples import wrap_angles
+from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.estimation.slope import moving_runs
+from cc_mujoco.estimation.stiffness import StiffnessEstimator
+from cc_mujoco.transmission import Cable, replay
+from estimation.runs import CABLE, DT, strokes
+from transmission.terms_on import TERMS_ON
+
+EVERY = Sensors.everywhere(CABLE, 1.0)
+OF_SLOPE = {
+    "friction": lambda cable: FrictionEstimator(cable, EVERY),
+    "bend": lambda cable: BendEstimator(cable, EVERY),
+    "thesis": lambda cable: SlopeLaw(cable, EVERY, 1e-4),
+}
+SEEN_AT_ENDS_OR_REST = ("proximal seal", "distal seal", "ageing at once")
+"""Terms that are refused although the middle of a cable that moves is free of them."""
+
+
+def off_the_slope(cable: Cable) -> float:
+    """Largest error of ln T over moving segments, by the coefficient of the instant."""
+    near, far = strokes(4.0)
+    motion = replay(cable, DT, u_proximal=near, u_distal=far, profile=True)
+    assert motion.tension is not None and motion.direction is not None
+    heat = np.concatenate([[0.0], motion.dissipated[:-1]])
+    time = DT * np.arange(1, near.size + 1)
+    changed = cable.friction_drift * time + cable.friction_heating * heat
+    angle, worst = np.diff(wrap_angles(cable)), 0.0
+    for tension, direction, factor in zip(
+        motion.tension, motion.direction, 1.0 + changed, strict=True
+    ):
+        for first, last, sign in moving_runs(direction):
+            # Ends of a run at the end of the cable may turn inside, unseen.
+            inner = slice(max(first, 1), min(last, cable.segments - 1))
+            told = np.diff(np.log(np.maximum(tension, 1e-9)))[inner]
+            law = sign * cable.friction * factor * angle[inner]
+            taut = np.minimum(tension[:-1], tension[1:])[inner] > 5.0
+            worst = max(worst, np.max(np.abs(told - law)[taut], initial=0.0))
+    return worst
+
+
+def refuses(estimator: Callable[[Cable], object], cable: Cable) -> bool:
+    try:
+        estimator(cable)
+    except CableError as error:
+        assert "must be 0 (off)" in str(error)
+        return True
+    return False
+
+
+@pytest.mark.parametrize("name", TERMS_ON)
+def test_a_term_is_refused_where_it_bends_the_slope(name: str) -> None:
+    # Heat that does not leave is the energy that is dissipated.
+    cable = CABLE.replace(**TERMS_ON[name]).replace(cooling_time=1e9)
+    bent = off_the_slope(cable) > 1e-3
+    for estimator in OF_SLOPE.values():
+        assert refuses(estimator, cable) == (bent or name in SEEN_AT_ENDS_OR_REST)
+
+
+@pytest.mark.parametrize("on", TERMS_ON.values(), ids=TERMS_ON)
+def test_stiffness_is_told_only_where_it_stays(on: dict[str, float]) -> None:
+    cable = CABLE.replace(**on)
+    changes = {"stiffening", "creep", "bristle_length"} & on.keys()
+    assert refuses(lambda c: StiffnessEstimator(c, EVERY), cable) == bool(changes)

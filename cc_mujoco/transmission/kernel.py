@@ -65,7 +65,7 @@ _STIFFENING = law.INDEX["stiffening"]
 _CREEP = law.INDEX["creep"]
 _CREEP_TIME = law.INDEX["creep_time"]
 _LEAST_STIFFENING = 1e-12  # [1/N], below which it drowns in rounding
-_ROUNDS = 8
+_ROUNDS = 60
 _CURVED = 1e-5  # relative error of tension up to which a straight line will do
 
 
@@ -505,7 +505,14 @@ def _straightened(
         if abs(max(true, 0.0) - node[i]) > _CURVED * largest:
             right = False
         if abs(true - tension[i]) > _CURVED * largest:
-            stiffness[i] = (true - tension[i]) / stretched
+            line = (true - tension[i]) / stretched
+            # The line of the stretch found can overshoot without end, that of the
+            # tension found never does: go between them.
+            found = _stretched(prm, n, i, tension[i], node[i])
+            if node[i] > 0.0 and abs(node[i] - tension[i]) > _CURVED * largest:
+                steady = (node[i] - tension[i]) / found
+                line = steady * (line / steady) ** 0.3
+            stiffness[i] = line
     return right
 
 

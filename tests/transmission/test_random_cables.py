@@ -168,6 +168,23 @@ def test_a_prescribed_tension_pulls_the_other_end_as_far_as_friction_lets_it(see
     assert difference(-mirrored.u_distal, motion.u_proximal) < 1e-3
 
 
+@pytest.mark.parametrize("pulled", [0.006, 0.008, 0.01])
+def test_a_stiffening_cable_is_pulled_far_in_one_step(pulled):
+    cable = Cable(
+        friction=0.2,
+        pretension=10.0,
+        axial_stiffness=4000.0,
+        conduit=(Section(1.0, 0.3),),
+        segments=10,
+        stiffening=0.05,
+    )
+    near = np.array([0.0, -pulled, -pulled, -pulled])
+    motion = replay(cable, 1e-3, u_proximal=near, u_distal=0.0 * near, profile=True)
+    assert np.all(np.diff(motion.tension[1]) < 0.0)
+    assert beyond_friction(cable, motion.tension[1:]) < 1e-4
+    assert motion.tension[3] == pytest.approx(motion.tension[1], rel=1e-4)
+
+
 def test_slack_cable_with_drag_carries_no_more_than_its_drag():
     cable = Cable(
         axial_stiffness=2e4,

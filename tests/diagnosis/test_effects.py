@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects import EFFECTS, Rig
 from cc_mujoco.diagnosis.inference.plant import Plant, tuned
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
+from cc_mujoco.transmission import TERMS, Cable
 from diagnosis.recorded import BENCH, dataset
 
 IDS = """viscous_friction stribeck_friction presliding load_independent_friction
@@ -25,6 +26,17 @@ VALUES = {p.name: p.start for p in tuned(BENCH, RECORDS, {})}
 
 def test_the_library_has_the_ids_that_verdicts_promise() -> None:
     assert set(IDS) <= set(EFFECTS)
+
+
+def test_every_term_of_a_cable_can_be_named() -> None:
+    given, rig = (Cable(), Cable()), Rig(motor_radius=0.02, joint_radius=0.05)
+    named = {"friction", "static_friction"}  # of the baseline
+    for effect in EFFECTS.values():
+        for cable in (
+            effect.cables(given, effect.starts[-1], rig) if effect.cables else ()
+        ):
+            named |= cable.terms.keys()
+    assert named == set(TERMS)
 
 
 @pytest.mark.parametrize("name", EFFECTS)

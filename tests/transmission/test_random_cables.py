@@ -148,8 +148,8 @@ def test_a_vanishing_term_changes_nothing(term, small, seed):
     without = replay(cable, 1e-3, u_proximal=near, u_distal=far)
     there = replay(cable.replace(**{term: small}), 1e-3, u_proximal=near, u_distal=far)
     # Not smaller: these terms resolve the point where motion turns to a segment only.
-    assert difference(there.tension_proximal, without.tension_proximal) < 0.05
-    assert difference(there.tension_distal, without.tension_distal) < 0.05
+    assert difference(there.tension_proximal, without.tension_proximal) < 0.1
+    assert difference(there.tension_distal, without.tension_distal) < 0.1
 
 
 @given(seed=SEEDS)

@@ -1,6 +1,6 @@
 """Ankle assistance over a gait cycle, with a route that is fixed and one that moves.
 
-    python scripts/ankle_route.py scripts/ankle_route.png
+    python scripts/ankle_route.py cc_mujoco/engine/ankle_route.png
 
 The motor of the ankle exoskeleton keeps the same tension at its own end twice: what
 push-off assistance needs at the heel, and enough to keep the cable taut. Once the

@@ -16,7 +16,7 @@ STUDIES = {
 }  # fmt: skip
 """First seed of every study, in the order in which they were run."""
 LAST = "fifth"
-"""The last that was run whole, which the README shows."""
+"""The last that was run whole, which the page of the diagnosis shows."""
 SHOWN = 1.25
 """Error over the floor that effect-free rigs stay below: beyond it, something shows."""
 

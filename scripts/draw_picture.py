@@ -1,6 +1,6 @@
-"""Draw the picture of the README: the wrist handle at work, conduits by tension.
+"""Draw the picture of the front page: the wrist handle at work, conduits by tension.
 
-    MUJOCO_GL=egl python scripts/draw_picture.py scripts/wrist_handle.png
+    MUJOCO_GL=egl python scripts/draw_picture.py envs/wrist_handle.png
 
 Needs OpenGL; `egl` or `osmesa` do without a display.
 """

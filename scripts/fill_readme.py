@@ -1,11 +1,12 @@
-"""Put parameters, claims and both benchmarks into the README.
+"""Put parameters, claims and both benchmarks into their pages.
 
     python scripts/train_policy.py --out runs/policy.zip
     python scripts/diagnose_benchmark.py --naive binned sparse bic --out runs/sealed
     python scripts/fill_readme.py [parameters] [claims] [benchmark] [diagnosis]
 
 Runs what is not done yet of claims and benchmark, and replaces what stands between the
-marks of each block. The benchmark is its default run, and at the wrist the policy.
+marks of each block, on its page and, in short, on the front page. The benchmark is its
+default run, and at the wrist the policy.
 """
 
 from __future__ import annotations
@@ -35,8 +36,17 @@ from cc_mujoco.reproduce import EXPERIMENTS, Claim, reproduce, table
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import as_table
 
-README = Path(__file__).resolve().parents[1] / "README.md"
-BLOCKS = ("parameters", "claims", "benchmark", "diagnosis")
+ROOT = Path(__file__).resolve().parents[1]
+FRONT = ROOT / "README.md"
+PAGES = {
+    "parameters": ROOT / "cc_mujoco" / "transmission" / "README.md",
+    "claims": ROOT / "cc_mujoco" / "reproduce" / "README.md",
+    "benchmark": ROOT / "cc_mujoco" / "benchmark" / "README.md",
+    "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "README.md",
+}
+"""Page of every block."""
+SHORT = {"claims": 1, "benchmark": 2, "diagnosis": 1}
+"""Paragraphs of a block that the front page shows, if any."""
 
 
 def block(claims: Mapping[str, Sequence[Claim]]) -> str:
@@ -93,40 +103,58 @@ def studies(folder: Path) -> str:
     return path.read_text(encoding="utf-8").strip()
 
 
-def filled(readme: str, name: str, text: str) -> str:
-    """The README with this text between the marks of a block."""
-    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
-    pattern = re.compile(f"(?<={re.escape(begin)}\n).*?(?={re.escape(end)})", re.S)
-    found, number = pattern.subn(lambda _: text + "\n", readme)
+def between(page: str, name: str) -> str:
+    """What stands between the marks of a block."""
+    return _marked(name).findall(page)[0].rstrip("\n")
+
+
+def filled(page: str, name: str, text: str) -> str:
+    """The page with this text between the marks of a block."""
+    found, number = _marked(name).subn(lambda _: text + "\n", page)
     if number != 1:
-        raise SystemExit(f"{README.name} needs one `{begin}` and one `{end}`")
+        raise SystemExit(f"the page of {name} needs its two marks, once")
     return found
+
+
+def shortened(name: str, text: str) -> str:
+    """What the front page shows of a block."""
+    return "\n\n".join(text.split("\n\n")[: SHORT[name]])
+
+
+def write(name: str, text: str) -> None:
+    """Put a block on its page, and its beginning on the front page, if it is there."""
+    places = [(PAGES[name], text)]
+    if name in SHORT:
+        places.append((FRONT, shortened(name, text)))
+    for path, part in places:
+        page = filled(path.read_text(encoding="utf-8"), name, part)
+        with replacing(path) as place:
+            place.write_text(page, encoding="utf-8")
+
+
+def _marked(name: str) -> re.Pattern[str]:
+    begin, end = (f"<!-- {name}: {word} -->" for word in ("begin", "end"))
+    return re.compile(f"(?<={re.escape(begin)}\n).*?(?={re.escape(end)})", re.S)
 
 
 def main() -> None:
     """Collect what the blocks need and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("blocks", nargs="*", choices=BLOCKS, default=BLOCKS)
+    parser.add_argument("blocks", nargs="*", choices=PAGES, default=list(PAGES))
     parser.add_argument("--results", type=Path, default=Path("runs", "reproduce"))
     parser.add_argument("--benchmark", type=Path, default=Path("runs", "benchmark"))
     parser.add_argument("--sealed", type=Path, default=Path("runs", "sealed"))
     parser.add_argument("--policy", type=Path, default=Path("runs", "policy.zip"))
     options = parser.parse_args()
-    texts = {}
     if "parameters" in options.blocks:
-        texts["parameters"] = as_table(PARAMETERS)
+        write("parameters", as_table(PARAMETERS))
     if "claims" in options.blocks:
         records = reproduce([], options.results)
-        texts["claims"] = block({record.name: record.claims for record in records})
+        write("claims", block({record.name: record.claims for record in records}))
     if "benchmark" in options.blocks:
-        texts["benchmark"] = tables(played(options.benchmark, options.policy))
+        write("benchmark", tables(played(options.benchmark, options.policy)))
     if "diagnosis" in options.blocks:
-        texts["diagnosis"] = studies(options.sealed)
-    readme = README.read_text(encoding="utf-8")
-    for name, text in texts.items():
-        readme = filled(readme, name, text)
-    with replacing(README) as place:
-        place.write_text(readme, encoding="utf-8")
+        write("diagnosis", studies(options.sealed))
 
 
 if __name__ == "__main__":

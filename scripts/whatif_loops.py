@@ -1,6 +1,6 @@
 """How many loops may the conduit make? Backlash against loops and friction.
 
-    python scripts/whatif_loops.py --out runs/whatif_loops.png
+    python scripts/whatif_loops.py --out cc_mujoco/whatif/whatif_loops.png
 
 Experiment 1b of the thesis as a design chart: the wrist handle's conduits laid in up to
 three loops, with liners from slippery to dry. Draws the chart and prints what it says.

@@ -1,6 +1,6 @@
 """How tight should the cables be? Pretension against transparency and slack.
 
-    python scripts/whatif_pretension.py --out runs/whatif_pretension.png
+    python scripts/whatif_pretension.py --out cc_mujoco/whatif/whatif_pretension.png
 
 The wrist handle renders a spring while the wearer swings it. Pretension keeps cables
 from going slack, and makes everything rub harder. Draws both and prints what they say.

@@ -1,6 +1,6 @@
 """Which drum and which lever? Ratio against motor torque and motor power.
 
-    python scripts/whatif_ratio.py --out runs/whatif_ratio.png
+    python scripts/whatif_ratio.py --out cc_mujoco/whatif/whatif_ratio.png
 
 The ankle exoskeleton helps a walking wearer, with drums and levers of many sizes and no
 compensation of friction. Draws what the motor must give and prints what that says.

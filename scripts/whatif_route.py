@@ -1,6 +1,6 @@
 """Where should the conduit run? Routes of the ankle's cable against what arrives.
 
-    python scripts/whatif_route.py --out runs/whatif_route.png
+    python scripts/whatif_route.py --out cc_mujoco/whatif/whatif_route.png
 
 The ankle exoskeleton helps a walking wearer with its motor on a stand, on the back or
 on the thigh, and with the conduit led in wide or tight bends. Draws what each route

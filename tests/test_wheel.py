@@ -42,7 +42,9 @@ def source_files() -> dict[str, Path]:
         f"{inside[top]}/{path.relative_to(ROOT / top).as_posix()}": path
         for top in SOURCES
         for path in (ROOT / top).rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
+        if path.is_file()
+        and "__pycache__" not in path.parts
+        and path.suffix not in (".md", ".png")  # pages stay with the sources
     }
 
 

@@ -29,7 +29,9 @@ DRAWS = 400
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When an effect is named; calibrated on rigs without any, see the README.
+    """When an effect is named; calibrated on rigs without any.
+
+    How often the verdicts are right then: `README.md` of `cc_mujoco.diagnosis`.
 
     Attributes:
         reduction: least relative reduction of the held-out squared error.

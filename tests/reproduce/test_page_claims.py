@@ -1,4 +1,4 @@
-"""The README's claims are those that the experiments make today."""
+"""The page's claims are those that the experiments make today."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ import pytest
 
 from cc_mujoco.reproduce import EXPERIMENTS, Claim, run, table
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "cc_mujoco" / "reproduce" / "README.md").read_text(
+    encoding="utf-8"
+)
 FAST = ("pretension", "loops", "magnitudes", "follower", "kalman")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 
 
 def printed(name: str) -> list[str]:
-    """Rows of one experiment's table in the README."""
-    start = README.index(f"**{name}**: {EXPERIMENTS[name]}")
-    rows = README[start:].partition("|---|---|---|---|---|\n")[2]
+    """Rows of one experiment's table on the page."""
+    start = PAGE.index(f"**{name}**: {EXPERIMENTS[name]}")
+    rows = PAGE[start:].partition("|---|---|---|---|---|\n")[2]
     return rows.partition("\n\n")[0].splitlines()
 
 

@@ -1,4 +1,4 @@
-"""The README's benchmark: its writer leaves nothing out, its numbers are today's."""
+"""The page's benchmark: its writer leaves nothing out, its numbers are today's."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from cc_mujoco.benchmark import (
 )
 from cc_mujoco.control import CONTROLLERS
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-BLOCK = README.partition("<!-- benchmark: begin -->")[2].partition("<!-- benchmark: ")[
-    0
-]
+ROOMS = Path(__file__).parents[2] / "cc_mujoco"
+PAGE = (ROOMS / "benchmark" / "README.md").read_text(encoding="utf-8")
+CONTROL = (ROOMS / "control" / "README.md").read_text(encoding="utf-8")
+BLOCK = PAGE.partition("<!-- benchmark: begin -->")[2].partition("<!-- benchmark")[0]
 POLICY = "runs/policy.zip"
 NUMBER = r"-?\d+(?:\.\d+)?"
 NONE_FAILED = {"failed": np.zeros(5)}
@@ -124,7 +124,7 @@ def test_a_cell_with_noise_gives_the_interval_printed(law: str) -> None:
 def test_new_controller_of_the_readme_enters_with_the_command_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    section = README.partition("### A new controller in fifteen lines")[2]
+    section = CONTROL.partition("## A new controller in fifteen lines")[2]
     code = section.partition("```python\n")[2].partition("```")[0]
     command = section.partition("```sh\n")[2].partition("\n```")[0]
     assert len(code.splitlines()) <= 15

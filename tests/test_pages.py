@@ -1,0 +1,142 @@
+"""The pages hold together: their code runs, their links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import cc_mujoco
+from cc_mujoco.transmission import PARAMETERS
+from cc_mujoco.transmission.parameter import as_table
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+
+import fill_readme
+
+ROOT = Path(__file__).parents[1]
+MADE = {"build", "dist", "runs"}
+
+
+def found(pattern: str) -> dict[str, Path]:
+    """Files of the project by their place in it, without what is made."""
+    return {
+        path.relative_to(ROOT).as_posix(): path
+        for path in sorted(ROOT.rglob(pattern))
+        if not any(
+            part in MADE or part.startswith(".")
+            for part in path.relative_to(ROOT).parts
+        )
+    }
+
+
+PAGES = {place: path.read_text("utf-8") for place, path in found("*.md").items()}
+FRONT = PAGES["README.md"]
+CODE = re.compile(r"^```.*?^```|`[^`\n]*`", re.M | re.S)
+LINK = re.compile(r"(!?)\[[^\]]*\]\(([^)\s]+)\)")
+BLOCKS = [
+    pytest.param(place, code, id=f"{place}-{number}")
+    for place, text in PAGES.items()
+    for number, code in enumerate(re.findall(r"```python\n(.*?)```", text, re.S))
+]
+
+
+def links(place: str, pictures: bool) -> list[tuple[Path, str]]:
+    """File and heading that every relative link, or picture, of a page leads to."""
+    return [
+        ((ROOT / place).parent / file if file else ROOT / place, heading)
+        for mark, target in LINK.findall(CODE.sub("", PAGES[place]))
+        if bool(mark) == pictures and "://" not in target
+        for file, _, heading in [target.partition("#")]
+    ]
+
+
+def headings(text: str) -> set[str]:
+    """Headings as addresses."""
+    lines = re.findall(
+        r"^#+ (.*)$", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S), re.M
+    )
+    return {re.sub(r"[^\w\- ]", "", line).lower().replace(" ", "-") for line in lines}
+
+
+def test_front_page_is_one() -> None:
+    assert len(FRONT.splitlines()) <= 150
+
+
+@pytest.mark.parametrize("place", PAGES)
+def test_links_and_pictures_resolve(place: str) -> None:
+    for path, heading in links(place, False) + links(place, True):
+        assert path.exists(), path
+        if heading:
+            assert heading in headings(path.read_text("utf-8")), f"{path}#{heading}"
+
+
+def test_every_page_is_reached_from_the_front_page() -> None:
+    reached, new = set(), {(ROOT / "README.md").resolve()}
+    while new:
+        reached |= new
+        new = {
+            path.resolve()
+            for page in new
+            for path, _ in links(page.relative_to(ROOT.resolve()).as_posix(), False)
+            if path.suffix == ".md"
+        } - reached
+    assert reached == {(ROOT / place).resolve() for place in PAGES}
+
+
+def test_every_picture_lies_beside_a_page_that_shows_it() -> None:
+    shown = {
+        path.resolve()
+        for place in PAGES
+        for path, _ in links(place, True)
+        if path.resolve().parent == (ROOT / place).resolve().parent
+    }
+    assert shown == {path.resolve() for path in found("*.png").values()}
+
+
+@pytest.mark.parametrize("name", fill_readme.SHORT)
+def test_front_page_shows_the_beginning_of_a_generated_block(name: str) -> None:
+    text = fill_readme.between(fill_readme.PAGES[name].read_text("utf-8"), name)
+    short = fill_readme.shortened(name, text)
+    assert short and fill_readme.between(FRONT, name) == short
+
+
+def test_parameter_table_is_that_of_the_package() -> None:
+    page = fill_readme.PAGES["parameters"].read_text("utf-8")
+    written = fill_readme.between(page, "parameters")
+    assert written == as_table(PARAMETERS), "run scripts/fill_readme.py parameters"
+
+
+@pytest.mark.parametrize(("place", "code"), BLOCKS)
+def test_python_runs(
+    place: str, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, place, "exec"), {})
+
+
+def test_mjcf_loads_and_pulls() -> None:
+    (xml,) = re.findall(r"```xml\n(.*?)```", FRONT, re.S)
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data)
+    reading = cc_mujoco.engine.read(model, data, "flexor")
+    assert reading.tension_proximal == pytest.approx(10.0)
+    mujoco.mj_step(model, data, round(2.0 / model.opt.timestep))
+    assert np.abs(data.qvel).max() < 1e-6
+    assert np.abs(data.qpos).max() < 0.02
+    reading = cc_mujoco.engine.read(model, data, "flexor")
+    assert reading.tension_distal == pytest.approx(10.0, rel=0.05)
+    assert reading.dissipated < 1e-3
+    limits = cc_mujoco.engine.step_limits(model)["flexor"]
+    assert model.opt.timestep < 0.5 * min(limits)
+
+
+@pytest.mark.parametrize("place", PAGES)
+def test_scripts_that_it_names_exist(place: str) -> None:
+    for name in re.findall(r"scripts/\w+(?:\.\w+)?", PAGES[place]):
+        assert (ROOT / name).exists(), name

@@ -18,7 +18,8 @@ from cc_mujoco.errors import CableError
 from diagnosis.bench import recording, write
 from shared_folder import SHARED
 
-DAVINCI = SHARED / "data" / "davinci"
+# The first of three occasions.
+DAVINCI = sorted((SHARED / "data" / "davinci").glob("tool4_freq*.csv"))
 DAVINCI_TOML = Path(__file__).parents[3] / "scripts" / "davinci.toml"
 
 

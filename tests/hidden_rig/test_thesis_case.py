@@ -21,7 +21,6 @@ SUSPECTS = (*sorted(BOTH), "presliding", "load_independent_friction", "sensor_de
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("few_and_short")
 def test_one_of_both_comes_first_and_both_are_found(tmp_path: Path) -> None:
     rig = make_rig(11)
     amounts = {name: 1.5 * EFFECTS[name].typical for name in BOTH}

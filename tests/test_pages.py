@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import sys
 from pathlib import Path
@@ -140,3 +141,10 @@ def test_mjcf_loads_and_pulls() -> None:
 def test_scripts_that_it_names_exist(place: str) -> None:
     for name in re.findall(r"scripts/\w+(?:\.\w+)?", PAGES[place]):
         assert (ROOT / name).exists(), name
+
+
+def test_scripts_are_listed_as_they_describe_themselves() -> None:
+    for path in (ROOT / "scripts").glob("*.py"):
+        meaning = (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").strip()
+        row = f"| `{path.name}` | {meaning.splitlines()[0]} |"
+        assert row in PAGES["scripts/README.md"], row

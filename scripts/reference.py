@@ -1,0 +1,59 @@
+"""Write a reference of all modules, made of their docstrings; `scripts/docs` calls it.
+
+python -W error scripts/reference.py
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import shutil
+import tomllib
+from pathlib import Path
+from types import ModuleType
+from typing import get_type_hints
+
+import pdoc
+
+ROOT = Path(__file__).resolve().parents[1]
+OUT = ROOT / "build" / "docs"
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PACKAGES: list[str] = SETTINGS["tool"]["setuptools"]["packages"]
+
+
+def opened(package: str) -> list[ModuleType]:
+    """The modules of a package and itself, as pdoc has to see them."""
+    module = importlib.import_module(package)
+    folder = str(Path(module.__file__ or "").parent)
+    inside = [entry.name for entry in pkgutil.iter_modules([folder])]
+    # Environments and scenes lie beside the package that they are part of.
+    inside += [p.split(".")[-1] for p in PACKAGES if p.rpartition(".")[0] == package]
+    if public := getattr(module, "__all__", None):
+        # What a package gives when asked for is not in it before, where pdoc looks; and
+        # of its modules pdoc shows those only that are public names.
+        for name in public:
+            setattr(module, name, getattr(module, name))
+        module.__dict__["__all__"] = list(dict.fromkeys([*public, *inside]))
+    return [module, *(importlib.import_module(f"{package}.{n}") for n in inside)]
+
+
+def resolve(module: ModuleType) -> None:
+    """Annotations of named tuples: pdoc finds the names in them nowhere."""
+    for item in vars(module).values():
+        if isinstance(item, type) and hasattr(item, "_field_defaults"):
+            item.__new__.__annotations__ = get_type_hints(item)
+
+
+def main() -> None:
+    """Write the reference."""
+    for package in PACKAGES:
+        for module in opened(package):
+            resolve(module)
+    shutil.rmtree(OUT, ignore_errors=True)
+    pdoc.render.configure(docformat="google", math=True, show_source=False)
+    pdoc.pdoc("cc_mujoco", output_directory=OUT)
+    print(f"written: {(OUT / 'index.html').relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,7 +1,8 @@
-"""Put parameters, claims and both benchmarks into their pages.
+r"""Put parameters, claims and both benchmarks into their pages.
 
     python scripts/train_policy.py --out runs/policy.zip
-    python scripts/diagnose_benchmark.py --naive binned sparse bic --out runs/sealed
+    python scripts/diagnosis_study/diagnose_benchmark.py \
+        --naive binned sparse bic --out runs/sealed
     python scripts/fill_readme.py [parameters] [claims] [benchmark] [diagnosis]
 
 Runs what is not done yet of claims and benchmark, and replaces what stands between the
@@ -14,11 +15,11 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from diagnose_table import LAST
 from tqdm import tqdm
 
 from cc_mujoco.benchmark import CONDITIONS, Plan, run
@@ -35,6 +36,10 @@ from cc_mujoco.files import replacing
 from cc_mujoco.reproduce import EXPERIMENTS, Claim, reproduce, table
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import as_table
+
+sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
+
+from diagnose_table import LAST
 
 ROOT = Path(__file__).resolve().parents[1]
 FRONT = ROOT / "README.md"

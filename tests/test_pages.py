@@ -139,12 +139,15 @@ def test_mjcf_loads_and_pulls() -> None:
 
 @pytest.mark.parametrize("place", PAGES)
 def test_scripts_that_it_names_exist(place: str) -> None:
-    for name in re.findall(r"scripts/\w+(?:\.\w+)?", PAGES[place]):
+    for name in re.findall(r"scripts/[\w/]+(?:\.\w+)?", PAGES[place]):
         assert (ROOT / name).exists(), name
 
 
 def test_scripts_are_listed_as_they_describe_themselves() -> None:
-    for path in (ROOT / "scripts").glob("*.py"):
+    scripts = ROOT / "scripts"
+    for path in (*scripts.glob("*.py"), *scripts.glob("*/*.py")):
         meaning = (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").strip()
-        row = f"| `{path.name}` | {meaning.splitlines()[0]} |"
+        row = (
+            f"| `{path.relative_to(scripts).as_posix()}` | {meaning.splitlines()[0]} |"
+        )
         assert row in PAGES["scripts/README.md"], row

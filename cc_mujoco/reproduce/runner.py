@@ -46,7 +46,7 @@ EXPERIMENTS: dict[str, str] = {
 }
 """Names that `reproduce` takes, in the order of the thesis, with what they are.
 
-The module `cc_mujoco.reproduce.NAME` has `run(progress) -> Outcome`.
+The module `cc_mujoco.reproduce.experiments.NAME` has `run(progress) -> Outcome`.
 """
 
 RESULT = "result.json"
@@ -128,7 +128,7 @@ def reproduce(
 
 def run(name: str, progress: Progress = lambda share: None) -> Outcome:
     """Run one experiment and return what it gives; nothing is written."""
-    module = importlib.import_module(f"cc_mujoco.reproduce.{name}")
+    module = importlib.import_module(f"cc_mujoco.reproduce.experiments.{name}")
     with style():
         outcome: Outcome = module.run(progress)
     return outcome

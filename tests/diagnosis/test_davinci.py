@@ -13,7 +13,7 @@ from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.intake import load
 from shared_folder import SHARED
 
-ROOT = Path(__file__).parents[2]
+STUDY = Path(__file__).parents[2] / "scripts" / "diagnosis_study"
 DATA = SHARED / "data" / "davinci"
 FITTED, HELD_OUT = ("freq4_load0", "freq4_load8"), ("freq4_load2", "freq2_load6")
 SUSPECTS = ("end_compliance", "load_independent_friction", "viscous_friction")
@@ -23,7 +23,7 @@ SUSPECTS = ("end_compliance", "load_independent_friction", "viscous_friction")
 @pytest.mark.shared
 def test_compliance_and_friction_without_load_close_the_gap_on_other_loads() -> None:
     files = [DATA / f"tool4_{name}.csv" for name in (*FITTED, *HELD_OUT)]
-    dataset, findings = load(files, ROOT / "scripts" / "davinci.toml")
+    dataset, findings = load(files, STUDY / "davinci.toml")
     assert not to_fix(findings)
     found = reason(dataset, Bench.of(scene_path("bench")), ids=SUSPECTS).diagnosis
     named = [effect.id for effect in found.effects]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.estimation.extrapolation import CONDITIONS
-from cc_mujoco.reproduce import directions
+from cc_mujoco.reproduce.experiments import directions
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from cc_mujoco.reproduce import follower, magnitudes, rig
+from cc_mujoco.reproduce import rig
+from cc_mujoco.reproduce.experiments import follower, magnitudes
 from cc_mujoco.transmission import Section
 
 

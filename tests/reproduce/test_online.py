@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cc_mujoco.estimation.samples import Track
-from cc_mujoco.reproduce import online_estimates as estimates
-from cc_mujoco.reproduce import online_laws as laws
-from cc_mujoco.reproduce import online_runs as runs
-from cc_mujoco.reproduce.online import claim_law, claim_stiffness
+from cc_mujoco.reproduce.experiments import online_estimates as estimates
+from cc_mujoco.reproduce.experiments import online_laws as laws
+from cc_mujoco.reproduce.experiments import online_runs as runs
+from cc_mujoco.reproduce.experiments.online import claim_law, claim_stiffness
 from cc_mujoco.transmission import replay
 
 MU = runs.CABLE.friction

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.estimation.calibration import calibrate
-from cc_mujoco.reproduce import parameters
+from cc_mujoco.reproduce.experiments import parameters
 from cc_mujoco.reproduce.rig import LENGTH, STIFFNESS, drive
 
 

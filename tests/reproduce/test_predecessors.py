@@ -6,7 +6,7 @@ import numpy as np
 
 from cc_mujoco.predecessors import Distributed, PassiveDistributed, StaticCapstan
 from cc_mujoco.predecessors.capabilities import CABLE, DT, SPRING
-from cc_mujoco.reproduce import predecessors
+from cc_mujoco.reproduce.experiments import predecessors
 
 
 def test_distributed_models_are_right_in_motion_and_before_it() -> None:

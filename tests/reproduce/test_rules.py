@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.reproduce import rules
+from cc_mujoco.reproduce.experiments import rules
 
 
 def test_opposed_motion_has_steps_that_no_pattern_fits() -> None:

@@ -43,7 +43,7 @@ class Experiments:
 def experiments(monkeypatch: pytest.MonkeyPatch) -> Experiments:
     standing_in = Experiments()
     for name in ("loops", "pretension"):
-        path = f"cc_mujoco.reproduce.{name}"
+        path = f"cc_mujoco.reproduce.experiments.{name}"
         monkeypatch.setitem(sys.modules, path, standing_in.module(name))
     return standing_in
 
@@ -136,7 +136,7 @@ def test_command_prints_a_line_for_every_claim_and_resumes(
 
 
 def test_every_experiment_has_a_module_and_every_module_is_an_experiment() -> None:
-    folder = Path(runner.__file__).parent
+    folder = Path(runner.__file__).parent / "experiments"
     modules = {
         path.stem
         for path in folder.glob("*.py")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import ProportionalIntegral
-from cc_mujoco.reproduce import spring, tracking
+from cc_mujoco.reproduce.experiments import spring, tracking
 from cc_mujoco.reproduce.inertia_free import InertiaFree
 from cc_mujoco.transmission import Transmission
 

@@ -20,7 +20,8 @@ from shared_folder import SHARED
 
 # The first of three occasions.
 DAVINCI = sorted((SHARED / "data" / "davinci").glob("tool4_freq*.csv"))
-DAVINCI_TOML = Path(__file__).parents[3] / "scripts" / "davinci.toml"
+STUDY = Path(__file__).parents[3] / "scripts" / "diagnosis_study"
+DAVINCI_TOML = STUDY / "davinci.toml"
 
 
 def parsed(folder: Path, text: str) -> DatasetFile:

@@ -1,0 +1,84 @@
+"""Time the cable kernel against general solvers of the same equations.
+
+    python scripts/benchmarks/bench_kernel.py [--segments 50]
+
+Prints, from one run, the cost of a step and ratios: the kernel against (a)
+`scipy.optimize.fsolve` on equations 2.13 of the thesis, warm-started from the step
+before, and (b) the dense sign enumeration of its section 2.3 in NumPy, last pattern
+first. All three step the same mass motion, in which every segment slips. Then the
+kernel's worst single step over random motions with reversals, opposed ends and slack.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+
+# Dense systems of this size are slower on several threads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from cc_mujoco.reproduce.experiments.solver import CABLE, DT, costs
+from cc_mujoco.transmission import Cable, rest_state
+from cc_mujoco.transmission import kernel as K
+from cc_mujoco.transmission.conduit import packed
+
+
+def worst_step(cable: Cable) -> tuple[float, float]:
+    """Worst and median cost of a single step [s].
+
+    Each step is timed alone and repeated; the least of its times counts, so that an
+    interruption by another process does not, and the cost of the call is deducted.
+    """
+    rng = np.random.default_rng(0)
+    knots = np.cumsum(rng.normal(0.0, 0.01, (2, 60)), axis=1)
+    at = np.linspace(0.0, 59.0, 6000)
+    near, far = (np.interp(at, np.arange(60.0), row) for row in knots)
+    n = cable.segments
+    prm, work, state = packed(cable), np.empty(K.work_size(n)), rest_state(cable)
+    new = state.copy()
+
+    def cost(u_near: float, u_far: float) -> float:
+        begin = time.perf_counter()
+        K.advance(prm, n, state, u_near, u_far, DT, new, work)
+        return time.perf_counter() - begin
+
+    call = min(cost(0.0, 0.0) for _ in range(2000))
+    costs = []
+    for u_near, u_far in zip(near, far, strict=True):
+        costs.append(min(cost(u_near, u_far) for _ in range(5)) - call)
+        state[:] = new
+    return max(costs), float(np.median(costs))
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--segments", type=int, default=50)
+    options = parser.parse_args()
+    n = options.segments
+    costs(2, steps=5, general_steps=2)  # compiles
+    found = costs(n, steps=300, general_steps=15)
+    worst, median = worst_step(CABLE.replace(segments=n))
+    print(f"{n} segments, every segment slipping")
+    print(f"  kernel            {found.kernel * 1e6:10.2f} us/step")
+    print(
+        f"  fsolve, warm      {found.fsolve * 1e6:10.2f} us/step   "
+        f"{found.fsolve / found.kernel:6.0f} x   "
+        f"({found.failed:.0%} of the steps not converged)"
+    )
+    print(
+        f"  sign enumeration  {found.enumeration * 1e6:10.2f} us/step   "
+        f"{found.enumeration / found.kernel:6.0f} x   "
+        f"(end tensions differ by {found.apart:.0e})"
+    )
+    print(
+        "random motions, one step: "
+        f"median {median * 1e6:.1f} us, worst {worst * 1e6:.1f} us"
+    )
+
+
+if __name__ == "__main__":
+    main()

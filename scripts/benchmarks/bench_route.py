@@ -1,0 +1,107 @@
+"""Cost of a conduit that follows its route, against the same conduit with fixed bends.
+
+    python scripts/benchmarks/bench_route.py
+
+The ankle scene walks in three versions by turns in one process: bends fixed, bends of
+the route, and no cable at all. Prints ratios of steps per second, and the ratio of what
+the cable alone costs; bare times are of this machine only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from cc_mujoco import engine
+from cc_mujoco.assets import scene_path
+from cc_mujoco.human.gait import ANGLES, PERIOD
+
+CABLE = "plantarflexor"
+MOVERS = {"ankle": "wearer", "hip": "wearer_hip", "knee": "wearer_knee"}
+
+
+def scene(bend: str | None, more: dict[str, float]) -> mujoco.MjModel:
+    """The ankle scene with a conduit that bends so, or without a cable."""
+    spec = mujoco.MjSpec.from_file(str(scene_path("ankle")))
+    if bend is None:
+        for sensor in spec.sensors:
+            if sensor.objname.startswith(CABLE):
+                sensor.objname = "motor"
+        for actuator in list(spec.actuators):
+            if actuator.plugin.active:
+                spec.delete(actuator)
+    else:
+        cable = engine.from_mjcf(spec)[CABLE]
+        engine.to_mjcf(spec, CABLE, cable.replace(bend=bend, **more))
+    return spec.compile()
+
+
+def walker(model: mujoco.MjModel, steps: int) -> Callable[[], float]:
+    """A turn of the simulation, the leg walking, the motor pulling; seconds a step."""
+    data = mujoco.MjData(model)
+    controls = {joint: data.actuator(name) for joint, name in MOVERS.items()}
+    motor = data.actuator("motor")
+    each = 10
+    at = 0
+    pulls = CABLE in engine.cables(model)
+
+    def turn() -> float:
+        nonlocal at
+        spent = 0.0
+        for _ in range(steps // each):
+            at += each
+            phase = (at * model.opt.timestep / PERIOD) % 1.0
+            for joint, control in controls.items():
+                control.ctrl[0] = ANGLES[joint](phase)
+            # Against its damping and stop, so that the cable is taut most of the time.
+            motor.ctrl[0] = 4.0 + 3.0 * np.sin(2.0 * np.pi * phase)
+            motor.ctrl[0] *= pulls
+            begin = time.thread_time()
+            mujoco.mj_step(model, data, each)
+            spent += time.thread_time() - begin
+        return spent / steps
+
+    return turn
+
+
+def main() -> None:
+    """Print the ratios."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--steps", type=int, default=1000, help="steps per turn")
+    parser.add_argument("--rounds", type=int, default=101, help="turns of each version")
+    parser.add_argument("--segments", type=int, default=30)
+    arguments = parser.parse_args()
+    terms = {
+        "Coulomb friction": {},
+        "with viscous friction": {"viscous_friction": 10.0},
+    }
+    for name, term in terms.items():
+        more = term | {"segments": arguments.segments}
+        turns = {
+            bend: walker(scene(bend, more), arguments.steps)
+            for bend in (None, "fixed", "route")
+        }
+        spent: dict[str | None, list[float]] = {bend: [] for bend in turns}
+        for _ in range(arguments.rounds):
+            for bend, turn in turns.items():
+                spent[bend].append(turn())
+        # Processor time of the quickest turns: what else the machine does only adds.
+        cost = {bend: np.quantile(found, 0.1) for bend, found in spent.items()}
+        cable = {bend: cost[bend] - cost[None] for bend in cost}
+        whole = cost["fixed"] / cost["route"]
+        print(f"ankle scene, {arguments.segments} segments, {name}:")
+        print(f"  steps per second, moving / fixed route   {whole:.2f}")
+        print(
+            "  cost of the cable alone, moving / fixed  "
+            f"{cable['route'] / cable['fixed']:.1f}   "
+            f"({cable['route'] * 1e6:.1f} and {cable['fixed'] * 1e6:.1f} us a step, "
+            f"the scene without it {cost[None] * 1e6:.1f} us)"
+        )
+
+
+if __name__ == "__main__":
+    main()

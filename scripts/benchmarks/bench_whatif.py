@@ -1,0 +1,116 @@
+"""Designs per second of `cc-mujoco whatif` against a loop of single environments.
+
+    python scripts/benchmarks/bench_whatif.py
+
+The batch and the loop play the same designs by turns in one process, so that what else
+the machine does falls on both. Prints the ratio of their speeds, designs per second,
+and the time that 10,000 designs would take; bare times are of this machine only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from cc_mujoco.control import controller
+from cc_mujoco.whatif import Plan, carry_out, make_plan
+from cc_mujoco.whatif.build import Builder
+
+EPISODE = (
+    "efficiency",
+    "tracking_error",
+    "peak_motor_torque",
+    "peak_motor_power",
+    "slack_margin",
+    "slack_share",
+    "peak_tension",
+    "strength_used",
+)
+"""Metrics that need the episode alone."""
+
+LOOPED = 2
+"""Designs of a turn of the loop."""
+
+
+def main() -> None:
+    """Print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scene", default="wrist")
+    parser.add_argument("--designs", type=int, default=768)
+    parser.add_argument("--duration", type=float, default=10.0)
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--everything", action="store_true", help="all metrics")
+    arguments = parser.parse_args()
+    for step in (5e-4, 1e-3):
+        plan = make_plan(
+            arguments.scene,
+            {"friction": "0.05:0.2", "loops": "0.5:3", "pretension": "5:40"},
+            sampling="lhs",
+            samples=arguments.designs,
+            duration=arguments.duration,
+            timestep=step,
+            metrics=() if arguments.everything else EPISODE,
+        )
+        print(
+            f"{arguments.scene}, {arguments.designs} designs of "
+            f"{arguments.duration:g} s, control at 1 kHz, physics at {1e-3 / step:g} "
+            "kHz"
+        )
+        found: dict[str, list[tuple[float, float]]] = {"loop": []}
+        found |= {f"{threads} threads": [] for threads in arguments.threads}
+        for _ in range(arguments.rounds):
+            found["loop"].append(rates(LOOPED, lambda p=plan: loop(p)))
+            for n in arguments.threads:
+                run = partial(carry_out, plan, threads=n)
+                found[f"{n} threads"].append(rates(len(plan.designs), run))
+        base = np.array(found["loop"])
+        for name, measured in found.items():
+            wall, processor = np.median(measured, axis=0)
+            ratio = np.median(np.array(measured) / base, axis=0)
+            print(
+                f"  {name:10} {wall:7.2f} designs/s ({ratio[0]:5.1f} times the loop), "
+                f"{processor:7.2f} per processor second ({ratio[1]:5.1f} times), "
+                f"10,000 designs in {10_000 / wall / 60:.1f} min"
+            )
+
+
+def rates(count: int, run: Callable[[], object]) -> tuple[float, float]:
+    """Designs per second, and per second of processor time, all threads together."""
+    start = time.perf_counter(), time.process_time()
+    run()
+    taken = time.perf_counter() - start[0], time.process_time() - start[1]
+    return count / taken[0], count / taken[1]
+
+
+def loop(plan: Plan) -> None:
+    """Play designs in single environments, one after another."""
+    trial = plan.trial
+    builder = Builder(trial.scene, trial.timestep)
+    base = builder.scene.cls
+    for design in plan.designs[:LOOPED]:
+        model = builder.model(design, whole=True)
+        setup = dataclasses.replace(base.SETUP, load=lambda m=model: m)
+        env: Any = type("Variant", (base,), {"SETUP": setup})(
+            trajectory=trial.trajectory,
+            task=trial.task,
+            duration=trial.duration,
+            frame_skip=trial.frame_skip,
+        )
+        law = controller(trial.controller, env.drive)
+        _, info = env.reset(seed=trial.seed)
+        over = False
+        while not over:
+            action = env.action(law.torque(info))
+            _, _, terminated, truncated, info = env.step(action)
+            over = terminated or truncated
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,43 @@
+"""Naive ways to name a missing effect, to compare `cc-mujoco diagnose` with.
+
+Every way starts from the same tuned baseline and differs only in how it names:
+
+    from baselines import METHODS
+
+    for method, guess in METHODS.items():
+        print(method, guess(result.tuning).named)
+
+`binned` regresses the binned residual on what an effect would look like, `sparse` does
+a sparse regression of the residual on all of them at once, `bic` refits every effect to
+all data. None holds data out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.util import find_spec
+
+from baselines.binning import binned
+from baselines.guess import Guess
+from baselines.refits import bic
+from baselines.sparsity import sparse
+from cc_mujoco.diagnosis.inference.baseline import Tuning
+
+METHODS: dict[str, Callable[[Tuning], Guess]] = {
+    "binned": binned,
+    "sparse": sparse,
+    "bic": bic,
+}
+"""Every way by its name."""
+
+
+def installed() -> dict[str, Callable[[Tuning], Guess]]:
+    """The ways that can run: `sparse` needs pysindy."""
+    return {
+        name: method
+        for name, method in METHODS.items()
+        if name != "sparse" or find_spec("pysindy") is not None
+    }
+
+
+__all__ = ["METHODS", "Guess", "installed"]

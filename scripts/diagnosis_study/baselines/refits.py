@@ -1,0 +1,71 @@
+"""Full refits of the likeliest effects to all data; the lowest BIC names.
+
+BIC = n ln(S/n) + k ln n with the sum of squares S of n samples and k parameters, as if
+neighbouring samples were independent and the model exact.
+
+Schwarz, Annals of Statistics 6, 1978.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from baselines.guess import Guess
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit
+from cc_mujoco.diagnosis.inference.screen import screen
+from cc_mujoco.errors import CableError
+
+EVALUATIONS = 3
+"""Simulations with new parameters per refit; screening has found a start."""
+
+
+REFITTED = 6
+"""Effects that are refitted: those that would explain most to first order."""
+
+
+def bic(
+    tuning: Tuning,
+    evaluations: int = EVALUATIONS,
+    ids: Sequence[str] = tuple(EFFECTS),
+) -> Guess:
+    """The effect with the lowest BIC, named if that is below the baseline's.
+
+    Args:
+        tuning: the baseline and its fit.
+        evaluations: most of each refit.
+        ids: of the effects to refit.
+    """
+    problem, at = tuning.problem, tuning.whole.at
+    counts = [record.counts for record in problem.plant.records]
+    before, baseline = _scored(problem, at)
+    scores, squares = {}, {}
+    for signature in screen(problem, at, counts, ids)[:REFITTED]:
+        wider = problem.with_effect(signature.id, signature.start)
+        start = wider.placed(at, signature.start)
+        try:
+            found = fit(wider, start, counts, evaluations)
+        except CableError:  # cannot be simulated, so it is no candidate
+            continue
+        squares[signature.id], scores[signature.id] = _scored(wider, found.at)
+    ranking = tuple(sorted(scores, key=lambda name: scores[name]))
+    if not ranking:
+        return Guess(None, (), 0.0)
+    first = ranking[0]
+    named = first if scores[first] < baseline else None
+    return Guess(named, ranking, 1.0 - squares[first] / before)
+
+
+def _scored(problem: Problem, at: FloatArray) -> tuple[float, float]:
+    """Sum of squared errors, and BIC."""
+    kept = [
+        error[:, record.counts].ravel()
+        for error, record in zip(problem.errors(at), problem.plant.records, strict=True)
+    ]
+    squares = float(sum(part @ part for part in kept))
+    count = sum(part.size for part in kept)
+    score = count * math.log(squares / count) + at.size * math.log(count)
+    return squares, score

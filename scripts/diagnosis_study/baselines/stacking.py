@@ -1,0 +1,54 @@
+"""Samples of all records that count, side by side, each over its noise floor.
+
+Residual and features are weighted like the errors of every fit, so that the naive ways
+differ from the diagnosis in how they name and in nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from baselines.features import Signal
+from baselines.signals import Signals
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.inference.fitting import tamed
+from cc_mujoco.diagnosis.inference.records import low_passed
+
+
+def gathered(
+    records: Sequence[Signals], of: Callable[[Signals], FloatArray]
+) -> FloatArray:
+    """A signal where samples count, one record after the other (samples,)."""
+    return np.concatenate([of(s)[s.counts] for s in records])
+
+
+def weights(records: Sequence[Signals], channel: int) -> FloatArray:
+    """One over the noise floor of a channel (samples,) [1/Nm]."""
+    found: FloatArray = 1.0 / gathered(records, lambda s: s.floor[channel])
+    return found
+
+
+def errors(records: Sequence[Signals], channel: int) -> FloatArray:
+    """Residual of a channel over its floor, without its offset (samples,)."""
+    residual = gathered(records, lambda s: s.residual[channel] / s.floor[channel])
+    return _levelled(tamed(residual), weights(records, channel))
+
+
+def column(records: Sequence[Signals], of: Signal, channel: int) -> FloatArray:
+    """A feature over the floor, low-passed like torques, without offset (samples,)."""
+
+    def passed(s: Signals) -> FloatArray:
+        signal = low_passed(of(s, channel), s.band, 1.0 / s.dt)
+        over: FloatArray = signal / s.floor[channel]
+        return over
+
+    return _levelled(gathered(records, passed), weights(records, channel))
+
+
+def _levelled(values: FloatArray, weight: FloatArray) -> FloatArray:
+    """Without what an offset of the torque would make: the baseline has tuned it."""
+    unit = weight / np.linalg.norm(weight)
+    found: FloatArray = values - unit * (unit @ values)
+    return found

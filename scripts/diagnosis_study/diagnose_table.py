@@ -1,0 +1,160 @@
+"""What a study of `diagnose_benchmark.py` says, as Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from baselines.table import comparison
+
+STUDIES = {
+    "development": 1000, "calibration": 2000, "final": 3000, "second": 4000,
+    "third": 5000, "fourth": 6000, "fifth": 7000, "sixth": 8000,
+}  # fmt: skip
+"""First seed of every study, in the order in which they were run."""
+LAST = "fifth"
+"""The last that was run whole, which the page of the diagnosis shows."""
+SHOWN = 1.25
+"""Error over the floor that effect-free rigs stay below: beyond it, something shows."""
+
+
+def judged(record: dict[str, Any]) -> str:
+    """One word for how a case went."""
+    hidden, named = list(record["hidden"]), record["named"]
+    tied = [set(tie) for tie in record.get("ties", [])]
+    if record["kind"] == "none":
+        return "right" if record["verdict"] == "none" else "wrong"
+    if record["kind"] == "unknown":
+        return {"unknown": "right", "none": "silent"}.get(record["verdict"], "wrong")
+    sure = set(named).difference(*tied)
+    if record["kind"] == "pair":
+        if set(hidden) <= sure:
+            return "right"
+        either = sure.union(*(tie for tie in tied if len(tie) == 2))
+        if set(hidden) <= either:
+            return "tie"
+        return "half" if set(hidden) & either else "wrong"
+    if record["verdict"] == "unknown":
+        return "silent"  # whatever it added: most of the error is left, it says
+    for tie in tied:
+        if hidden[0] in tie:
+            return "tie" if len(tie) == 2 else "silent"
+    if named and named[0] == hidden[0]:
+        return "right"
+    return "silent" if not named else "wrong"
+
+
+def summary(records: list[dict[str, Any]]) -> str:
+    """Markdown: rates by kind and strength, confusion, then every case."""
+    columns = ("right", "tie", "half", "silent", "wrong")
+    lines = [
+        "| hidden | R | cases | right | in a tie | one of two | silent | wrong |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for kind in ("named", "pair", "unknown", "none"):
+        by_size: dict[str, list[str]] = {}
+        for r in sorted(records, key=lambda record: record["strength"]):
+            if r["kind"] == kind:
+                size = "-" if kind == "none" else f"{r['strength']:g}"
+                by_size.setdefault(size, []).append(judged(r))
+        for size, words in by_size.items():
+            share = [f"{words.count(word) / len(words):.0%}" for word in columns]
+            lines.append(f"| {kind} | {size} | {len(words)} | {' | '.join(share)} |")
+    lines += ["", *_figures(records)]
+    if any("naive" in r for r in records):
+        lines += ["", *comparison(records, judged)]
+    lines += [
+        "",
+        "| hidden | what was said first, and how often |",
+        "|---|---|",
+        *(f"| {hidden} | {told} |" for hidden, told in confusion(records).items()),
+        "",
+        "<details><summary>Every case: what was hidden, what was said</summary>",
+        "",
+        "| hidden | R | reached | error | verdict | named | ties | gap closed |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for r in sorted(records, key=lambda record: record["seed"]):
+        hidden = ", ".join(r["hidden"]) or "none"
+        ties = "; ".join(", ".join(tie) for tie in r.get("ties", []))
+        closed = r.get("closed", math.nan)
+        lines.append(
+            f"| {hidden} | {r['strength']:g} | {r['reached']:.1f} | "
+            f"{r.get('misfit', math.nan):.1f} | "
+            f"{r['verdict']} | {', '.join(r['named']) or '-'} | {ties or '-'} | "
+            f"{closed:.2f} |".replace("nan", "-")
+        )
+    lines += ["", "</details>"]
+    return "\n".join(lines) + "\n"
+
+
+def _figures(records: list[dict[str, Any]]) -> list[str]:
+    """Sentences: the gap, what intervals cover, how long it took."""
+    found = []
+    right = [r for r in records if r["kind"] == "named" and judged(r) == "right"]
+    if right:
+        closed: dict[float, list[float]] = {}
+        for r in sorted(right, key=lambda record: record["strength"]):
+            closed.setdefault(r["strength"], []).append(r["closed"])
+        shares = [
+            f"{np.nanmedian(each):.2f} at R = {size:g}" for size, each in closed.items()
+        ]
+        found.append(f"Median gap closed: {', '.join(shares)}.")
+    shown = [r for r in records if r["kind"] == "named" and r.get("misfit", 0) > SHOWN]
+    if shown:
+        words = [judged(r) for r in shown]
+        found.append(
+            f"Single effects at which the tuned baseline is more than {SHOWN:g} times "
+            f"the floor off: {len(shown)}, of which right "
+            f"{words.count('right') / len(words):.0%}, right or in a tie "
+            f"{(words.count('right') + words.count('tie')) / len(words):.0%}."
+        )
+    tied = [r for r in records if r.get("settled")]
+    if tied:
+        well = sum(
+            r["settled"]["verdict"] == "named"
+            and set(r["hidden"]) <= set(r["settled"]["named"])
+            for r in tied
+        )
+        found.append(
+            f"Ties: {len(tied)}; with the proposed experiment done as well, what was "
+            f"hidden was named and no longer tied in {well}."
+        )
+    more = [len(set(r["named"]) - set(r["hidden"])) for r in right]
+    if more:
+        found.append(
+            f"Rightly named cases in which another effect was named as well: "
+            f"{np.mean([count > 0 for count in more]):.0%}."
+        )
+    given = [r["intervals"] for r in records if r.get("intervals")]
+    told = [
+        f"{name} {np.mean([low <= true <= high for _, low, high, true in of]):.0%}"
+        for name in (given[0] if given else ())
+        if (of := [each[name] for each in given])
+    ]
+    if told:
+        found.append(
+            f"Intervals of 95 % that cover, of {len(given)}: {', '.join(told)}."
+        )
+    return [line for sentence in found for line in (sentence, "")][:-1]
+
+
+def confusion(records: list[dict[str, Any]]) -> dict[str, str]:
+    """By what was hidden alone: first names or verdicts with their counts."""
+    told: dict[str, Counter[str]] = {}
+    for r in sorted(records, key=lambda record: record["seed"] % 100):
+        if r["kind"] == "pair":
+            continue
+        first = r["verdict"]
+        if first == "named":
+            first = r["named"][0]
+        elif first == "tie":
+            first = " or ".join(r["ties"][0])
+        told.setdefault(", ".join(r["hidden"]) or "none", Counter())[first] += 1
+    return {
+        hidden: ", ".join(f"{name} {count}" for name, count in counts.most_common())
+        for hidden, counts in told.items()
+    }

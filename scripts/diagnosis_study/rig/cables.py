@@ -1,0 +1,175 @@
+"""State of two cables of massive nodes, and the law of their friction; compiled.
+
+A bristle with load N, travel x and stiffness k follows Dahl's law
+
+    dF/dx = k (1 - sign(dx) F / F_c),   F_c = 2 tanh(mu wrap / 2) N,
+
+with N the mean tension of both sides, which makes a sliding node obey the capstan
+equation exactly. The law is stepped implicitly in travel, so no step is too long for
+the bristle: no chatter, and at rest F stays as it is.
+
+What friction depends on apart from the load (speed, age, place, warmth) is slow beside
+the waves in the cable and is looked up once per tick, see `update_friction`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compiled import compiled
+from rig.plant import Plant
+
+Array = NDArray[np.float64]
+
+
+class Cables(NamedTuple):
+    """State and tables of both cables, (2, nodes) each unless said.
+
+    Displacements are towards the motor, in the cable's own sense.
+    """
+
+    place: Array
+    speed: Array
+    force: Array
+    """Of the bristles, against the cable [N]."""
+    load: Array
+    """Mean tension of both sides of a node [N]."""
+    lagged: Array
+    """Speed as friction remembers it [m/s]."""
+    contact: Array
+    """Age of the contacts [s]."""
+    warmth: Array
+    """(2,) friction work kept as heat, over `heating_energy`."""
+    ahead: Array
+    """Friction limit over load, moving towards the motor; `behind`: away from it."""
+    behind: Array
+    bristle: Array
+    """Stiffness of the bristles [N/m]."""
+    stiffness: Array
+    """(2, nodes + 1) of the segments [N/m]."""
+    seal: Array
+    """(nodes,) friction that needs no load [N]."""
+    work: Array
+    """(2, 2) friction and damping work of each cable since the start [J]."""
+    warmed: Array
+    """(2,) friction work that has gone into warmth so far [J]."""
+
+
+@compiled
+def _segments(p: Plant) -> Array:
+    """Stiffness of each segment; the end ones are half as long."""
+    inner = p.axial_stiffness * p.nodes / p.length
+    k = np.full((2, p.nodes + 1), inner)
+    k[:, 0] = 1.0 / (0.5 / inner + 0.3 * p.end_compliance)
+    k[:, p.nodes] = 1.0 / (0.5 / inner + 0.7 * p.end_compliance)
+    return k
+
+
+@compiled
+def start(p: Plant, pretension: float, arc: float) -> Cables:
+    """Both cables at rest, at pretension, without friction, `arc` from the middle."""
+    n = p.nodes
+    shape = (2, n)
+    place = np.empty(shape)
+    place[0] = arc
+    place[1] = -arc
+    seal = np.zeros(n)
+    seal[0] = 0.4 * p.load_free
+    seal[n - 1] = 0.6 * p.load_free
+    cables = Cables(
+        place,
+        np.zeros(shape),
+        np.zeros(shape),
+        np.full(shape, pretension),
+        np.zeros(shape),
+        np.zeros(shape),
+        np.zeros(2),
+        np.empty(shape),
+        np.empty(shape),
+        np.empty(shape),
+        _segments(p),
+        seal,
+        np.zeros((2, 2)),
+        np.zeros(2),
+    )
+    _look_up(p, cables, 0.0)
+    limit = 0.5 * (cables.ahead + cables.behind) * p.reference_tension
+    cables.bristle[:] = limit / p.presliding
+    return cables
+
+
+@compiled
+def varies(p: Plant) -> bool:
+    """Whether friction depends on anything but load."""
+    return (
+        p.stribeck != 0.0
+        or p.asymmetry != 0.0
+        or p.tension_power != 0.0
+        or p.ageing != 0.0
+        or p.wrap_slope != 0.0
+        or p.heating != 0.0
+        or p.bumps != 0.0
+    )
+
+
+@compiled
+def _wrap(p: Plant, i: int, joint_angle: float) -> float:
+    """Wrap angle at node i; a limb bends the last third of the conduit."""
+    wrap = p.wrap / p.nodes
+    third = p.nodes // 3
+    if i >= p.nodes - third:
+        bend = joint_angle + 0.2 * joint_angle * abs(joint_angle)
+        wrap += p.wrap_slope * bend / third
+    return max(wrap, 0.0)
+
+
+@compiled
+def _excess(p: Plant, cables: Cables, c: int, i: int) -> float:
+    """Friction coefficient at a node over its plain value."""
+    slowness = cables.lagged[c, i] / p.stribeck_speed
+    factor = 1.0 + p.stribeck * math.exp(-slowness * slowness)
+    factor += p.ageing * math.log1p(cables.contact[c, i] / p.ageing_time)
+    factor *= 1.0 + p.heating * (1.0 - math.exp(-cables.warmth[c]))
+    if p.tension_power != 0.0:
+        ratio = max(cables.load[c, i], 2.0) / p.reference_tension
+        factor *= ratio**p.tension_power
+    if p.bumps != 0.0:
+        for k in range(p.bump_places.shape[1]):
+            away = (cables.place[c, i] - p.bump_places[c, k]) / p.bump_width
+            factor += p.bumps * math.exp(-away * away)
+    return factor
+
+
+@compiled
+def _look_up(p: Plant, cables: Cables, joint_angle: float) -> None:
+    """Friction limit over load at every node, either way."""
+    for c in range(2):
+        mu = p.friction_a if c == 0 else p.friction_b
+        # The joint turning positive moves cable a ahead and cable b back. The liner of
+        # b has worn less, so its friction leans less.
+        lean = p.asymmetry if c == 0 else -0.6 * p.asymmetry
+        for i in range(p.nodes):
+            half = 0.5 * mu * _excess(p, cables, c, i) * _wrap(p, i, joint_angle)
+            cables.ahead[c, i] = 2.0 * math.tanh(half * (1.0 + lean))
+            cables.behind[c, i] = 2.0 * math.tanh(half * (1.0 - lean))
+
+
+@compiled
+def update_friction(p: Plant, cables: Cables, joint_angle: float, tick: float) -> None:
+    """Bring to date what friction depends on apart from load, after `tick` seconds."""
+    mix = tick / (p.stribeck_lag + tick)
+    for c in range(2):
+        fresh = cables.work[c, 0] - cables.warmed[c]
+        cables.warmed[c] = cables.work[c, 0]
+        cables.warmth[c] += fresh / p.heating_energy
+        cables.warmth[c] -= tick / p.heating_time * cables.warmth[c]
+        for i in range(p.nodes):
+            speed = abs(cables.speed[c, i])
+            cables.lagged[c, i] += mix * (speed - cables.lagged[c, i])
+            age = cables.contact[c, i] + tick
+            cables.contact[c, i] = age / (1.0 + speed * tick / p.ageing_slip)
+    _look_up(p, cables, joint_angle)

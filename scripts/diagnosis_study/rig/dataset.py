@@ -1,0 +1,103 @@
+"""Data sets with something hidden in them.
+
+rig = make_rig(seed=3)
+data = make_dataset(rig, {"viscous_friction": 20.0}, trials="rich", seed=3)
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.effects import EFFECTS, Truth
+from rig.kernel import integrate
+from rig.nominal import Rig
+from rig.plant import plant_of
+from rig.sensors import BASIC, CHANNELS, Chain, logged, sampled
+from rig.trials import SETS, Trial
+
+Array = NDArray[np.float64]
+
+
+def make_trials(trials: str, seed: int) -> list[Trial]:
+    """The trials of a set, with the motions that `seed` draws."""
+    return SETS[trials](np.random.default_rng([seed, 0x3A1]))
+
+
+def truth_of(
+    rig: Rig, effects: Mapping[str, float], seed: int, nodes: int = 12
+) -> Truth:
+    """The rig with effects hidden in it; an amount of 0 hides nothing.
+
+    Args:
+        rig: the rig.
+        effects: amount by id, see `EFFECTS`.
+        seed: of what else an effect draws.
+        nodes: massive nodes per cable.
+    """
+    truth = Truth(plant_of(rig, nodes), Chain())
+    for name, amount in effects.items():
+        if amount != 0.0:
+            rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+            truth = EFFECTS[name].hide(truth, float(amount), rng)
+    return truth
+
+
+def _refinement(truth: Truth) -> int:
+    """Shorter steps where impacts or falling friction make motion touchy."""
+    return 2 if truth.plant.backlash or truth.plant.stribeck else 1
+
+
+def run(truth: Truth, rig: Rig, trial: Trial, refine: int = 1) -> Array:
+    """Records of one trial, see `kernel.integrate`; `refine` shortens its steps."""
+    return integrate(
+        truth.plant,
+        rig.pretension * trial.tightness,
+        np.array(trial.servo),
+        np.array(trial.environment),
+        trial.command,
+        trial.target,
+        refine * _refinement(truth),
+    )
+
+
+def clean_dataset(
+    rig: Rig,
+    effects: Mapping[str, float],
+    trials: Sequence[Trial],
+    seed: int,
+    names: tuple[str, ...] = BASIC,
+) -> list[Array]:
+    """What a logger without noise would store: (samples, names) per trial."""
+    truth = truth_of(rig, effects, seed)
+    return [sampled(run(truth, rig, t), rig, truth.chain, names) for t in trials]
+
+
+def make_dataset(
+    rig: Rig,
+    effects: Mapping[str, float],
+    trials: str = "rich",
+    seed: int = 0,
+    *,
+    tensions: bool = False,
+) -> list[dict[str, Array]]:
+    """The recorded trials of one session.
+
+    Args:
+        rig: the rig, see `make_rig`.
+        effects: amount by id, see `EFFECTS`; empty hides nothing.
+        trials: `rich`, `ramps` or `human`.
+        seed: of motions, noise and what effects draw; not of the rig.
+        tensions: whether the four end tensions are recorded too.
+
+    Returns:
+        One dict of columns per trial, 500 Hz, see `sensors.CHANNELS`.
+    """
+    names = tuple(CHANNELS) if tensions else BASIC
+    clean = clean_dataset(rig, effects, make_trials(trials, seed), seed, names)
+    return [
+        logged(signals, names, [seed, rig.seed, k]) for k, signals in enumerate(clean)
+    ]

@@ -1,0 +1,168 @@
+"""Generate measured trials of a rig that hides something.
+
+    python scripts/diagnosis_study/rig/generate.py --out DIR --effect viscous_friction \
+        --strength 2 --trials rich --seed 1
+
+Writes DIR/data, which an experimenter would have (trial_00.csv and so on, and
+dataset.toml with what is known of each trial), and DIR/sealed/label.json with what is
+hidden. `--effect none` hides nothing; several ids, joined by commas, are each given
+the strength.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import shutil
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from rig.dataset import make_dataset, make_trials, truth_of
+from rig.effects import EFFECTS, Truth
+from rig.nominal import NOMINAL, Rig, make_rig
+from rig.strength import calibrate, measure
+from rig.trials import SETS
+
+Array = NDArray[np.float64]
+
+FORMATS = {"time_s": "%.3f", "rad": "%.6f", "nm": "%.3f", "n": "%.1f"}
+
+
+def _format(column: str) -> str:
+    return FORMATS.get(column) or FORMATS[column.rsplit("_", 1)[-1]]
+
+
+def write_data(folder: Path, data: list[dict[str, Array]], facts: str) -> None:
+    """Write what the experimenter has."""
+    folder.mkdir(parents=True)
+    for k, columns in enumerate(data):
+        np.savetxt(
+            folder / f"trial_{k:02d}.csv",
+            np.stack(list(columns.values()), axis=1),
+            fmt=[_format(name) for name in columns],
+            delimiter=",",
+            header=",".join(columns),
+            comments="",
+        )
+    (folder / "dataset.toml").write_text(facts, encoding="utf-8")
+
+
+def facts_of(trials: str, seed: int) -> str:
+    """What the experimenter noted down about each trial."""
+    lines = []
+    for k, trial in enumerate(make_trials(trials, seed)):
+        tension = NOMINAL["pretension_n"] * trial.tightness
+        lines += [
+            f"[trials.trial_{k:02d}]",
+            f"pretension = {tension:g}",
+            f'notes = "{trial.motion}, {trial.load}"',
+        ]
+        if trial.repeat_of is not None:
+            lines.append(f'repeat_of = "trial_{trial.repeat_of:02d}"')
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _differences(truth: Truth, plain: Truth) -> dict[str, Any]:
+    """Fields of the truth that are not those of a rig that hides nothing."""
+    usual = plain.plant._asdict() | plain.chain._asdict()
+    fields = truth.plant._asdict() | truth.chain._asdict()
+    return {
+        name: _plain(value)
+        for name, value in fields.items()
+        if not np.array_equal(value, usual[name])
+    }
+
+
+def label_of(
+    rig: Rig, amounts: dict[str, float], asked: float, trials: str, seed: int
+) -> dict[str, Any]:
+    """What is hidden, how much of it, and in which rig."""
+    hidden = []
+    for name, amount in amounts.items():
+        effect = EFFECTS[name]
+        hidden.append(
+            {
+                "id": name,
+                "parameter": effect.parameter,
+                "amount": amount,
+                "unit": effect.unit,
+                "strength": measure(rig, {name: amount}, trials, seed)._asdict(),
+                "details": _differences(
+                    truth_of(rig, {name: amount}, seed), truth_of(rig, {}, seed)
+                ),
+            }
+        )
+    return {
+        "schema": 1,
+        "effects": hidden,
+        "strength_asked": asked,
+        "trials": trials,
+        "seed": seed,
+        "rig": asdict(rig),
+    }
+
+
+def generate(
+    out: Path, effects: list[str], strength: float, trials: str, seed: int
+) -> None:
+    """Write one sealed data set; `out` appears when it is complete."""
+    rig = make_rig(seed)
+    amounts = {name: calibrate(rig, name, strength, trials, seed) for name in effects}
+    data = make_dataset(rig, amounts, trials, seed)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    draft = Path(mkdtemp(prefix=f".{out.name}", dir=out.parent))
+    try:
+        write_data(draft / "data", data, facts_of(trials, seed))
+        (draft / "sealed").mkdir()
+        label = label_of(rig, amounts, strength, trials, seed)
+        text = json.dumps(label, indent=2)
+        (draft / "sealed" / "label.json").write_text(text, encoding="utf-8")
+        draft.chmod(0o755)
+        draft.rename(out)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def _ids(text: str) -> list[str]:
+    names = [] if text == "none" else text.split(",")
+    for name in names:
+        if name not in EFFECTS:
+            known = ", ".join(["none", *EFFECTS])
+            raise argparse.ArgumentTypeError(f"no effect {name!r}; there are {known}")
+    return names
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder to create")
+    parser.add_argument("--effect", type=_ids, default=[], help="ids, by commas")
+    parser.add_argument("--strength", type=float, default=2.0, help="R of each effect")
+    parser.add_argument("--trials", choices=list(SETS), default="rich")
+    parser.add_argument("--seed", type=int, default=0, help="of rig, motions, noise")
+    given = parser.parse_args(argv)
+    if not 0 <= given.strength < math.inf or given.seed < 0:
+        parser.error("--strength and --seed must be finite and not negative")
+    if given.out.exists():
+        parser.error(f"{given.out} is there already; name a new folder")
+    generate(given.out, given.effect, given.strength, given.trials, given.seed)
+
+
+if __name__ == "__main__":
+    main()

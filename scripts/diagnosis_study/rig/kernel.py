@@ -1,0 +1,158 @@
+"""One trial of the rig, integrated by symplectic Euler in compiled code.
+
+    records = integrate(plant, pretension, servo, environment, command, target, 1)
+
+Steps of 20 us, friction tables every tick of 0.1 ms, a record every 0.2 ms.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.cables import start, update_friction, varies
+from rig.compiled import compiled
+from rig.plant import Plant
+from rig.shafts import (
+    HUB,
+    HUB_SPEED,
+    JOINT,
+    JOINT_SPEED,
+    MOTOR,
+    MOTOR_SPEED,
+    SLIP,
+    step_joint,
+    step_motor,
+    wound,
+)
+from rig.waves import step_cable, stored
+
+Array = NDArray[np.float64]
+
+RECORD_TIME = 2e-4
+"""Time between two records [s]; a record is the mean over it."""
+COMMAND_TIME = 1e-3
+STEPS = 5
+"""Steps per tick."""
+COLUMNS = (
+    "motor_angle",
+    "motor_torque",
+    "joint_angle",
+    "joint_torque",
+    "joint_speed",
+    "tension_a_proximal",
+    "tension_b_proximal",
+    "tension_a_distal",
+    "tension_b_distal",
+    "work_in",
+    "work_out",
+    "work_friction",
+    "work_damping",
+    "energy_stored",
+)
+"""Columns of the records. The works are integrals from the start [J]: of the cables on
+the motor's pulley, of the cables on the joint's pulley, of all friction, of strand
+damping; the energy is that of strain and motion of both cables."""
+MEANS = 9
+"""So many columns are means; the others hold at the end of the record."""
+
+
+@compiled
+def _between(path: Array, at: int, part: float, column: int) -> float:
+    return float(path[at, column] + part * (path[at + 1, column] - path[at, column]))
+
+
+@compiled
+def _tie(tie: Array, path: Array, at: int, part: float, x: float, v: float) -> float:
+    """Torque of a spring and damper between a shaft and a prescribed motion."""
+    pull = tie[0] * (_between(path, at, part, 0) - x)
+    return float(pull + tie[1] * (_between(path, at, part, 1) - v))
+
+
+@compiled
+def integrate(
+    p: Plant,
+    pretension: float,
+    servo: Array,
+    environment: Array,
+    command: Array,
+    target: Array,
+    refine: int,
+) -> Array:
+    """Run one trial.
+
+    Args:
+        p: the plant.
+        pretension: tension of both cables at rest [N].
+        servo: (2,) stiffness and damping of the motor's position loop.
+        environment: (2,) stiffness and damping that tie the handle to `target`.
+        command: (m + 1, 2) angle and speed asked of the motor, every `COMMAND_TIME`.
+        target: (m + 1, 2) the same of the environment.
+        refine: 1, or a whole number by which to shorten every step.
+
+    Returns:
+        (5 m, 14) records, see `COLUMNS`.
+    """
+    ticks = 2 * refine  # per record
+    dt = RECORD_TIME / (ticks * STEPS)
+    per_command = round(COMMAND_TIME / dt)
+    count = (command.shape[0] - 1) * round(COMMAND_TIME / RECORD_TIME)
+    out = np.zeros((count, len(COLUMNS)))
+    slow = varies(p)
+    shafts = np.zeros(7)
+    shafts[MOTOR] = shafts[HUB] = shafts[JOINT] = command[0, 0]
+    arc, slope = wound(p, shafts[MOTOR])
+    cables = start(p, pretension, arc)
+    work_in = work_out = 0.0
+    rest = pretension
+    step = 0
+    for record in range(count):
+        row = out[record]
+        for _tick in range(ticks):
+            if slow:
+                update_friction(p, cables, shafts[JOINT], STEPS * dt)
+            if p.pretension_loss != 0.0:
+                fade = math.exp(-step * dt / p.loss_time)
+                rest = pretension * (1.0 - p.pretension_loss * (1.0 - fade))
+            for _step in range(STEPS):
+                at = step // per_command
+                part = (step - at * per_command) / per_command
+                step += 1
+                arc, slope = wound(p, shafts[MOTOR] - shafts[SLIP])
+                arc_speed = slope * shafts[MOTOR_SPEED]
+                far = p.joint_radius * shafts[HUB]
+                far_speed = p.joint_radius * shafts[HUB_SPEED]
+                motor, speed = shafts[MOTOR], shafts[MOTOR_SPEED]
+                drive = _tie(servo, command, at, part, motor, speed)
+                joint, speed = shafts[JOINT], shafts[JOINT_SPEED]
+                hold = _tie(environment, target, at, part, joint, speed)
+                near_a, far_a = step_cable(
+                    p, cables, 0, rest, arc, arc_speed, far, far_speed, dt
+                )
+                near_b, far_b = step_cable(
+                    p, cables, 1, rest, -arc, -arc_speed, -far, -far_speed, dt
+                )
+                load = slope * (near_a - near_b)
+                given = p.joint_radius * (far_a - far_b)
+                work_in += load * shafts[MOTOR_SPEED] * dt
+                work_out += given * shafts[HUB_SPEED] * dt
+                row[1] += step_motor(p, shafts, load, drive, dt)
+                row[3] += step_joint(p, shafts, given, hold, dt)
+                # Angles in the middle of the step, where its torques are.
+                row[0] += shafts[MOTOR] - 0.5 * dt * shafts[MOTOR_SPEED]
+                row[2] += shafts[JOINT] - 0.5 * dt * shafts[JOINT_SPEED]
+                row[4] += shafts[JOINT_SPEED]
+                row[5] += near_a
+                row[6] += near_b
+                row[7] += far_a
+                row[8] += far_b
+        row[:MEANS] /= ticks * STEPS
+        row[9] = work_in
+        row[10] = work_out
+        row[11] = cables.work[:, 0].sum()
+        row[12] = cables.work[:, 1].sum()
+        arc, slope = wound(p, shafts[MOTOR] - shafts[SLIP])
+        row[13] = stored(p, cables, rest, arc, p.joint_radius * shafts[HUB])
+    return out

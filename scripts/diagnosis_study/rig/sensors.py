@@ -1,0 +1,183 @@
+"""From what happens in the rig to what its data logger stores.
+
+All channels pass the logger's decimation filter, so it shifts none against another; the
+two channels of the joint are sampled by a card of their own, whose clock is a little
+off. Noise is drawn per trial and channel: it is the same whatever is hidden.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, lfilter, sosfilt
+
+from rig.kernel import COLUMNS, RECORD_TIME
+from rig.motions import LEAD
+from rig.nominal import Rig
+
+Array = NDArray[np.float64]
+
+SAMPLE_RATE = 500
+CUTOFF = 150.0
+"""Of the second-order Butterworth decimation filter [Hz]."""
+
+
+class Channel(NamedTuple):
+    """One logged channel: column, standard deviation of its noise, resolution."""
+
+    column: str
+    noise: float
+    resolution: float
+    at_joint: bool
+
+    @property
+    def floor(self) -> float:
+        """Standard deviation of noise and quantisation together."""
+        return math.hypot(self.noise, self.resolution / math.sqrt(12))
+
+
+_COUNT = 2 * math.pi / 2**16  # the motor's encoder; that of the joint has 14 bits
+CHANNELS = {
+    "motor_angle": Channel("motor_angle_rad", 5e-5, _COUNT, False),
+    "motor_torque": Channel("motor_torque_nm", 0.02, 0.005, False),
+    "joint_angle": Channel("joint_angle_rad", 3e-4, 4 * _COUNT, True),
+    "joint_torque": Channel("joint_torque_nm", 0.025, 0.005, True),
+    "tension_a_proximal": Channel("tension_a_proximal_n", 0.3, 0.1, False),
+    "tension_b_proximal": Channel("tension_b_proximal_n", 0.3, 0.1, False),
+    "tension_a_distal": Channel("tension_a_distal_n", 0.3, 0.1, True),
+    "tension_b_distal": Channel("tension_b_distal_n", 0.3, 0.1, True),
+}
+BASIC = ("motor_angle", "motor_torque", "joint_angle", "joint_torque")
+
+
+class Chain(NamedTuple):
+    """What may be wrong with the sensors, off at 0; SI and radians."""
+
+    delay: float = 0.0
+    """Of the joint's card [s]: part dead time, part first-order lag."""
+    gain: float = 0.0
+    """Excess gain of the joint's torque sensor at small torque."""
+    offset: float = 0.0
+    """Of the joint's torque sensor, once warm [Nm]."""
+    hysteresis: float = 0.0
+    """Half width of the joint torque sensor's hysteresis [Nm]."""
+    load_delay: float = 0.0
+    """Lag of the joint's torque per torque [s/Nm]."""
+    reflex: float = 0.0
+    """Grip reflex that leaks into the joint's torque [Nm s/rad]."""
+    reflex_latency: float = 0.06
+    temperature: float = 0.0
+    """Zero drift of the joint's torque sensor with the room's draught [Nm]."""
+    temperature_phase: float = 0.0
+    second_axis: float = 0.0
+    """Cross-talk of a second axis of the handle [Nm]."""
+    second_axis_rate: float = 0.9
+    second_axis_phase: float = 0.0
+
+
+def _ideal_column(records: Array, name: str) -> Array:
+    return records[:, COLUMNS.index(name)]
+
+
+def _shifted(signal: Array, seconds: float | Array) -> Array:
+    """The signal as it was `seconds` ago."""
+    at = np.arange(signal.size) - seconds / RECORD_TIME
+    return np.asarray(np.interp(at, np.arange(signal.size), signal))
+
+
+def _lagged(signal: Array, seconds: float) -> Array:
+    """First-order lag that starts settled."""
+    share = RECORD_TIME / (seconds + RECORD_TIME)
+    out, _ = lfilter(
+        [share], [1, share - 1], signal, zi=np.array([(1 - share) * signal[0]])
+    )
+    return np.asarray(out)
+
+
+def _hysteresis(torque: Array, width: float) -> Array:
+    """Sum of three plays of different reach: a loop without corners."""
+    out = np.zeros_like(torque)
+    for reach, share in ((0.3, 0.4), (1.0, 0.35), (2.5, 0.25)):
+        state, trace = torque[0], np.empty_like(torque)
+        for i, value in enumerate(torque):
+            state = min(max(state, value - reach), value + reach)
+            trace[i] = state
+        out -= share * (torque - trace) / reach * width
+    return out
+
+
+def _joint_torque(records: Array, chain: Chain) -> Array:
+    """The joint's torque sensor with all that may be wrong with it."""
+    torque = _ideal_column(records, "joint_torque")
+    out = torque
+    time = np.arange(torque.size) * RECORD_TIME - LEAD
+    if chain.load_delay:
+        out = _shifted(out, chain.load_delay * np.abs(torque))
+    if chain.gain:
+        out = out * (1 + chain.gain * (1 - 0.15 * (torque / 6) ** 2))
+    if chain.hysteresis:
+        out = out + _hysteresis(torque, chain.hysteresis)
+    if chain.offset:
+        out = out + chain.offset * (1 - 0.15 * np.exp(-np.maximum(time, 0) / 2))
+    if chain.reflex:
+        felt = _shifted(_ideal_column(records, "joint_speed"), chain.reflex_latency)
+        beyond = np.sign(felt) * np.maximum(np.abs(felt) - 0.4, 0)
+        out = out + chain.reflex * _lagged(beyond, 0.03)
+    if chain.temperature:
+        slow = np.sin(2 * np.pi * time / 5.3 + chain.temperature_phase)
+        slow += 0.6 * np.sin(2 * np.pi * time / 2.1 + 2.7 * chain.temperature_phase)
+        out = out + chain.temperature * slow
+    if chain.second_axis:
+        turn = 2 * np.pi * chain.second_axis_rate * time + chain.second_axis_phase
+        sway = np.sin(turn + 0.7 * np.sin(0.37 * turn))
+        out = out + chain.second_axis * sway * (1 + 0.4 * np.sin(0.21 * turn))
+    return np.asarray(out)
+
+
+def sampled(records: Array, rig: Rig, chain: Chain, names: tuple[str, ...]) -> Array:
+    """What a noise-free logger with endless resolution stores, (samples, names)."""
+    sos = butter(2, CUTOFF, fs=1 / RECORD_TIME, output="sos")
+    recorded = records.shape[0] * RECORD_TIME - LEAD
+    count = round(recorded * SAMPLE_RATE)
+    out = np.empty((count, len(names)))
+    moments = LEAD + np.arange(count) / SAMPLE_RATE
+    middle = (np.arange(records.shape[0]) + 0.5) * RECORD_TIME
+    for j, name in enumerate(names):
+        signal = _ideal_column(records, name)
+        if name == "joint_torque":
+            signal = _joint_torque(records, chain)
+        when = moments
+        if CHANNELS[name].at_joint:
+            when = moments + rig.joint_clock_offset
+            if chain.delay:
+                signal = _shifted(_lagged(signal, 0.3 * chain.delay), 0.7 * chain.delay)
+        smooth = sosfilt(sos, signal - signal[0]) + signal[0]
+        out[:, j] = np.interp(when, middle, smooth) + _offset(rig, name)
+    return out
+
+
+def _offset(rig: Rig, name: str) -> float:
+    return float(getattr(rig, f"{name}_offset", 0.0))
+
+
+def logged(clean: Array, names: tuple[str, ...], key: list[int]) -> dict[str, Array]:
+    """Noise and resolution added, under the names that the files use.
+
+    Args:
+        clean: (samples, names), see `sampled`.
+        names: of the channels.
+        key: what the noise depends on; every channel adds its own number.
+    """
+    columns = {"time_s": np.arange(clean.shape[0]) / SAMPLE_RATE}
+    order = list(CHANNELS)
+    for j, name in enumerate(names):
+        channel = CHANNELS[name]
+        rng = np.random.default_rng([*key, order.index(name)])
+        noisy = clean[:, j] + channel.noise * rng.standard_normal(clean.shape[0])
+        columns[channel.column] = (
+            np.round(noisy / channel.resolution) * channel.resolution
+        )
+    return columns

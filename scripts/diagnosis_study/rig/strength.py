@@ -1,0 +1,190 @@
+"""How strongly a hidden effect shows, and the amount that shows as strongly as asked.
+
+The strength R is what an effect changes in the torques and the joint's angle at the
+same commands: root mean square over these channels of its RMS change over that
+channel's noise floor. `raw` is that as it stands. `refit` is what remains after a
+careful experimenter has tuned a rig without the effect to the data (friction,
+stiffness, pretension, sensor offsets and the clock of the joint's card, each within
+what the bench's makers would believe): least squares in two Gauss-Newton steps.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from rig.dataset import make_trials, run, truth_of
+from rig.effects import EFFECTS, Truth
+from rig.nominal import Rig
+from rig.sensors import CHANNELS, SAMPLE_RATE, sampled
+
+Array = NDArray[np.float64]
+
+RESPONSES = ("motor_torque", "joint_angle", "joint_torque")
+"""Channels whose change counts."""
+_FLOORS = np.array([CHANNELS[name].floor for name in RESPONSES])
+_TOLERANCE = 0.05
+_ATTEMPTS = 6
+
+LOOKED_AT = {"rich": (0, 2, 3, 5, 6), "ramps": (0, 3, 5), "human": (0, 1, 3)}
+"""Trials that stand for their set, which is quicker."""
+
+
+class Tuned(NamedTuple):
+    """One constant that the experimenter tunes."""
+
+    step: float
+    """For the difference quotient."""
+    bound: float
+    """Largest believable change."""
+    mechanical: bool
+    """Whether it changes motion, not only what the sensors show."""
+    change: Callable[[Rig, float], Rig]
+
+
+def _scaled(*names: str) -> Callable[[Rig, float], Rig]:
+    def change(rig: Rig, x: float) -> Rig:
+        factor = math.exp(x)
+        values = {name: factor * getattr(rig, name) for name in names}
+        return dataclasses.replace(rig, **values)
+
+    return change
+
+
+def _moved(name: str) -> Callable[[Rig, float], Rig]:
+    return lambda rig, x: dataclasses.replace(rig, **{name: getattr(rig, name) + x})
+
+
+TUNED = {
+    "friction": Tuned(0.02, 0.7, True, _scaled("friction_a", "friction_b")),
+    "stiffness": Tuned(0.02, 0.7, True, _scaled("axial_stiffness")),
+    "pretension": Tuned(0.01, 0.1, True, _scaled("pretension")),
+    "clock": Tuned(2e-4, 1 / SAMPLE_RATE, False, _moved("joint_clock_offset")),
+    "motor_torque": Tuned(0.02, 0.05, False, _moved("motor_torque_offset")),
+    "joint_torque": Tuned(0.02, 0.05, False, _moved("joint_torque_offset")),
+    "joint_angle": Tuned(0.002, 0.01, False, _moved("joint_angle_offset")),
+}
+"""The constants of the experimenter's refit, by name."""
+
+
+def _simulated(
+    rig: Rig, effects: Mapping[str, float], trials: str, seed: int
+) -> tuple[Truth, list[Array]]:
+    """The truth and the records of the trials that are looked at."""
+    truth = truth_of(rig, effects, seed)
+    every = make_trials(trials, seed)
+    return truth, [run(truth, rig, every[k]) for k in LOOKED_AT[trials]]
+
+
+def _responses(rig: Rig, truth: Truth, records: list[Array]) -> Array:
+    """What the sensors make of records, over their noise floors, (samples, 3)."""
+    seen = [sampled(record, rig, truth.chain, RESPONSES) for record in records]
+    return np.asarray(np.concatenate(seen) / _FLOORS)
+
+
+@lru_cache(maxsize=2)
+def _plain(rig: Rig, trials: str, seed: int) -> tuple[Truth, list[Array], Array]:
+    truth, records = _simulated(rig, {}, trials, seed)
+    return truth, records, _responses(rig, truth, records)
+
+
+@lru_cache(maxsize=2)
+def _tangents(rig: Rig, trials: str, seed: int) -> Array:
+    """Change of the responses per change of each tuned constant, (3 samples, 7)."""
+    truth, records, plain = _plain(rig, trials, seed)
+    columns = []
+    for tuned in TUNED.values():
+        nudged = tuned.change(rig, tuned.step)
+        if tuned.mechanical:
+            moved = _responses(nudged, *_simulated(nudged, {}, trials, seed))
+        else:
+            moved = _responses(nudged, truth, records)
+        columns.append((moved - plain).ravel() / tuned.step)
+    return np.stack(columns, axis=1)
+
+
+def forget() -> None:
+    """Drop what is kept of earlier rigs, as after a change of `LOOKED_AT`."""
+    _plain.cache_clear()
+    _tangents.cache_clear()
+
+
+def _left_over(rig: Rig, change: Array, trials: str, seed: int) -> Array:
+    """What of a change remains when the plain rig has been tuned to it."""
+    bounds = np.array([tuned.bound for tuned in TUNED.values()])
+    # Unit bounds, so that no constant is favoured by its unit.
+    scaled = _tangents(rig, trials, seed) * bounds
+    found = lsq_linear(scaled, change.ravel(), bounds=(-1, 1)).x
+    refit = rig
+    for tuned, x in zip(TUNED.values(), found * bounds, strict=True):
+        refit = tuned.change(refit, float(x))
+    tuned_to = _responses(refit, *_simulated(refit, {}, trials, seed))
+    left = change - (tuned_to - _plain(rig, trials, seed)[2])
+    room = (-1.001 - found, 1.001 - found)
+    more = lsq_linear(scaled, left.ravel(), bounds=room).x
+    return np.asarray(left - (scaled @ more).reshape(left.shape))
+
+
+class Strength(NamedTuple):
+    """How strongly something shows: R, and RMS over floor by channel, twice."""
+
+    raw: float
+    refit: float
+    raw_by_channel: dict[str, float]
+    refit_by_channel: dict[str, float]
+
+
+def _by_channel(change: Array) -> dict[str, float]:
+    rms = np.sqrt(np.mean(change**2, axis=0))
+    return dict(zip(RESPONSES, rms.tolist(), strict=True))
+
+
+def measure(
+    rig: Rig,
+    effects: Mapping[str, float],
+    trials: str = "rich",
+    seed: int = 0,
+) -> Strength:
+    """How strongly effects, amount by id, show in the trials of `LOOKED_AT`."""
+    changed = _responses(rig, *_simulated(rig, effects, trials, seed))
+    change = changed - _plain(rig, trials, seed)[2]
+    left = _left_over(rig, change, trials, seed)
+    return Strength(
+        raw=math.sqrt(np.mean(change**2)),
+        refit=math.sqrt(np.mean(left**2)),
+        raw_by_channel=_by_channel(change),
+        refit_by_channel=_by_channel(left),
+    )
+
+
+def calibrate(
+    rig: Rig, effect: str, strength: float, trials: str = "rich", seed: int = 0
+) -> float:
+    """The amount of an effect at which R after refit is `strength`.
+
+    Secants in the logarithms. Stops at the effect's limit, so the strength reached may
+    be less than asked.
+    """
+    if strength == 0.0:
+        return 0.0
+    limit = EFFECTS[effect].limit
+    x = math.log(EFFECTS[effect].typical)
+    last: tuple[float, float] | None = None
+    for _ in range(_ATTEMPTS):
+        reached = measure(rig, {effect: math.exp(x)}, trials, seed).refit
+        y = math.log(max(reached, 1e-6))
+        missing = math.log(strength) - y
+        at_limit = x >= math.log(limit) and missing > 0
+        if abs(missing) < _TOLERANCE or at_limit:
+            break
+        slope = 1.0 if last is None or last[0] == x else (y - last[1]) / (x - last[0])
+        last = (x, y)
+        x = min(x + missing / min(max(slope, 0.4), 2.5), math.log(limit))
+    return math.exp(x)

@@ -1,0 +1,163 @@
+"""The trials of a session: what the motor is asked, and what holds the handle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from rig import motions as go
+
+Array = NDArray[np.float64]
+
+STIFF = (500.0, 0.55)
+"""Position loop of the motor: stiffness [Nm/rad], damping [Nm s/rad]."""
+COMPLIANT = (5.0, 0.25)
+
+HUMAN = (4.0, 0.12)
+FIRM = (25.0, 0.5)
+SPRING = (6.0, 0.03)
+FREE = (0.0, 0.0)
+LOCKED = (3000.0, 2.0)
+"""What holds the handle: stiffness [Nm/rad] and damping [Nm s/rad] towards its own
+motion. A human hand loose or firm, a spring, nothing, a clamp."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial, lead-in included.
+
+    Attributes:
+        motion: what the motor does, in words; public.
+        load: `human`, `spring`, `free` or `locked`; public.
+        command: (m, 2) angle [rad] and speed [rad/s] of the motor at 1 kHz.
+        target: (m, 2) the same of the environment.
+        servo: stiffness and damping of the motor's position loop.
+        environment: stiffness and damping that tie the handle to `target`.
+        tightness: pretension over the rig's usual one; public.
+        repeat_of: index of the trial of which this is a repetition, or None.
+    """
+
+    motion: str
+    load: str
+    command: Array
+    target: Array
+    servo: tuple[float, float]
+    environment: tuple[float, float]
+    tightness: float = 1.0
+    repeat_of: int | None = None
+
+
+def _led(path: Array, approach: float) -> Array:
+    """The path after a lead-in that comes to its start from `approach` away."""
+    s = np.arange(round(go.LEAD * go.RATE)) / (0.8 * go.LEAD * go.RATE)
+    s = np.minimum(s, 1.0)
+    lead = path[0] - approach * (1 - s**3 * (10 - 15 * s + 6 * s**2))
+    angle = np.concatenate([lead, path])
+    return np.stack([angle, np.gradient(angle, 1 / go.RATE)], axis=1)
+
+
+def _trial(
+    rng: Generator,
+    motion: str,
+    load: str,
+    command: Array,
+    target: Array,
+    environment: tuple[float, float],
+    *,
+    servo: tuple[float, float] = STIFF,
+    tightness: float = 1.0,
+    repeat_of: int | None = None,
+) -> Trial:
+    approach = rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 0.12)
+    return Trial(
+        motion, load, _led(command, approach), _led(target, 0.0), servo, environment,
+        tightness, repeat_of,
+    )  # fmt: skip
+
+
+def asked(motor: Array, joint: Array, load: str, tightness: float = 1.0) -> Trial:
+    """A trial that somebody else has thought of.
+
+    Args:
+        motor: (m,) angle asked of the motor at 1 kHz [rad].
+        joint: (m,) angle of what holds the joint.
+        load: `free`, `locked`, or `human` for a firm hand.
+        tightness: pretension over the rig's usual one.
+    """
+    held = {"free": FREE, "locked": LOCKED, "human": FIRM}[load]
+    command, target = _led(go.rounded(motor), 0.08), _led(go.rounded(joint), 0.0)
+    return Trial("asked for", load, command, target, STIFF, held, tightness)
+
+
+def rich(rng: Generator) -> list[Trial]:
+    """Eight trials that show something of everything, both ends moving."""
+    zero = np.zeros_like(go.TIME)
+    speeds = np.array([0.06, 0.15, 0.4, 1.0, 2.5]) * rng.uniform(0.9, 1.1)
+    dwells = np.array([0.1, 0.3, 1.0, 0.2, 1.8])
+    reach = go.minimum_jerk(rng, 1.1, dwells)
+    reach_hand = go.multisine(rng, 0.25, 1.0, 0.35)
+    walk = go.multisine(rng, 0.125, 3.0, 0.5)
+    walk_hand = 0.5 * walk + go.multisine(rng, 0.25, 2.0, 0.3)
+    loose = go.multisine(rng, 0.125, 2.0, 0.5)
+    loose_hand = go.multisine(rng, 0.25, 1.5, 0.5)
+    pushed = go.multisine(rng, 0.25, 2.0, 0.55)
+    return [
+        _trial(rng, "speed ladder", "spring", go.speed_ladder(speeds, 0.9), zero,
+               SPRING),
+        _trial(rng, "multisine", "human", walk, walk_hand, HUMAN),
+        _trial(rng, "minimum jerk with dwells", "human", reach, reach_hand, HUMAN),
+        _trial(rng, "chirp", "free", go.chirp(0.25, 5.0, 0.8), zero, FREE),
+        _trial(rng, "triangle with micro-reversals", "spring",
+               go.micro_reversals(rng, 0.8, 0.5), zero, SPRING),
+        _trial(rng, "multisine", "human", loose, loose_hand, HUMAN, tightness=0.65),
+        _trial(rng, "compliant motor, handle driven", "human", 0.3 * walk, pushed,
+               FIRM, servo=COMPLIANT),
+        _trial(rng, "minimum jerk with dwells", "human", reach, reach_hand, HUMAN,
+               repeat_of=2),
+    ]  # fmt: skip
+
+
+def ramps(rng: Generator) -> list[Trial]:
+    """Eight trials of constant speeds only."""
+    zero = np.zeros_like(go.TIME)
+    out = []
+    for k, speed in enumerate([0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 0.03]):
+        reach = 0.04 if speed < 0.1 else 0.9
+        path = go.speed_ladder(np.full(2, speed * rng.uniform(0.9, 1.1)), reach)
+        load, held = (("spring", SPRING), ("human", HUMAN))[k % 2]
+        if speed < 0.1:
+            load, held = "locked", LOCKED
+        out.append(_trial(rng, "triangle", load, path, zero, held))
+    first = out[2]
+    path = first.command[-go.TIME.size :, 0]
+    again = _trial(rng, first.motion, first.load, path, zero, first.environment,
+                   repeat_of=2)  # fmt: skip
+    return [*out, again]
+
+
+def human(rng: Generator) -> list[Trial]:
+    """Eight trials of reaching: a hand moves, a soft motor goes along."""
+    out = []
+    for k in range(7):
+        dwells = rng.uniform(0.1, 0.9, 5)
+        hand = go.minimum_jerk(rng, 1.0, dwells)
+        help_along = np.roll(hand, 60) * rng.uniform(0.7, 1.0)
+        help_along[:60] = 0.0
+        servo = STIFF if k % 2 else COMPLIANT
+        held = HUMAN if k % 2 else FIRM
+        out.append(
+            _trial(rng, "reaching", "human", help_along, hand, held, servo=servo)
+        )
+    first = out[1]
+    size = go.TIME.size
+    again = _trial(rng, first.motion, first.load, first.command[-size:, 0],
+                   first.target[-size:, 0], first.environment, servo=first.servo,
+                   repeat_of=1)  # fmt: skip
+    return [*out, again]
+
+
+SETS = {"rich": rich, "ramps": ramps, "human": human}
+"""Sets of trials by name: functions of a generator of random numbers."""

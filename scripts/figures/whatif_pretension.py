@@ -1,0 +1,142 @@
+"""How tight should the cables be? Pretension against transparency and slack.
+
+    cd cc_mujoco/whatif
+    python ../../scripts/figures/whatif_pretension.py --out whatif_pretension.png
+
+The wrist handle renders a spring while the wearer swings it. Pretension keeps cables
+from going slack, and makes everything rub harder. Draws both and prints what they say.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from tqdm import tqdm
+
+from cc_mujoco.figures import COLORS, DASH, GREY, figure, figure_path, mark, save, style
+from cc_mujoco.whatif import study
+
+FRICTION = (0.015, 0.05, 0.1)
+PRETENSION = np.geomspace(1.0, 60.0, 14)
+RESERVE = 1.0
+"""Least tension that is wanted anywhere [N]."""
+
+
+def main() -> None:
+    """Run the study, draw, conclude."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=figure_path, default="runs/whatif_pretension.png")
+    parser.add_argument("--threads", type=int, default=0)
+    arguments = parser.parse_args()
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    total = len(FRICTION) * PRETENSION.size
+    with tqdm(total=total, disable=not sys.stderr.isatty()) as bar:
+        table = study(
+            "wrist",
+            {
+                "friction": FRICTION,
+                "pretension": PRETENSION,
+                "static_friction": 0.0,
+                "loops": 1,
+            },
+            trajectory="sine",
+            task="spring",
+            controller="none",
+            duration=6.0,
+            metrics=["reflected_torque", "slack_margin"],
+            threads=arguments.threads,
+            progress=lambda done: bar.update(done - bar.n),
+        )
+    reflected, margin = (_grid(table, n) for n in ("reflected_torque", "slack_margin"))
+    least = [_least(row) for row in margin]
+    draw(reflected, margin, least, arguments.out)
+    print(conclusion(reflected, least))
+
+
+def draw(
+    reflected: np.ndarray, margin: np.ndarray, least: list[float], out: Path
+) -> None:
+    """Draw torque [Nm] and tension [N], (friction, pretension)."""
+    with style():
+        drawing = figure(11.5, 4.0)
+        feel, slack, both = drawing.subplots(1, 3)
+        for k, color in enumerate(COLORS[: len(FRICTION)]):
+            label = f"friction {FRICTION[k]:g}"
+            feel.loglog(PRETENSION, reflected[k], "o-", color=color, markersize=3,
+                        label=label)  # fmt: skip
+            slack.semilogx(PRETENSION, margin[k], "o-", color=color, markersize=3)
+            both.semilogx(reflected[k], margin[k], "o-", color=color, markersize=3)
+            both.plot(_at(least[k], reflected[k]), RESERVE, "s", color=color)
+        for axes in (slack, both):
+            axes.axhline(RESERVE, color=GREY, dashes=DASH, linewidth=0.8)
+            axes.set_yscale("symlog", linthresh=0.1)
+            axes.set_ylim(-0.02, 80.0)
+            axes.set_yticks([0, 0.1, 1, 10], ["slack", "0.1", "1", "10"])
+        feel.set(title="Unpowered, it resists", xlabel="pretension [N]",
+                 ylabel="reflected torque, RMS [N m]")  # fmt: skip
+        feel.legend()
+        slack.set(title="Powered, it goes slack", xlabel="pretension [N]",
+                  ylabel="least tension anywhere [N]")  # fmt: skip
+        both.set(title="The price of a reserve", xlabel="reflected torque, RMS [N m]",
+                 ylabel="least tension anywhere [N]")  # fmt: skip
+        both.text(
+            0.98,
+            RESERVE * 1.15,
+            f"reserve of {RESERVE:g} N",
+            color=GREY,
+            fontsize=8,
+            ha="right",
+            transform=both.get_yaxis_transform(),
+        )
+        for axis in (feel.yaxis, both.xaxis):
+            mark(axis, (0.03, 0.1, 0.3, 1, 3))
+        for axis in (feel.xaxis, slack.xaxis):
+            mark(axis, (1, 2, 5, 10, 20, 50))
+        save(out, drawing)
+
+
+def conclusion(reflected: np.ndarray, least: list[float]) -> str:
+    """Three sentences, with numbers from the study."""
+    slope = [
+        float(np.polyfit(np.log(PRETENSION[5:]), np.log(row[5:]), 1)[0])
+        for row in reflected
+    ]
+    needed = ", ".join(
+        f"{n:.1f} N at friction {f:g}" for n, f in zip(least, FRICTION, strict=True)
+    )
+    price = [_at(n, row) for n, row in zip(least, reflected, strict=True)]
+    return (
+        f"A reserve of {RESERVE:g} N everywhere needs a pretension of {needed}. "
+        f"The torque that the wearer feels grows with pretension to the power "
+        f"{min(slope):.2f} to {max(slope):.2f}, so every newton beyond that is paid "
+        f"for. At the least pretension that will do, the device resists with "
+        f"{price[0]:.2f} N m at friction {FRICTION[0]:g} and {price[-1]:.2f} N m at "
+        f"{FRICTION[-1]:g}: a better liner buys transparency twice, by rubbing less "
+        "and by needing less tension."
+    )
+
+
+def _grid(table: pa.Table, name: str) -> np.ndarray:
+    values = table[name].to_numpy(zero_copy_only=False)
+    return np.asarray(values).reshape(len(FRICTION), PRETENSION.size)
+
+
+def _least(margin: np.ndarray) -> float:
+    """Least pretension with the reserve, between the designs by interpolation [N]."""
+    above = int(np.argmax(margin >= RESERVE))
+    if above == 0:
+        return float(PRETENSION[0])
+    part = slice(above - 1, above + 1)
+    return float(np.interp(RESERVE, margin[part], PRETENSION[part]))
+
+
+def _at(pretension: float, row: np.ndarray) -> float:
+    return float(np.interp(pretension, PRETENSION, row))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,122 @@
+"""The command: whole data sets, the same each time, that do not betray their label."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig import dataset, generate, strength
+from rig.effects import EFFECTS
+from rig.trials import SETS, ramps
+
+OPTIONS = ["--trials", "ramps", "--seed", "4"]
+
+
+@pytest.fixture(autouse=True)
+def two_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two trials instead of eight, which is quicker."""
+    monkeypatch.setitem(SETS, "ramps", lambda rng: ramps(rng)[1:3])
+    monkeypatch.setitem(strength.LOOKED_AT, "ramps", (0,))
+    strength.forget()
+
+
+def made(folder: Path, effect: str, strength: str = "3") -> Path:
+    generate.main(
+        ["--out", str(folder), "--effect", effect, "--strength", strength, *OPTIONS]
+    )
+    return folder
+
+
+def test_data_betray_nothing_but_their_numbers(tmp_path: Path) -> None:
+    plain = made(tmp_path / "a", "none") / "data"
+    hidden = made(tmp_path / "b", "motor_cogging,torque_sensor_gain") / "data"
+    names = sorted(path.name for path in plain.iterdir())
+    assert names == ["dataset.toml", "trial_00.csv", "trial_01.csv"]
+    assert sorted(path.name for path in hidden.iterdir()) == names
+    assert (plain / names[0]).read_text() == (hidden / names[0]).read_text()
+    for name in names[1:]:
+        one, other = (
+            (folder / name).read_text().splitlines() for folder in (plain, hidden)
+        )
+        assert one[0] == other[0]
+        assert len(one) == len(other) == 4001
+        for left, right in zip(one[1:50], other[1:50], strict=True):
+            shape = [len(text.split(".")[-1]) for text in left.split(",")]
+            assert shape == [len(text.split(".")[-1]) for text in right.split(",")]
+        assert one[1:] != other[1:]
+    everything = "".join(path.read_text() for path in hidden.iterdir())
+    assert not any(name in everything for name in EFFECTS)
+
+
+def test_label_says_what_is_hidden(tmp_path: Path) -> None:
+    folder = made(tmp_path / "new" / "set", "joint_gravity")
+    assert sorted(path.name for path in folder.parent.iterdir()) == ["set"]
+    label = json.loads((folder / "sealed" / "label.json").read_text())
+    (effect,) = label["effects"]
+    assert effect["id"] == "joint_gravity"
+    assert effect["unit"] == "Nm"
+    assert effect["strength"]["refit"] == pytest.approx(3, rel=0.1)
+    assert effect["details"]["gravity"] == effect["amount"]
+    assert label["rig"]["seed"] == label["seed"] == 4
+
+
+def test_files_hold_what_the_function_returns(tmp_path: Path) -> None:
+    folder = made(tmp_path / "a", "none")
+    table = np.loadtxt(folder / "data" / "trial_01.csv", delimiter=",", skiprows=1)
+    rig = generate.make_rig(4)
+    columns = dataset.make_dataset(rig, {}, "ramps", seed=4)[1]
+    assert np.abs(table - np.stack(list(columns.values()), axis=1)).max() < 1e-6
+
+
+def test_same_seed_same_bytes(tmp_path: Path) -> None:
+    one, two = made(tmp_path / "a", "none"), made(tmp_path / "b", "none")
+    for path in one.rglob("*.*"):
+        assert path.read_bytes() == (two / path.relative_to(one)).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--effect", "magic"], "no effect 'magic'; there are none, viscous_friction"),
+        (["--strength", "-1"], "finite and not negative"),
+        (["--strength", "nan"], "finite and not negative"),
+        (["--trials", "poor"], "invalid choice"),
+    ],
+)
+def test_bad_options_are_one_sentence(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    said: str,
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        generate.main(["--out", str(tmp_path / "x"), *options])
+    assert stop.value.code == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
+
+
+def test_nothing_is_overwritten_or_left_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(SystemExit):
+        generate.main(["--out", str(tmp_path)])
+
+    def fail(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(generate, "label_of", fail)
+    with pytest.raises(KeyboardInterrupt):
+        made(tmp_path / "x", "none")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_runs_as_a_script(scripts: Path) -> None:
+    command = [sys.executable, "-P", str(scripts / "rig" / "generate.py"), "-h"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "--strength" in done.stdout

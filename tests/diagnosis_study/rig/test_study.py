@@ -1,0 +1,90 @@
+"""The study of the diagnosis: what it hides, and rates that are those of its cases."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from diagnose_benchmark import cases
+from diagnose_table import summary
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.effects import NAMED, UNKNOWN
+
+KINDS = {"named": NAMED, "unknown": UNKNOWN, "none": ("none",)}
+FEW = ("backlash", "presliding", "joint_gravity")
+STRENGTHS = (2.0, 4.0)
+
+
+@st.composite
+def judged_cases(draw: st.DrawFn) -> dict[str, Any]:
+    """What the diagnosis may have said of a case, seed and all."""
+    kind = draw(st.sampled_from([*KINDS, "pair"]))
+    if kind == "pair":
+        hidden = FEW[:2]
+    else:
+        hidden = (draw(st.sampled_from(FEW if kind == "named" else list(KINDS[kind]))),)
+    named = draw(st.lists(st.sampled_from(FEW), unique=True, max_size=2))
+    verdict = draw(st.sampled_from(["named", "tie"] if named else ["none", "unknown"]))
+    return {
+        "kind": kind,
+        "hidden": () if kind == "none" else hidden,
+        "strength": draw(st.sampled_from(STRENGTHS)),
+        "reached": 2.0,
+        "verdict": verdict,
+        "named": named,
+        "ties": [[named[0], "backlash"]] if verdict == "tie" else [],
+        "closed": 0.5,
+    }
+
+
+def rows(text: str) -> list[list[str]]:
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in text.splitlines()
+        if line.startswith("| ")
+    ]
+
+
+def right(kind: str, case: list[str]) -> bool:
+    hidden, _, _, _, verdict, named, ties = case[:7]
+    if kind != "named":
+        return verdict == kind
+    first = named.split(", ")[0] == hidden and hidden not in ties
+    return first and verdict in ("named", "tie")
+
+
+@given(st.lists(judged_cases(), min_size=1, max_size=30))
+def test_rates_and_confusion_count_the_cases_below_them(
+    told: list[dict[str, Any]],
+) -> None:
+    records = [record | {"seed": seed} for seed, record in enumerate(told)]
+    above, _, below = summary(records).partition("<details>")
+    listed = [row for row in rows(below) if row[0] != "hidden"]
+    assert len(listed) == len(records)
+    rates = {(row[0], row[1]): row[2:4] for row in rows(above) if len(row) == 8}
+    for kind, names in KINDS.items():
+        of_kind = [case for case in listed if case[0] in names]
+        for size in {"-" if kind == "none" else case[1] for case in of_kind}:
+            mine = [case for case in of_kind if size in ("-", case[1])]
+            good = sum(right(kind, case) for case in mine) / len(mine)
+            assert rates[kind, size] == [str(len(mine)), f"{good:.0%}"]
+    counts = [
+        int(part.rsplit(" ", 1)[1])
+        for row in rows(above)
+        if len(row) == 2 and row[0] != "hidden"
+        for part in row[1].split(", ")
+    ]
+    assert sum(counts) == sum(record["kind"] != "pair" for record in records)
+
+
+@pytest.mark.parametrize("seeds", [1, 2])
+def test_every_effect_is_hidden_at_every_strength(seeds: int) -> None:
+    found = list(cases("final", seeds, STRENGTHS, [*KINDS]))
+    assert len({case["seed"] for case in found}) == len(found)
+    hidden = [(case["hidden"], case["strength"]) for case in found]
+    for size in STRENGTHS:
+        for name in (*NAMED, *UNKNOWN):
+            assert hidden.count(((name,), size)) == seeds
+        assert hidden.count(((), size)) >= 10 * seeds

@@ -1,0 +1,37 @@
+"""The case of the thesis (2.4.4): Coulomb model, viscous and Stribeck friction."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cc_mujoco.assets import scene_path
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.findings import to_fix
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.intake import load
+from rig.dataset import make_dataset
+from rig.effects import EFFECTS
+from rig.generate import facts_of, write_data
+from rig.nominal import make_rig
+
+BOTH = {"viscous_friction", "stribeck_friction"}
+SUSPECTS = (*sorted(BOTH), "presliding", "load_independent_friction", "sensor_delay")
+
+
+@pytest.mark.slow
+def test_one_of_both_comes_first_and_both_are_found(tmp_path: Path) -> None:
+    rig = make_rig(11)
+    amounts = {name: 1.5 * EFFECTS[name].typical for name in BOTH}
+    trials = make_dataset(rig, amounts, "rich", 11)
+    write_data(tmp_path / "data", trials, facts_of("rich", 11))
+    dataset, findings = load([tmp_path / "data"])
+    assert not to_fix(findings)
+    result = reason(dataset, Bench.of(scene_path("bench")), ids=SUSPECTS)
+    found = result.diagnosis
+    assert found.verdict == "named", found.statement
+    assert {effect.id for effect in found.effects} == BOTH
+    for gap in found.gap.values():
+        assert gap.rmse_after < 0.9 * gap.rmse_before
+        assert gap.gap_closed > 0.5

@@ -13,9 +13,9 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.control.stepping import Counts
 from cc_mujoco.transmission import PARAMETERS, kernel
 from cc_mujoco.transmission import friction as law
+from cc_mujoco.transmission.stepper import Counts
 
 _SCALARS = len(PARAMETERS)
 _EA = law.INDEX["axial_stiffness"]
@@ -92,7 +92,7 @@ def _shared(
 def dynamic(
     prm: FloatArray,
     n: Counts,
-    near: FloatArray,
+    arm: FloatArray,
     far: FloatArray,
     way: FloatArray,
     gain: FloatArray,
@@ -103,7 +103,7 @@ def dynamic(
     Args:
         prm: packed parameters (rows, cables, numbers).
         n: segments of every cable.
-        near: arms at the motor [m/rad].
+        arm: of every cable where the motor is (rows, cables) [m/rad].
         far: arms at the joint [m/rad].
         way: direction in which every cable last slipped as a whole (rows, cables).
         gain: proximal per distal tension at that time (rows, cables).
@@ -118,7 +118,7 @@ def dynamic(
         _shared(prm[row], n, far, way[row], desired[row], share)
         torque = 0.0
         for k in range(n.size):
-            torque -= near[k] * gain[row, k] * share[k]
+            torque -= arm[row, k] * gain[row, k] * share[k]
         found[row] = torque
     return found
 
@@ -127,7 +127,7 @@ def dynamic(
 def whole(
     prm: FloatArray,
     n: Counts,
-    near: FloatArray,
+    arm: FloatArray,
     far: FloatArray,
     state: FloatArray,
     way: FloatArray,
@@ -142,7 +142,7 @@ def whole(
     Args:
         prm: packed parameters (rows, cables, numbers).
         n: segments of every cable.
-        near: arms at the motor [m/rad].
+        arm: of every cable where the motor is (rows, cables) [m/rad].
         far: arms at the joint [m/rad].
         state: of the model (rows, cables, numbers).
         way: sense in which the motor shall turn, 1, -1 or 0 for as it is (rows,).
@@ -155,7 +155,7 @@ def whole(
     found = np.empty(desired.size)
     for row in range(desired.size):
         for k in range(n.size):
-            senses[k] = np.sign(near[k]) * way[row]
+            senses[k] = np.sign(arm[row, k]) * way[row]
         _shared(prm[row], n, far, senses, desired[row], share)
         torque = 0.0
         for k in range(n.size):
@@ -164,7 +164,7 @@ def whole(
                 tension = _breakaway(
                     prm[row, k], n[k], state[row, k], senses[k], tension
                 )
-            torque -= near[k] * tension
+            torque -= arm[row, k] * tension
         found[row] = torque
     return found
 

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.control.drive import Drive, Strand
-from cc_mujoco.control.stepping import Counts, balance, side_torque
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import PARAMETERS, kernel
+from cc_mujoco.transmission import PARAMETERS, kernel, stepper
+from cc_mujoco.transmission.packing import slips, tensions
 
 _FRICTIONS = [
     place
@@ -43,6 +43,7 @@ class CableModel:
         way: direction in which a cable last slipped as a whole, (rows, cables): 1
             towards the joint, -1 towards the motor, 0 never.
         gain: proximal per distal tension at that moment (rows, cables); 1 before.
+        arm: of every cable where the motor is (rows, cables) [m/rad].
         factor: what the drive's friction is multiplied by, (rows, cables).
     """
 
@@ -62,7 +63,7 @@ class CableModel:
             )
         self.drive = drive
         cables = drive.cables
-        self.segments: Counts = np.array([s.cable.segments for s in cables])
+        self.segments: stepper.Counts = np.array([s.cable.segments for s in cables])
         self.near: FloatArray = np.array([s.near for s in cables])
         self.far: FloatArray = np.array([s.far for s in cables])
         self._sections = [
@@ -86,7 +87,7 @@ class CableModel:
         """Take what is measured at the next instant, a number or (rows,) each.
 
         Args:
-            motor_angle: [rad], from anywhere.
+            motor_angle: [rad]; of a round pulley only its changes matter.
             joint_torque: of the cables on the joint [Nm].
         """
         angle = np.atleast_1d(np.asarray(motor_angle, dtype=float))
@@ -101,11 +102,12 @@ class CableModel:
             self.near,
             self.far,
             self.state,
-            angle - self._zero,
+            angle,
             torque,
             self.joint,
             self.way,
             self.gain,
+            self.arm,
             self.drive.period,
             self._work,
         )
@@ -138,7 +140,7 @@ class CableModel:
 
     def motor_torque(self) -> FloatArray:
         """Torque that the motor puts into the cables, by the model (rows,) [Nm]."""
-        return _motor_torques(self.segments, self.near, self.state)
+        return _motor_torques(self.segments, self.arm, self.state)
 
     def _allocate(self, rows: int) -> None:
         known, cables = len(self.drive.strands), self.segments.size
@@ -152,21 +154,24 @@ class CableModel:
         self.factor: FloatArray = np.ones((rows, cables))
         self.state: FloatArray = np.zeros((rows, cables, self._size[1]))
         self.joint: FloatArray = np.zeros(rows)
-        self._zero: FloatArray = np.zeros(rows)
+        self.arm: FloatArray = np.tile(self.near, (rows, 1))
         self.way: FloatArray = np.zeros((rows, cables))
         self.gain: FloatArray = np.ones((rows, cables))
         self._fresh: NDArray[np.bool_] = np.ones(rows, dtype=np.bool_)
 
     def _begin(self, angle: FloatArray) -> None:
         for row in np.flatnonzero(self._fresh).tolist():
-            for cable, strand in enumerate(self._strands(row)):
-                n = strand.cable.segments
+            for cable in range(self.segments.size):
                 self._pack(row, cable, 1.0)
-                kernel.initialize(
-                    self.packed[row, cable], n, 0.0, 0.0, self.state[row, cable]
-                )
+            _rest(
+                self.packed[row],
+                self.segments,
+                self.near,
+                self.far,
+                float(angle[row]),
+                self.state[row],
+            )
         fresh = self._fresh
-        self._zero[fresh] = angle[fresh]
         self.joint[fresh], self.way[fresh], self.gain[fresh] = 0.0, 0.0, 1.0
         fresh[:] = False
 
@@ -183,9 +188,22 @@ class CableModel:
 
 
 @compiled
+def _rest(
+    prm: FloatArray,
+    n: stepper.Counts,
+    near: FloatArray,
+    far: FloatArray,
+    motor: float,
+    state: FloatArray,
+) -> None:
+    """Bring the cables of an environment to rest at a motor angle and joint angle 0."""
+    stepper.rest(stepper.Cables(prm, n, near, near, far), motor, 0.0, state)
+
+
+@compiled
 def _follow(
     prm: FloatArray,
-    n: Counts,
+    n: stepper.Counts,
     near: FloatArray,
     far: FloatArray,
     state: FloatArray,
@@ -194,24 +212,26 @@ def _follow(
     joint: FloatArray,
     way: FloatArray,
     gain: FloatArray,
+    arm: FloatArray,
     dt: float,
     work: FloatArray,
 ) -> None:
     """Step every environment to a motor angle and a joint torque."""
-    t = kernel.STATE_HEADER
     new = np.zeros(state.shape[1:])
     for row in range(motor.size):
-        joint[row] = balance(
-            prm[row], n, near, far, state[row], True, motor[row], joint[row],
-            torque[row], dt, new, work,
-        )  # fmt: skip
+        cables = stepper.Cables(prm[row], n, near, near, far)
+        load = stepper.Load(torque[row], 0.0, -np.inf, np.inf)
+        joint[row] = stepper.balance(
+            cables, state[row], True, motor[row], joint[row], load, dt, new, work
+        )
         for k in range(n.size):
-            first = t + n[k] + 1
-            sign = np.sign(new[k, first])
+            arm[row, k] = near[k] * stepper.proximal(cables, k, motor[row])[1]
+            slip, tension = slips(new[k], n[k]), tensions(new[k], n[k])
+            sign = np.sign(slip[0])
             for j in range(n[k]):
-                if new[k, first + j] * sign <= 0.0:
+                if slip[j] * sign <= 0.0:
                     sign = 0.0
-            low, high = new[k, t], new[k, t + n[k]]
+            low, high = tension[0], tension[n[k]]
             if sign != 0.0 and min(low, high) > 0.0:
                 way[row, k] = sign
                 gain[row, k] = low / high
@@ -219,8 +239,9 @@ def _follow(
 
 
 @compiled
-def _motor_torques(n: Counts, near: FloatArray, state: FloatArray) -> FloatArray:
-    found = np.empty(state.shape[0])
+def _motor_torques(n: stepper.Counts, arm: FloatArray, state: FloatArray) -> FloatArray:
+    found = np.zeros(state.shape[0])
     for row in range(found.size):
-        found[row] = side_torque(n, near, state[row], False)[0]
+        for k in range(n.size):
+            found[row] -= arm[row, k] * max(tensions(state[row, k], n[k])[0], 0.0)
     return found

@@ -134,7 +134,7 @@ class ModelBased(ProportionalIntegral):
         found: NDArray[np.float64] = compensation.dynamic(
             model.packed,
             model.segments,
-            model.near,
+            model.arm,
             model.far,
             model.way,
             model.gain,

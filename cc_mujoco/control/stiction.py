@@ -91,7 +91,7 @@ class StictionCompensation(ModelBased):
         found: NDArray[np.float64] = compensation.whole(
             model.packed,
             model.segments,
-            model.near,
+            model.arm,
             model.far,
             model.state,
             np.atleast_1d(self._sense),

@@ -16,9 +16,8 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control import Controller, Drive
-from cc_mujoco.control.stepping import balance, side_torque
-from cc_mujoco.transmission import kernel
-from cc_mujoco.transmission.conduit import packed
+from cc_mujoco.transmission import stepper
+from cc_mujoco.transmission.packing import tensions
 
 COLUMNS = (
     "motor_angle_rad",
@@ -39,57 +38,43 @@ class InertiaFree:
             drive: Its cables are those of the device.
         """
         self.drive = drive
-        cables = drive.cables
-        self.segments = np.array([s.cable.segments for s in cables])
-        self.near = np.array([s.near for s in cables])
-        self.far = np.array([s.far for s in cables])
-        most = int(self.segments.max())
-        self._prm = np.zeros((len(cables), kernel.parameter_size(most)))
-        for row, strand in zip(self._prm, cables, strict=True):
-            own = packed(strand.cable)
-            row[: own.size] = own
-        self._state = np.zeros((len(cables), kernel.state_size(most)))
-        self._new = np.zeros_like(self._state)
-        self._work = np.empty(kernel.work_size(most))
+        strands = drive.cables
+        near, far = [s.near for s in strands], [s.far for s in strands]
+        self.cables = stepper.between([s.cable for s in strands], near, far)
+        self._work = stepper.scratch(self.cables)
         self.reset(0.0)
 
     def reset(self, joint_angle: float) -> None:
         """Rest in the pretension, with the joint at an angle [rad]."""
-        for row, n in enumerate(self.segments):
-            far = self.far[row] * joint_angle
-            kernel.initialize(self._prm[row], n, 0.0, far, self._state[row])
         self.motor_angle = 0.0
+        self._state = stepper.at_rest(self.cables, self.motor_angle, joint_angle)
+        self._new = np.zeros_like(self._state)
 
     @property
     def joint_torque(self) -> float:
         """Torque of the cables on the joint [Nm]."""
-        torque, _ = side_torque(self.segments, self.far, self._state, True)
-        return float(torque)
+        return float(stepper.torque(self.cables, self._state, True, 0.0)[0])
 
     @property
     def motor_torque(self) -> float:
         """Torque that the motor puts into the cables [Nm]."""
-        torque, _ = side_torque(self.segments, self.near, self._state, False)
-        return float(torque)
+        found, _ = stepper.torque(self.cables, self._state, False, self.motor_angle)
+        return float(found)
 
     def tension(self, cable: int) -> FloatArray:
         """Tension of every node of a cable [N]."""
-        first = kernel.STATE_HEADER
-        node = self._state[cable, first : first + self.segments[cable] + 1]
+        node = tensions(self._state[cable], int(self.cables.n[cable]))
         return np.maximum(node, 0.0)
 
     def step(self, motor_torque: float, joint_angle: float) -> None:
         """Advance one period with a motor torque [Nm] and a joint angle [rad]."""
-        self.motor_angle = balance(
-            self._prm,
-            self.segments,
-            self.near,
-            self.far,
+        self.motor_angle = stepper.balance(
+            self.cables,
             self._state,
             False,
             joint_angle,
             self.motor_angle,
-            motor_torque,
+            stepper.FREE._replace(torque=motor_torque),
             self.drive.period,
             self._new,
             self._work,

@@ -23,9 +23,8 @@ from numpy.typing import ArrayLike
 
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import kernel
-from cc_mujoco.transmission.conduit import packed, rest_state
-from cc_mujoco.transmission.eccentric import lever, wound
+from cc_mujoco.transmission import kernel, stepper
+from cc_mujoco.transmission.packing import tensions
 from cc_mujoco.transmission.parameters import Cable
 
 ANGLE, TORQUE = 0, 1
@@ -185,52 +184,49 @@ class Transmission:
             )
         if not (math.isfinite(dt) and dt > 0.0):
             raise CableError(f"time step is {dt!r} s; it must be positive and finite")
-        # Cables see the pulley: displacement r * angle, force torque / r.
-        near_arm = self.motor_radius / self.gear_ratio
-        far_arm = self.joint_radius
-        first = self.cables[0]
-        shape = _shape(first)
-        round_pulley = shape[0] == shape[2] == 0.0
-        if near_kind == TORQUE and not round_pulley:
-            raise CableError(
-                "motor_torque is prescribed and the motor pulley is not round; "
-                "prescribe motor_angle, or set `eccentricity` and `ovality` to 0"
-            )
-        turned, levers = near, np.ones(near.size)
-        near = near * near_arm if near_kind == ANGLE else near / near_arm
-        if not round_pulley:
-            radius = self.motor_radius
-            levers = np.array([lever(x, radius, *shape) for x in near])
-            near = np.array([wound(x, radius, *shape) for x in near])
-        far = far * far_arm if far_kind == ANGLE else far / far_arm
-        second = self.cables[-1]
+        cables = self._stepped()
         count = len(self.cables)
-        out = np.empty((4 + 3 * count, near.size))
+        out = np.empty((3 + 3 * count, near.size))
         _drive(
-            packed(first),
-            packed(second),
-            first.segments,
-            second.segments,
-            rest_state(first),
-            rest_state(second),
-            count,
+            cables,
             near_kind,
             near,
             far_kind,
             far,
-            0.5 * self.backlash * far_arm,
+            0.5 * self.backlash,
             dt,
             out,
         )
+        motor, lever, joint = out[:3]
+        tension_proximal, tension_distal, dissipated = out[3:].reshape(3, count, -1)
         return Driven(
-            turned if near_kind == ANGLE else out[0] / near_arm,
-            out[1] * near_arm * levers,
-            out[2] / far_arm,
-            out[3] * far_arm,
-            out[4 : 4 + count],
-            out[4 + count : 4 + 2 * count],
-            out[4 + 2 * count :],
+            motor,
+            _net(tension_proximal) * (self.motor_radius / self.gear_ratio) * lever,
+            joint,
+            _net(tension_distal) * self.joint_radius,
+            tension_proximal,
+            tension_distal,
+            dissipated,
         )
+
+    def _stepped(self) -> stepper.Cables:
+        # Winding the motor draws the agonist towards proximal, lets the other one out.
+        ways = (-1.0, 1.0)[: len(self.cables)]
+        near, gear, far = (
+            [way * arm for way in ways]
+            for arm in (
+                self.motor_radius / self.gear_ratio,
+                self.motor_radius,
+                self.joint_radius,
+            )
+        )
+        return stepper.between(self.cables, near, far, gear)
+
+
+def _net(tension: FloatArray) -> FloatArray:
+    """What the agonist pulls more than the antagonist, (cables, samples) [N]."""
+    pull: FloatArray = tension[0] - tension[1] if len(tension) == 2 else tension[0]
+    return pull
 
 
 def _side(
@@ -250,157 +246,8 @@ def _side(
 
 
 @compiled
-def _net(
-    prm: FloatArray,
-    prm_2: FloatArray,
-    n: int,
-    n_2: int,
-    state: FloatArray,
-    state_2: FloatArray,
-    count: int,
-    near: float,
-    far: float,
-    dt: float,
-    new: FloatArray,
-    new_2: FloatArray,
-    work: FloatArray,
-    at_far: bool,
-) -> float:
-    """Step both cables to rim displacements; return the net rim force of one side [N].
-
-    Winding the motor pulley by `near` draws the agonist towards proximal and lets the
-    antagonist out.
-    """
-    t = kernel.STATE_HEADER
-    kernel.advance(prm, n, state, -near, -far, dt, new, work)
-    force: float = max(new[t + n], 0.0) if at_far else max(new[t], 0.0)
-    if count == 2:
-        kernel.advance(prm_2, n_2, state_2, near, far, dt, new_2, work)
-        force -= max(new_2[t + n_2], 0.0) if at_far else max(new_2[t], 0.0)
-    return force
-
-
-@compiled
-def _balance(
-    prm: FloatArray,
-    prm_2: FloatArray,
-    n: int,
-    n_2: int,
-    state: FloatArray,
-    state_2: FloatArray,
-    wanted: float,
-    near: float,
-    far: float,
-    dt: float,
-    new: FloatArray,
-    new_2: FloatArray,
-    work: FloatArray,
-    at_far: bool,
-) -> float:
-    """Rim displacement of the side driven by torque at which the net force is `wanted`.
-
-    The net force grows with the motor's displacement and falls with the joint's, and is
-    piecewise linear: bracket from where the side is, then regula falsi with the
-    Illinois rule. `new`, `new_2` are left at the answer.
-    """
-    t = kernel.STATE_HEADER
-    sign = -1.0 if at_far else 1.0
-    at = far if at_far else near
-    low, high, reach = at, at, 1e-9
-    f_low, f_high = -1.0, 1.0
-    has_low, has_high = False, False
-    side = 0
-    for _ in range(200):
-        force = _net(
-            prm, prm_2, n, n_2, state, state_2, 2,
-            near if at_far else at, at if at_far else far,
-            dt, new, new_2, work, at_far,
-        )  # fmt: skip
-        error = sign * (force - wanted)
-        scale = abs(wanted) + max(new[t], new_2[t], new[t + n], new_2[t + n_2])
-        if abs(error) <= 1e-12 * scale:
-            break
-        if error > 0.0:
-            high, f_high, has_high = at, error, True
-            if side > 0:
-                f_low *= 0.5
-            side = 1
-        else:
-            low, f_low, has_low = at, error, True
-            if side < 0:
-                f_high *= 0.5
-            side = -1
-        if has_low and has_high:
-            if high - low <= 4e-16 * (abs(high) + abs(low)):
-                break
-            at = low - f_low * (high - low) / (f_high - f_low)
-            if at <= low or at >= high:
-                at = 0.5 * (low + high)
-        else:
-            at = at - reach if error > 0.0 else at + reach
-            reach *= 4.0
-            side = 0
-    return at
-
-
-@compiled
-def _within(
-    prm: FloatArray,
-    prm_2: FloatArray,
-    n: int,
-    n_2: int,
-    state: FloatArray,
-    state_2: FloatArray,
-    count: int,
-    near: float,
-    low: float,
-    high: float,
-    dt: float,
-    new: FloatArray,
-    new_2: FloatArray,
-    work: FloatArray,
-) -> float:
-    """Rim displacement of the joint's pulley between its stops, `low` and `high`.
-
-    Between them the net force is 0; it falls as the pulley advances. The pulley leans
-    on the stop to which the cables pull it.
-    """
-    force = _net(
-        prm, prm_2, n, n_2, state, state_2, count, near, high, dt, new, new_2, work,
-        True,
-    )  # fmt: skip
-    if force >= 0.0:
-        return high
-    force = _net(
-        prm, prm_2, n, n_2, state, state_2, count, near, low, dt, new, new_2, work,
-        True,
-    )  # fmt: skip
-    if force <= 0.0:
-        return low
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if middle in (low, high):
-            break
-        force = _net(
-            prm, prm_2, n, n_2, state, state_2, count, near, middle, dt, new, new_2,
-            work, True,
-        )  # fmt: skip
-        if force > 0.0:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
-
-
-@compiled
 def _drive(
-    prm: FloatArray,
-    prm_2: FloatArray,
-    n: int,
-    n_2: int,
-    state: FloatArray,
-    state_2: FloatArray,
-    count: int,
+    cables: stepper.Cables,
     near_kind: int,
     near: FloatArray,
     far_kind: int,
@@ -409,64 +256,40 @@ def _drive(
     dt: float,
     out: FloatArray,
 ) -> None:
-    new, new_2 = state.copy(), state_2.copy()
-    work = np.empty(kernel.work_size(max(n, n_2)))
-    t = kernel.STATE_HEADER
-    x = near[0] if near_kind == ANGLE else 0.0
-    y = far[0] if far_kind == ANGLE else 0.0
-    state[0], state[1], state_2[0], state_2[1] = -x, -y, x, y
+    motor = near[0] if near_kind == ANGLE else 0.0
+    joint = far[0] if far_kind == ANGLE else 0.0
+    pulley, count = joint, cables.n.size
+    state = np.zeros((count, kernel.state_size(cables.n.max())))
+    stepper.rest(cables, motor, joint, state)
+    new, work = state.copy(), np.empty(kernel.work_size(cables.n.max()))
+    free = np.inf
     for row in range(near.size):
         if near_kind == ANGLE:
-            x = near[row]
+            motor = near[row]
         if far_kind == ANGLE:
-            y = far[row]
-        if near_kind == ANGLE and far_kind == ANGLE:
-            if play > 0.0:
-                pulley = _within(
-                    prm, prm_2, n, n_2, state, state_2, count, x, y - play, y + play,
-                    dt, new, new_2, work,
-                )  # fmt: skip
-            else:
-                pulley = y
-            _net(
-                prm, prm_2, n, n_2, state, state_2, count, x, pulley, dt, new, new_2,
-                work, False,
-            )  # fmt: skip
-        elif count == 1:
-            # A torque on a single cable is a tension: the kernel solves for the motion.
-            if near_kind == TORQUE:
-                kernel.step(
-                    prm, n, state, kernel.TENSION, max(near[row], 0.0),
-                    kernel.POSITION, -y, dt, new, work,
-                )  # fmt: skip
-                x = -new[0]
-            else:
-                kernel.step(
-                    prm, n, state, kernel.POSITION, -x,
-                    kernel.TENSION, max(far[row], 0.0), dt, new, work,
-                )  # fmt: skip
-                y = -new[1]
+            joint = far[row]
+        if near_kind == TORQUE:
+            load = stepper.Load(near[row], 0.0, -free, free)
+            motor = stepper.balance(
+                cables, state, False, joint, motor, load, dt, new, work
+            )
+        elif far_kind == TORQUE:
+            load = stepper.Load(far[row], 0.0, -free, free)
+            joint = stepper.balance(
+                cables, state, True, motor, joint, load, dt, new, work
+            )
+        elif play > 0.0:
+            load = stepper.Load(0.0, 0.0, joint - play, joint + play)
+            pulley = stepper.balance(
+                cables, state, True, motor, pulley, load, dt, new, work
+            )
         else:
-            at_far = far_kind == TORQUE
-            found = _balance(
-                prm, prm_2, n, n_2, state, state_2,
-                far[row] if at_far else near[row], x, y, dt, new, new_2, work, at_far,
-            )  # fmt: skip
-            if at_far:
-                y = found
-            else:
-                x = found
+            stepper.move(cables, state, motor, joint, dt, new, work)
         state[:] = new
-        out[0, row], out[2, row] = x, y
-        out[1, row] = max(new[t], 0.0)
-        out[3, row] = max(new[t + n], 0.0)
-        out[4, row] = out[1, row]
-        out[4 + count, row] = out[3, row]
-        out[4 + 2 * count, row] = new[2]
-        if count == 2:
-            state_2[:] = new_2
-            out[5, row] = max(new_2[t], 0.0)
-            out[5 + count, row] = max(new_2[t + n_2], 0.0)
-            out[5 + 2 * count, row] = new_2[2]
-            out[1, row] -= out[5, row]
-            out[3, row] -= out[5 + count, row]
+        out[0, row], out[2, row] = motor, joint
+        out[1, row] = stepper.proximal(cables, 0, motor)[1]
+        for k in range(count):
+            tension = tensions(new[k], cables.n[k])
+            out[3 + k, row] = max(tension[0], 0.0)
+            out[3 + count + k, row] = max(tension[cables.n[k]], 0.0)
+            out[3 + 2 * count + k, row] = new[k, 2]

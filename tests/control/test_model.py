@@ -35,6 +35,23 @@ def test_motor_angle_and_joint_torque_tell_everything_of_a_pull_pull_pair() -> N
         )
 
 
+def test_a_pulley_that_is_not_round_is_known_to_the_model() -> None:
+    own = cable().replace(eccentricity=2e-3, eccentricity_phase=0.6, ovality=5e-4)
+    angle = there_and_back()
+    plant = Transmission.pull_pull(own, 0.02, 0.1)
+    motor = 5.0 * angle + 0.1 * np.sin(np.arange(angle.size) / 300.0)
+    truth = plant.replay(PERIOD, motor_angle=motor, joint_angle=angle)
+    pair = (Strand(own, -0.02, -0.1), Strand(own, 0.02, 0.1))
+    model = CableModel(dataclasses.replace(pull_pull(), strands=(pair,)))
+    found = np.empty(angle.size)
+    for i in range(angle.size):
+        model.follow(motor[i], truth.joint_torque[i])
+        found[i] = model.motor_torque()[0]
+    assert np.abs(model.joint[0] - (angle[-1] - angle[0])) < 1e-6
+    assert np.abs(found - truth.motor_torque).max() < 1e-4
+    assert np.ptp(truth.motor_torque) > 0.1
+
+
 def test_gain_is_that_of_the_capstan_and_stays_during_partial_motion() -> None:
     plant = Transmission.single(cable(), 1.0, 1.0)
     time = np.arange(0.0, 1.2, PERIOD)

@@ -134,10 +134,21 @@ def test_an_eccentric_pulley_is_checked():
     little = CABLE.replace(eccentricity=1e-3)
     with pytest.raises(ValueError, match="must be the same"):
         Transmission((little, CABLE), 0.02, 0.104)
-    with pytest.raises(ValueError, match="prescribe motor_angle"):
-        Transmission.single(little, 0.02, 0.104).replay(
-            2e-3, motor_torque=0.0 * TIME, joint_angle=0.0 * TIME
-        )
+
+
+@pytest.mark.parametrize("cables", [1, 2])
+@pytest.mark.parametrize("gear_ratio", [1.0, 3.0])
+def test_the_torque_of_an_eccentric_pulley_turns_it_to_where_it_was(cables, gear_ratio):
+    cable = CABLE.replace(
+        friction=0.05, pretension=40.0, eccentricity=2e-3, eccentricity_phase=0.7
+    )
+    drive = Transmission((cable,) * cables, 0.02, 0.104, gear_ratio)
+    motor = gear_ratio * 0.4 * (1.0 - np.cos(0.7 * TIME))
+    still = np.zeros_like(TIME)
+    turned = drive.replay(2e-3, motor_angle=motor, joint_angle=still)
+    back = drive.replay(2e-3, motor_torque=turned.motor_torque, joint_angle=still)
+    assert np.abs(back.motor_angle - motor).max() < 1e-8 * np.ptp(motor)
+    assert np.abs(back.motor_torque - turned.motor_torque).max() < 1e-9
 
 
 def test_what_is_prescribed_is_checked():

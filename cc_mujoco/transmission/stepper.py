@@ -1,0 +1,269 @@
+"""Cables between two pulleys stepped together, and the root that balances them.
+
+    both = stepper.between((cable, cable), near=(-0.02, 0.02), far=(-0.1, 0.1))
+    state = stepper.at_rest(both, motor=0.0, joint=0.0)
+    angle = stepper.balance(both, state, False, joint, angle, load, dt, new, work)
+
+The motor's pulley need not be round (`eccentric`). Torques are those that the motor
+puts into the cables, and that the cables put into the joint. Arrays have a row per
+cable; a cable's displacement is positive from the motor to the joint, so a cable that
+winding the motor draws in has a negative arm there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.transmission import eccentric, kernel
+from cc_mujoco.transmission.conduit import packed
+from cc_mujoco.transmission.packing import node_stiffness, scalars, tensions
+from cc_mujoco.transmission.parameters import PARAMETERS, Cable
+
+Counts = NDArray[np.int64]
+
+STEPS = 200
+"""Most evaluations of a balance; some ten are usual."""
+
+TOLERANCE = 1e-12
+"""Of a balance of torques, relative to what the tensions make."""
+
+_NAMES = [parameter.name for parameter in PARAMETERS]
+_E, _PHASE, _OVALITY, _SECOND = (
+    _NAMES.index(name)
+    for name in ("eccentricity", "eccentricity_phase", "ovality", "ovality_phase")
+)
+
+
+class Cables(NamedTuple):
+    """Cables between a motor's and a joint's pulley.
+
+    Attributes:
+        prm: packed parameters (cables, numbers), see `kernel.pack`.
+        n: segments (cables,).
+        near: displacement of the proximal end per motor angle (cables,) [m/rad].
+        gear: radius of the motor's pulley (cables,) [m], with the sign of `near`.
+        far: displacement of the distal end per joint angle (cables,) [m/rad].
+    """
+
+    prm: FloatArray
+    n: Counts
+    near: FloatArray
+    gear: FloatArray
+    far: FloatArray
+
+
+class Load(NamedTuple):
+    """What acts on the side of a transmission that is not driven by angle.
+
+    Attributes:
+        torque: wanted of the cables (joint) or of the motor at angle 0 [Nm].
+        stiffness: by which it grows with the angle [Nm/rad].
+        low: angle of a stop that holds the side [rad].
+        high: of the other.
+    """
+
+    torque: float
+    stiffness: float
+    low: float
+    high: float
+
+
+FREE = Load(0.0, 0.0, -math.inf, math.inf)
+"""No torque, and no stops."""
+
+
+def between(
+    cables: Sequence[Cable],
+    near: Sequence[float],
+    far: Sequence[float],
+    gear: Sequence[float] | None = None,
+) -> Cables:
+    """Pack cables and their arms; the motor's pulley turns with it unless geared."""
+    n = np.array([cable.segments for cable in cables])
+    prm = np.zeros((n.size, kernel.parameter_size(int(n.max()))))
+    for row, cable in zip(prm, cables, strict=True):
+        own = packed(cable)
+        row[: own.size] = own
+    arms = [np.array(arm, dtype=np.float64) for arm in (near, gear or near, far)]
+    return Cables(prm, n, *arms)
+
+
+def at_rest(cables: Cables, motor: float, joint: float) -> FloatArray:
+    """States (cables, numbers) at rest in pretension, at these angles [rad]."""
+    state = np.zeros((cables.n.size, kernel.state_size(int(cables.n.max()))))
+    rest(cables, motor, joint, state)
+    return state
+
+
+def scratch(cables: Cables) -> FloatArray:
+    """Room to work in for `balance` and `move`."""
+    return np.empty(kernel.work_size(int(cables.n.max())))
+
+
+@compiled
+def rest(cables: Cables, motor: float, joint: float, state: FloatArray) -> None:
+    """Bring the state (cables, numbers) to rest in pretension at these angles [rad]."""
+    for k in range(cables.n.size):
+        u_proximal, _ = proximal(cables, k, motor)
+        kernel.initialize(
+            cables.prm[k], cables.n[k], u_proximal, cables.far[k] * joint, state[k]
+        )
+
+
+@compiled
+def proximal(cables: Cables, k: int, motor: float) -> tuple[float, float]:
+    """Displacement of the proximal end of a cable [m], and its lever over `near`."""
+    prm = scalars(cables.prm[k])
+    length, gear = cables.near[k] * motor, cables.gear[k]
+    e, phase, ovality, second = prm[_E], prm[_PHASE], prm[_OVALITY], prm[_SECOND]
+    return (
+        eccentric.wound(length, gear, e, phase, ovality, second),
+        eccentric.lever(length, gear, e, phase, ovality, second),
+    )
+
+
+@compiled
+def move(
+    cables: Cables,
+    state: FloatArray,
+    motor: float,
+    joint: float,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> None:
+    """Step all cables with both angles given [rad]; `new` is the state after."""
+    for k in range(cables.n.size):
+        u_proximal, _ = proximal(cables, k, motor)
+        kernel.advance(
+            cables.prm[k], cables.n[k], state[k], u_proximal, cables.far[k] * joint, dt,
+            new[k], work,
+        )  # fmt: skip
+
+
+@compiled
+def torque(
+    cables: Cables, state: FloatArray, distal: bool, motor: float
+) -> tuple[float, float]:
+    """Torque of one side, and the sum of the sizes of its parts [Nm]."""
+    total, size = 0.0, 0.0
+    for k in range(cables.n.size):
+        tension = tensions(state[k], cables.n[k])
+        if distal:
+            part = cables.far[k] * max(tension[cables.n[k]], 0.0)
+        else:
+            _, lever = proximal(cables, k, motor)
+            part = cables.near[k] * lever * max(tension[0], 0.0)
+        total -= part
+        size += abs(part)
+    return total, size
+
+
+@compiled
+def _is_direct(cables: Cables, distal: bool, load: Load) -> bool:
+    """Whether the load is nothing but the tension of one cable's end."""
+    if cables.n.size > 1 or load.stiffness > 0.0 or not np.isinf(load.high - load.low):
+        return False
+    prm = scalars(cables.prm[0])
+    return distal or (prm[_E] == 0.0 and prm[_OVALITY] == 0.0)
+
+
+@compiled
+def balance(
+    cables: Cables,
+    state: FloatArray,
+    distal: bool,
+    fixed: float,
+    start: float,
+    load: Load,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Step all cables with the angle of one side given and the load of the other.
+
+    The torque at the motor grows with its angle and that at the joint falls with it,
+    piecewise smoothly: bracket from where the side was, then regula falsi with the
+    Illinois rule. A single cable cannot push; asked to, it goes slack.
+
+    Args:
+        cables: of the transmission.
+        state: before the step (cables, numbers).
+        distal: whether the joint is the side that the load acts on.
+        fixed: angle of the other side [rad].
+        start: angle of this side before [rad].
+        load: on this side.
+        dt: time step [s].
+        new: out, after the step.
+        work: scratch.
+
+    Returns:
+        Angle of this side [rad].
+    """
+    arm = cables.far if distal else cables.near
+    wanted = load.torque
+    if cables.n.size == 1 and load.stiffness == 0.0:
+        wanted = -arm[0] * max(-wanted / arm[0], 0.0)
+    if _is_direct(cables, distal, load):
+        prm, n, pull = cables.prm[0], cables.n[0], max(-wanted / arm[0], 0.0)
+        if distal:
+            u_proximal, _ = proximal(cables, 0, fixed)
+            kernel.step(
+                prm, n, state[0], kernel.POSITION, u_proximal, kernel.TENSION, pull, dt,
+                new[0], work,
+            )  # fmt: skip
+            return float(new[0, 1] / arm[0])
+        kernel.step(
+            prm, n, state[0], kernel.TENSION, pull, kernel.POSITION,
+            cables.far[0] * fixed, dt, new[0], work,
+        )  # fmt: skip
+        return float(new[0, 0] / arm[0])
+    sign = -1.0 if distal else 1.0
+    stiffest = load.stiffness
+    for k in range(cables.n.size):
+        stiffest += arm[k] ** 2 * node_stiffness(cables.prm[k], cables.n[k])[0]
+    at, reach = min(max(start, load.low), load.high), 0.0
+    low, high, f_low, f_high = at, at, 0.0, 0.0
+    has_low, has_high = False, False
+    side = 0
+    for _ in range(STEPS):
+        motor = fixed if distal else at
+        move(cables, state, motor, at if distal else fixed, dt, new, work)
+        found, size = torque(cables, new, distal, motor)
+        aim = wanted + load.stiffness * at
+        error = sign * (found - aim)
+        if abs(error) <= TOLERANCE * (size + abs(aim)):
+            break
+        if error > 0.0:
+            if at <= load.low:
+                break
+            high, f_high, has_high = at, error, True
+            if side > 0:
+                f_low *= 0.5
+            side = 1
+        else:
+            if at >= load.high:
+                break
+            low, f_low, has_low = at, error, True
+            if side < 0:
+                f_high *= 0.5
+            side = -1
+        if has_low and has_high:
+            if high - low <= 4e-16 * (abs(high) + abs(low)):
+                break
+            at = low - f_low * (high - low) / (f_high - f_low)
+            if at <= low or at >= high:
+                at = 0.5 * (low + high)
+        else:
+            # No cable is stiffer than at its end, so the first step falls short.
+            reach = max(3.0 * reach, abs(error) / stiffest)
+            at = at - reach if error > 0.0 else at + reach
+            at = min(max(at, load.low), load.high)
+            side = 0
+    return at

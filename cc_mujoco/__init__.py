@@ -1,30 +1,58 @@
-"""Bowden-cable transmissions with distributed friction for MuJoCo."""
+"""Bowden-cable transmissions with distributed friction for MuJoCo.
+
+What most programs need is here, imported when it is first used; each room of the
+package (`transmission`, `engine`, `control`, ...) has the rest.
+"""
 
 from __future__ import annotations
 
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cc_mujoco.arrival import when_imported
 
 if TYPE_CHECKING:
-    from cc_mujoco import engine, envs
+    from cc_mujoco import benchmark
+    from cc_mujoco.diagnosis.diagnose import diagnose
+    from cc_mujoco.engine import read
+    from cc_mujoco.recording import play
+    from cc_mujoco.transmission import Cable, Section, replay
+    from cc_mujoco.whatif.study import study
 
-__all__ = ["engine", "envs"]
+__all__ = [
+    "Cable",
+    "Section",
+    "benchmark",
+    "diagnose",
+    "play",
+    "read",
+    "replay",
+    "study",
+]
 
 __version__ = "0.1.0"
 
-# In a checkout the environments and scenes are siblings of this package; installed,
-# they are inside it. This makes an uninstalled checkout behave like an installed one.
-if not (Path(__file__).parent / "envs").is_dir():
-    __path__.append(str(Path(__file__).parents[1]))
+_ROOMS = {
+    "Cable": "transmission",
+    "Section": "transmission",
+    "diagnose": "diagnosis",
+    "play": "recording",
+    "read": "engine",
+    "replay": "transmission",
+    "study": "whatif",
+}
 
 
 def __getattr__(name: str) -> Any:
+    if name in _ROOMS:
+        return getattr(import_module(f"{__name__}.{_ROOMS[name]}"), name)
     if name in __all__:
         return import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 # Registers the engine plugin: MuJoCo loads models with cables.

@@ -28,7 +28,7 @@ SCRIPTS = {
     "nothing else": (
         "import sys, cc_mujoco\n"
         "assert not {'gymnasium', 'mujoco', 'numba', 'numpy'} & set(sys.modules)\n"
-        "assert cc_mujoco.engine.read\n"
+        "assert cc_mujoco.read\n"
         "assert 'mujoco' in sys.modules"
     ),
 }

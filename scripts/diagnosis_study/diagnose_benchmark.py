@@ -34,7 +34,7 @@ from cc_mujoco.files import replacing, require_ours
 
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis.inference.baseline import Tuning
-    from cc_mujoco.diagnosis.result import Result
+    from cc_mujoco.diagnosis.inference.result import Result
 
 PAIRS = (
     ("viscous_friction", "backlash"),

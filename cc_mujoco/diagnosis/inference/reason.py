@@ -31,9 +31,9 @@ from cc_mujoco.diagnosis.inference.gap import (
 from cc_mujoco.diagnosis.inference.intervals import estimates, undetermined
 from cc_mujoco.diagnosis.inference.per_trial import odd_trial, trial_errors
 from cc_mujoco.diagnosis.inference.records import Record, prepare
+from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.inference.screen import Signature, alike
 from cc_mujoco.diagnosis.inference.search import Round, Search, Thresholds, search
-from cc_mujoco.diagnosis.result import Result
 from cc_mujoco.diagnosis.verdict import (
     Baseline,
     Diagnosis,

@@ -19,10 +19,10 @@ from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
 from cc_mujoco.diagnosis.inference.plant import CLOCKS, shifted
 from cc_mujoco.diagnosis.inference.records import low_passed
+from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.report.drawings import STEMS
 from cc_mujoco.diagnosis.report.recording import write_recording
 from cc_mujoco.diagnosis.report.report import write_report
-from cc_mujoco.diagnosis.result import Result
 from cc_mujoco.diagnosis.scene.repair import repaired
 from cc_mujoco.diagnosis.scene.repair import write as write_scene
 from cc_mujoco.diagnosis.scene.rollout import rollout

@@ -9,9 +9,7 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.evidence import Evidence
 from cc_mujoco.diagnosis.inference.baseline import Tuning
 from cc_mujoco.diagnosis.inference.fitting import Problem
-from cc_mujoco.diagnosis.verdict import (
-    Diagnosis,
-)
+from cc_mujoco.diagnosis.verdict import Diagnosis
 
 
 @dataclass(frozen=True)

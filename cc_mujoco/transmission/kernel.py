@@ -283,9 +283,9 @@ def step(
     prm: FloatArray,
     n: int,
     state: FloatArray,
-    near: int,
+    near_kind: int,
     near_value: float,
-    far: int,
+    far_kind: int,
     far_value: float,
     dt: float,
     new_state: FloatArray,
@@ -297,9 +297,9 @@ def step(
         prm: packed parameters, `pack`.
         n: number of segments.
         state: state before the step; not written.
-        near: POSITION or TENSION, what is prescribed at the proximal end.
+        near_kind: POSITION or TENSION, what is prescribed at the proximal end.
         near_value: that displacement [m] or tension [N], >= 0.
-        far: the same of the distal end; not both may be TENSION.
+        far_kind: the same of the distal end; not both may be TENSION.
         far_value: that displacement [m] or tension [N], >= 0.
         dt: time step [s]; matters only to rate-dependent terms.
         new_state: out, state after the step; must not overlap `state`.
@@ -313,7 +313,7 @@ def step(
     if not (np.isfinite(near_value) and np.isfinite(far_value)):
         return NOT_FINITE
     plain = prm[at.PLAIN] != 0.0
-    by_position = near == POSITION and far == POSITION
+    by_position = near_kind == POSITION and far_kind == POSITION
     near_moved, far_moved = near_value - state[0], far_value - state[1]
     still = by_position and near_moved == 0.0 and far_moved == 0.0
     changes = prm[at.CHANGES] != 0.0
@@ -366,20 +366,32 @@ def step(
         for _ in range(_ROUNDS if curved else 1):
             _coefficients(prm, n, state, tension, dt, work)
             near_p, near_q = _end(
-                near, near_value, -near_moved, tension[0], stiffness[0]
+                near_kind, near_value, -near_moved, tension[0], stiffness[0]
             )
-            far_p, far_q = _end(far, far_value, far_moved, tension[n], stiffness[n])
+            far_p, far_q = _end(
+                far_kind, far_value, far_moved, tension[n], stiffness[n]
+            )
             _solve(
                 prm, n, state, tension, stiffness,
                 near_p, near_q, far_p, far_q, node, work,
             )  # fmt: skip
             if not curved or _straightened(
-                prm, n, tension, near, near_moved, far, far_moved,
+                prm, n, tension, near_kind, near_moved, far_kind, far_moved,
                 node, stiffness, work,
             ):  # fmt: skip
                 break
     _commit(
-        prm, n, state, tension, near, near_value, far, far_value, dt, new_state, work
+        prm,
+        n,
+        state,
+        tension,
+        near_kind,
+        near_value,
+        far_kind,
+        far_value,
+        dt,
+        new_state,
+        work,
     )
     return OK
 
@@ -478,9 +490,9 @@ def _straightened(
     prm: FloatArray,
     n: int,
     tension: FloatArray,
-    near: int,
+    near_kind: int,
     near_moved: float,
-    far: int,
+    far_kind: int,
     far_moved: float,
     node: FloatArray,
     stiffness: FloatArray,
@@ -495,15 +507,15 @@ def _straightened(
     largest = 0.0
     for i in range(n + 1):
         largest = max(largest, node[i])
-    right = True
+    settled = True
     for i in range(n + 1):
-        if (i == 0 and near == TENSION) or (i == n and far == TENSION):
+        if (i == 0 and near_kind == TENSION) or (i == n and far_kind == TENSION):
             continue
-        left = near_moved if i == 0 else shift[i - 1]
-        stretched = (far_moved if i == n else shift[i]) - left
+        behind = near_moved if i == 0 else shift[i - 1]
+        stretched = (far_moved if i == n else shift[i]) - behind
         true = _pulled(prm, n, i, tension[i], stretched)
         if abs(max(true, 0.0) - node[i]) > _CURVED * largest:
-            right = False
+            settled = False
         if abs(true - tension[i]) > _CURVED * largest:
             line = (true - tension[i]) / stretched
             # The line of the stretch found can overshoot without end, that of the
@@ -513,7 +525,7 @@ def _straightened(
                 steady = (node[i] - tension[i]) / found
                 line = steady * (line / steady) ** 0.3
             stiffness[i] = line
-    return right
+    return settled
 
 
 @compiled
@@ -657,9 +669,9 @@ def _commit(
     n: int,
     state: FloatArray,
     tension: FloatArray,
-    near: int,
+    near_kind: int,
     near_value: float,
-    far: int,
+    far_kind: int,
     far_value: float,
     dt: float,
     new_state: FloatArray,
@@ -671,25 +683,25 @@ def _commit(
     node = at.tensions(new_state, n)
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.
-    left = near_value - state[0]
+    behind = near_value - state[0]
     curved = prm[_STIFFENING] > 0.0
     for i in range(n + 1):
-        right = shift[i] if i < n else far_value - state[1]
-        strained = tension[i] + stiffness[i] * (right - left)
+        ahead = shift[i] if i < n else far_value - state[1]
+        strained = tension[i] + stiffness[i] * (ahead - behind)
         if curved:
-            strained = _pulled(prm, n, i, tension[i], right - left)
+            strained = _pulled(prm, n, i, tension[i], ahead - behind)
         elif node[i] <= 0.0:
             strained = min(strained, 0.0)
-        if (i == 0 and near == TENSION) or (i == n and far == TENSION):
+        if (i == 0 and near_kind == TENSION) or (i == n and far_kind == TENSION):
             strained = max(node[i], 0.0)
         node[i] = strained
-        left = right
-    if near == POSITION:
+        behind = ahead
+    if near_kind == POSITION:
         new_state[0] = near_value
     else:
         stretched = _stretched(prm, n, 0, tension[0], node[0])
         new_state[0] = state[0] + shift[0] - stretched
-    if far == POSITION:
+    if far_kind == POSITION:
         new_state[1] = far_value
     else:
         stretched = _stretched(prm, n, n, tension[n], node[n])

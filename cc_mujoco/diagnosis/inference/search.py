@@ -216,10 +216,10 @@ def _objection(
     # Where more than a size is fitted, one parameter may stand in for another.
     if len(knobs) == 1 and spread > thresholds.agreement * mean:
         return "its size differs between the halves of the data"
-    for parameter, place in zip(crossed.problem.tuned, crossed.fits[0].at, strict=True):
-        if parameter.name in knobs and knobs[parameter.name].low <= 0.0:
-            if place >= parameter.high * 0.999:
-                return f"{parameter.name} runs to its bound"
+    for tuned, x in zip(crossed.problem.tuned, crossed.fits[0].at, strict=True):
+        if tuned.name in knobs and knobs[tuned.name].low <= 0.0:
+            if x >= tuned.high * 0.999:
+                return f"{tuned.name} runs to its bound"
     return ""
 
 

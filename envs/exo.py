@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.checks import LONGEST, number
 from cc_mujoco.control.observed import ACTION
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Task, Trajectory, Wearer
 from cc_mujoco.human import task as find_task
-from cc_mujoco.human.checks import LONGEST, number
 
 from .device import Array, Device, Physics, Setup
 from .script import Author, find_trajectory

@@ -3,9 +3,10 @@
     cc-mujoco benchmark --scene wrist --controllers pi stiction my_module:my_function
 
 Every controller meets every trajectory, task and seed, through the environments with
-inertia, limits of the motor, noisy and delayed sensors (`sensing`), and, if it has a
-model, with a wrong one (`mismatch`). A seed is the same noise, the same wrong model and
-the same motion for every controller, so that controllers are compared in pairs.
+inertia, limits of the motor, noisy and delayed sensors (`cc_mujoco.sensing`), and, if
+it has a model, with a wrong one (`mismatch`). A seed is the same noise, the same wrong
+model and the same motion for every controller, so that controllers are compared in
+pairs.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from cc_mujoco.benchmark.conditions import CONDITIONS, Condition
 from cc_mujoco.benchmark.report import Interval, interval, markdown
 from cc_mujoco.benchmark.runner import Plan, run
 from cc_mujoco.benchmark.scores import SCORES, Score
-from cc_mujoco.benchmark.sensing import Sensing
 
 __all__ = [
     "CONDITIONS",
@@ -26,7 +26,6 @@ __all__ = [
     "Plan",
     "Played",
     "Score",
-    "Sensing",
     "interval",
     "markdown",
     "play",

@@ -21,12 +21,12 @@ from cc_mujoco import engine
 from cc_mujoco.benchmark.conditions import CONDITIONS, WARM_UP
 from cc_mujoco.benchmark.mismatch import Mismatch
 from cc_mujoco.benchmark.scores import SCORES, score
-from cc_mujoco.benchmark.sensing import Measuring, Sensing
 from cc_mujoco.control import controller
 from cc_mujoco.control.external import blamed
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.recording.columns import RATIO
 from cc_mujoco.recording.log import EpisodeLog, Recorder
+from cc_mujoco.sensing import Measuring, Sensing
 
 Array = NDArray[np.float64]
 

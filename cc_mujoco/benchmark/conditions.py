@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cc_mujoco.benchmark.sensing import Sensing
+from cc_mujoco.sensing import Sensing
 
 
 @dataclass(frozen=True)

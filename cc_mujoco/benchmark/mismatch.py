@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cc_mujoco.checks import parameter
 from cc_mujoco.control import Drive, Strand
-from cc_mujoco.human.checks import parameter
 from cc_mujoco.transmission import Cable
 
 MOST = 3.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cc_mujoco.control.controller import MEASURED, TENSIONS, Controller
+from cc_mujoco.control.controller import Controller
 from cc_mujoco.control.controllers import CONTROLLERS, controller
 from cc_mujoco.control.disturbance import DisturbanceObserver
 from cc_mujoco.control.drive import Drive, Strand
@@ -17,8 +17,6 @@ from cc_mujoco.control.tensions import AdaptiveModel, FusedFeedback
 
 __all__ = [
     "CONTROLLERS",
-    "MEASURED",
-    "TENSIONS",
     "AdaptiveModel",
     "CableModel",
     "Controller",

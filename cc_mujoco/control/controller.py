@@ -21,27 +21,6 @@ from numpy.typing import NDArray
 
 from cc_mujoco.control.drive import Drive
 
-MEASURED = (
-    "motor_angle_rad",
-    "motor_velocity_rad_s",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-    "joint_torque_nm",
-    "desired_torque_nm",
-    "phase_sine",
-    "phase_cosine",
-)
-"""All that a controller may read: encoders, a joint torque sensor, the task, and the
-phase of the gait cycle.
-
-The names are those of the columns of an episode log, hence keys of `info`. Cable
-tensions, slip, slack and the wearer's intention are known to a simulation alone.
-"""
-
-TENSIONS = "tension_sensors_n"
-"""What is measured besides where `Drive.sensors` says so: (..., cables, sensors) [N].
-"""
-
 
 class Controller(ABC):
     """A law for the motor torque; subclasses are small and may keep a state."""
@@ -67,9 +46,9 @@ class Controller(ABC):
         """Return the torque of the motor [Nm], inside the limits of the drive.
 
         Args:
-            observation: At least the keys `MEASURED`, each a number or an array over
-                environments; others are not read, except `TENSIONS` where the drive
-                has such sensors.
+            observation: At least the keys `sensing.MEASURED`, each a number or an array
+                over environments; others are not read, except `sensing.TENSIONS`
+                where the drive has such sensors.
 
         Returns:
             A float for numbers, an array for arrays.

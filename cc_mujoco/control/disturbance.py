@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.checks import number
 from cc_mujoco.control.drive import Drive
 from cc_mujoco.control.model_based import Mismatch, ModelBased
-from cc_mujoco.human.checks import number
 
 
 class DisturbanceObserver(ModelBased):

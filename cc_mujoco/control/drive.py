@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from cc_mujoco.control.observed import Observed
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.parameters import Cable
 
 

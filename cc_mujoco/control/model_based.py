@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.checks import number
 from cc_mujoco.control import compensation
 from cc_mujoco.control.drive import Drive
 from cc_mujoco.control.model import CableModel
 from cc_mujoco.control.proportional_integral import ProportionalIntegral
 from cc_mujoco.errors import CableError
-from cc_mujoco.human.checks import number
 
 Mismatch = float | Callable[[Any], Any]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.control.controller import TENSIONS
+from cc_mujoco.checks import number
 from cc_mujoco.control.drive import Drive
 from cc_mujoco.control.model import CableModel
 from cc_mujoco.control.proportional_integral import ProportionalIntegral
@@ -17,7 +17,7 @@ from cc_mujoco.control.stiction import StictionCompensation
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.friction import FrictionEstimator
 from cc_mujoco.estimation.fusion import fuse, gains
-from cc_mujoco.human.checks import number
+from cc_mujoco.sensing import TENSIONS
 from cc_mujoco.transmission.literal import Mesh
 
 SENSED_EVERY = 5

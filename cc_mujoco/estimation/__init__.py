@@ -14,7 +14,6 @@ from cc_mujoco.estimation.noise import autocovariance_least_squares
 from cc_mujoco.estimation.observer import CableObserver
 from cc_mujoco.estimation.samples import Track
 from cc_mujoco.estimation.sensor_noise import SensorNoise
-from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.estimation.stiffness import StiffnessEstimator
 from cc_mujoco.estimation.unscented import UnscentedEstimator
 
@@ -27,7 +26,6 @@ __all__ = [
     "Fused",
     "SensorConsensus",
     "SensorNoise",
-    "Sensors",
     "SlopeLaw",
     "StiffnessEstimator",
     "TensionFusion",

@@ -39,7 +39,7 @@ from cc_mujoco.estimation.directions import (
     stretched,
 )
 from cc_mujoco.estimation.fusion import Weights, fuse, gains
-from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.literal import Constraint, Mesh, Standing, solve
 from cc_mujoco.transmission.parameters import Cable
 

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.estimation.directions import own_solutions, stretched
 from cc_mujoco.estimation.fusion import gains
-from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.literal import Mesh
 
 

@@ -24,8 +24,8 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import Track, checked_sample, rows, wrap_angles
-from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.estimation.slope import SlopeFit, require_slope
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.parameters import PARAMETERS, Cable
 
 _BOUNDS = next(p for p in PARAMETERS if p.name == "friction")

@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.literal import Mesh
 from cc_mujoco.transmission.parameters import Cable
 

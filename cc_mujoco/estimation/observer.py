@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.fusion import fuse, gains
-from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.conduit import Conduit
 from cc_mujoco.transmission.literal import Mesh
 from cc_mujoco.transmission.parameters import Cable

@@ -37,7 +37,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import Track, checked_noise, checked_sample, rows
-from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.parameter import Term
 from cc_mujoco.transmission.parameters import Cable
 

@@ -25,8 +25,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.checks import parameter
 from cc_mujoco.errors import CableError
-from cc_mujoco.human.checks import parameter
 
 Array = NDArray[np.float64]
 

@@ -18,9 +18,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.checks import parameter
 from cc_mujoco.errors import look_up
 from cc_mujoco.human import gait
-from cc_mujoco.human.checks import parameter
 
 Real = TypeVar("Real", float, NDArray[np.float64])
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cc_mujoco.checks import parameter
 from cc_mujoco.human import gait
-from cc_mujoco.human.checks import parameter
 from cc_mujoco.human.motion import Array, Motion, Scripted, ease
 
 _PHASES = np.linspace(0.0, 1.0, 10_001)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cc_mujoco.checks import parameter
 from cc_mujoco.errors import CableError
-from cc_mujoco.human.checks import parameter
 from cc_mujoco.human.motion import (
     Array,
     Motion,

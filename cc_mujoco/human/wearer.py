@@ -24,7 +24,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.human.checks import number, parameter
+from cc_mujoco.checks import number, parameter
 
 Real = TypeVar("Real", float, NDArray[np.float64])
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.control import MEASURED, TENSIONS, Controller, Drive, controller
+from cc_mujoco.control import Controller, Drive, controller
+from cc_mujoco.sensing import MEASURED, TENSIONS
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cc_mujoco.checks import LONGEST, number
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import from_csv
-from cc_mujoco.human.checks import LONGEST, number
 from cc_mujoco.identity import made_by
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import (

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark.sensing import Sensing
-from cc_mujoco.control import TENSIONS, Controller, Drive, controller
+from cc_mujoco.control import Controller, Drive, controller
 from cc_mujoco.engine import Reader
+from cc_mujoco.sensing import PERFECT, TENSIONS
 
 Array = NDArray[np.float64]
 
 
 def equip(drive: Drive) -> Drive:
     """A drive with ideal tension sensors along every cable."""
-    return Sensing(torque_noise=0.0, tension_noise=0.0).equip(drive)
+    return PERFECT.equip(drive)
 
 
 class Taps:

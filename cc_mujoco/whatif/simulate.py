@@ -17,12 +17,12 @@ from gymnasium.utils import seeding
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
-from cc_mujoco.control import TENSIONS
 from cc_mujoco.engine import Reader, cables
 from cc_mujoco.envs.device import Device, Physics, Setup
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
 from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.sensing import TENSIONS
 from cc_mujoco.whatif.laws import Laws
 from cc_mujoco.whatif.sensing import Taps, equip
 

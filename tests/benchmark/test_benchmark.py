@@ -20,7 +20,6 @@ from cc_mujoco.benchmark import (
     Cell,
     Plan,
     Played,
-    Sensing,
     interval,
     markdown,
     play,
@@ -30,10 +29,9 @@ from cc_mujoco.benchmark.mismatch import Mismatch
 from cc_mujoco.benchmark.report import over_conditions
 from cc_mujoco.benchmark.runner import write_scores
 from cc_mujoco.benchmark.scores import score
-from cc_mujoco.benchmark.sensing import Measuring
 from cc_mujoco.benchmark.writing import write
-from cc_mujoco.control import MEASURED, TENSIONS
 from cc_mujoco.errors import CableError
+from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS, Measuring, Sensing
 from control.policies import Linear, saved
 
 SHORT = Cell("wrist", "stiction", "sine", "spring", seeds=(0, 1), duration=1.2)
@@ -55,10 +53,9 @@ def readings(sensing: Sensing, seeds: tuple[int, ...], steps: int = 30) -> list[
 
 
 def test_perfect_sensors_tell_the_truth() -> None:
-    perfect = Sensing(0.0, 0.0, 0.0, 0.0, cutoff=math.inf, delay=0)
-    for info, seen in readings(perfect, (0, 1)):
+    for info, seen in readings(PERFECT, (0, 1)):
         for name in MEASURED:
-            assert seen[name] == pytest.approx(info[name], rel=1e-12, abs=1e-12)
+            assert np.array_equal(seen[name], info[name])
         assert seen[TENSIONS].shape == (2, 2, 3)
         assert np.array_equal(
             seen[TENSIONS][:, 1, 2], info["tension_extensor_distal_n"]
@@ -92,9 +89,8 @@ def test_a_policy_scores_as_in_its_environment_where_sensors_are_perfect(
         error = [row["joint_torque_nm"] - row["desired_torque_nm"] for row in rows]
         errors.append(np.sqrt(np.mean(np.square(error[500:]))))
     env.close()
-    perfect = Sensing(0.0, 0.0, 0.0, 0.0, cutoff=math.inf, delay=0)
     path = saved(policy, tmp_path / "policy.zip", monkeypatch)
-    cell = Cell(scene, path, trajectory, task, (2, 5), 1.2, sensing=perfect)
+    cell = Cell(scene, path, trajectory, task, (2, 5), 1.2, sensing=PERFECT)
     assert play(cell).scores["rms_error"] == pytest.approx(errors, rel=1e-9)
 
 

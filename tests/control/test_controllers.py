@@ -10,8 +10,6 @@ import pytest
 
 from cc_mujoco.control import (
     CONTROLLERS,
-    MEASURED,
-    TENSIONS,
     Controller,
     Drive,
     ProportionalIntegral,
@@ -19,7 +17,7 @@ from cc_mujoco.control import (
     controller,
 )
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.sensing import MEASURED, TENSIONS, Sensors
 from cc_mujoco.transmission import Cable, Section
 
 CABLE = Cable(friction=0.1, segments=8, conduit=(Section(1.0, 0.3),))

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box, Discrete
 
-from cc_mujoco.control import MEASURED, Controller, Drive, Observed, controller
+from cc_mujoco.control import Controller, Drive, Observed, controller
 from cc_mujoco.envs import IDS
 from cc_mujoco.errors import CableError
+from cc_mujoco.sensing import MEASURED
 from control.policies import ACTION, Linear, saved
 
 OBSERVED = Observed(

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cc_mujoco.control import (
-    TENSIONS,
     AdaptiveModel,
     Controller,
     DisturbanceObserver,
@@ -22,8 +21,8 @@ from cc_mujoco.control import (
     StictionCompensation,
 )
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.reproduce.inertia_free import InertiaFree
+from cc_mujoco.sensing import TENSIONS, Sensors
 from control.devices import growth, pull_pull, single, there_and_back
 
 

@@ -14,11 +14,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from cc_mujoco import engine
-from cc_mujoco.control import CONTROLLERS, MEASURED
+from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.envs import AnkleExo, WristHandle
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, TRAJECTORIES, Sine, Spring, Wearer
 from cc_mujoco.recording.columns import columns_for
+from cc_mujoco.sensing import MEASURED
 
 WRIST, ANKLE = "cc_mujoco/WristHandle-v0", "cc_mujoco/AnkleExo-v0"
 CABLES = {WRIST: ("flexor", "extensor"), ANKLE: ("plantarflexor",)}

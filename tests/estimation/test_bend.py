@@ -7,7 +7,7 @@ import pytest
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.bend import BendEstimator
-from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Section
 from estimation.runs import CABLE, Run, drifting, played, rms, strokes
 

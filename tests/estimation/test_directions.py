@@ -23,7 +23,7 @@ from cc_mujoco.estimation.extrapolation import (
     own_errors,
 )
 from cc_mujoco.estimation.fusion import gains
-from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable, Section, replay
 from cc_mujoco.transmission.literal import Constraint, Mesh, sign_patterns, solve
 

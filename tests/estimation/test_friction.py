@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.friction import FrictionEstimator, SlopeLaw
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
-from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.estimation.slope import moving_runs
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable
 from estimation.runs import CABLE, Run, drifting, played, rms, strokes
 

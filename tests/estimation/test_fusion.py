@@ -13,8 +13,8 @@ from cc_mujoco import engine
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.fusion import TensionFusion, fuse, gains
 from cc_mujoco.estimation.observer import CableObserver
-from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.recording.log import Recorder
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable, Section, replay
 from cc_mujoco.transmission.literal import Constraint, Mesh, sign_patterns, system
 

@@ -9,7 +9,7 @@ import pytest
 import cc_mujoco  # noqa: F401  registers the environments
 from cc_mujoco import engine
 from cc_mujoco.estimation.friction import FrictionEstimator
-from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.sensing import Sensors
 
 
 def test_friction_of_the_scene_is_found_while_the_environment_steps() -> None:

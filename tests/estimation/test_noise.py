@@ -16,7 +16,7 @@ from cc_mujoco.estimation.noise import (
     trend_model,
 )
 from cc_mujoco.estimation.sensor_noise import SensorNoise
-from cc_mujoco.estimation.sensors import Sensors
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable, Section
 from cc_mujoco.transmission.literal import Mesh
 

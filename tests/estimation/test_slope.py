@@ -11,9 +11,9 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.bend import BendEstimator
 from cc_mujoco.estimation.friction import FrictionEstimator, SlopeLaw
 from cc_mujoco.estimation.samples import wrap_angles
-from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.estimation.slope import moving_runs
 from cc_mujoco.estimation.stiffness import StiffnessEstimator
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable, replay
 from estimation.runs import CABLE, DT, strokes
 from transmission.terms_on import TERMS_ON

@@ -7,8 +7,8 @@ import pytest
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.samples import Track
-from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.estimation.stiffness import StiffnessEstimator
+from cc_mujoco.sensing import Sensors
 from estimation.runs import CABLE, Run, drifting, played, pulls, rms, strokes
 
 FINE = CABLE.replace(segments=40, pretension=20.0)

@@ -15,9 +15,10 @@ import pyarrow as pa
 import pytest
 from gymnasium.spaces import Box
 
-from cc_mujoco.control import MEASURED, Controller, Drive
+from cc_mujoco.control import Controller, Drive
 from cc_mujoco.control.controllers import CONTROLLERS
 from cc_mujoco.errors import CableError
+from cc_mujoco.sensing import MEASURED
 from cc_mujoco.whatif import METRICS, VARIABLES, carry_out, make_plan, study
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import evaluate

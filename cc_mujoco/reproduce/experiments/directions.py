@@ -29,10 +29,10 @@ from cc_mujoco.estimation.directions import (
 from cc_mujoco.estimation.extrapolation import CONDITIONS, Moment
 from cc_mujoco.estimation.fusion import TensionFusion, gains
 from cc_mujoco.estimation.observer import CableObserver
-from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.figures import BLACK, BLUE, COLORS, GREEN, ORANGE, PINK, figure
 from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress, Verdict
 from cc_mujoco.reproduce.rig import PRINTED
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable, replay
 from cc_mujoco.transmission.literal import Mesh
 

@@ -32,10 +32,10 @@ from cc_mujoco.estimation.noise import (
     trend_model,
 )
 from cc_mujoco.estimation.sensor_noise import SensorNoise
-from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.figures import BLACK, BLUE, COLORS, GREEN, ORANGE, figure, mark
 from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress, at_least
 from cc_mujoco.reproduce.rig import PRINTED
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Replay, replay
 from cc_mujoco.transmission.literal import Mesh
 

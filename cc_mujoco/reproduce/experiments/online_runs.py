@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.reproduce.rig import PRINTED
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import PARAMETERS, Cable, Section, kernel, rest_state
 
 DT = 0.01

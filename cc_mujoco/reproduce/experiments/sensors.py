@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.estimation.fusion import TensionFusion, Weights, fuse, gains
-from cc_mujoco.estimation.sensors import Sensors
 from cc_mujoco.figures import BLACK, BLUE, COLORS, GREEN, GREY, ORANGE, figure
 from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress
 from cc_mujoco.reproduce.rig import PRINTED, RECONCILED
+from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable, replay
 from cc_mujoco.transmission.literal import Mesh
 

@@ -1,4 +1,4 @@
-"""Checks of the numbers that describe a human: one sentence when one is wrong."""
+"""Checks of numbers: one sentence when one is wrong."""
 
 from __future__ import annotations
 

@@ -7,7 +7,8 @@
     many = gymnasium.make_vec("cc_mujoco/AnkleExo-v0", num_envs=256)
 
 `make_vec` simulates on a thread pool and equals, bit for bit, a `SyncVectorEnv` of the
-single environments. The classes' documentation says what they observe and reward.
+single environments. The classes' documentation says what they observe and reward;
+`cc_mujoco.devices.DEVICES` has the ids.
 `RecordVideo(env, folder)` makes videos of 30 pictures a second.
 """
 
@@ -17,12 +18,15 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .ankle_exo import AnkleExo, AnkleExoVector
+    from .registered import (
+        AnkleExo,
+        AnkleExoVector,
+        WristHandle,
+        WristHandleVector,
+    )
     from .video import RecordVideo
-    from .wrist_handle import WristHandle, WristHandleVector
 
 __all__ = [
-    "IDS",
     "AnkleExo",
     "AnkleExoVector",
     "RecordVideo",
@@ -31,33 +35,26 @@ __all__ = [
     "register",
 ]
 
-IDS = {
-    "cc_mujoco/WristHandle-v0": "cc_mujoco.envs.wrist_handle:WristHandle",
-    "cc_mujoco/AnkleExo-v0": "cc_mujoco.envs.ankle_exo:AnkleExo",
-}
-"""Ids and where their classes are; a class's vector form has `Vector` appended."""
-
 
 def register() -> None:
     """Tell Gymnasium of every environment, once; `import cc_mujoco` does it."""
     import gymnasium
 
-    for name, entry_point in IDS.items():
+    from cc_mujoco.devices import DEVICES
+
+    for device in DEVICES.values():
+        name = device.environment
         if name not in gymnasium.registry:
+            single = f"{__name__}.registered:{name.split('/')[1].split('-')[0]}"
             gymnasium.register(
-                name,
-                entry_point=entry_point,
-                vector_entry_point=f"{entry_point}Vector",
+                name, entry_point=single, vector_entry_point=f"{single}Vector"
             )
 
 
 def __getattr__(name: str) -> Any:
     # Classes come when asked for: with them come the scenes' and the wearer's modules,
     # which an import of the package alone need not wait for.
-    if name == "RecordVideo":
-        return importlib.import_module(f"{__name__}.video").RecordVideo
-    for place in IDS.values():
-        module, single = place.split(":")
-        if name in (single, f"{single}Vector"):
-            return getattr(importlib.import_module(module), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = "video" if name == "RecordVideo" else "registered"
+    return getattr(importlib.import_module(f"{__name__}.{module}"), name)

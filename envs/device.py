@@ -6,8 +6,6 @@ both give the same bits, because the arithmetic is elementwise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import mujoco
@@ -17,36 +15,11 @@ from numpy.typing import NDArray
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Drive, Observed, Strand
+from cc_mujoco.devices import Setup
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.human import Wearer
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Setup:
-    """What distinguishes one device from another."""
-
-    scene: str
-    """Name of the scene, for `scene_path`."""
-    joint: str
-    """Joint that the cables drive and the wearer moves through actuator `wearer`."""
-    reach: float
-    """Largest angle of named trajectories [rad]; leaves room before the stops."""
-    torque_scale: float
-    """Torque error that costs a reward of 1 [Nm]."""
-    bounds: Mapping[str, float]
-    """What is observed, by column name, and the range of its sensor, plus or minus."""
-    companions: Mapping[str, str] = field(default_factory=dict)
-    """Other joints that the wearer moves, and the actuators that do so."""
-    load: Callable[[], mujoco.MjModel] | None = None
-    """Makes the model where it is a variant of the scene; by default the scene."""
-
-    def model(self) -> mujoco.MjModel:
-        """The model of the device."""
-        if self.load is not None:
-            return self.load()
-        return mujoco.MjModel.from_xml_path(str(scene_path(self.scene)))
 
 
 class Physics(NamedTuple):
@@ -62,15 +35,20 @@ class Physics(NamedTuple):
 class Device:
     """The model of a device and the places of its parts."""
 
-    def __init__(self, setup: Setup, wearer: Wearer | None) -> None:
+    def __init__(
+        self, setup: Setup, wearer: Wearer | None, model: mujoco.MjModel | None
+    ) -> None:
         """Load the scene.
 
         Args:
             setup: The device.
             wearer: Impedance of the wearer at the joint; that of the scene by default.
+            model: A variant of the scene; the scene by default.
         """
         self.setup = setup
-        self.model = model = setup.model()
+        if model is None:
+            model = mujoco.MjModel.from_xml_path(str(scene_path(setup.scene)))
+        self.model = model
         mover = model.actuator("wearer")
         if wearer is not None:
             gains = wearer.gains()

@@ -10,16 +10,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.checks import LONGEST, number
 from cc_mujoco.control.observed import ACTION
+from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Task, Trajectory, Wearer
 from cc_mujoco.human import task as find_task
 
-from .device import Array, Device, Physics, Setup
+from .device import Array, Device, Physics
 from .script import Author, find_trajectory
 
 EFFORT = 0.001
@@ -35,25 +37,31 @@ class Exo:
     def __init__(
         self,
         setup: Setup,
-        trajectory: str | Path | Trajectory,
-        task: str | Task,
+        trajectory: str | Path | Trajectory | None,
+        task: str | Task | None,
         duration: float,
         frame_skip: int,
         wearer: Wearer | None,
+        model: mujoco.MjModel | None,
     ) -> None:
         """Load the scene and work out the spaces.
 
         Args:
             setup: The device.
-            trajectory: Name, CSV file or trajectory that the wearer follows.
-            task: Name of the virtual environment, or the environment itself.
+            trajectory: Name, CSV file or trajectory that the wearer follows; that of
+                the device by default.
+            task: Name of the virtual environment, or the environment itself; that of
+                the device by default.
             duration: Length of an episode [s], rounded to whole control steps.
             frame_skip: Physics steps in a control step.
             wearer: Impedance of the wearer; that of the scene by default.
+            model: A variant of the scene; the scene by default.
 
         Raises:
             CableError: If an argument cannot be used.
         """
+        trajectory = setup.trajectory if trajectory is None else trajectory
+        task = setup.task if task is None else task
         if not isinstance(task, (str, Task)):
             raise CableError(
                 f"task must be a Task or one of {', '.join(sorted(TASKS))}, "
@@ -64,7 +72,7 @@ class Exo:
         if not (isinstance(frame_skip, int) and frame_skip >= 1):
             raise CableError(f"frame_skip must be an integer >= 1, not {frame_skip!r}.")
         self.setup = setup
-        self.device = Device(setup, wearer)
+        self.device = Device(setup, wearer, model)
         self.task = find_task(task) if isinstance(task, str) else task
         self.frame_skip = frame_skip
         self.period = frame_skip * float(self.device.model.opt.timestep)

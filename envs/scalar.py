@@ -12,35 +12,39 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Drive
+from cc_mujoco.devices import Setup
 from cc_mujoco.human import Task, Trajectory, Wearer
 
-from .device import Array, Setup, physics_of
+from .device import Array, physics_of
 from .exo import REWARDS, Exo
 from .picture import Camera, Film, check_mode
 from .script import Script
 
 
 class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
-    """Base of the environments of one device; subclasses give `SETUP` and defaults."""
+    """Base of the environments of one device; subclasses say which and document it."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012
     SETUP: ClassVar[Setup]
 
     def __init__(
         self,
-        trajectory: str | Path | Trajectory,
-        task: str | Task,
-        duration: float,
-        frame_skip: int,
-        wearer: Wearer | None,
-        render_mode: str | None,
+        trajectory: str | Path | Trajectory | None = None,
+        task: str | Task | None = None,
+        duration: float = 10.0,
+        frame_skip: int = 2,
+        wearer: Wearer | None = None,
+        render_mode: str | None = None,
+        model: mujoco.MjModel | None = None,
     ) -> None:
         """Load the scene; arguments as the subclasses document them."""
         EzPickle.__init__(
-            self, trajectory, task, duration, frame_skip, wearer, render_mode
+            self, trajectory, task, duration, frame_skip, wearer, render_mode, model
         )
         check_mode(render_mode, self.metadata["render_modes"])
-        self.exo = Exo(self.SETUP, trajectory, task, duration, frame_skip, wearer)
+        self.exo = Exo(
+            self.SETUP, trajectory, task, duration, frame_skip, wearer, model
+        )
         self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
         self.render_mode = render_mode
         self.observation_space = self.exo.observation_space

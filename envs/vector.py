@@ -16,10 +16,11 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Drive
+from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
 
-from .device import Array, Physics, Setup
+from .device import Array, Physics
 from .exo import REWARDS, Exo
 from .picture import Camera, Film, check_mode
 from .script import Scripts
@@ -44,15 +45,15 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
 
     def __init__(
         self,
-        num_envs: int,
-        trajectory: str | Path | Trajectory,
-        task: str | Task,
-        duration: float,
-        frame_skip: int,
-        wearer: Wearer | None,
-        render_mode: str | None,
-        max_episode_steps: int | None,
-        threads: int,
+        num_envs: int = 1,
+        trajectory: str | Path | Trajectory | None = None,
+        task: str | Task | None = None,
+        duration: float = 10.0,
+        frame_skip: int = 2,
+        wearer: Wearer | None = None,
+        render_mode: str | None = None,
+        max_episode_steps: int | None = None,
+        threads: int = 0,
     ) -> None:
         """Load the scene.
 
@@ -88,7 +89,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
                     f"{name} must be an integer >= {least}, not {value!r}."
                 )
         check_mode(render_mode, self.metadata["render_modes"])
-        self.exo = Exo(self.SETUP, trajectory, task, duration, frame_skip, wearer)
+        self.exo = Exo(self.SETUP, trajectory, task, duration, frame_skip, wearer, None)
         self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
         self.render_mode = render_mode
         self.num_envs = num_envs

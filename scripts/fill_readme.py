@@ -22,7 +22,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from cc_mujoco.benchmark import CONDITIONS, Plan, run
+from cc_mujoco.benchmark import Plan, run
 from cc_mujoco.benchmark.report import (
     OVERVIEW,
     Results,
@@ -32,6 +32,7 @@ from cc_mujoco.benchmark.report import (
     scores_table,
 )
 from cc_mujoco.control import CONTROLLERS
+from cc_mujoco.devices import DEVICES
 from cc_mujoco.files import replacing
 from cc_mujoco.reproduce import EXPERIMENTS, Claim, reproduce, table
 from cc_mujoco.transmission import PARAMETERS
@@ -85,7 +86,7 @@ def tables(results: Results) -> str:
 def played(folder: Path, policy: Path) -> Results:
     """The default run, and a policy at the wrist, which it was trained for."""
     plans = (
-        Plan(tuple(CONDITIONS), tuple(CONTROLLERS)),
+        Plan(tuple(DEVICES), tuple(CONTROLLERS)),
         Plan(("wrist",), (policy.as_posix(),)),
     )
     for plan in plans:

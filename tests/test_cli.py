@@ -18,7 +18,7 @@ import cc_mujoco
 from cc_mujoco import cli, recording
 from cc_mujoco.commands.listing import Listing
 from cc_mujoco.commands.parsing import COMMANDS
-from cc_mujoco.commands.play import SCENES
+from cc_mujoco.devices import DEVICES
 from cc_mujoco.recording import FILES, EpisodeLog
 
 # Where the package was imported from; tests run in another folder.
@@ -36,7 +36,7 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
 ) -> None:
     assert cli.main(["play", scene, "--duration", "0.3", "--seed", "4"]) == 0
     said = capsys.readouterr()
-    trajectory = SCENES[scene].trajectory
+    trajectory = DEVICES[scene].trajectory
     out = tmp_path / "runs" / f"{scene}-{trajectory}-4"
     assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     assert [path.name for path in out.parent.iterdir()] == [out.name]

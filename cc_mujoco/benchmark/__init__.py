@@ -12,16 +12,13 @@ pairs.
 from __future__ import annotations
 
 from cc_mujoco.benchmark.cell import Cell, Played, play
-from cc_mujoco.benchmark.conditions import CONDITIONS, Condition
 from cc_mujoco.benchmark.report import Interval, interval, markdown
 from cc_mujoco.benchmark.runner import Plan, run
 from cc_mujoco.benchmark.scores import SCORES, Score
 
 __all__ = [
-    "CONDITIONS",
     "SCORES",
     "Cell",
-    "Condition",
     "Interval",
     "Plan",
     "Played",

@@ -18,17 +18,20 @@ from numpy.typing import NDArray
 
 import cc_mujoco  # noqa: F401, registers the environments
 from cc_mujoco import engine
-from cc_mujoco.benchmark.conditions import CONDITIONS, WARM_UP
 from cc_mujoco.benchmark.mismatch import Mismatch
 from cc_mujoco.benchmark.scores import SCORES, score
 from cc_mujoco.control import controller
 from cc_mujoco.control.external import blamed
+from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.recording.columns import RATIO
 from cc_mujoco.recording.log import EpisodeLog, Recorder
 from cc_mujoco.sensing import Measuring, Sensing
 
 Array = NDArray[np.float64]
+
+WARM_UP = 0.5
+"""Beginning of an episode that no score counts [s]."""
 
 TRACE = ("time_s", "joint_angle_rad", "joint_torque_nm", "desired_torque_nm")
 KEPT = (*TRACE, "motor_torque_nm")
@@ -51,7 +54,7 @@ class Cell:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be played."""
-        look_up("scene", self.scene, CONDITIONS)
+        look_up("scene", self.scene, DEVICES)
         if not self.seeds or min(self.seeds) < 0:
             raise CableError("a cell needs at least one seed, none below 0.")
         if not self.duration > 2.0 * WARM_UP:
@@ -93,10 +96,9 @@ def play(cell: Cell, *, record: bool = False) -> Played:
     Raises:
         CableError: If a name is unknown or a controller cannot be used.
     """
-    condition = CONDITIONS[cell.scene]
     count = len(cell.seeds)
     env: Any = gymnasium.make_vec(
-        condition.environment,
+        DEVICES[cell.scene].environment,
         num_envs=count,
         trajectory=cell.trajectory,
         task=cell.task,
@@ -110,8 +112,8 @@ def play(cell: Cell, *, record: bool = False) -> Played:
 
 
 def _play(cell: Cell, env: Any, record: bool) -> Played:
-    condition, count = CONDITIONS[cell.scene], len(cell.seeds)
-    sensing = cell.sensing or condition.sensing
+    device, count = DEVICES[cell.scene], len(cell.seeds)
+    sensing = cell.sensing or device.sensing
     drive = cell.mismatch.believed(sensing.equip(env.drive), cell.seeds)
     cables = engine.cables(env.model)
     steps = env.exo.steps
@@ -149,7 +151,7 @@ def _play(cell: Cell, env: Any, record: bool) -> Played:
             columns,
             task=cell.task,
             period=env.exo.period,
-            pull_pull=condition.pull_pull,
+            pull_pull=device.pull_pull,
         )
         for name, value in scored.items():
             found[name].append(value)

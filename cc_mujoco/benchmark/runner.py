@@ -22,9 +22,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cc_mujoco.benchmark.cell import Cell, Played, play
-from cc_mujoco.benchmark.conditions import CONDITIONS
 from cc_mujoco.benchmark.mismatch import Mismatch
 from cc_mujoco.control import controller
+from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.files import is_marked, replacing
 from cc_mujoco.files import require_ours as require_ours_in
@@ -70,9 +70,9 @@ class Plan:
             )
         found: dict[str, Cell] = {}
         for scene in self.scenes:
-            condition = look_up("scene", scene, CONDITIONS)
-            trajectories = self.trajectories or condition.trajectories
-            tasks = self.tasks or condition.tasks
+            device = look_up("scene", scene, DEVICES)
+            trajectories = self.trajectories or device.trajectories
+            tasks = self.tasks or device.tasks
             for trajectory, task, law in product(trajectories, tasks, self.controllers):
                 seeds = tuple(range(self.seeds))
                 cell = Cell(
@@ -98,13 +98,13 @@ class Plan:
         """
         warnings: dict[str, str] = {}
         for scene in self.scenes:
-            condition = look_up("scene", scene, CONDITIONS)
+            device = look_up("scene", scene, DEVICES)
             for trajectory, task in product(
-                self.trajectories or condition.trajectories,
-                self.tasks or condition.tasks,
+                self.trajectories or device.trajectories,
+                self.tasks or device.tasks,
             ):
                 env: Any = gymnasium.make(
-                    condition.environment,
+                    device.environment,
                     disable_env_checker=True,
                     trajectory=trajectory,
                     task=task,
@@ -116,7 +116,7 @@ class Plan:
                     warnings[f"{scene}, {task}"] = beyond
                 env.close()
             for law in self.controllers:
-                controller(law, condition.sensing.equip(drive))
+                controller(law, device.sensing.equip(drive))
         return tuple(f"{name}: {beyond}" for name, beyond in warnings.items())
 
 

@@ -52,7 +52,7 @@ class Benchmark:
 
         from tqdm import tqdm
 
-        from cc_mujoco.benchmark import CONDITIONS, Cell, Plan, run
+        from cc_mujoco.benchmark import Cell, Plan, run
         from cc_mujoco.benchmark.runner import require_ours
         from cc_mujoco.benchmark.writing import (
             recording_folder,
@@ -60,10 +60,11 @@ class Benchmark:
             write_recording,
         )
         from cc_mujoco.control import CONTROLLERS
+        from cc_mujoco.devices import DEVICES
         from cc_mujoco.recording import episode
 
         plan = Plan(
-            tuple(CONDITIONS) if self.scene == "all" else (self.scene,),
+            tuple(DEVICES) if self.scene == "all" else (self.scene,),
             self.controllers or tuple(CONTROLLERS),
             self.trajectories,
             self.tasks,

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from cc_mujoco.commands.play import SCENES
-
 if TYPE_CHECKING:
     from cc_mujoco.whatif import Metric, Variable
 
@@ -22,6 +20,7 @@ class Listing:
     def run(self) -> None:
         """Print every name with its meaning."""
         from cc_mujoco.control import CONTROLLERS
+        from cc_mujoco.devices import DEVICES
         from cc_mujoco.diagnosis import EFFECTS
         from cc_mujoco.human import TASKS, TRAJECTORIES
         from cc_mujoco.reproduce import EXPERIMENTS
@@ -29,8 +28,8 @@ class Listing:
 
         meanings = {
             "scenes": {
-                name: f"{scene.meaning}; plays {scene.trajectory}, {scene.task}"
-                for name, scene in SCENES.items()
+                name: f"{device.meaning}; plays {device.trajectory}, {device.task}"
+                for name, device in DEVICES.items()
             },
             "scenes without an environment": {
                 "bench": "pull-pull bench, where a diagnosis starts from",

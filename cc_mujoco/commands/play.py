@@ -15,33 +15,6 @@ from cc_mujoco.errors import CableError, look_up
 
 
 @dataclass(frozen=True)
-class Scene:
-    """A scene of the command line and what it plays unless told otherwise."""
-
-    environment: str
-    """Gymnasium id."""
-    trajectory: str
-    task: str
-    meaning: str
-
-
-SCENES = {
-    "wrist": Scene(
-        "cc_mujoco/WristHandle-v0",
-        "sweep",
-        "tunnel",
-        "wrist handle pulled both ways by two Bowden cables",
-    ),
-    "ankle": Scene(
-        "cc_mujoco/AnkleExo-v0",
-        "walk",
-        "assist",
-        "ankle exoskeleton pulled by one Bowden cable past hip and knee",
-    ),
-}
-
-
-@dataclass(frozen=True)
 class Play:
     """Play an episode; write its recording, log, metrics and figure."""
 
@@ -66,7 +39,9 @@ class Play:
 
     def run(self) -> None:
         """Play and write; print a table and how to open the recording."""
-        scene = look_up("scene", self.scene, SCENES)
+        from cc_mujoco.devices import DEVICES
+
+        device = look_up("scene", self.scene, DEVICES)
         if self.csv is not None and self.trajectory is not None:
             raise CableError("give --trajectory or --csv, not both.")
         if self.seed < 0:
@@ -74,10 +49,10 @@ class Play:
         names = {
             "trajectory": self.csv.stem
             if self.csv is not None
-            else scene.trajectory
+            else device.trajectory
             if self.trajectory is None
             else self.trajectory,
-            "task": scene.task if self.task is None else self.task,
+            "task": device.task if self.task is None else self.task,
             "controller": self.controller,
         }
         name = f"{self.scene}-{names['trajectory']}-{self.seed}"
@@ -93,7 +68,7 @@ class Play:
         require_ours(out)
 
         env = gymnasium.make(
-            scene.environment,
+            device.environment,
             disable_env_checker=True,
             trajectory=names["trajectory"] if self.csv is None else self.csv,
             task=names["task"],

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
+from cc_mujoco.devices import DEVICES
 from cc_mujoco.engine.mjcf import instances
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.transmission.parameters import KEYS, Cable, Section
 from cc_mujoco.whatif.bare import strip
-from cc_mujoco.whatif.scenes import scene
 from cc_mujoco.whatif.variables import Value, read_design
 
 Array = NDArray[np.float64]
@@ -43,10 +43,10 @@ class Builder:
         """Read the scene.
 
         Args:
-            name: key of `SCENES`.
+            name: key of `DEVICES`.
             timestep: of the physics [s]; that of the scene by default.
         """
-        self.scene = scene(name)
+        self.device = look_up("scene", name, DEVICES)
         self.spec = mujoco.MjSpec.from_file(str(scene_path(name)))
         if timestep is not None:
             self.spec.option.timestep = timestep
@@ -80,8 +80,8 @@ class Builder:
         found = {}
         for name, cable in self.cables.items():
             own = _own(design, name)
-            scale = float(own.get("diameter", self.scene.diameter))
-            stiffer = (scale / self.scene.diameter) ** 2
+            scale = float(own.get("diameter", self.device.diameter))
+            stiffer = (scale / self.device.diameter) ** 2
             cable = _conduit(cable, own)
             config = cable.to_config()
             if stiffer != 1.0:
@@ -92,12 +92,12 @@ class Builder:
 
     def strength(self, design: Mapping[str, Value]) -> dict[str, float]:
         """Breaking load of each cable [N]."""
-        given = float(design.get("strength", self.scene.strength))
+        given = float(design.get("strength", self.device.strength))
         thick = {
-            name: float(_own(design, name).get("diameter", self.scene.diameter))
+            name: float(_own(design, name).get("diameter", self.device.diameter))
             for name in self.cables
         }
-        return {n: given * (d / self.scene.diameter) ** 2 for n, d in thick.items()}
+        return {n: given * (d / self.device.diameter) ** 2 for n, d in thick.items()}
 
     def check(self, design: Mapping[str, object]) -> dict[str, Value]:
         """Find out whether a design can be simulated.
@@ -171,7 +171,7 @@ class Builder:
             data.moment_rowadr,
             data.moment_colind,
         )
-        joints = ("motor", self.scene.cls.SETUP.joint)
+        joints = ("motor", self.device.joint)
         self._dofs = {name: int(model.joint(name).dofadr[0]) for name in joints}
         found = {}
         for name, index in instances(model).items():
@@ -182,8 +182,8 @@ class Builder:
 
     def _heavier(self, design: Mapping[str, Value]) -> dict[str, float]:
         """By how much the pulleys of a design exceed the scene's, by joint [kg m^2]."""
-        joints = ("motor", self.scene.cls.SETUP.joint)
-        discs = (self.scene.motor_pulley, self.scene.joint_pulley)
+        joints = ("motor", self.device.joint)
+        discs = (self.device.motor_pulley, self.device.joint_pulley)
         found = {}
         for place, (joint, disc) in enumerate(zip(joints, discs, strict=True)):
             more = 0.0
@@ -259,7 +259,7 @@ class Builder:
             gear = math.copysign(radius, actuator.gear[0])
             actuator.gear = [gear, 0, 0, 0, 0, 0]
             return
-        for name in self.scene.lever:
+        for name in self.device.lever:
             site = spec.site(name)
             site.pos = [math.copysign(radius, site.pos[0]), *site.pos[1:]]
 

@@ -92,9 +92,8 @@ def episodes(trial: Trial, builder: Builder) -> dict[str, Episode]:
     Raises:
         CableError: the trajectory or the task cannot be played.
     """
-    setup = builder.scene.cls.SETUP
     main = Episode(
-        setup,
+        builder.device,
         trial.trajectory,
         trial.task,
         trial.duration,

@@ -135,7 +135,7 @@ def make_plan(
         names = list(checked[0])
         ranges = {n: Range(tuple(dict.fromkeys(d[n] for d in checked))) for n in names}
     full = designs is None and samples is None
-    source = builder.scene.default("trajectory") if trajectory is None else trajectory
+    source = builder.device.trajectory if trajectory is None else trajectory
     batches = _batches(builder, checked, max(duration, CHIRP_TIME))
     return Plan(trial, tuple(checked), ranges, full, batches, source)
 
@@ -164,12 +164,12 @@ def _trial(
     number("duration", duration, 0.05, LONGEST, "s")
     if not (isinstance(seed, int) and seed >= 0):
         raise CableError(f"seed must be an integer >= 0, not {seed!r}.")
-    home = builder.scene
-    source = home.default("trajectory") if trajectory is None else trajectory
+    home = builder.device
+    source = home.trajectory if trajectory is None else trajectory
     trial = Trial(
         scene,
         from_csv(source) if source.lower().endswith(".csv") else source,
-        home.default("task") if task is None else task,
+        home.task if task is None else task,
         law,
         duration,
         seed,

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import mujoco
 
 from cc_mujoco import engine
@@ -47,19 +47,17 @@ def show(
     trial = about["trial"]
     builder = Builder(trial["scene"], trial["timestep"])
     model = builder.model(design, whole=True)
-    base = builder.scene.cls
-
-    class Chosen(base):  # type: ignore[misc, valid-type]
-        SETUP = dataclasses.replace(base.SETUP, load=lambda: model)
-
-    env = Chosen(
+    env: Any = gymnasium.make(
+        builder.device.environment,
+        disable_env_checker=True,
+        model=model,
         trajectory=trial["trajectory"],
         task=trial["task"],
         duration=trial["duration"],
         frame_skip=round(CONTROL_PERIOD / trial["timestep"]),
     )
     names = {key: trial[key] for key in ("trajectory", "task", "controller")}
-    law = Sensed(trial["controller"], env.drive, engine.cables(model))
+    law = Sensed(trial["controller"], env.unwrapped.drive, engine.cables(model))
     makers = made_by(trial["controller"], trial["trajectory"])
     if changed := differences(seal(read_table(folder)), makers):
         raise CableError(

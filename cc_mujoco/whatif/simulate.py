@@ -7,7 +7,6 @@ its results are the same bits in any company and on any number of threads.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -17,8 +16,9 @@ from gymnasium.utils import seeding
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
+from cc_mujoco.devices import Setup
 from cc_mujoco.engine import Reader, cables
-from cc_mujoco.envs.device import Device, Physics, Setup
+from cc_mujoco.envs.device import Device, Physics
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
 from cc_mujoco.human import Task, Trajectory, Wearer
@@ -53,7 +53,7 @@ class Episode:
 
     def device(self, model: mujoco.MjModel) -> Device:
         """The device on a model."""
-        return Device(self._on(model), self.wearer)
+        return Device(self.setup, self.wearer, model)
 
     def exo(self, model: mujoco.MjModel) -> Exo:
         """Device, wearer, trajectory and task on a model.
@@ -62,16 +62,14 @@ class Episode:
             CableError: the episode cannot be played.
         """
         return Exo(
-            self._on(model),
+            self.setup,
             self.trajectory,
             self.task,
             self.duration,
             self.frame_skip,
             self.wearer,
+            model,
         )
-
-    def _on(self, model: mujoco.MjModel) -> Setup:
-        return dataclasses.replace(self.setup, load=lambda: model)
 
 
 @dataclass(frozen=True, eq=False)

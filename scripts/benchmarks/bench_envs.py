@@ -16,7 +16,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 import cc_mujoco  # noqa: F401, registers the environments
-from cc_mujoco.envs import IDS
+from cc_mujoco.devices import DEVICES
 
 ROUNDS = 5
 """Turns that each of the two takes."""
@@ -29,7 +29,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=0.5, help="per turn")
     arguments = parser.parse_args()
     print(f"{'environment':26} {'envs':>5} {'batch':>12} {'sync':>12} {'ratio':>7}")
-    for name in IDS:
+    for name in (device.environment for device in DEVICES.values()):
         for count in arguments.envs:
             batch, sync = compare(name, count, arguments.seconds)
             print(

@@ -10,12 +10,12 @@ and the time that 10,000 designs would take; bare times are of this machine only
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import gymnasium
 import numpy as np
 
 from cc_mujoco.control import controller
@@ -93,16 +93,17 @@ def loop(plan: Plan) -> None:
     """Play designs in single environments, one after another."""
     trial = plan.trial
     builder = Builder(trial.scene, trial.timestep)
-    base = builder.scene.cls
     for design in plan.designs[:LOOPED]:
         model = builder.model(design, whole=True)
-        setup = dataclasses.replace(base.SETUP, load=lambda m=model: m)
-        env: Any = type("Variant", (base,), {"SETUP": setup})(
+        env: Any = gymnasium.make(
+            builder.device.environment,
+            disable_env_checker=True,
+            model=model,
             trajectory=trial.trajectory,
             task=trial.task,
             duration=trial.duration,
             frame_skip=trial.frame_skip,
-        )
+        ).unwrapped
         law = controller(trial.controller, env.drive)
         _, info = env.reset(seed=trial.seed)
         over = False

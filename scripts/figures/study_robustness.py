@@ -24,8 +24,9 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 from tqdm import tqdm
 
-from cc_mujoco.benchmark import CONDITIONS, Cell, interval, play
+from cc_mujoco.benchmark import Cell, interval, play
 from cc_mujoco.benchmark.mismatch import Mismatch
+from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.figures import COLORS, GREY, figure, is_ours, mark, save, style
 from cc_mujoco.files import replacing, require_ours
@@ -48,7 +49,7 @@ LABELS = {
 
 def cell(sweep: str, value: float, law: str, seeds: int, duration: float) -> Cell:
     """The cell in which one thing is worse."""
-    sensing = CONDITIONS["wrist"].sensing
+    sensing = DEVICES["wrist"].sensing
     bias = 0.0
     if sweep == "friction":
         bias = value

@@ -15,7 +15,6 @@ import pytest
 
 import cc_mujoco  # noqa: F401
 from cc_mujoco.benchmark import (
-    CONDITIONS,
     SCORES,
     Cell,
     Plan,
@@ -30,6 +29,7 @@ from cc_mujoco.benchmark.report import over_conditions
 from cc_mujoco.benchmark.runner import write_scores
 from cc_mujoco.benchmark.scores import score
 from cc_mujoco.benchmark.writing import write
+from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS, Measuring, Sensing
 from control.policies import Linear, saved
@@ -73,7 +73,7 @@ def test_a_policy_scores_as_in_its_environment_where_sensors_are_perfect(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    name = CONDITIONS[scene].environment
+    name = DEVICES[scene].environment
     env = gymnasium.make(name, trajectory=trajectory, task=task, duration=1.2)
     most = env.observation_space.high  # type: ignore[attr-defined]
     weights = np.array([0.3, -0.5, 0.2, -0.1, -4.0, 4.0, 0.1, -0.1])[: most.size]
@@ -358,4 +358,3 @@ def test_what_cannot_be_played_is_refused() -> None:
     assert warning.startswith("wrist, assist: the task asks for -30 to ")
     with pytest.raises(CableError, match="delay"):
         Sensing(0.0, 0.0, delay=-1)
-    assert set(CONDITIONS) == {"wrist", "ankle"}

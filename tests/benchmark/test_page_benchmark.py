@@ -12,7 +12,6 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.benchmark import (
-    CONDITIONS,
     SCORES,
     Cell,
     Plan,
@@ -21,6 +20,7 @@ from cc_mujoco.benchmark import (
     play,
 )
 from cc_mujoco.control import CONTROLLERS
+from cc_mujoco.devices import DEVICES
 
 ROOMS = Path(__file__).parents[2] / "cc_mujoco"
 PAGE = (ROOMS / "benchmark" / "README.md").read_text(encoding="utf-8")
@@ -55,7 +55,7 @@ def errors(scene: str, block: str = BLOCK) -> dict[str, dict[str, str]]:
 def block() -> str:
     """What would be written of made-up scores, some of which are missing."""
     plans = (
-        Plan(tuple(CONDITIONS), tuple(CONTROLLERS)),
+        Plan(tuple(DEVICES), tuple(CONTROLLERS)),
         Plan(("wrist",), (POLICY,)),
     )
     random = np.random.default_rng(0)
@@ -78,8 +78,8 @@ def test_tables_have_every_controller_scene_and_score_and_the_policy(
 ) -> None:
     overview = tables(block)[0]
     assert list(overview) == [*CONTROLLERS, POLICY]
-    for scene, condition in CONDITIONS.items():
-        plays = [f"{a}, {b}" for a in condition.trajectories for b in condition.tasks]
+    for scene, device in DEVICES.items():
+        plays = [f"{a}, {b}" for a in device.trajectories for b in device.tasks]
         known = [*CONTROLLERS, *([POLICY] if scene == "wrist" else [])]
         assert list(errors(scene, block)) == known
         scores = tables(block.partition(f"**{scene}**, mean over")[2])[0]

@@ -13,7 +13,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 from cc_mujoco.control import Controller, Drive, Observed, controller
-from cc_mujoco.envs import IDS
+from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.sensing import MEASURED
 from control.policies import ACTION, Linear, saved
@@ -21,6 +21,7 @@ from control.policies import ACTION, Linear, saved
 OBSERVED = Observed(
     "wrist", tuple(zip(MEASURED[:6], (10.0, 500.0, 1.5, 20.0, 50.0, 50.0), strict=True))
 )
+IDS = [device.environment for device in DEVICES.values()]
 DRIVE = Drive(5.0, -1.0, 1.0, 0.001, observed=OBSERVED)
 
 SOURCE = """

@@ -6,10 +6,10 @@ import mujoco
 import pytest
 
 import cc_mujoco  # noqa: F401, registers the environments
-from cc_mujoco.envs import IDS
+from cc_mujoco.devices import DEVICES
 
 
-@pytest.fixture(params=IDS)
+@pytest.fixture(params=[device.environment for device in DEVICES.values()])
 def name(request: pytest.FixtureRequest) -> str:
     """Id of an environment."""
     return str(request.param)

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
 from cc_mujoco import engine
+from cc_mujoco.assets import scene_path
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.envs import AnkleExo, WristHandle
 from cc_mujoco.errors import CableError
@@ -284,6 +286,16 @@ def test_pickled_environments_continue_the_line(name: str) -> None:
     env = gymnasium.make(name, duration=0.1, task=Spring(2.0)).unwrapped
     copy = pickle.loads(pickle.dumps(env))
     assert same(roll(env, 50), roll(copy, 50))
+
+
+def test_a_variant_of_the_scene_is_played_and_pickled() -> None:
+    spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
+    for cable, config in engine.from_mjcf(spec).items():
+        engine.to_mjcf(spec, cable, config.replace(pretension=25.0))
+    env = gymnasium.make(WRIST, duration=0.1, model=spec.compile()).unwrapped
+    first = roll(env, 50)
+    assert first[0][-1]["tension_extensor_proximal_n"] == 25.0
+    assert same(first, roll(pickle.loads(pickle.dumps(env)), 50))
 
 
 def test_the_specification_is_json_and_makes_the_same_environment(name: str) -> None:

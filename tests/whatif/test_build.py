@@ -50,19 +50,19 @@ def test_a_design_says_what_the_cable_is(builder: Builder) -> None:
     bent = builder.cables_of({"wrap": 3.0})
     assert all(c.wrap == pytest.approx(3.0) for c in bent.values())
     assert all(c.length == pytest.approx(nominal.length) for c in bent.values())
-    thick = builder.cables_of({"diameter": 2.0 * builder.scene.diameter})
+    thick = builder.cables_of({"diameter": 2.0 * builder.device.diameter})
     stiffness = nominal.axial_stiffness
     assert all(
         c.axial_stiffness == pytest.approx(4 * stiffness) for c in thick.values()
     )
-    strength = builder.strength({"diameter": 2.0 * builder.scene.diameter})
+    strength = builder.strength({"diameter": 2.0 * builder.device.diameter})
     assert all(
-        s == pytest.approx(4 * builder.scene.strength) for s in strength.values()
+        s == pytest.approx(4 * builder.device.strength) for s in strength.values()
     )
 
 
 def test_pulleys_and_lever_set_the_ratio(builder: Builder) -> None:
-    setup = builder.scene.cls.SETUP
+    setup = builder.device
     design = {"motor_radius": 0.03, "joint_radius": 0.09}
     model = builder.model(design)
     data = mujoco.MjData(model)
@@ -81,7 +81,7 @@ def test_pulleys_and_lever_set_the_ratio(builder: Builder) -> None:
 def test_pulleys_weigh_what_discs_do(scene: str, motor: float, joint: float) -> None:
     """In the scene as the comments of its file say; else as radius to the power 4."""
     builder = Builder(scene)
-    places = ("motor", builder.scene.cls.SETUP.joint)
+    places = ("motor", builder.device.joint)
 
     def inertia(**design: float) -> np.ndarray:
         model = builder.model(design)

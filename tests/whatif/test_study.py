@@ -287,7 +287,7 @@ def test_controllers_that_need_a_drive_each_get_one(
 def test_a_saved_policy_drives_designs_as_their_environments(
     scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    observed = Builder(scene).scene.cls.SETUP.bounds
+    observed = Builder(scene).device.bounds
     high = np.array([*observed.values()])
     weights = np.array([0.3, -0.5, 0.2, -0.1, -4.0, 4.0, 0.1, -0.1])[: high.size] / high
     policy = Linear(Box(-high, high, dtype=np.float64), weights)

@@ -1,0 +1,120 @@
+"""The devices: one row for each, with all that its scene's file does not say.
+
+    DEVICES["wrist"].environment, DEVICES["wrist"].sensing
+
+The scene says what the device is: bodies, cables, motor, wearer. A row says what it is
+called, what is measured of it, what is played on it, and how strong its parts are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from cc_mujoco.sensing import Sensing
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What distinguishes one device from another."""
+
+    scene: str
+    """Name of the scene, for `scene_path` and the command line."""
+    environment: str
+    """Gymnasium id."""
+    meaning: str
+    """What it is, in a line."""
+    joint: str
+    """Joint that the cables drive and the wearer moves through actuator `wearer`."""
+    reach: float
+    """Largest angle of named trajectories [rad]; leaves room before the stops."""
+    torque_scale: float
+    """Torque error that costs a reward of 1 [Nm]."""
+    bounds: Mapping[str, float]
+    """What is observed, by column name, and the range of its sensor, plus or minus."""
+    sensing: Sensing
+    """How well it is measured."""
+    pull_pull: bool
+    """Whether two cables hold each other taut, so that both slack is a failure."""
+    trajectory: str
+    """How the wearer moves unless told otherwise."""
+    task: str
+    """What the wearer should feel unless told otherwise."""
+    trajectories: tuple[str, ...]
+    """What a benchmark plays, and for each of them:"""
+    tasks: tuple[str, ...]
+    strength: float
+    """Breaking load of a cable [N]."""
+    diameter: float
+    """Diameter of a cable [m]."""
+    motor_pulley: float
+    """Inertia of the motor's pulley about its axis [kg m^2]; grows as radius^4."""
+    joint_pulley: float = 0.0
+    """The same at the joint; 0 where a lever is in its place, which keeps its own."""
+    lever: tuple[str, ...] = ()
+    """Sites that move with the lever: the two ends of the free rope at the joint."""
+    companions: Mapping[str, str] = field(default_factory=dict)
+    """Other joints that the wearer moves, and the actuators that do so."""
+
+
+DEVICES = {
+    "wrist": Setup(
+        scene="wrist",
+        environment="cc_mujoco/WristHandle-v0",
+        meaning="wrist handle pulled both ways by two Bowden cables",
+        joint="wrist",
+        reach=1.0,
+        torque_scale=0.1,
+        bounds={
+            "motor_angle_rad": 10.0,
+            "motor_velocity_rad_s": 500.0,
+            "joint_angle_rad": 1.5,
+            "joint_velocity_rad_s": 20.0,
+            "joint_torque_nm": 50.0,
+            "desired_torque_nm": 50.0,
+        },
+        sensing=Sensing(torque_noise=0.01, tension_noise=0.3),
+        pull_pull=True,
+        trajectory="sweep",
+        task="tunnel",
+        trajectories=("sine", "sweep", "multisine"),
+        tasks=("spring", "transparent"),
+        # The wire rope of the scene's comment: 0.15 mm^2 of metal at 1770 N/mm^2, the
+        # common grade of rope wire (EN 10264-2). Its pulleys are there too.
+        strength=265.0,
+        diameter=0.6e-3,
+        motor_pulley=1.6e-5,
+        joint_pulley=1.1e-3,
+    ),
+    "ankle": Setup(
+        scene="ankle",
+        environment="cc_mujoco/AnkleExo-v0",
+        meaning="ankle exoskeleton pulled by one Bowden cable past hip and knee",
+        joint="ankle",
+        reach=0.3,
+        torque_scale=10.0,
+        bounds={
+            "motor_angle_rad": 20.0,
+            "motor_velocity_rad_s": 500.0,
+            "joint_angle_rad": 1.0,
+            "joint_velocity_rad_s": 20.0,
+            "joint_torque_nm": 1000.0,
+            "desired_torque_nm": 1000.0,
+            "phase_sine": 1.0,
+            "phase_cosine": 1.0,
+        },
+        sensing=Sensing(torque_noise=0.3, tension_noise=3.0),
+        pull_pull=False,
+        trajectory="walk",
+        task="assist",
+        trajectories=("walk",),
+        tasks=("assist", "transparent"),
+        # The synthetic rope and the drum of the scene's comments.
+        strength=8000.0,
+        diameter=3e-3,
+        motor_pulley=1.5e-4,
+        lever=("conduit_shank", "heel_lever"),
+        companions={"hip": "wearer_hip", "knee": "wearer_knee"},
+    ),
+}
+"""Every device by the name of its scene."""

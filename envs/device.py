@@ -95,7 +95,10 @@ class Device:
         return float(low), float(high)
 
     def drive(self, period: float) -> Drive:
-        """What a controller called once a period [s] knows of the device."""
+        """What a controller called once a period [s] knows of the device.
+
+        That includes where its tension sensors are, and how good.
+        """
         limit = self.torque_limit
         near = [float(self.model.actuator_gear[end, 0]) for end, _ in self._ends]
         strands = tuple(
@@ -105,7 +108,7 @@ class Device:
             )
         )
         pulls = all(arm < 0.0 for arm in near)
-        return Drive(
+        drive = Drive(
             self.ratio,
             -limit,
             limit,
@@ -114,6 +117,7 @@ class Device:
             (strands,),
             observed=self.observed,
         )
+        return self.setup.sensing.equip(drive)
 
     def start(self, data: mujoco.MjData, angles: Array, commands: Array) -> None:
         """Bring a simulation to the start of an episode: at rest, cables at pretension.

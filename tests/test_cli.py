@@ -61,6 +61,18 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
     assert numbers["peak_joint_torque"]["value"] == peak
 
 
+@pytest.mark.parametrize("scene", DEVICES)
+@pytest.mark.parametrize("law", ["fused", "adaptive"])
+def test_play_has_the_sensors_that_its_controllers_need(
+    scene: str, law: str, tmp_path: Path
+) -> None:
+    words = ["play", scene, "--controller", law, "--duration", "0.2", "--out", "here"]
+    assert cli.main(words) == 0
+    about = EpisodeLog.read(tmp_path / "here" / "log.parquet").metadata
+    assert about["controller"] == law
+    assert about["sensing"] == DEVICES[scene].sensing.to_json()
+
+
 def test_a_task_beyond_the_motor_is_played_with_a_warning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -21,10 +21,10 @@ from cc_mujoco import engine
 from cc_mujoco.benchmark.mismatch import Mismatch
 from cc_mujoco.benchmark.scores import SCORES, score
 from cc_mujoco.control import controller
-from cc_mujoco.control.external import blamed
 from cc_mujoco.devices import DEVICES
+from cc_mujoco.episode import Columns, Many, Trace, run
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.recording.columns import RATIO
+from cc_mujoco.recording.episode import describe
 from cc_mujoco.recording.log import EpisodeLog, Recorder
 from cc_mujoco.sensing import Measuring, Sensing
 
@@ -116,37 +116,26 @@ def _play(cell: Cell, env: Any, record: bool) -> Played:
     sensing = cell.sensing or device.sensing
     drive = cell.mismatch.believed(sensing.equip(env.drive), cell.seeds)
     cables = engine.cables(env.model)
-    steps = env.exo.steps
     law = controller(cell.controller, drive)
-    measuring = Measuring(sensing, drive, cables, cell.seeds, steps)
-    recorder = Recorder(cables, _about(cell, env)) if record else None
-    rows = np.full((steps + 1, len(KEPT), count), np.nan)
-    slack = np.zeros((steps + 1, count, len(cables)))
-    going = np.ones(count, dtype=np.bool_)
-    with blamed(cell.controller):
-        law.reset()
-    _, info = env.reset(seed=list(cell.seeds))
-    for step in range(steps + 1):
-        for place, name in enumerate(KEPT):
-            rows[step, place, going] = info[name][going]
-        for place, name in enumerate(cables):
-            slack[step, :, place] = info[f"slack_{name}_m"]
-        if recorder is not None and going[0]:
-            recorder.record({name: values[0] for name, values in info.items()})
-        if step == steps:
-            break
-        seen = measuring.measure(info)
-        with blamed(cell.controller):
-            torque = _one_each(law.torque(seen), cell)
-        usable = np.where(np.isfinite(torque), torque, 0.0)
-        _, _, diverged, _, info = env.step(env.action(usable))
-        # A controller that gives no number has failed, as one that diverges.
-        going &= ~diverged & np.isfinite(torque)
+    plant = Many(env, cell.seeds)
+    measuring = Measuring(sensing, drive, cables, cell.seeds, plant.steps)
+    slack = [f"slack_{name}_m" for name in cables]
+    trace = Trace((*KEPT, *slack), plant.steps, plant.going)
+    about = describe(env, sensing, cell.seeds[0], _about(cell))
+    recorder = Recorder(cables, about)
+
+    def observe(step: int, columns: Columns, _: object) -> None:
+        if record and plant.going[0]:
+            recorder.record({name: values[0] for name, values in columns.items()})
+
+    measure, name = measuring.measure, cell.controller
+    run(plant, law, trace.keep, observe, measure=measure, name=name)
+    rows = trace.columns
     first = round(WARM_UP / env.exo.period)
     found: dict[str, list[float]] = {s.name: [] for s in SCORES}
     for row in range(count):
-        columns = dict(zip(KEPT, rows[first:, :, row].T, strict=True))
-        columns["slack_m"] = slack[first:, row]
+        columns = {name: rows[name][first:, row] for name in KEPT}
+        columns["slack_m"] = np.stack([rows[n][first:, row] for n in slack], axis=1)
         scored = score(
             columns,
             task=cell.task,
@@ -155,34 +144,18 @@ def _play(cell: Cell, env: Any, record: bool) -> Played:
         )
         for name, value in scored.items():
             found[name].append(value)
-    trace = {name: rows[::10, place, 0] for place, name in enumerate(TRACE)}
     return Played(
         {name: np.array(values) for name, values in found.items()},
-        trace,
-        None if recorder is None else recorder.log(),
+        {name: rows[name][::10, 0] for name in TRACE},
+        recorder.log() if record else None,
     )
 
 
-def _one_each(torque: Any, cell: Cell) -> Array:
-    """A torque for every seed, from one for each or one for all."""
-    given = np.asarray(torque, dtype=float)
-    if given.shape not in ((), (len(cell.seeds),)):
-        raise CableError(
-            f"controller {cell.controller!r} gave torques of shape {given.shape}; it "
-            f"must be one number, or one for each of {len(cell.seeds)} environments."
-        )
-    return np.broadcast_to(given, len(cell.seeds))
-
-
-def _about(cell: Cell, env: Any) -> dict[str, Any]:
-    """Metadata of a log."""
+def _about(cell: Cell) -> dict[str, Any]:
+    """What the log of a cell says of it."""
     return {
-        "scene": cell.scene,
         "trajectory": cell.trajectory,
         "task": cell.task,
         "controller": cell.controller,
-        "seed": cell.seeds[0],
-        "duration": cell.duration,
         "mismatch": dataclasses.asdict(cell.mismatch),
-        RATIO: 1.0 / env.drive.ratio,
     }

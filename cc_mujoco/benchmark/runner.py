@@ -116,7 +116,7 @@ class Plan:
                     warnings[f"{scene}, {task}"] = beyond
                 env.close()
             for law in self.controllers:
-                controller(law, device.sensing.equip(drive))
+                controller(law, drive)
         return tuple(f"{name}: {beyond}" for name, beyond in warnings.items())
 
 

@@ -4,7 +4,8 @@
     log = play(env, controller("pi", env.unwrapped.drive), seed=0)
     write_episode("runs/sine", log, env.unwrapped.model)
 
-The log is all that is needed; everything else is made from it and the model.
+The controller sees what the device's sensors measure, noisy and late; the log holds the
+truth. It is all that is needed; everything else is made from it and the model.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """What an episode log holds: one table of column names, units and meanings.
 
-The dictionary that an environment returns as `info` has exactly these keys, so the
+All of it is the truth, not what a controller saw of it (`cc_mujoco.sensing`). The
+dictionary that an environment returns as `info` has exactly these keys, so the
 table is the documentation of both.
 """
 

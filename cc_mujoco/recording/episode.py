@@ -12,12 +12,13 @@ import mujoco
 from cc_mujoco import engine, files
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Controller
-from cc_mujoco.errors import CableError
+from cc_mujoco.episode import Columns, Single, run
 from cc_mujoco.identity import versions
 from cc_mujoco.recording.columns import MODEL_XML, RATIO
 from cc_mujoco.recording.log import EpisodeLog, Recorder
 from cc_mujoco.recording.metrics import Metric, measure, write_metrics
 from cc_mujoco.recording.summary import write_summary
+from cc_mujoco.sensing import Measuring, Sensing
 
 if TYPE_CHECKING:
     import gymnasium
@@ -31,58 +32,70 @@ def play(
     env: gymnasium.Env[Any, Any],
     controller: Controller,
     *,
+    sensing: Sensing | None = None,
     seed: int = 0,
     about: Mapping[str, Any] | None = None,
     progress: Callable[[float], object] | None = None,
 ) -> EpisodeLog:
-    """Play one episode.
+    """Play one episode; the controller reads sensors, the log holds the truth.
 
     Args:
         env: One of this package's environments; its `info` fills the log.
         controller: What drives the motor, made for the environment's drive.
-        seed: Seed of the reset.
-        about: Metadata for the log, besides that of the device, the wearer and the
-            versions: names of trajectory, task and controller.
+        sensing: What the controller sees with; the sensors of the device by default.
+        seed: Seed of the reset and of the noise of the sensors, that of the benchmark.
+        about: Metadata for the log, besides that of the device, the wearer, the
+            sensors and the versions: names of trajectory, task and controller.
         progress: Called with the simulated time in seconds after every step.
 
     Returns:
         The log, from the reset to the last step.
 
     Raises:
-        CableError: If the simulation diverges.
+        CableError: If the simulation diverges or the controller fails.
     """
     inner: Any = env.unwrapped
-    setup, wearer = inner.exo.setup, inner.exo.device.wearers[0]
-    cables = engine.from_mjcf(inner.model)
-    metadata = {
+    sensing = sensing or inner.exo.setup.sensing
+    cables = engine.cables(inner.model)
+    plant = Single(env, seed)
+    measuring = Measuring(sensing, controller.drive, cables, seed, plant.steps)
+    recorder = Recorder(cables, describe(inner, sensing, seed, about or {}))
+
+    def observe(step: int, columns: Columns, _: object) -> None:
+        recorder.record(columns)
+        if step and progress is not None:
+            progress(float(columns["time_s"]))
+
+    name = str((about or {}).get("controller", ""))
+    run(plant, controller, observe, measure=measuring.measure, name=name)
+    return recorder.log()
+
+
+def describe(
+    env: Any, sensing: Sensing, seed: int, about: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Metadata of the log of an episode.
+
+    Args:
+        env: One of this package's environments, unwrapped.
+        sensing: What the controller saw with.
+        seed: Of the episode.
+        about: What else there is to say.
+    """
+    setup, wearer = env.exo.setup, env.exo.device.wearers[0]
+    cables = engine.from_mjcf(env.model)
+    return {
         "scene": setup.scene,
-        **(about or {}),
+        **about,
         "seed": seed,
-        "duration": inner.exo.steps * inner.exo.period,
+        "duration": env.exo.steps * env.exo.period,
+        "sensing": sensing.to_json(),
         "wearer": dataclasses.asdict(wearer),
-        RATIO: 1.0 / inner.drive.ratio,
+        RATIO: 1.0 / env.drive.ratio,
         "cables": {name: cable.to_config() for name, cable in cables.items()},
         "versions": versions(),
         MODEL_XML: scene_path(setup.scene).read_text(encoding="utf-8"),
     }
-    recorder = Recorder(cables, metadata)
-    controller.reset()
-    _, info = env.reset(seed=seed)
-    recorder.record(info)
-    over = False
-    while not over:
-        action = inner.action(controller.torque(info))
-        _, _, terminated, truncated, info = env.step(action)
-        recorder.record(info)
-        if progress is not None:
-            progress(float(info["time_s"]))
-        if terminated:
-            raise CableError(
-                f"the simulation diverged at {info['time_s']:g} s; a softer cable, a "
-                "softer wearer or a smaller time step is stable."
-            )
-        over = truncated
-    return recorder.log()
 
 
 def require_ours(folder: str | os.PathLike[str]) -> None:

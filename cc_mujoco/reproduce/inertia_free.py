@@ -16,6 +16,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control import Controller, Drive
+from cc_mujoco.episode import Columns, Trace, run
 from cc_mujoco.transmission import stepper
 from cc_mujoco.transmission.packing import tensions
 
@@ -100,25 +101,49 @@ class InertiaFree:
             `COLUMNS`, (samples,) each; the torque of the motor is that which follows
             from the sample.
         """
-        self.reset(float(angle[0]))
-        controller.reset()
-        rows = np.empty((len(COLUMNS), angle.size))
-        torque, before, motor_before = 0.0, float(angle[0]), self.motor_angle
-        for i in range(angle.size):
-            now = float(angle[i])
-            if i > 0:
-                self.step(torque, now)
-            period = self.drive.period
-            observation = {
-                "motor_angle_rad": self.motor_angle,
-                "motor_velocity_rad_s": (self.motor_angle - motor_before) / period,
-                "joint_angle_rad": now,
-                "joint_velocity_rad_s": (now - before) / period,
-                "joint_torque_nm": self.joint_torque,
-                "desired_torque_nm": float(desired[i]),
-            }
-            before, motor_before = now, self.motor_angle
-            torque = controller.torque(observation)
-            rows[:, i] = [observation.get(name, torque) for name in COLUMNS]
-            progress(i)
-        return dict(zip(COLUMNS, rows, strict=True))
+        motion = _Motion(self, angle, desired)
+        trace = Trace(COLUMNS, motion.steps)
+
+        def observe(step: int, columns: Columns, torque: FloatArray) -> None:
+            trace.keep(step, {**columns, "motor_torque_nm": torque}, torque)
+            progress(step)
+
+        run(motion, controller, observe)
+        return trace.columns
+
+
+class _Motion:
+    """A motion of the joint, as a `Plant`."""
+
+    def __init__(
+        self, device: InertiaFree, angle: FloatArray, desired: FloatArray
+    ) -> None:
+        self._device, self._angle, self._desired = device, angle, desired
+        self.steps = angle.size - 1
+        self._at = 0
+
+    def start(self) -> Columns:
+        """Rest; see `Plant.start`."""
+        self._at = 0
+        self._device.reset(float(self._angle[0]))
+        return self._columns(self._device.motor_angle)
+
+    def advance(self, torque: FloatArray) -> Columns:
+        """Go to the next sample; see `Plant.advance`."""
+        before = self._device.motor_angle
+        self._at += 1
+        self._device.step(float(torque), float(self._angle[self._at]))
+        return self._columns(before)
+
+    def _columns(self, motor_before: float) -> Columns:
+        device, at = self._device, self._at
+        now, before = float(self._angle[at]), float(self._angle[max(at - 1, 0)])
+        period = device.drive.period
+        return {
+            "motor_angle_rad": device.motor_angle,
+            "motor_velocity_rad_s": (device.motor_angle - motor_before) / period,
+            "joint_angle_rad": now,
+            "joint_velocity_rad_s": (now - before) / period,
+            "joint_torque_nm": device.joint_torque,
+            "desired_torque_nm": float(self._desired[at]),
+        }

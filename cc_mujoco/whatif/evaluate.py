@@ -12,6 +12,7 @@ import numpy as np
 
 from cc_mujoco.control import controller
 from cc_mujoco.human import Wearer
+from cc_mujoco.sensing import PERFECT
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.metrics import (
     METRICS,
@@ -21,7 +22,6 @@ from cc_mujoco.whatif.metrics import (
     measure_bandwidth,
     measure_episode,
 )
-from cc_mujoco.whatif.sensing import equip
 from cc_mujoco.whatif.simulate import Episode, Played, Tick, play
 from cc_mujoco.whatif.trial import (
     CHIRP_SHARE,
@@ -137,7 +137,7 @@ def rehearse(trial: Trial, builder: Builder) -> None:
     for episode in episodes(trial, builder).values():
         exo = episode.exo(model)
         exo.author.write(np.random.default_rng(trial.seed))
-        controller(trial.controller, equip(exo.drive))
+        controller(trial.controller, PERFECT.equip(exo.drive))
 
 
 def _held(main: Episode, model: mujoco.MjModel) -> tuple[Episode, float, bool]:

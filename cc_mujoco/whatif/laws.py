@@ -19,6 +19,17 @@ PROBES = 32
 """Observations that a probe consists of."""
 
 
+class Unpowered(Controller):
+    """A motor that gives no torque."""
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Do nothing; see `Controller.reset`."""
+
+    def torque(self, observation: Mapping[str, Any]) -> float:
+        """None [Nm]; see `Controller.torque`."""
+        return 0.0
+
+
 class Laws(Controller):
     """One controller for many devices, whose drives may differ.
 
@@ -38,16 +49,15 @@ class Laws(Controller):
         self._name, self._drives = name, tuple(drives)
         self._same = all(drive == drives[0] for drive in drives)
         self._joint = self._same or self._probe()
-        self.reset()
+        if self._same:
+            self._laws = [controller(name, self._drives[0])]
+        elif self._joint:
+            self._laws = [controller(name, _stacked(self._drives))]
+        else:
+            self._laws = self._separate()
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Begin all anew; see `Controller.reset`."""
-        if self._same:
-            self._laws = [controller(self._name, self._drives[0])]
-        elif self._joint:
-            self._laws = [controller(self._name, _stacked(self._drives))]
-        else:
-            self._laws = self._separate()
         for law in self._laws:
             law.reset()
 

@@ -9,14 +9,14 @@ from typing import Any
 import gymnasium
 import mujoco
 
-from cc_mujoco import engine
+from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError
 from cc_mujoco.identity import differences, made_by, seal
 from cc_mujoco.recording import EpisodeLog, play
 from cc_mujoco.recording.columns import MODEL_XML
+from cc_mujoco.sensing import PERFECT
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import Design
-from cc_mujoco.whatif.sensing import Sensed
 from cc_mujoco.whatif.store import read_study, read_table
 from cc_mujoco.whatif.trial import CONTROL_PERIOD
 
@@ -57,7 +57,7 @@ def show(
         frame_skip=round(CONTROL_PERIOD / trial["timestep"]),
     )
     names = {key: trial[key] for key in ("trajectory", "task", "controller")}
-    law = Sensed(trial["controller"], env.unwrapped.drive, engine.cables(model))
+    law = controller(trial["controller"], PERFECT.equip(env.unwrapped.drive))
     makers = made_by(trial["controller"], trial["trajectory"])
     if changed := differences(seal(read_table(folder)), makers):
         raise CableError(
@@ -68,6 +68,7 @@ def show(
     log = play(
         env,
         law,
+        sensing=PERFECT,
         seed=trial["seed"],
         about={**names, "design": row, "variables": design},
         progress=progress,

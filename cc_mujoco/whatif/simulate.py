@@ -1,7 +1,8 @@
 """Many designs at once: one batch of simulations, each on a model of its own.
 
 The arithmetic of a design is that of the environment played alone, number by number, so
-its results are the same bits in any company and on any number of threads.
+its results are the same bits in any company and on any number of threads. A study
+compares transmissions, so its sensors are perfect, where the benchmark has noisy ones.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,10 +23,10 @@ from cc_mujoco.engine import Reader, cables
 from cc_mujoco.envs.device import Device, Physics
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
+from cc_mujoco.episode import Columns, Trace, run
 from cc_mujoco.human import Task, Trajectory, Wearer
-from cc_mujoco.sensing import TENSIONS
-from cc_mujoco.whatif.laws import Laws
-from cc_mujoco.whatif.sensing import Taps, equip
+from cc_mujoco.sensing import PERFECT, Measuring
+from cc_mujoco.whatif.laws import Laws, Unpowered
 
 Array = NDArray[np.float64]
 
@@ -33,6 +35,21 @@ Tick = Callable[[float], None]
 
 TICK_STEPS = 200
 """Control steps between two calls of a tick."""
+
+KEPT = (
+    "motor_angle_rad",
+    "motor_velocity_rad_s",
+    "motor_torque_nm",
+    "joint_angle_rad",
+    "joint_velocity_rad_s",
+    "joint_torque_nm",
+    "wearer_torque_nm",
+    "desired_torque_nm",
+    "tension_n",
+    "dissipated_j",
+    "least_tension_n",
+)
+"""Columns that change from step to step."""
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
@@ -110,132 +127,132 @@ def play(
     rng, _ = seeding.np_random(episode.seed)
     script = exo.author.write(rng)
     devices = [exo.device, *(episode.device(model) for model in models[1:])]
-    drives = [equip(device.drive(exo.period)) for device in devices]
-    law = None if episode.controller is None else Laws(episode.controller, drives)
-    fleet = _Fleet(exo, devices, script, threads)
+    drives = [PERFECT.equip(device.drive(exo.period)) for device in devices]
+    name = episode.controller
+    law = Unpowered(drives[0]) if name is None else Laws(name, drives)
+    fleet = Fleet(exo, devices, script, threads)
+    measuring = Measuring(PERFECT, drives[0], fleet.cables, episode.seed, exo.steps)
+    trace = Trace(KEPT, exo.steps, fleet.going)
+
+    def tell(step: int, _: Columns, __: object) -> None:
+        if step % TICK_STEPS == 0:
+            tick(step / exo.steps)
+
     with np.errstate(all="ignore"):  # designs that failed hold what is not a number
-        for step in range(exo.steps):
-            seen = fleet.observe(step)
-            fleet.advance(step, None if law is None else law.torque(seen))
-            if step % TICK_STEPS == 0:
-                tick(step / exo.steps)
-        fleet.observe(exo.steps)
-        columns = fleet.columns()
+        run(fleet, law, trace.keep, tell, measure=measuring.measure, name=name or "")
+    columns = {
+        name: np.ascontiguousarray(np.moveaxis(kept, 0, -1))
+        for name, kept in trace.columns.items()
+    }
+    shape = (len(devices), exo.steps + 1)
+    time = np.arange(exo.steps + 1) * exo.period
+    reference = np.ascontiguousarray(script.marks[:, 0])
+    columns["time_s"] = np.broadcast_to(time, shape)
+    columns["reference_angle_rad"] = np.broadcast_to(reference, shape)
     tick(1.0)
     ratio = np.array([1.0 / drive.ratio for drive in drives])
     return Played(columns, ratio, tuple(fleet.failed))
 
 
-class _Fleet:
-    """The simulations of a batch, and what is kept of them."""
+class Fleet:
+    """The simulations of a batch, a device each; a `Plant`."""
 
     def __init__(
         self, exo: Exo, devices: Sequence[Device], script: Script, threads: int
     ) -> None:
+        """Make the batch.
+
+        Args:
+            exo: Of the first device.
+            devices: Of equal layout.
+            script: What the wearer does.
+            threads: That simulate.
+        """
         models = [device.model for device in devices]
-        count, steps = len(devices), exo.steps + 1
-        self._exo, self._script, self._device = exo, script, exo.device
+        count = len(devices)
+        self.steps, self.cables = exo.steps, cables(models[0])
+        self.going = np.ones(count, dtype=np.bool_)
+        """Those that have not failed."""
+        self.failed = [""] * count
+        """Why, where they have."""
+        self._exo, self._script, self._devices = exo, script, devices
         self._scale = np.array([device.motor_scale for device in devices])
         self._limit = np.array([device.torque_limit for device in devices])
-        readers = [Reader(models[0], name) for name in cables(models[0])]
+        readers = [Reader(models[0], name) for name in self.cables]
         self._nodes = [reader.nodes for reader in readers]
         self._energies = [reader.energy for reader in readers]
-        self._taps = Taps(readers, equip(devices[0].drive(exo.period)))
         self._batch = Batch(models[0], count, threads, persistent=True)
         self._batch.set_models(models)
         self._bound = Physics(*(self._batch.bind(name) for name in Physics._fields))
         self._warnings = self._batch.warning[:, :, 1]
         self._status = self._batch.status
-        self._now = self._start(devices)
-        self._kept = Physics(*(np.zeros((steps, *a.shape)) for a in self._now))
-        self._kept = self._kept._replace(
-            plugin_state=np.zeros((steps, count, len(readers)))
-        )
-        self._least = np.zeros((steps, count, len(readers)))
-        self._desired = np.zeros((steps, count))
         self._control = np.zeros((count, exo.frame_skip, models[0].nu))
-        self._alive = np.ones(count, dtype=np.bool_)
-        self.failed = [""] * count
+        self._step = 0
 
-    def _start(self, devices: Sequence[Device]) -> Physics:
-        """Bring all to the start; results that MuJoCo has not yet for the batch."""
+    def start(self) -> Columns:
+        """Bring all to the start; see `Plant.start`."""
+        # Results that MuJoCo has not yet for the batch.
         now = self._bound._replace(
             actuator_force=self._bound.actuator_force.copy(),
             qfrc_actuator=self._bound.qfrc_actuator.copy(),
         )
-        for row, device in enumerate(devices):
+        for row, device in enumerate(self._devices):
             data = mujoco.MjData(device.model)
             device.start(data, self._script.angles, self._script.commands[0])
             mujoco.mj_getState(device.model, data, self._batch.state[row], _STATE)
             now.actuator_force[row] = data.actuator_force
             now.qfrc_actuator[row] = data.qfrc_actuator
-        return now
+        return self._columns(now)
 
-    def observe(self, step: int) -> dict[str, Array]:
-        """Keep the present as that of a control step; return what can be measured."""
-        now, kept = self._now, self._kept
-        seen: dict[str, Array] = self._device.read_motion(now)
-        _, phase, sine, cosine = self._script.marks[step]
-        self._desired[step] = self._exo.task.torque(
-            seen["joint_angle_rad"], seen["joint_velocity_rad_s"], phase
-        )
-        # A copy, for what is kept is not the controller's to change.
-        seen["desired_torque_nm"] = self._desired[step].copy()
-        seen["phase_sine"] = np.full_like(self._desired[step], sine)
-        seen["phase_cosine"] = np.full_like(self._desired[step], cosine)
-        kept.qpos[step], kept.qvel[step] = now.qpos, now.qvel
-        kept.actuator_force[step] = now.actuator_force
-        kept.qfrc_actuator[step] = now.qfrc_actuator
-        kept.plugin_state[step] = now.plugin_state[:, self._energies]
-        seen[TENSIONS] = self._taps.read(now.plugin_state)
-        for place, nodes in enumerate(self._nodes):
-            now.plugin_state[:, nodes].min(axis=1, out=self._least[step, :, place])
-        return seen
-
-    def advance(self, step: int, torque: Array | None) -> None:
-        """Go a control step with motor torques (n,) [Nm], none by default."""
-        control, device, skip = self._control, self._device, self._exo.frame_skip
-        if torque is not None:
-            # `np.clip` takes several times as long for small arrays.
-            share = np.minimum(np.maximum(torque / self._limit, -1.0), 1.0)
-            # The actions of the environments are of single precision.
-            share = share.astype(np.float32).astype(np.float64)
-            control[:, :, device.motor_control] = (share * self._scale)[:, None]
-        commands = self._script.commands[step * skip : (step + 1) * skip]
+    def advance(self, torque: Array) -> Columns:
+        """Go a control step; see `Plant.advance`."""
+        control, device, skip = self._control, self._exo.device, self._exo.frame_skip
+        # `np.clip` takes several times as long for small arrays.
+        share = np.minimum(np.maximum(torque / self._limit, -1.0), 1.0)
+        # The actions of the environments are of single precision.
+        share = share.astype(np.float32).astype(np.float64)
+        control[:, :, device.motor_control] = (share * self._scale)[:, None]
+        first = self._step * skip
+        commands = self._script.commands[first : first + skip]
         control[:, :, device.wearer_controls] = commands
-        everyone = not any(self.failed)
-        chosen = control if everyone else control[self._alive]
+        everyone = self.going.all()
+        chosen = control if everyone else control[self.going]
         # What raised shows in the status of the batch.
         with contextlib.suppress(SimulationError):
             self._batch.rollout(
-                skip, chosen, record=(), ids=None if everyone else self._alive
+                skip, chosen, record=(), ids=None if everyone else self.going
             )
-        self._now = self._bound
+        self._step += 1
         if self._warnings.any() or self._status.any():
             fell = self._warnings.any(axis=1) | (self._status != 0)
-            if (fell & self._alive).any():
-                self._note(fell & self._alive, (step + 1) * self._exo.period)
+            if (fell & self.going).any():
+                self._note(fell & self.going, self._step * self._exo.period)
+        return self._columns(self._bound)
 
-    def columns(self) -> dict[str, Array]:
-        """What `Played` holds."""
-        count = len(self.failed)
-        kept = self._kept
-        columns = dict(self._device.read_motion(kept))
-        columns["desired_torque_nm"] = self._desired.T
-        ends = kept.actuator_force[:, :, self._device.cable_outputs]
-        columns["tension_n"] = np.abs(ends).transpose(1, 2, 0)
-        columns["dissipated_j"] = kept.plugin_state.transpose(1, 2, 0)
-        columns["least_tension_n"] = self._least.transpose(1, 2, 0)
-        columns = {name: np.ascontiguousarray(a) for name, a in columns.items()}
-        time = np.arange(len(self._desired)) * self._exo.period
-        reference = np.ascontiguousarray(self._script.marks[:, 0])
-        shape = (count, time.size)
-        columns["time_s"] = np.broadcast_to(time, shape)
-        columns["reference_angle_rad"] = np.broadcast_to(reference, shape)
+    def _columns(self, now: Physics) -> Columns:
+        """What can be measured now, and what is kept of it beside."""
+        state, device = now.plugin_state, self._exo.device
+        columns: dict[str, Any] = device.read_motion(now)
+        _, phase, sine, cosine = self._script.marks[self._step]
+        shape = self.going.shape
+        desired = self._exo.task.torque(
+            columns["joint_angle_rad"], columns["joint_velocity_rad_s"], phase
+        )
+        columns["desired_torque_nm"] = np.broadcast_to(desired, shape)
+        columns["phase_sine"] = np.broadcast_to(sine, shape)
+        columns["phase_cosine"] = np.broadcast_to(cosine, shape)
+        least = np.empty((*shape, len(self.cables)))
+        for place, name in enumerate(self.cables):
+            nodes = state[:, self._nodes[place]]
+            nodes.min(axis=1, out=least[:, place])
+            columns[f"tension_{name}_nodes_n"] = np.maximum(nodes, 0.0)
+        columns["least_tension_n"] = least
+        columns["tension_n"] = np.abs(now.actuator_force[:, device.cable_outputs])
+        columns["dissipated_j"] = state[:, self._energies]
         return columns
 
     def _note(self, fell: NDArray[np.bool_], time: float) -> None:
-        self._alive &= ~fell
+        self.going &= ~fell
         for row in np.flatnonzero(fell):
             if error := self._batch.error(int(row)):
                 self.failed[row] = f"MuJoCo raised at {time:.3f} s: {error}"

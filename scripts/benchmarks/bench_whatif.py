@@ -18,7 +18,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from cc_mujoco import engine
 from cc_mujoco.control import controller
+from cc_mujoco.episode import Single, run
+from cc_mujoco.sensing import PERFECT, Measuring
 from cc_mujoco.whatif import Plan, carry_out, make_plan
 from cc_mujoco.whatif.build import Builder
 
@@ -68,8 +71,8 @@ def main() -> None:
         for _ in range(arguments.rounds):
             found["loop"].append(rates(LOOPED, lambda p=plan: loop(p)))
             for n in arguments.threads:
-                run = partial(carry_out, plan, threads=n)
-                found[f"{n} threads"].append(rates(len(plan.designs), run))
+                batch = partial(carry_out, plan, threads=n)
+                found[f"{n} threads"].append(rates(len(plan.designs), batch))
         base = np.array(found["loop"])
         for name, measured in found.items():
             wall, processor = np.median(measured, axis=0)
@@ -81,10 +84,10 @@ def main() -> None:
             )
 
 
-def rates(count: int, run: Callable[[], object]) -> tuple[float, float]:
+def rates(count: int, play: Callable[[], object]) -> tuple[float, float]:
     """Designs per second, and per second of processor time, all threads together."""
     start = time.perf_counter(), time.process_time()
-    run()
+    play()
     taken = time.perf_counter() - start[0], time.process_time() - start[1]
     return count / taken[0], count / taken[1]
 
@@ -105,12 +108,9 @@ def loop(plan: Plan) -> None:
             frame_skip=trial.frame_skip,
         ).unwrapped
         law = controller(trial.controller, env.drive)
-        _, info = env.reset(seed=trial.seed)
-        over = False
-        while not over:
-            action = env.action(law.torque(info))
-            _, _, terminated, truncated, info = env.step(action)
-            over = terminated or truncated
+        cables = engine.cables(model)
+        measuring = Measuring(PERFECT, law.drive, cables, trial.seed, env.exo.steps)
+        run(Single(env, trial.seed), law, measure=measuring.measure)
 
 
 if __name__ == "__main__":

@@ -29,8 +29,10 @@ from cc_mujoco.benchmark.report import over_conditions
 from cc_mujoco.benchmark.runner import write_scores
 from cc_mujoco.benchmark.scores import score
 from cc_mujoco.benchmark.writing import write
+from cc_mujoco.control import controller
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
+from cc_mujoco.recording import play as record
 from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS, Measuring, Sensing
 from control.policies import Linear, saved
 
@@ -211,6 +213,24 @@ def test_recording_changes_nothing_and_is_whole() -> None:
     assert np.array_equal(
         seen.log["joint_torque_nm"][::10], seen.trace["joint_torque_nm"]
     )
+
+
+@pytest.mark.parametrize("law", ["stiction", "fused"])
+def test_a_cell_whose_model_is_right_is_the_episode_that_is_recorded(law: str) -> None:
+    right = Mismatch(0.0, 0.0, 0.0)
+    cell = dataclasses.replace(SHORT, controller=law, seeds=(3,), mismatch=right)
+    found = play(cell, record=True).log
+    assert found is not None
+    device = DEVICES[cell.scene]
+    about = {"trajectory": cell.trajectory, "task": cell.task}
+    env = gymnasium.make(device.environment, duration=cell.duration, **about)
+    drive = env.unwrapped.drive  # type: ignore[attr-defined]
+    known = record(env, controller(law, drive), seed=3)
+    assert found.columns.keys() == known.columns.keys()
+    for name, column in known.columns.items():
+        assert np.array_equal(found[name], column), name
+    extra = {*about, "controller", "mismatch"}
+    assert {**known.metadata, **{n: found.metadata[n] for n in extra}} == found.metadata
 
 
 def test_run_resumes_and_repeats_byte_for_byte(tmp_path: Path) -> None:

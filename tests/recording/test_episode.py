@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import cc_mujoco  # noqa: F401  (registers the environments)
-from cc_mujoco.control import controller
+from cc_mujoco.control import External, controller
 from cc_mujoco.errors import CableError
 from cc_mujoco.recording import play
 from cc_mujoco.recording.columns import MODEL_XML, RATIO
 from cc_mujoco.recording.metrics import efficiency
+from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS
 
 
 @pytest.fixture
@@ -56,6 +57,46 @@ def test_columns_belong_together(env: Any) -> None:
     pull = log["tension_flexor_distal_n"] - log["tension_extensor_distal_n"]
     assert log["joint_torque_nm"] == pytest.approx(0.104 * pull, abs=1e-9)
     assert 0.0 <= efficiency(log).motor_share <= 1.0
+
+
+def listener(env: Any, seen: list[dict[str, Any]]) -> External:
+    """A controller that asks for 0.3 Nm and notes all that it is told."""
+
+    def torque(told: dict[str, Any]) -> float:
+        seen.append(told)
+        return 0.3
+
+    return External(env.unwrapped.drive, lambda drive: torque)
+
+
+def test_the_controller_sees_late_noisy_sensors_and_the_log_holds_the_truth(
+    env: Any,
+) -> None:
+    seen: list[dict[str, Any]] = []
+    log = play(env, listener(env, seen), seed=2)
+    sensing = env.unwrapped.exo.setup.sensing
+    assert log.metadata["sensing"] == sensing.to_json()
+    assert all(told.keys() == {*MEASURED, TENSIONS} for told in seen)
+    late = slice(None, -sensing.delay)
+    told = np.array([one["joint_torque_nm"] for one in seen])[sensing.delay :]
+    error = told - log["joint_torque_nm"][late]
+    assert np.std(error) == pytest.approx(sensing.torque_noise, rel=0.15)
+    tension = np.array([one[TENSIONS][1, 2] for one in seen])[sensing.delay :]
+    error = tension - log["tension_extensor_distal_n"][late]
+    assert np.std(error) == pytest.approx(sensing.tension_noise, rel=0.15)
+    step = 2.0 * np.pi / sensing.motor_steps
+    angle = np.array([one["motor_angle_rad"] for one in seen])[sensing.delay :]
+    assert angle / step == pytest.approx(np.round(angle / step), abs=1e-6)
+    error = angle - log["motor_angle_rad"][late]
+    assert 0.2 * step < np.abs(error).max() <= 0.5001 * step
+
+
+def test_perfect_sensors_tell_what_the_log_holds(env: Any) -> None:
+    seen: list[dict[str, Any]] = []
+    log = play(env, listener(env, seen), sensing=PERFECT)
+    for name in MEASURED:
+        assert np.array_equal([told[name] for told in seen], log[name])
+    assert log.metadata["sensing"]["cutoff"] is None
 
 
 def test_divergence_is_an_error(env: Any) -> None:

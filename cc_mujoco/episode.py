@@ -1,0 +1,184 @@
+"""The one loop of an episode, of one device or of many at once.
+
+    plant = Single(env, seed=0)
+    trace = Trace(("joint_torque_nm",), plant.steps)
+    run(plant, controller, trace.keep, measure=measuring.measure)
+    trace.columns["joint_torque_nm"]                            # (steps + 1,)
+
+A plant gives columns, numbers or arrays over devices; the controller is told what is
+measured of them; observers are shown the columns and the torque; the plant advances.
+An episode that is recorded, a cell of the benchmark, a batch of designs and a
+simulation of the thesis differ in their plants and observers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.control import Controller
+from cc_mujoco.control.external import blamed
+from cc_mujoco.errors import CableError
+
+Columns = Mapping[str, Any]
+"""Of an episode log, as many as the plant has."""
+
+Observer = Callable[[int, Columns, NDArray[np.float64]], object]
+"""Takes the control step, its columns and the torque that follows [Nm]; may raise."""
+
+
+class Plant(Protocol):
+    """What a controller drives: one device, or several as arrays."""
+
+    steps: int
+    """Control steps in an episode."""
+
+    def start(self) -> Columns:
+        """Begin the episode."""
+
+    def advance(self, torque: NDArray[np.float64]) -> Columns:
+        """Go a control step with a torque of the motor [Nm], one for all or for each.
+
+        Raises:
+            CableError: The episode cannot go on.
+        """
+
+
+def run(
+    plant: Plant,
+    controller: Controller,
+    *observers: Observer,
+    measure: Callable[[Columns], Columns] = lambda columns: columns,
+    name: str = "",
+) -> None:
+    """Play an episode.
+
+    Args:
+        plant: What is driven.
+        controller: What drives it; reset before.
+        observers: Called at every control step, from the start to the end.
+        measure: What the controller reads of the columns; all of them by default.
+        name: Of the controller, for error messages; that of its class by default.
+
+    Raises:
+        CableError: If the controller raises or gives torques of a wrong shape, or the
+            plant cannot go on.
+    """
+    name = name or type(controller).__name__
+    with blamed(name):
+        controller.reset()
+    columns = plant.start()
+    shape = np.shape(columns["joint_angle_rad"])
+    for step in range(plant.steps + 1):
+        seen = measure(columns)
+        with blamed(name):
+            torque = np.asarray(controller.torque(seen), dtype=float)
+        if torque.shape not in ((), shape):
+            each = f", or one for each of {shape[0]} environments" if shape else ""
+            raise CableError(
+                f"controller {name!r} gave torques of shape {torque.shape}; it must be "
+                f"one number{each}."
+            )
+        for observe in observers:
+            observe(step, columns, torque)
+        if step < plant.steps:
+            columns = plant.advance(torque)
+
+
+class Single:
+    """The device of one environment."""
+
+    def __init__(self, env: Any, seed: int) -> None:
+        """Prepare.
+
+        Args:
+            env: One of this package's environments, wrapped or not.
+            seed: Of the reset.
+        """
+        self._env, self._inner, self._seed = env, env.unwrapped, seed
+        self.steps: int = self._inner.exo.steps
+
+    def start(self) -> Columns:
+        """Reset; see `Plant.start`."""
+        columns: Columns = self._env.reset(seed=self._seed)[1]
+        return columns
+
+    def advance(self, torque: NDArray[np.float64]) -> Columns:
+        """Step; see `Plant.advance`."""
+        columns: Columns
+        action = self._inner.action(torque)
+        _, _, terminated, _, columns = self._env.step(action)
+        if terminated:
+            raise CableError(
+                f"the simulation diverged at {columns['time_s']:g} s; a softer cable, "
+                "a softer wearer or a smaller time step is stable."
+            )
+        return columns
+
+
+class Many:
+    """The devices of a vector environment, of which some may fail."""
+
+    def __init__(self, env: Any, seeds: Sequence[int]) -> None:
+        """Prepare.
+
+        Args:
+            env: One of this package's vector environments.
+            seeds: One for each.
+        """
+        self._env, self._seeds = env, list(seeds)
+        self.steps: int = env.exo.steps
+        self.going = np.ones(len(self._seeds), dtype=np.bool_)
+        """Those that have not failed: neither diverged nor were given no number."""
+
+    def start(self) -> Columns:
+        """Reset; see `Plant.start`."""
+        columns: Columns = self._env.reset(seed=self._seeds)[1]
+        return columns
+
+    def advance(self, torque: NDArray[np.float64]) -> Columns:
+        """Step; see `Plant.advance`."""
+        finite = np.isfinite(torque)
+        usable = np.broadcast_to(np.where(finite, torque, 0.0), self.going.shape)
+        columns: Columns
+        _, _, diverged, _, columns = self._env.step(self._env.action(usable))
+        self.going &= ~diverged & finite
+        return columns
+
+
+class Trace:
+    """Columns of an episode, kept step by step."""
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        steps: int,
+        going: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Prepare for one episode.
+
+        Args:
+            names: Of the columns.
+            steps: Control steps of the episode.
+            going: Of many devices the mask of those to keep, as it is at each step.
+        """
+        self._names, self._steps, self._going = tuple(names), steps, going
+        self.columns: dict[str, NDArray[np.float64]] = {}
+        """By name, (steps + 1, ...); NaN where there was nothing to keep."""
+
+    def keep(self, step: int, columns: Columns, _: NDArray[np.float64]) -> None:
+        """Keep the columns of a control step; an `Observer`."""
+        if not self.columns:
+            self.columns = {
+                name: np.full((self._steps + 1, *np.shape(columns[name])), np.nan)
+                for name in self._names
+            }
+        if self._going is None or self._going.all():
+            for name, kept in self.columns.items():
+                kept[step] = columns[name]
+        else:
+            for name, kept in self.columns.items():
+                kept[step, self._going] = columns[name][self._going]

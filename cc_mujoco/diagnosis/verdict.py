@@ -10,20 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from cc_mujoco.estimation.least_squares import Estimate
 from cc_mujoco.files import replacing
 
 SCHEMA = 1
 
 Verdict = Literal["named", "none", "unknown", "tie", "fix-data", "fix-numerics"]
-
-
-@dataclass(frozen=True)
-class Value:
-    """A fitted number with its 95 % confidence interval."""
-
-    value: float
-    unit: str
-    ci95: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -38,7 +30,7 @@ class Found:
     """
 
     id: str
-    parameters: Mapping[str, Value]
+    parameters: Mapping[str, Estimate]
     confidence: float
 
 
@@ -135,7 +127,7 @@ class Baseline:
         not_identifiable: one sentence for each combination the data do not tell.
     """
 
-    parameters: Mapping[str, Value]
+    parameters: Mapping[str, Estimate]
     not_identifiable: tuple[str, ...]
 
 

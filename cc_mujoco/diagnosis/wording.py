@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from cc_mujoco.diagnosis.verdict import Diagnosis, Gap, Value
+from cc_mujoco.diagnosis.verdict import Diagnosis, Gap
+from cc_mujoco.estimation.least_squares import Estimate
 
 TORQUE_UNIT = "Nm"
 MINUS = "\N{MINUS SIGN}"
@@ -132,7 +133,7 @@ def number(value: float, spread: float = math.nan) -> str:
     return _signed(f"{value:.{max(0, places)}f}")
 
 
-def interval(value: Value) -> str:
+def interval(value: Estimate) -> str:
     """The 95 % interval of a fitted number, without its unit."""
     low, high = value.ci95
     if math.isnan(low) or math.isnan(high):
@@ -140,7 +141,7 @@ def interval(value: Value) -> str:
     return f"{number(low, high - low)} to {number(high, high - low)}"
 
 
-def fitted(value: Value) -> str:
+def fitted(value: Estimate) -> str:
     """A fitted number, without its unit, as precisely as its interval allows."""
     low, high = value.ci95
     return number(value.value, high - low)

@@ -6,10 +6,11 @@ track = estimator.over(measured, directions)                    # of a recording
 """
 
 from cc_mujoco.estimation.bend import BendEstimator
-from cc_mujoco.estimation.calibration import Calibration, Estimate, Trial, calibrate
+from cc_mujoco.estimation.calibration import Calibration, Trial, calibrate
 from cc_mujoco.estimation.consensus import SensorConsensus
 from cc_mujoco.estimation.friction import FrictionEstimator, SlopeLaw
 from cc_mujoco.estimation.fusion import Fused, TensionFusion, fuse
+from cc_mujoco.estimation.least_squares import Estimate
 from cc_mujoco.estimation.noise import autocovariance_least_squares
 from cc_mujoco.estimation.observer import CableObserver
 from cc_mujoco.estimation.samples import Track

@@ -11,8 +11,7 @@
 
 Trials are played through the transmission from rest, so each begins at rest in its
 pretension. Parameters are fitted as logarithms by least squares on the simulated
-outputs; friction makes these piecewise smooth in the parameters, so derivatives are
-central differences over 0.1 % and the fit starts from several places.
+outputs (`least_squares`), from several places.
 """
 
 from __future__ import annotations
@@ -22,18 +21,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import PARAMETERS, Driven, Section, Transmission
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.estimation.least_squares import (
+    FACTOR_STEP,
+    Estimate,
+    Tuned,
+    covariance,
+    differences,
+    estimate,
+    fit,
+    untold,
+)
+from cc_mujoco.transmission import PARAMETERS, Section, Transmission
 
 SIDES = ("motor_angle", "motor_torque", "joint_angle", "joint_torque")
 RADII = ("motor_radius", "joint_radius")
 WRAP = "wrap"
 """Scale of all wrap angles of the conduits; 1 as they are given."""
 
-_STEP = 1e-3
 _SPREAD = math.log(3.0)
 _UNTOLD = 0.5
 """A combination of logarithms less certain than this (one sigma) is not determined."""
@@ -79,16 +86,13 @@ class Trial:
                     "give its standard deviation, greater than 0"
                 )
 
-
-@dataclass(frozen=True)
-class Estimate:
-    """One fitted parameter: its value and the 95 % confidence interval."""
-
-    name: str
-    unit: str
-    value: float
-    low: float
-    high: float
+    def residual(self, transmission: Transmission) -> dict[str, FloatArray]:
+        """Measured minus simulated over the noise (samples,) of every output."""
+        played = transmission.replay(self.dt, **self.inputs)
+        return {
+            name: (measured - getattr(played, name)) / self.noise[name]
+            for name, measured in self.outputs.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -96,33 +100,28 @@ class Calibration:
     """What a fit found.
 
     Attributes:
-        estimates: one per free parameter.
+        estimates: of every free parameter by name.
         transmission: with the values found.
         correlation: of the logarithms of the parameters (free, free).
         undetermined: one sentence for every combination that the data do not tell.
         misfit: RMS residual over the noise, per output; near 1 where the model is
             right.
-        evaluations: simulations made.
     """
 
-    estimates: tuple[Estimate, ...]
+    estimates: Mapping[str, Estimate]
     transmission: Transmission
     correlation: FloatArray
     undetermined: tuple[str, ...]
     misfit: Mapping[str, float]
-    evaluations: int
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the estimate of one parameter."""
-        for estimate in self.estimates:
-            if estimate.name == name:
-                return estimate
-        raise CableError.unknown("estimate", name, [e.name for e in self.estimates])
+        return look_up("estimate", name, self.estimates)
 
     def __str__(self) -> str:
         lines = [
-            f"{e.name:26} {e.value:10.4g}  [{e.low:.4g}, {e.high:.4g}] {e.unit}"
-            for e in self.estimates
+            f"{name:26} {e.value:10.4g}  [{e.ci95[0]:.4g}, {e.ci95[1]:.4g}] {e.unit}"
+            for name, e in self.estimates.items()
         ]
         lines += [f"{name}: misfit {value:.2f}" for name, value in self.misfit.items()]
         return "\n".join((*lines, *self.undetermined))
@@ -158,63 +157,51 @@ def calibrate(
     """
     if not trials:
         raise CableError("calibrate needs at least one trial, got none")
-    model = _Model(trials, transmission, tuple(free))
+    model = _Model(trials, transmission, [_tuned(name, transmission) for name in free])
     rng = np.random.default_rng(seed)
-    size = len(model.free)
-    places = rng.uniform(-_SPREAD, _SPREAD, (starts, size))
-    places = np.clip(places, model.low, model.high)
+    places = rng.uniform(-_SPREAD, _SPREAD, (starts, len(free)))
+    places = np.clip(places, [p.low for p in model.free], [p.high for p in model.free])
     costs = [float(np.sum(model.residual(place) ** 2)) for place in places]
-    chosen = [np.zeros(size), *places[np.argsort(costs)[:2]]]
-    fits = [
-        least_squares(
-            model.residual,
-            place,
-            jac=model.jacobian,
-            bounds=(model.low - 1e-9, model.high + 1e-9),
-            x_scale="jac",
-            xtol=1e-7,
-            ftol=1e-9,
-            max_nfev=60,
+    chosen = [np.zeros(len(free)), *places[np.argsort(costs)[:2]]]
+    fits = [fit(model.residual, model.jacobian, model.free, place) for place in chosen]
+    return model.report(min(fits, key=lambda found: found.cost).at)
+
+
+def _tuned(name: str, transmission: Transmission) -> Tuned:
+    """A free parameter of the fit, as the logarithm of its value over the given one."""
+    known = {p.name: p for p in PARAMETERS}
+    if name in known:
+        unit, value = known[name].unit, float(getattr(transmission.cables[0], name))
+        span = (max(known[name].low, 1e-12), known[name].high)
+    elif name in RADII:
+        unit, value, span = "m", float(getattr(transmission, name)), (1e-6, 1e3)
+    elif name == WRAP:
+        unit, value, span = "1", 1.0, (1e-3, 1e3)
+    else:
+        raise CableError.unknown("parameter", name, (*known, *RADII, WRAP))
+    if not value > 0.0:
+        raise CableError(
+            f"parameter `{name}` starts at {value:g}; a fit needs a start "
+            "greater than 0"
         )
-        for place in chosen
-    ]
-    best = min(fits, key=lambda fit: float(fit.cost))
-    return model.report(best.x)
+    low, high = (math.log(bound / value) for bound in span)
+    return Tuned(name, unit, value, 1.0, low, high, True)
 
 
+@dataclass(frozen=True)
 class _Model:
     """Simulated outputs as a function of the logarithms of the free parameters."""
 
-    def __init__(
-        self, trials: Sequence[Trial], transmission: Transmission, free: tuple[str, ...]
-    ) -> None:
-        self.trials, self.transmission, self.free = trials, transmission, free
-        self.evaluations = 0
-        known = {p.name: p for p in PARAMETERS}
-        low, high, self.start = [], [], []
-        for name in free:
-            if name in known:
-                value = float(getattr(transmission.cables[0], name))
-                span = (max(known[name].low, 1e-12), known[name].high)
-            elif name in RADII:
-                value, span = float(getattr(transmission, name)), (1e-6, 1e3)
-            elif name == WRAP:
-                value, span = 1.0, (1e-3, 1e3)
-            else:
-                raise CableError.unknown("parameter", name, (*known, *RADII, WRAP))
-            if not value > 0.0:
-                raise CableError(
-                    f"parameter `{name}` starts at {value:g}; a fit needs a start "
-                    "greater than 0"
-                )
-            self.start.append(value)
-            low.append(math.log(span[0] / value))
-            high.append(math.log(span[1] / value))
-        self.low, self.high = np.array(low), np.array(high)
+    trials: Sequence[Trial]
+    transmission: Transmission
+    free: Sequence[Tuned]
 
     def changed(self, logs: FloatArray) -> Transmission:
         """The transmission with its parameters multiplied by e^logs."""
-        values = dict(zip(self.free, np.array(self.start) * np.exp(logs), strict=True))
+        values = {
+            parameter.name: parameter.value(place)
+            for parameter, place in zip(self.free, logs.tolist(), strict=True)
+        }
         scale = values.pop(WRAP, 1.0)
         radii = {name: values.pop(name) for name in RADII if name in values}
         if "static_friction" in values:  # never below kinetic friction
@@ -232,117 +219,63 @@ class _Model:
         return replace(self.transmission, cables=cables, **radii)
 
     def parts(self, logs: FloatArray) -> list[tuple[str, FloatArray]]:
-        """Name and residual over noise (samples,) of every output of every trial."""
-        self.evaluations += 1
+        """Name and residual (samples,) of every output of every trial."""
         transmission = self.changed(logs)
-        found = []
-        for trial in self.trials:
-            played: Driven = transmission.replay(trial.dt, **trial.inputs)
-            for name, measured in trial.outputs.items():
-                error = (getattr(played, name) - measured) / trial.noise[name]
-                found.append((name, error))
-        return found
+        return [
+            part
+            for trial in self.trials
+            for part in trial.residual(transmission).items()
+        ]
+
+    def residuals(self, logs: FloatArray) -> list[FloatArray]:
+        """Measured minus simulated over the noise, of every output of every trial."""
+        return [error for _, error in self.parts(logs)]
 
     def residual(self, logs: FloatArray) -> FloatArray:
-        """All residuals over noise, one after another."""
-        return np.concatenate([error for _, error in self.parts(logs)])
+        """All residuals, one after another."""
+        return np.concatenate(self.residuals(logs))
 
     def jacobian(self, logs: FloatArray) -> FloatArray:
-        """Derivative of `residual` (residuals, free), central differences."""
-        columns = []
-        for step in _STEP * np.eye(logs.size):
-            difference = self.residual(logs + step) - self.residual(logs - step)
-            columns.append(difference / (2.0 * _STEP))
-        return np.column_stack(columns)
+        """Derivative of `residual` (residuals, free)."""
+        steps = dict.fromkeys(range(logs.size), FACTOR_STEP)
+        columns = differences(self.residuals, logs, steps)
+        return np.column_stack([np.concatenate(c) for c in columns.values()])
 
     def report(self, logs: FloatArray) -> Calibration:
         """Everything that the fit at `logs` says."""
         parts = self.parts(logs)
-        sensitivity = self.jacobian(logs)
-        covariance = _sandwich(sensitivity, [error for _, error in parts])
-        sigma = np.sqrt(np.diag(covariance))
-        values = np.array(self.start) * np.exp(logs)
-        with np.errstate(over="ignore"):
-            factor = np.exp(1.96 * sigma)
-        units = {p.name: p.unit for p in PARAMETERS} | dict.fromkeys(RADII, "m")
-        estimates = tuple(
-            Estimate(name, units.get(name, "1"), value, value / wide, value * wide)
-            for name, value, wide in zip(
-                self.free, values.tolist(), factor.tolist(), strict=True
-            )
-        )
+        spread = covariance(self.jacobian(logs), [error for _, error in parts])
+        sigma = np.sqrt(np.diag(spread))
         misfit: dict[str, list[FloatArray]] = {}
         for name, error in parts:
             misfit.setdefault(name, []).append(error)
         return Calibration(
-            estimates,
+            {
+                p.name: estimate(p, place, deviation)
+                for p, place, deviation in zip(
+                    self.free, logs.tolist(), sigma.tolist(), strict=True
+                )
+            },
             self.changed(logs),
-            covariance / np.outer(sigma, sigma),
-            _untold(self.free, covariance),
+            spread / np.outer(sigma, sigma),
+            tuple(self.sentence(shares) for shares in untold(spread, _UNTOLD)),
             {
                 k: float(np.sqrt(np.mean(np.concatenate(v) ** 2)))
                 for k, v in misfit.items()
             },
-            self.evaluations,
         )
 
-
-def _sandwich(sensitivity: FloatArray, errors: Sequence[FloatArray]) -> FloatArray:
-    """Covariance of the logarithms for residuals correlated in time (free, free).
-
-    Directions without any effect get a variance that is large but finite.
-    """
-    values, vectors = np.linalg.eigh(sensitivity.T @ sensitivity)
-    values = np.maximum(values, 1e-12 * max(values[-1], 1e-300))
-    bread = (vectors / values) @ vectors.T
-    floor = (vectors * values) @ vectors.T
-    meat = np.zeros_like(bread)
-    first = 0
-    for error in errors:
-        score = sensitivity[first : first + error.size] * error[:, None]
-        meat += _long_run(score, _memory(error))
-        first += error.size
-    # White noise of the stated size is the least that there can be.
-    excess, axes = np.linalg.eigh(meat - floor)
-    meat = floor + (axes * np.maximum(excess, 0.0)) @ axes.T
-    covariance: FloatArray = bread @ meat @ bread
-    return covariance
-
-
-def _long_run(score: FloatArray, lags: int) -> FloatArray:
-    """Covariance of the sum of the rows, Bartlett weights up to `lags`."""
-    total: FloatArray = score.T @ score
-    for lag in range(1, lags + 1):
-        cross = score[lag:].T @ score[:-lag]
-        total += (1.0 - lag / (lags + 1.0)) * (cross + cross.T)
-    return total
-
-
-def _memory(error: FloatArray) -> int:
-    """Lags over which residuals are correlated: twice the first zero crossing."""
-    centred = error - np.mean(error)
-    size = 1 << (2 * error.size - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
-    correlation = np.fft.irfft(spectrum)[: error.size]
-    crossing = int(np.argmax(correlation <= 0.1 * max(correlation[0], 1e-300)))
-    return min(2 * crossing, error.size // 4)
-
-
-def _untold(free: tuple[str, ...], covariance: FloatArray) -> tuple[str, ...]:
-    """A sentence for every combination of parameters that is not determined."""
-    values, vectors = np.linalg.eigh(covariance)
-    said = []
-    for value, vector in zip(values, vectors.T, strict=True):
-        if math.sqrt(max(value, 0.0)) < _UNTOLD:
-            continue
-        vector = vector / vector[np.argmax(np.abs(vector))]
-        parts = [(n, w) for n, w in zip(free, vector, strict=True) if abs(w) > 0.1]
+    def sentence(self, shares: FloatArray) -> str:
+        """What is said of a combination (free,) that is not determined."""
+        sizes = np.abs(shares)
+        powers = shares / shares[np.argmax(sizes > 0.99 * np.max(sizes))]
+        parts = [
+            (p.name, w) for p, w in zip(self.free, powers, strict=True) if abs(w) > 0.1
+        ]
         if len(parts) == 1:
-            said.append(f"not determined: {parts[0][0]} hardly changes the outputs")
-            continue
+            return f"not determined: {parts[0][0]} hardly changes the outputs"
         scaled = " and ".join(f"{n} by k^{w:.2g}" for n, w in parts)
-        said.append(
+        return (
             f"not determined: multiplying {scaled} changes the outputs by less than "
             "the noise"
         )
-    return tuple(said)

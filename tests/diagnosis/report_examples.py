@@ -14,9 +14,9 @@ from cc_mujoco.diagnosis.verdict import (
     NotTestable,
     RunnerUp,
     TrialError,
-    Value,
     Where,
 )
+from cc_mujoco.estimation.least_squares import Estimate
 
 IDS = (
     "viscous_friction",
@@ -46,10 +46,10 @@ TITLES = {"stribeck_friction": "Stribeck friction", "presliding": "presliding"}
 
 _BASELINE = Baseline(
     {
-        "friction_times_wrap": Value(0.5123, "1", (0.4951, 0.5295)),
-        "stiffness": Value(4123.4, "N/m", (3990.0, 4260.0)),
-        "motor_torque_offset": Value(-3.24e-5, "Nm", (-3.8e-5, -2.6e-5)),
-        "time_offset": Value(0.0012, "s", (float("nan"), float("nan"))),
+        "friction_times_wrap": Estimate(0.5123, "1", (0.4951, 0.5295)),
+        "stiffness": Estimate(4123.4, "N/m", (3990.0, 4260.0)),
+        "motor_torque_offset": Estimate(-3.24e-5, "Nm", (-3.8e-5, -2.6e-5)),
+        "time_offset": Estimate(0.0012, "s", (float("nan"), float("nan"))),
     },
     ("Friction and wrap enter only as their product.",),
 )
@@ -134,8 +134,8 @@ DIAGNOSES = {
             Found(
                 "stribeck_friction",
                 {
-                    "static_excess": Value(0.312, "1", (0.288, 0.336)),
-                    "stribeck_speed": Value(0.0081, "m/s", (0.0072, float("inf"))),
+                    "static_excess": Estimate(0.312, "1", (0.288, 0.336)),
+                    "stribeck_speed": Estimate(0.0081, "m/s", (0.0072, float("inf"))),
                 },
                 0.98,
             ),

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.verdict import Gap, Value
+from cc_mujoco.diagnosis.verdict import Gap
 from cc_mujoco.diagnosis.wording import (
     MINUS,
     Names,
@@ -18,6 +18,7 @@ from cc_mujoco.diagnosis.wording import (
     interval,
     number,
 )
+from cc_mujoco.estimation.least_squares import Estimate
 from diagnosis.report_examples import DIAGNOSES, TITLES
 
 
@@ -74,5 +75,5 @@ def test_numbers_that_are_not_there_are_said_so() -> None:
     assert number(float("nan")) == "not determined"
     assert number(float("-inf")) == f"{MINUS}∞"
     assert number(-0.0001, 0.1) == "0.00"
-    unknown = Value(0.0012, "s", (float("nan"), float("nan")))
+    unknown = Estimate(0.0012, "s", (float("nan"), float("nan")))
     assert (fitted(unknown), interval(unknown)) == ("0.00120", "not determined")

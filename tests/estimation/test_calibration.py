@@ -45,7 +45,7 @@ def test_a_fit_from_wrong_values_finds_the_truth() -> None:
     for name in ("friction", "axial_stiffness"):
         truth = getattr(CABLE, name)
         assert found[name].value == pytest.approx(truth, rel=0.02)
-        assert found[name].low < found[name].value < found[name].high
+        assert found[name].holds(found[name].value)
         fitted = [getattr(cable, name) for cable in found.transmission.cables]
         assert fitted == [found[name].value] * 2
     assert found.misfit["joint_torque"] == pytest.approx(1.0, abs=0.15)
@@ -61,17 +61,31 @@ def test_intervals_cover_also_where_noise_has_a_memory(memory: float) -> None:
             [trial(seed, memory)], rig(CABLE), ("friction", "axial_stiffness"), starts=0
         )
         for place, name in enumerate(("friction", "axial_stiffness")):
-            held[place] += found[name].low <= getattr(CABLE, name) <= found[name].high
+            held[place] += found[name].holds(getattr(CABLE, name))
     assert np.all(held >= 25)
 
 
-def test_friction_and_wrap_are_known_as_their_product_alone() -> None:
+def torque_trial() -> Trial:
+    """Both angles are led, the motor's torque is measured."""
+    inputs = {
+        "motor_angle": 0.4 * np.sin(5.0 * TIME),
+        "joint_angle": 0.2 * np.sin(3.0 * TIME),
+    }
+    noise = NOISE * np.random.default_rng(0).standard_normal(TIME.size)
+    torque = rig(CABLE).replay(0.01, **inputs).motor_torque + noise
+    return Trial(0.01, inputs, {"motor_torque": torque}, {"motor_torque": NOISE})
+
+
+@pytest.mark.parametrize("recorded", [trial(0), torque_trial()])
+def test_friction_and_wrap_are_known_as_their_product_alone(recorded: Trial) -> None:
     guess = CABLE.replace(friction=0.1)
-    found = calibrate([trial(0)], rig(guess), ("friction", "wrap"))
+    found = calibrate([recorded], rig(guess), ("friction", "wrap"))
     product = found["friction"].value * found["wrap"].value
     assert product == pytest.approx(CABLE.friction, rel=0.02)
-    assert any("friction by k^1 and wrap by k^-1" in s for s in found.undetermined)
-    assert found["friction"].high > 2.0 * found["friction"].low
+    (sentence,) = found.undetermined
+    assert "friction by k^1 and wrap by k^-1" in sentence
+    low, high = found["friction"].ci95
+    assert high > 2.0 * low
 
 
 def test_pretension_trades_with_friction_until_a_cable_goes_slack() -> None:
@@ -88,7 +102,7 @@ def test_a_missing_term_shows_as_misfit_and_widens_intervals() -> None:
     found = calibrate([thick], rig(CABLE), ("friction",), starts=0)
     right = calibrate([trial(0)], rig(CABLE), ("friction",), starts=0)
     assert max(found.misfit.values()) > 2.0
-    width = [np.log(f["friction"].high / f["friction"].low) for f in (found, right)]
+    width = [np.ptp(np.log(f["friction"].ci95)) for f in (found, right)]
     assert width[0] > 3.0 * width[1]
     start = CABLE.replace(viscous_friction=20.0)
     mended = calibrate([thick], rig(start), ("friction", "viscous_friction"))

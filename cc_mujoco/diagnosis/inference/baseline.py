@@ -11,15 +11,16 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.trials import Dataset
-from cc_mujoco.diagnosis.inference.fitting import Fit, Problem, fit, tamed, weight
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit, tamed, weight
 from cc_mujoco.diagnosis.inference.floor import noise_floor
 from cc_mujoco.diagnosis.inference.folds import (
     Crossed,
     cross,
     stretches,
 )
-from cc_mujoco.diagnosis.inference.plant import Plant, Tuned, tuned
+from cc_mujoco.diagnosis.inference.plant import Plant, tuned
 from cc_mujoco.diagnosis.inference.records import Filtering, Record
+from cc_mujoco.estimation.least_squares import Fit, Tuned
 
 SEGMENTS = (8, 16, 32)
 """Segments per cable, coarse first; finer where the coarse ones are not enough."""

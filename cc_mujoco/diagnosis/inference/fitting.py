@@ -9,16 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, Knob
-from cc_mujoco.diagnosis.inference.plant import Plant, Tuned
+from cc_mujoco.diagnosis.inference.plant import Plant
 from cc_mujoco.diagnosis.inference.slopes import WILD, Slopes
+from cc_mujoco.estimation import least_squares
+from cc_mujoco.estimation.least_squares import Fit, Tuned, autocorrelation
 
 Masks = Sequence[NDArray[np.bool_]]
 """For every record the samples that take part."""
@@ -116,33 +116,33 @@ class Problem:
         )
 
     def errors(self, at: FloatArray) -> list[FloatArray]:
-        """Simulated less measured over the floor, tamed; (2, samples) per record."""
+        """Measured minus simulated over the floor, tamed; (2, samples) per record."""
         return [tamed(error) for error in self.plainly(at)]
 
     def plainly(self, at: FloatArray) -> list[FloatArray]:
-        """Simulated less measured over the floor; (2, samples) per record."""
+        """Measured minus simulated over the floor; (2, samples) per record."""
         played = self.plant.simulate(self.values(at), self.effects)
         return [
-            (torque - record.measured) / floor
+            (record.measured - torque) / floor
             for torque, record, floor in zip(
                 played, self.plant.records, self.floor, strict=True
             )
         ]
 
     def residual(self, at: FloatArray, masks: Masks) -> FloatArray:
-        """Weighted errors where the masks are set, then priors."""
+        """Weighted errors where the masks are set, then those of the priors."""
         return self.weighted(self.errors(at), at, masks)
 
     def weighted(
         self, errors: Sequence[FloatArray], at: FloatArray, masks: Masks
     ) -> FloatArray:
-        """Errors where the masks are set, weighted, then priors."""
+        """Errors where the masks are set, weighted, then those of the priors."""
         parts = [
             self.weight * error[:, mask].ravel()
             for error, mask in zip(errors, masks, strict=True)
         ]
         known = [
-            place / parameter.prior
+            -place / parameter.prior
             for parameter, place in zip(self.tuned, at, strict=True)
             if math.isfinite(parameter.prior)
         ]
@@ -169,28 +169,14 @@ def weight(errors: Sequence[FloatArray], masks: Masks) -> float:
     for error, mask in zip(errors, masks, strict=True):
         kept = np.where(mask, error, 0.0)
         for row in kept:
-            size = 1 << (2 * row.size).bit_length()
-            power = np.abs(np.fft.rfft(row, size)) ** 2
-            correlation = np.fft.irfft(power)[:lags]
-            total[: correlation.size] += correlation[:lags]
+            correlation = autocorrelation(row)[:lags]
+            total[: correlation.size] += correlation
         count += 2 * int(np.sum(mask))
         square += float(np.sum(kept**2))
     shape = total / max(total[0], 1e-300)
     end = int(np.argmax(shape < 0.02)) or lags
     independent = 1.0 / max(1.0 + 2.0 * float(np.sum(shape[1:end])), 1.0)
     return math.sqrt(independent) / max(math.sqrt(square / max(count, 1)), 1.0)
-
-
-class Fit(NamedTuple):
-    """Where a fit ended.
-
-    Attributes:
-        at: place of the parameters.
-        cost: half the sum of squares there.
-    """
-
-    at: FloatArray
-    cost: float
 
 
 def fit(
@@ -209,19 +195,15 @@ def fit(
         evaluations: most of them.
         slopes: of this problem, to share what other fits have taken.
     """
-    low = np.array([parameter.low for parameter in problem.tuned])
-    high = np.array([parameter.high for parameter in problem.tuned])
     slopes = slopes or Slopes(problem)
-    found = least_squares(
+    return least_squares.fit(
         lambda at: problem.weighted(
             [tamed(error) for error in slopes.errors(at)], at, masks
         ),
-        np.clip(start, low, high),
-        jac=lambda at: slopes.jacobian(at, masks),
-        bounds=(low - 1e-9, high + 1e-9),
-        x_scale="jac",
+        lambda at: slopes.jacobian(at, masks),
+        problem.tuned,
+        start,
         ftol=1e-3,
         xtol=1e-3,
-        max_nfev=evaluations,
+        evaluations=evaluations,
     )
-    return Fit(found.x, float(found.cost))

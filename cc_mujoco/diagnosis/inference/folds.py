@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.fitting import Fit, Problem, fit, tamed
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit, tamed
 from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.inference.slopes import Slopes
+from cc_mujoco.estimation.least_squares import Fit
 
 BLOCK = 1.0
 """Length of a block of the bootstrap [s]."""

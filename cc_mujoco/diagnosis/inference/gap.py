@@ -82,8 +82,8 @@ def gaps(
             columns = (
                 np.array(
                     [
-                        (old[row] - record.measured[row]) ** 2,
-                        (new[row] - record.measured[row]) ** 2,
+                        (record.measured[row] - old[row]) ** 2,
+                        (record.measured[row] - new[row]) ** 2,
                         noise[row] ** 2,
                         np.ones(mask.size),
                     ]

@@ -9,22 +9,11 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
-from cc_mujoco.diagnosis.inference.plant import Tuned
 from cc_mujoco.diagnosis.inference.slopes import Slopes
-from cc_mujoco.diagnosis.verdict import Value
+from cc_mujoco.estimation.least_squares import Estimate, covariance, estimate, untold
 
-_FLAT = 1e-12
-FREE = 0.3
-"""Relative standard deviation beyond which a combination is not determined."""
-
-
-def covariance(problem: Problem, at: FloatArray, masks: Masks) -> FloatArray:
-    """Of the places of all parameters; weights already count what is independent."""
-    jacobian = Slopes(problem).jacobian(at, masks)
-    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
-    values = np.maximum(values, _FLAT * max(float(values[-1]), 1e-300))
-    found: FloatArray = (vectors / values) @ vectors.T
-    return found
+UNTOLD = 1.0
+"""Deviation in units of priors from which on the data say less than was known."""
 
 
 def estimates(
@@ -32,7 +21,7 @@ def estimates(
     at: FloatArray,
     masks: Masks,
     places: Sequence[FloatArray] = (),
-) -> dict[str, Value]:
+) -> dict[str, Estimate]:
     """Value and interval of every parameter.
 
     Args:
@@ -43,24 +32,17 @@ def estimates(
             that is a little wrong fits every trial otherwise, and noise does not tell
             how much: the jackknife does.
     """
-    variance = np.diag(covariance(problem, at, masks))
+    # The weights of the errors already count what is independent.
+    variance = np.diag(covariance(Slopes(problem).jacobian(at, masks)))
     if len(places) > 1:
         apart = np.array(places) - np.mean(places, axis=0)
         variance = variance + (1.0 - 1.0 / len(places)) * np.sum(apart**2, axis=0)
     return {
-        parameter.name: _value(parameter, float(place), float(deviation))
+        parameter.name: estimate(parameter, place, deviation)
         for parameter, place, deviation in zip(
-            problem.tuned, at, np.sqrt(variance), strict=True
+            problem.tuned, at.tolist(), np.sqrt(variance).tolist(), strict=True
         )
     }
-
-
-def _value(parameter: Tuned, place: float, deviation: float) -> Value:
-    reach = min(
-        1.96 * deviation, 50.0 / parameter.scale if parameter.factor else math.inf
-    )
-    ends = sorted((parameter.value(place - reach), parameter.value(place + reach)))
-    return Value(parameter.value(place), parameter.unit, (ends[0], ends[1]))
 
 
 def undetermined(problem: Problem, at: FloatArray, masks: Masks) -> tuple[str, ...]:
@@ -69,18 +51,13 @@ def undetermined(problem: Problem, at: FloatArray, masks: Masks) -> tuple[str, .
     whole = Slopes(problem).jacobian(at, masks)
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
     data = whole[: whole.shape[0] - priors]
-    values, vectors = np.linalg.eigh(data.T @ data)
-    for value, vector in zip(values, vectors.T, strict=True):
-        deviation = 1.0 / math.sqrt(max(float(value), 1e-300))
-        # In units of priors: beyond one, the data say less than what was known before.
-        if deviation < 1.0:
-            continue
+    for shares in untold(covariance(data), UNTOLD):
         parts = [
-            (p, float(w))
-            for p, w in zip(problem.tuned, vector, strict=True)
-            if abs(w) > 0.3
+            parameter.name
+            for parameter, share in zip(problem.tuned, shares, strict=True)
+            if abs(share) > 0.3
         ]
-        names = " against ".join(p.name for p, _ in parts)
+        names = " against ".join(parts)
         if len(parts) == 1:
             found.append(f"{names} hardly changes the outputs; its value is a guess.")
         else:

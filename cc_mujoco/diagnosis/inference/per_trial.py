@@ -49,7 +49,7 @@ def trial_errors(
     for name, places in _places(problem).items():
         measured = [problem.plant.records[k].measured for k in places]
         off, left = (
-            [torque[k] - m for k, m in zip(places, measured, strict=True)]
+            [m - torque[k] for k, m in zip(places, measured, strict=True)]
             for torque in (before, after)
         )
         found.append(
@@ -157,7 +157,7 @@ def _own(problem: Problem, at: FloatArray, places: list[int]) -> str:
                 changed[name] = factor * values[name]
             plant = problem.plant.limited([record])
             (torque,) = plant.simulate(changed, problem.effects)
-            errors.append(torque - record.measured)
+            errors.append(record.measured - torque)
         return _misfit(problem, places, errors)
 
     usual = misfit("friction", 1.0)
@@ -193,10 +193,10 @@ def _places(problem: Problem) -> dict[str, list[int]]:
 
 
 def _errors(problem: Problem, at: FloatArray) -> list[FloatArray]:
-    """Simulated less measured (2, samples) of every record [Nm]."""
+    """Measured minus simulated (2, samples) of every record [Nm]."""
     played = problem.plant.simulate(problem.values(at), problem.effects)
     return [
-        torque - record.measured
+        record.measured - torque
         for torque, record in zip(played, problem.plant.records, strict=True)
     ]
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,39 +19,10 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.trials import Constant
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY, Rig, Torques
 from cc_mujoco.diagnosis.inference.records import LEAD, RAMP, Record, low_passed
+from cc_mujoco.estimation.least_squares import Tuned
 from cc_mujoco.transmission import Cable, Transmission
 
 Values = Mapping[str, float]
-
-
-class Tuned(NamedTuple):
-    """A parameter that the baseline fits.
-
-    Attributes:
-        name: of it.
-        unit: of its value.
-        start: value from the scene or the rig's file.
-        scale: of one unit of the fit; relative where `factor`.
-        low: lower bound of the fit, in scales from the start.
-        high: upper bound.
-        factor: whether it is fitted as a logarithm.
-        prior: standard deviation in scales; infinite where only data count.
-    """
-
-    name: str
-    unit: str
-    start: float
-    scale: float
-    low: float
-    high: float
-    factor: bool
-    prior: float = math.inf
-
-    def value(self, at: float) -> float:
-        """Value at this place of the fit."""
-        if self.factor:
-            return self.start * math.exp(self.scale * at)
-        return self.start + self.scale * at
 
 
 PRETENSION_KNOWN = 0.1

@@ -41,10 +41,10 @@ from cc_mujoco.diagnosis.verdict import (
     Gap,
     NotTestable,
     RunnerUp,
-    Value,
     Verdict,
 )
 from cc_mujoco.diagnosis.wording import capital, listed
+from cc_mujoco.estimation.least_squares import Estimate
 
 Progress = Callable[[float, str], None]
 
@@ -302,7 +302,7 @@ def untestable(
 
 
 def _found(
-    rounds: Sequence[Round], problem: Problem, estimated: Mapping[str, Value]
+    rounds: Sequence[Round], problem: Problem, estimated: Mapping[str, Estimate]
 ) -> tuple[Found, ...]:
     sure = {step.added: step.confidence for step in rounds}
     return tuple(

@@ -16,10 +16,10 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, Knob
-from cc_mujoco.diagnosis.inference import slopes
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
 from cc_mujoco.diagnosis.inference.slopes import Slopes
 from cc_mujoco.errors import CableError
+from cc_mujoco.estimation.least_squares import THREADS
 
 _NEAR = 1e-3
 PIECE = 1e-9
@@ -82,7 +82,7 @@ def screen(
         ]
         return max(found, key=lambda s: s.explained, default=None)
 
-    with ThreadPoolExecutor(slopes.THREADS) as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         every = list(pool.map(best, ids))
     return sorted(
         (signature for signature in every if signature is not None),

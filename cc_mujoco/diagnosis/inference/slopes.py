@@ -1,32 +1,29 @@
 """Derivatives of simulated torques by parameters, taken once per neighbourhood.
 
-Friction makes simulations piecewise smooth: derivatives are differences over steps that
-are large enough to cross the pieces, and hardly change over a few percent of a
-parameter. So fits that pass the same neighbourhood, like those of the folds of one
-model, share them. What a torque sensor's offset or lateness does needs no simulation.
+They hardly change over a few percent of a parameter. So fits that pass the same
+neighbourhood, like those of the folds of one model, share them. What a torque sensor's
+offset or lateness does needs no simulation.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.plant import LATE, OFFSETS, Tuned, shifted
+from cc_mujoco.diagnosis.inference.plant import LATE, OFFSETS, shifted
+from cc_mujoco.estimation.least_squares import FACTOR_STEP, Tuned, differences
 
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis.inference.fitting import Problem
 
-THREADS = max(1, min(os.cpu_count() or 1, 8))
 WILD = 3.0
 """Errors beyond this many deviations of noise count less than their squares."""
 _STEPS = {"clock_offset": 0.05, "joint_angle_offset": 0.02, "pretension": 0.03}
-_FACTOR_STEP, _STEP = 3e-3, 0.05
+_STEP = 0.05
 _NEAR_FACTOR, _NEAR = 0.05, 0.3
 """Change of a parameter over which derivatives hold: of its logarithm, in scales."""
 
@@ -42,7 +39,7 @@ class Slopes:
         self._reach = np.array([_reach(p) for p in problem.tuned])
 
     def errors(self, at: FloatArray) -> list[FloatArray]:
-        """Simulated less measured over the floor; the last ones are kept."""
+        """Errors over the floor, see `Problem.plainly`; the last ones are kept."""
         key = at.tobytes()
         if self._last[0] != key:
             self._last = (key, self._problem.plainly(at))
@@ -60,8 +57,8 @@ class Slopes:
             size = np.abs(error)
             root = np.sqrt(np.maximum(2.0 * WILD * size - WILD**2, WILD**2))
             steep = problem.weight * np.where(size <= WILD, 1.0, WILD / root) / floor
-            parts.append((slope * steep)[:, :, mask].reshape(at.size, -1))
-        priors = np.diag([1.0 / p.prior for p in problem.tuned])
+            parts.append((slope * -steep)[:, :, mask].reshape(at.size, -1))
+        priors = np.diag([-1.0 / p.prior for p in problem.tuned])
         priors = priors[:, [np.isfinite(p.prior) for p in problem.tuned]]
         return np.concatenate([*parts, priors], axis=1).T
 
@@ -75,38 +72,52 @@ class Slopes:
     def _take(self, at: FloatArray) -> list[FloatArray]:
         """(parameters, 2, samples) of every record."""
         problem = self._problem
+        records = problem.plant.records
         here = [
-            error * floor + record.measured
+            record.measured - error * floor
             for error, floor, record in zip(
-                self.errors(at), problem.floor, problem.plant.records, strict=True
+                self.errors(at), problem.floor, records, strict=True
             )
         ]
-
-        def column(index: int) -> list[FloatArray]:
-            parameter = problem.tuned[index]
-            step = _STEPS.get(
-                parameter.name, _FACTOR_STEP if parameter.factor else _STEP
+        steps = {
+            index: _step(parameter, place)
+            for index, (parameter, place) in enumerate(
+                zip(problem.tuned, at.tolist(), strict=True)
             )
-            if at[index] + step > parameter.high:
-                step = -step
-            if parameter.name in OFFSETS or parameter.name in LATE:
-                return [
-                    _shown(torque, parameter, step, record.dt) / step
-                    for torque, record in zip(here, problem.plant.records, strict=True)
-                ]
-            moved = at.copy()
-            moved[index] += step
-            there = problem.plant.simulate(problem.values(moved), problem.effects)
-            return [(a - b) / step for a, b in zip(there, here, strict=True)]
+        }
+        columns = differences(
+            lambda place: problem.plant.simulate(
+                problem.values(place), problem.effects
+            ),
+            at,
+            {k: step for k, step in steps.items() if not _sensed(problem.tuned[k])},
+            here,
+        )
+        for k in steps.keys() - columns.keys():
+            columns[k] = [
+                _shown(torque, problem.tuned[k], steps[k], record.dt) / steps[k]
+                for torque, record in zip(here, records, strict=True)
+            ]
+        return [
+            np.array(record)
+            for record in zip(*(columns[k] for k in steps), strict=True)
+        ]
 
-        with ThreadPoolExecutor(THREADS) as pool:
-            columns = list(pool.map(column, range(at.size)))
-        return [np.array(record) for record in zip(*columns, strict=True)]
+
+def _sensed(parameter: Tuned) -> bool:
+    """Whether only what the torque sensors show depends on a parameter."""
+    return parameter.name in OFFSETS or parameter.name in LATE
+
+
+def _step(parameter: Tuned, place: float) -> float:
+    """Change of a parameter over which torques are differenced, within its bounds."""
+    step = _STEPS.get(parameter.name, FACTOR_STEP if parameter.factor else _STEP)
+    return -step if place + step > parameter.high else step
 
 
 def _reach(parameter: Tuned) -> float:
     """Change over which the derivatives hold."""
-    if parameter.name in OFFSETS or parameter.name in LATE:
+    if _sensed(parameter):
         return np.inf
     return min(_NEAR_FACTOR / parameter.scale, 3.0) if parameter.factor else _NEAR
 

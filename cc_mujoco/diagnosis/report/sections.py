@@ -21,7 +21,7 @@ from cc_mujoco.diagnosis.report.page import (
     paragraph,
     table,
 )
-from cc_mujoco.diagnosis.verdict import Diagnosis, RunnerUp, Value
+from cc_mujoco.diagnosis.verdict import Diagnosis, RunnerUp
 from cc_mujoco.diagnosis.wording import (
     MEANING,
     NO_SCENE,
@@ -37,6 +37,7 @@ from cc_mujoco.diagnosis.wording import (
     plain,
     share,
 )
+from cc_mujoco.estimation.least_squares import Estimate
 
 
 def header(diagnosis: Diagnosis, names: Names) -> Html:
@@ -268,7 +269,7 @@ def _candidate(
     return capital(names(runner.id)), removed, outcome, ", ".join(values)
 
 
-def _values(values: Mapping[str, Value]) -> Html:
+def _values(values: Mapping[str, Estimate]) -> Html:
     rows = [
         (plain(name), fitted(each), each.unit or "1", interval(each))
         for name, each in values.items()

@@ -68,7 +68,7 @@ def coverage(repeats: int = REPEATS) -> tuple[float, float, int]:
             [trial], drive(CABLE), ("friction", "axial_stiffness"), starts=0
         )
         for place, name in enumerate(("friction", "axial_stiffness")):
-            hits[place] += found[name].low <= getattr(CABLE, name) <= found[name].high
+            hits[place] += found[name].holds(getattr(CABLE, name))
     return float(hits[0] / repeats), float(hits[1] / repeats), repeats
 
 
@@ -80,11 +80,7 @@ def valley(trial: Trial, frictions: FloatArray, pretensions: FloatArray) -> Floa
             cable = CABLE.replace(
                 friction=float(friction), pretension=float(pretension)
             )
-            played = drive(cable).replay(DT, **trial.inputs)
-            errors = [
-                (getattr(played, name) - values) / trial.noise[name]
-                for name, values in trial.outputs.items()
-            ]
+            errors = list(trial.residual(drive(cable)).values())
             found[row, column] = np.sqrt(np.mean(np.square(errors)))
     return found
 
@@ -107,17 +103,16 @@ def run(progress: Progress) -> Outcome:
     progress(0.9)
     static = [_static_fit(n) for n in (10, 40)]
     stiffness, friction = fit["axial_stiffness"], fit["friction"]
+    low, high = stiffness.ci95
     traded = taut.correlation[0, 2]
     claims = (
         Claim(
             "2.4.2, Table 2.2",
             "K measured in place with the output blocked: 2 kN/m",
             f"slope of the loop {naive:.0f} N/m; fit {stiffness.value / LENGTH:.0f} "
-            f"[{stiffness.low / LENGTH:.0f}, {stiffness.high / LENGTH:.0f}], true "
+            f"[{low / LENGTH:.0f}, {high / LENGTH:.0f}], true "
             f"{STIFFNESS:.0f}",
-            "better"
-            if stiffness.low <= STIFFNESS * LENGTH <= stiffness.high
-            else "disagrees",
+            "better" if stiffness.holds(STIFFNESS * LENGTH) else "disagrees",
             "while part of the cable sticks the motor feels a shorter, stiffer one",
         ),
         Claim(
@@ -125,9 +120,7 @@ def run(progress: Progress) -> Outcome:
             "both friction coefficients tuned by hand",
             f"mu_d {friction.value:.5f} +- {_width(fit, 'friction') - 1.0:.2%} from a "
             f"start of {GUESS.friction:g}, true {CABLE.friction:g}",
-            "better"
-            if friction.low <= CABLE.friction <= friction.high
-            else "disagrees",
+            "better" if friction.holds(CABLE.friction) else "disagrees",
             f"95 % intervals held the truth in {friction_held:.0%} (mu_d) and "
             f"{stiffness_held:.0%} (K) of {repeats} repeats",
         ),
@@ -222,7 +215,7 @@ def _static_fit(segments: int) -> float:
 
 def _width(found: Calibration, name: str) -> float:
     """Factor by which the interval of a parameter spreads either way."""
-    return found[name].high / found[name].value
+    return found[name].ci95[1] / found[name].value
 
 
 def _said(found: Calibration) -> str:

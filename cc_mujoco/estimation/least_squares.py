@@ -1,0 +1,237 @@
+r"""Least squares on simulations: fits, their covariance, intervals, what is not told.
+
+Residuals are measured minus simulated, over their noise. Friction makes simulations
+piecewise smooth: where fronts of slip meet they jump, so that derivatives are
+differences over steps that are large enough to cross many pieces.
+
+    free = (Tuned("friction", "1", 0.1, 1.0, -5.0, 3.0, True),)
+    found = fit(residual, jacobian, free, [0.0])
+    spread = np.sqrt(np.diag(covariance(jacobian(found.at))))
+    estimate(free[0], found.at[0], spread[0]).ci95
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from cc_mujoco.compiled import FloatArray
+
+THREADS = max(1, min(os.cpu_count() or 1, 8))
+FACTOR_STEP = 3e-3
+"""Step of a parameter's logarithm over which simulations are differenced."""
+_FLAT = 1e-12
+_WIDEST = 50.0
+"""Largest half width of an interval of a logarithm: beyond, numbers overflow."""
+
+
+class Tuned(NamedTuple):
+    """A parameter of a fit.
+
+    Attributes:
+        name: of it.
+        unit: of its value.
+        start: value where the place of the fit is 0.
+        scale: of one unit of the fit; relative where `factor`.
+        low: lower bound of the fit, in scales from the start.
+        high: upper bound.
+        factor: whether it is fitted as a logarithm.
+        prior: standard deviation in scales; infinite where only data count.
+    """
+
+    name: str
+    unit: str
+    start: float
+    scale: float
+    low: float
+    high: float
+    factor: bool
+    prior: float = math.inf
+
+    def value(self, at: float) -> float:
+        """Value at this place of the fit."""
+        if self.factor:
+            return self.start * math.exp(self.scale * at)
+        return self.start + self.scale * at
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted number with its 95 % confidence interval."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+
+    def holds(self, value: float) -> bool:
+        """Whether a value lies in the interval."""
+        return self.ci95[0] <= value <= self.ci95[1]
+
+
+class Fit(NamedTuple):
+    """Where a fit ended.
+
+    Attributes:
+        at: place of the parameters.
+        cost: half the sum of squares there.
+    """
+
+    at: FloatArray
+    cost: float
+
+
+def fit(
+    residual: Callable[[FloatArray], FloatArray],
+    jacobian: Callable[[FloatArray], FloatArray],
+    free: Sequence[Tuned],
+    start: ArrayLike,
+    *,
+    ftol: float = 1e-9,
+    xtol: float = 1e-7,
+    evaluations: int = 60,
+) -> Fit:
+    """Least squares within bounds, from a start that is put within them.
+
+    Args:
+        residual: (residuals,) at a place (parameters,).
+        jacobian: its derivative (residuals, parameters).
+        free: the parameters; their priors are up to the residual.
+        start: place of the parameters.
+        ftol: relative change of the cost that ends the fit.
+        xtol: the same of the place.
+        evaluations: most of them.
+    """
+    low = np.array([parameter.low for parameter in free])
+    high = np.array([parameter.high for parameter in free])
+    found = least_squares(
+        residual,
+        np.clip(start, low, high),
+        jac=jacobian,
+        bounds=(low - 1e-9, high + 1e-9),
+        x_scale="jac",
+        ftol=ftol,
+        xtol=xtol,
+        max_nfev=evaluations,
+    )
+    return Fit(found.x, float(found.cost))
+
+
+def differences(
+    function: Callable[[FloatArray], Sequence[FloatArray]],
+    at: FloatArray,
+    steps: Mapping[int, float],
+    here: Sequence[FloatArray] = (),
+) -> dict[int, list[FloatArray]]:
+    """Derivatives of arrays by parameters, by the index of the parameter.
+
+    Args:
+        function: arrays at a place (parameters,); it is called in threads.
+        at: the place.
+        steps: change of a parameter by its index.
+        here: the arrays at the place, for one-sided differences; else central ones.
+    """
+
+    def column(index: int) -> list[FloatArray]:
+        step = steps[index]
+        moved = at.copy()
+        moved[index] += step
+        there = function(moved)
+        if here:
+            return [(a - b) / step for a, b in zip(there, here, strict=True)]
+        moved[index] = at[index] - step
+        back = function(moved)
+        return [(a - b) / (2.0 * step) for a, b in zip(there, back, strict=True)]
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        return dict(zip(steps, pool.map(column, steps), strict=True))
+
+
+def covariance(
+    jacobian: FloatArray, residuals: Sequence[FloatArray] = ()
+) -> FloatArray:
+    """Covariance of the parameters of a fit (parameters, parameters).
+
+    Directions without any effect get a variance that is large but finite.
+
+    Args:
+        jacobian: (residuals, parameters), over the noise.
+        residuals: the same as one sequence per sensor, where they are correlated in
+            time: then it is the sandwich with Bartlett weights (Newey and West 1987).
+            Without any they are taken as independent, of variance 1.
+    """
+    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+    values = np.maximum(values, _FLAT * max(float(values[-1]), 1e-300))
+    bread = vectors / values
+    if not residuals:
+        found: FloatArray = bread @ vectors.T
+        return found
+    # In the eigenvectors: a direction without effect must not spoil the others.
+    scores = jacobian @ vectors
+    meat = np.zeros_like(vectors)
+    first = 0
+    for residual in residuals:
+        score = scores[first : first + residual.size] * residual[:, None]
+        meat += _long_run(score, _memory(residual))
+        first += residual.size
+    # White noise of the stated size is the least that there can be.
+    excess, axes = np.linalg.eigh(meat - np.diag(values))
+    meat = np.diag(values) + (axes * np.maximum(excess, 0.0)) @ axes.T
+    found = bread @ meat @ bread.T
+    return found
+
+
+def _long_run(score: FloatArray, lags: int) -> FloatArray:
+    """Covariance of the sum of the rows, Bartlett weights up to `lags`."""
+    total: FloatArray = score.T @ score
+    for lag in range(1, lags + 1):
+        cross = score[lag:].T @ score[:-lag]
+        total += (1.0 - lag / (lags + 1.0)) * (cross + cross.T)
+    return total
+
+
+def _memory(residual: FloatArray) -> int:
+    """Lags over which residuals are correlated: twice the first zero crossing."""
+    correlation = autocorrelation(residual - np.mean(residual))
+    crossing = int(np.argmax(correlation <= 0.1 * max(correlation[0], 1e-300)))
+    return min(2 * crossing, residual.size // 4)
+
+
+def autocorrelation(values: FloatArray) -> FloatArray:
+    """Sums of products of samples and later ones, by lag (samples,)."""
+    size = 1 << (2 * values.size).bit_length()
+    power = np.abs(np.fft.rfft(values, size)) ** 2
+    found: FloatArray = np.fft.irfft(power)[: values.size]
+    return found
+
+
+def estimate(parameter: Tuned, place: float, deviation: float) -> Estimate:
+    """Value and interval of a parameter.
+
+    Args:
+        parameter: of the fit.
+        place: where the fit ended.
+        deviation: standard deviation of the place.
+    """
+    most = _WIDEST / parameter.scale if parameter.factor else math.inf
+    reach = min(1.96 * deviation, most)
+    low, high = sorted(parameter.value(place + side) for side in (-reach, reach))
+    return Estimate(parameter.value(place), parameter.unit, (low, high))
+
+
+def untold(covariance: FloatArray, limit: float) -> FloatArray:
+    """Combinations of parameters whose standard deviation reaches a limit.
+
+    Returns:
+        Their shares (combinations, parameters), unit length, the least certain first.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    found: FloatArray = vectors.T[::-1][values[::-1] >= limit**2]
+    return found

@@ -1,0 +1,102 @@
+"""Fits, covariances and intervals, against linear problems with known answers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cc_mujoco.estimation.least_squares import (
+    Tuned,
+    covariance,
+    differences,
+    estimate,
+    fit,
+    untold,
+)
+
+RANDOM = np.random.default_rng(0)
+DESIGN = RANDOM.standard_normal((400, 3)) * [1.0, 50.0, 0.2]
+TRUTH = np.array([0.5, -0.02, 1.5])
+MEASURED = DESIGN @ TRUTH + RANDOM.standard_normal(400)
+FREE = tuple(Tuned(name, "1", 0.0, 1.0, -9.0, 9.0, False) for name in "abc")
+
+
+def residual(at: np.ndarray) -> np.ndarray:
+    return MEASURED - DESIGN @ at
+
+
+def test_a_linear_problem_is_solved_as_by_linear_algebra() -> None:
+    found = fit(residual, lambda at: -DESIGN, FREE, np.zeros(3))
+    exact, squares, *_ = np.linalg.lstsq(DESIGN, MEASURED)
+    np.testing.assert_allclose(found.at, exact, rtol=1e-6)
+    assert found.cost == pytest.approx(squares[0] / 2.0)
+
+
+def test_a_start_and_an_end_lie_within_the_bounds() -> None:
+    tight = (FREE[0]._replace(high=0.3), *FREE[1:])
+    found = fit(residual, lambda at: -DESIGN, tight, [2.0, 0.0, 0.0])
+    assert found.at[0] == pytest.approx(0.3, abs=1e-6)
+
+
+@pytest.mark.parametrize("central", [True, False])
+def test_differences_are_derivatives(central: bool) -> None:
+    def arrays(at: np.ndarray) -> list[np.ndarray]:
+        return [np.sin(at[0]) * np.arange(3.0), at[:1] * at[1:]]
+
+    at = np.array([0.4, 2.0])
+    here = () if central else arrays(at)
+    found = differences(arrays, at, {0: 1e-6, 1: -1e-6}, here)
+    np.testing.assert_allclose(found[0][0], np.cos(0.4) * np.arange(3.0), rtol=1e-5)
+    assert found[0][1] == pytest.approx(2.0)
+    assert np.all(found[1][0] == 0.0)
+    assert found[1][1] == pytest.approx(0.4)
+
+
+def test_covariance_of_white_residuals_is_the_textbook_s() -> None:
+    textbook = np.linalg.inv(DESIGN.T @ DESIGN)
+    np.testing.assert_allclose(covariance(DESIGN), textbook, rtol=1e-9)
+    found = covariance(DESIGN, [residual(TRUTH)])
+    ratio = np.sqrt(np.diag(found) / np.diag(textbook))
+    assert np.all((ratio > 0.999) & (ratio < 1.2))
+
+
+def test_covariance_counts_residuals_that_last_once() -> None:
+    held = 20
+    design, told = (np.repeat(a, held, axis=0) for a in (DESIGN, residual(TRUTH)))
+    few = np.sqrt(np.diag(covariance(DESIGN)))
+    many = np.sqrt(np.diag(covariance(design, [told])))
+    assert np.all(np.abs(many / few - 1.0) < 0.35)
+
+
+@pytest.mark.parametrize("sequences", [0, 1, 2])
+def test_two_that_act_alike_are_told_apart_from_the_rest(sequences: int) -> None:
+    twins = 1e3 * DESIGN[:, [0, 0, 1]]
+    parts = np.split(residual(TRUTH), 2)
+    residuals = [[], [np.concatenate(parts)], parts][sequences]
+    found = covariance(twins, residuals)
+    (shares,) = untold(found, 0.5)
+    np.testing.assert_allclose(np.abs(shares), [0.5**0.5, 0.5**0.5, 0.0], atol=1e-6)
+    assert shares[0] == pytest.approx(-shares[1])
+    alone = covariance(1e3 * DESIGN[:, :2], residuals)
+    total = np.array([1.0, 1.0, 0.0])
+    assert total @ found @ total == pytest.approx(alone[0, 0], rel=0.05)
+
+
+def test_combinations_are_told_from_the_least_certain_on() -> None:
+    found = untold(np.diag([1.0, 9.0, 0.01, 4.0]), 1.0)
+    np.testing.assert_allclose(np.abs(found), np.eye(4)[[1, 3, 0]])
+
+
+def test_intervals_are_those_of_the_place() -> None:
+    plain = Tuned("x", "m", 5.0, 0.1, -9.0, 9.0, False)
+    found = estimate(plain, 3.0, 2.0)
+    assert (found.value, found.unit) == (pytest.approx(5.3), "m")
+    assert found.ci95 == pytest.approx((5.3 - 0.392, 5.3 + 0.392))
+    factor = Tuned("x", "m", 5.0, 0.1, -9.0, 9.0, True)
+    low, high = estimate(factor, 3.0, 2.0).ci95
+    assert low * high == pytest.approx((5.0 * math.exp(0.3)) ** 2)
+    assert high / low == pytest.approx(math.exp(2.0 * 0.392))
+    assert all(map(math.isfinite, estimate(factor, 0.0, 1e9).ci95))
+    assert found.holds(5.0) and not found.holds(5.7)

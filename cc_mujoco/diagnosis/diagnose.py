@@ -15,14 +15,14 @@ from pathlib import Path
 from cc_mujoco.diagnosis.checks.checks import check_bench
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.findings import to_fix
+from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.inference.reason import Progress, reason, unanswered
+from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.report.output import require_ours, write
 from cc_mujoco.diagnosis.scene.repair import added
 from cc_mujoco.diagnosis.scene.requirements import require_repairable
-from cc_mujoco.diagnosis.verdict import (
-    Diagnosis,
-)
+from cc_mujoco.diagnosis.verdict import Diagnosis
 from cc_mujoco.errors import CableError
 
 
@@ -54,9 +54,35 @@ def diagnose(
     """
     bench = Bench.of(Path(scene))
     require_ours(Path(out), Path(scene))
-    if present := added(scene):
+    result, dataset = inferred(
+        data, bench, dataset_toml=dataset_toml, seed=seed, progress=progress
+    )
+    return write(result, dataset, Path(out), command, seed)
+
+
+def inferred(
+    data: Iterable[str | os.PathLike[str]],
+    bench: Bench,
+    *,
+    dataset_toml: str | os.PathLike[str] | None = None,
+    seed: int = 0,
+    progress: Progress = lambda share, doing: None,
+) -> tuple[Result, Dataset]:
+    """All of `diagnose` but the files: from data and a scene to a verdict.
+
+    Args:
+        data: as in `diagnose`.
+        bench: of the scene.
+        dataset_toml: as in `diagnose`.
+        seed: as in `diagnose`.
+        progress: as in `diagnose`.
+
+    Raises:
+        CableError: no data, a wrong dataset file or a scene that cannot be repaired.
+    """
+    if present := added(bench.path):
         raise CableError(
-            f"scene {scene} has {', '.join(present)} outside its cables from an "
+            f"scene {bench.path} has {', '.join(present)} outside its cables from an "
             "earlier diagnosis, which no baseline tunes; give the scene before it"
         )
     require_repairable(bench)
@@ -72,7 +98,5 @@ def diagnose(
         if more:
             statement += f" The report lists {more} more."
         diagnosis = Diagnosis("fix-data", statement, problems=tuple(notes or said))
-        result = unanswered(diagnosis, bench)
-    else:
-        result = reason(dataset, bench, notes, seed=seed, progress=progress)
-    return write(result, dataset, Path(out), command, seed)
+        return unanswered(diagnosis, bench), dataset
+    return reason(dataset, bench, notes, seed=seed, progress=progress), dataset

@@ -3,11 +3,11 @@
     python scripts/diagnosis_study/diagnose_benchmark.py --strength 2 4 --out runs/b
 
 Rigs, motions and sensors come from `rig`, which shares no code with the package.
-Every case is generated, written to files, read back, diagnosed, and only then compared
-with its label. Studies draw from disjoint seeds: `development` and `calibration` were
-used to set thresholds, `final` only to measure, once; what that taught was measured on
-`second`, and so on: changes are measured on rigs that had not led to them. Cases that
-are done are kept; the table is written anew after each.
+Every case is generated, written to files, diagnosed from these as the command does, and
+only then compared with its label. Studies draw from disjoint seeds: `development` and
+`calibration` were used to set thresholds, `final` only to measure, once; what that
+taught was measured on `second`, and so on: changes are measured on rigs that had not
+led to them. Cases that are done are kept; the table is written anew after each.
 
 With `--naive binned sparse bic` every case is also named in the naive ways of
 `baselines`, from the same tuned baseline; `sparse` among them needs
@@ -35,6 +35,7 @@ from cc_mujoco.files import replacing, require_ours
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis.inference.baseline import Tuning
     from cc_mujoco.diagnosis.inference.result import Result
+    from cc_mujoco.diagnosis.verdict import Diagnosis
 
 PAIRS = (
     ("viscous_friction", "backlash"),
@@ -71,17 +72,13 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     """Generate, diagnose and record one case, and name it in naive ways if wanted."""
     from cc_mujoco.assets import scene_path
     from cc_mujoco.diagnosis.data.bench import Bench
-    from cc_mujoco.diagnosis.data.findings import to_fix
-    from cc_mujoco.diagnosis.inference import slopes
+    from cc_mujoco.diagnosis.diagnose import inferred
     from cc_mujoco.diagnosis.inference.gap import overall
-    from cc_mujoco.diagnosis.inference.reason import reason
-    from cc_mujoco.diagnosis.intake import load
     from rig.dataset import make_dataset
     from rig.generate import facts_of, write_data
     from rig.nominal import NOMINAL, make_rig
     from rig.strength import calibrate, measure
 
-    slopes.THREADS = 1
     seed = case["seed"]
     rig = make_rig(seed)
     amounts = {
@@ -95,18 +92,9 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
             data, make_dataset(rig, amounts, "rich", seed), facts_of("rich", seed)
         )
         begin = time.perf_counter()
-        dataset, findings = load([data])
-        wrong = to_fix(findings)
-        record = {**case, "amounts": amounts, "reached": reached}
-        if wrong:
-            return {
-                **record,
-                "verdict": "fix-data",
-                "named": [],
-                "said": wrong[0].statement,
-            }
-        result = reason(dataset, Bench.of(scene_path("bench")))
+        result, _ = inferred([data], Bench.of(scene_path("bench")))
         seconds = time.perf_counter() - begin
+        record = {**case, "amounts": amounts, "reached": reached}
         record["settled"] = settled(case, amounts, result, Path(folder) / "more")
     found = result.diagnosis
     if naive and result.tuning is not None:
@@ -123,9 +111,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     return {
         **record,
         "misfit": misfit(result),
-        "verdict": found.verdict,
-        "named": [effect.id for effect in found.effects],
-        "ties": [list(tie) for tie in found.ties],
+        **said(found),
         "said": found.statement,
         "gap": {
             name: [g.rmse_before, g.rmse_after, g.noise_floor, g.gap_closed]
@@ -150,9 +136,8 @@ def settled(
     """What is said when the experiment that a tie proposes has been done as well."""
     from cc_mujoco.assets import scene_path
     from cc_mujoco.diagnosis.data.bench import Bench
+    from cc_mujoco.diagnosis.diagnose import inferred
     from cc_mujoco.diagnosis.inference.experiment import DT, catalogue
-    from cc_mujoco.diagnosis.inference.reason import reason
-    from cc_mujoco.diagnosis.intake import load
     from rig.dataset import clean_dataset, make_dataset
     from rig.generate import facts_of, write_data
     from rig.nominal import NOMINAL, make_rig
@@ -182,13 +167,16 @@ def settled(
     tension = NOMINAL["pretension_n"] * motion.pretension
     told = f"[trials.trial_{len(data) - 1:02d}]\npretension = {tension:g}\n"
     write_data(folder, data, f"{facts_of('rich', seed)}\n{told}")
-    dataset, _ = load([folder])
-    found = reason(dataset, Bench.of(scene_path("bench"))).diagnosis
+    again, _ = inferred([folder], Bench.of(scene_path("bench")))
+    return {"experiment": motion.description, **said(again.diagnosis)}
+
+
+def said(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What a diagnosis says that is judged."""
     return {
-        "experiment": motion.description,
-        "verdict": found.verdict,
-        "named": [effect.id for effect in found.effects],
-        "ties": [list(tie) for tie in found.ties],
+        "verdict": diagnosis.verdict,
+        "named": [effect.id for effect in diagnosis.effects],
+        "ties": [list(tie) for tie in diagnosis.ties],
     }
 
 
@@ -205,12 +193,12 @@ def guesses(tuning: Tuning, methods: Sequence[str]) -> dict[str, Any]:
     from baselines import installed
 
     known = installed()
-    said = {}
+    guessed = {}
     for name, method in ((name, known[name]) for name in methods if name in known):
         begin = time.perf_counter()
         guess = method(tuning)._asdict()
-        said[name] = {**guess, "seconds": time.perf_counter() - begin}
-    return said
+        guessed[name] = {**guess, "seconds": time.perf_counter() - begin}
+    return guessed
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,23 +22,36 @@ SHOWN = 1.25
 """Error over the floor that effect-free rigs stay below: beyond it, something shows."""
 
 
-def judged(record: dict[str, Any]) -> str:
-    """One word for how a case went."""
-    hidden, named = list(record["hidden"]), record["named"]
-    tied = [set(tie) for tie in record.get("ties", [])]
-    if record["kind"] == "none":
-        return "right" if record["verdict"] == "none" else "wrong"
-    if record["kind"] == "unknown":
-        return {"unknown": "right", "none": "silent"}.get(record["verdict"], "wrong")
+def judged(
+    kind: str,
+    hidden: Sequence[str],
+    verdict: str,
+    named: Sequence[str] = (),
+    ties: Sequence[Sequence[str]] = (),
+) -> str:
+    """One word for how a case went: right, tie, half, silent or wrong.
+
+    Args:
+        kind: of what is hidden: named, pair, unknown or none.
+        hidden: ids of what is hidden.
+        verdict: of the diagnosis.
+        named: ids that it names, the first first.
+        ties: groups of ids that it cannot tell apart.
+    """
+    tied = [set(tie) for tie in ties]
+    if kind == "none":
+        return "right" if verdict == "none" else "wrong"
+    if kind == "unknown":
+        return {"unknown": "right", "none": "silent"}.get(verdict, "wrong")
     sure = set(named).difference(*tied)
-    if record["kind"] == "pair":
+    if kind == "pair":
         if set(hidden) <= sure:
             return "right"
         either = sure.union(*(tie for tie in tied if len(tie) == 2))
         if set(hidden) <= either:
             return "tie"
         return "half" if set(hidden) & either else "wrong"
-    if record["verdict"] == "unknown":
+    if verdict == "unknown":
         return "silent"  # whatever it added: most of the error is left, it says
     for tie in tied:
         if hidden[0] in tie:
@@ -45,6 +59,12 @@ def judged(record: dict[str, Any]) -> str:
     if named and named[0] == hidden[0]:
         return "right"
     return "silent" if not named else "wrong"
+
+
+def went(record: dict[str, Any]) -> str:
+    """The same of a record."""
+    names = ("kind", "hidden", "verdict", "named", "ties")
+    return judged(**{name: record[name] for name in names})
 
 
 def summary(records: list[dict[str, Any]]) -> str:
@@ -59,13 +79,13 @@ def summary(records: list[dict[str, Any]]) -> str:
         for r in sorted(records, key=lambda record: record["strength"]):
             if r["kind"] == kind:
                 size = "-" if kind == "none" else f"{r['strength']:g}"
-                by_size.setdefault(size, []).append(judged(r))
+                by_size.setdefault(size, []).append(went(r))
         for size, words in by_size.items():
             share = [f"{words.count(word) / len(words):.0%}" for word in columns]
             lines.append(f"| {kind} | {size} | {len(words)} | {' | '.join(share)} |")
     lines += ["", *_figures(records)]
     if any("naive" in r for r in records):
-        lines += ["", *comparison(records, judged)]
+        lines += ["", *comparison(records, went)]
     lines += [
         "",
         "| hidden | what was said first, and how often |",
@@ -79,7 +99,7 @@ def summary(records: list[dict[str, Any]]) -> str:
     ]
     for r in sorted(records, key=lambda record: record["seed"]):
         hidden = ", ".join(r["hidden"]) or "none"
-        ties = "; ".join(", ".join(tie) for tie in r.get("ties", []))
+        ties = "; ".join(", ".join(tie) for tie in r["ties"])
         closed = r.get("closed", math.nan)
         lines.append(
             f"| {hidden} | {r['strength']:g} | {r['reached']:.1f} | "
@@ -94,7 +114,7 @@ def summary(records: list[dict[str, Any]]) -> str:
 def _figures(records: list[dict[str, Any]]) -> list[str]:
     """Sentences: the gap, what intervals cover, how long it took."""
     found = []
-    right = [r for r in records if r["kind"] == "named" and judged(r) == "right"]
+    right = [r for r in records if r["kind"] == "named" and went(r) == "right"]
     if right:
         closed: dict[float, list[float]] = {}
         for r in sorted(right, key=lambda record: record["strength"]):
@@ -105,7 +125,7 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
         found.append(f"Median gap closed: {', '.join(shares)}.")
     shown = [r for r in records if r["kind"] == "named" and r.get("misfit", 0) > SHOWN]
     if shown:
-        words = [judged(r) for r in shown]
+        words = [went(r) for r in shown]
         found.append(
             f"Single effects at which the tuned baseline is more than {SHOWN:g} times "
             f"the floor off: {len(shown)}, of which right "

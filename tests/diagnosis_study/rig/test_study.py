@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from diagnose_benchmark import cases
-from diagnose_table import summary
+from diagnose_benchmark import cases, run
+from diagnose_table import judged, summary, went
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rig import dataset
 from rig.effects import NAMED, UNKNOWN
 
 KINDS = {"named": NAMED, "unknown": UNKNOWN, "none": ("none",)}
@@ -55,6 +56,37 @@ def right(kind: str, case: list[str]) -> bool:
     return first and verdict in ("named", "tie")
 
 
+@pytest.mark.parametrize(
+    ("word", "kind", "hidden", "verdict", "named", "ties"),
+    [
+        ("right", "none", "", "none", "", []),
+        ("wrong", "none", "", "named", "a", []),
+        ("wrong", "none", "", "unknown", "", []),
+        ("wrong", "none", "", "fix-data", "", []),
+        ("right", "unknown", "x", "unknown", "a", []),
+        ("silent", "unknown", "x", "none", "", []),
+        ("wrong", "unknown", "x", "tie", "a", ["ab"]),
+        ("right", "named", "a", "named", "ab", []),
+        ("wrong", "named", "a", "named", "ba", []),
+        ("right", "named", "a", "tie", "ab", ["bc"]),
+        ("tie", "named", "a", "tie", "b", ["ab"]),
+        ("silent", "named", "a", "tie", "b", ["abc"]),
+        ("silent", "named", "a", "unknown", "b", ["ab"]),
+        ("silent", "named", "a", "none", "", []),
+        ("silent", "named", "a", "fix-numerics", "", []),
+        ("right", "pair", "ab", "named", "bca", []),
+        ("tie", "pair", "ab", "tie", "ac", ["bc"]),
+        ("half", "pair", "ab", "tie", "ac", ["bcd"]),
+        ("half", "pair", "ab", "named", "cb", []),
+        ("wrong", "pair", "ab", "named", "c", []),
+    ],
+)
+def test_a_case_is_judged_by_what_was_hidden_and_what_was_said(
+    word: str, kind: str, hidden: str, verdict: str, named: str, ties: list[str]
+) -> None:
+    assert judged(kind, [*hidden], verdict, [*named], [[*tie] for tie in ties]) == word
+
+
 @given(st.lists(judged_cases(), min_size=1, max_size=30))
 def test_rates_and_confusion_count_the_cases_below_them(
     told: list[dict[str, Any]],
@@ -88,3 +120,25 @@ def test_every_effect_is_hidden_at_every_strength(seeds: int) -> None:
         for name in (*NAMED, *UNKNOWN):
             assert hidden.count(((name,), size)) == seeds
         assert hidden.count(((), size)) >= 10 * seeds
+
+
+def test_a_case_meets_the_checks_that_the_command_makes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole = dataset.make_dataset
+
+    def in_other_units(*args: Any) -> list[dict[str, Any]]:
+        return [
+            {
+                name: values[:5000] * (1e3 if name.endswith("torque_nm") else 1.0)
+                for name, values in columns.items()
+            }
+            for columns in whole(*args)
+        ]
+
+    monkeypatch.setattr(dataset, "make_dataset", in_other_units)
+    case = next(cases("final", 1, [2.0], ["none"]))
+    found = run(case)
+    assert (found["verdict"], found["named"]) == ("fix-data", [])
+    assert "perhaps it is in mNm" in found["said"]
+    assert went(found) == "wrong"

@@ -12,6 +12,7 @@ from scipy.stats import t as student
 
 from cc_mujoco.benchmark.cell import Cell, Played
 from cc_mujoco.benchmark.scores import SCORES
+from cc_mujoco.markdown import table
 
 BASELINE = "pi"
 """The controller that all others are compared with, seed by seed."""
@@ -127,7 +128,7 @@ def overview_table(results: Results) -> str:
                 row.append(str(interval(values - base)))
             failed = over_conditions(results, scene, law, "failed")
             row.append(f"{np.mean(failed):.0%}")
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def errors_table(results: Results, scene: str, *, paired: bool = False) -> str:
@@ -152,7 +153,7 @@ def errors_table(results: Results, scene: str, *, paired: bool = False) -> str:
                 values = values - found[(BASELINE, *play)]
             cells.append(str(interval(values)))
         rows.append([f"`{law}`", *cells])
-    return _table(["controller", *(f"{a}, {b}" for a, b in plays)], rows)
+    return table(["controller", *(f"{a}, {b}" for a, b in plays)], rows)
 
 
 def scores_table(results: Results, scene: str) -> str:
@@ -172,9 +173,4 @@ def scores_table(results: Results, scene: str) -> str:
         score.name.replace("_", " ") + (f" [{score.unit}]" if score.unit != "1" else "")
         for score in SCORES
     ]
-    return _table(["controller", *heads], rows)
-
-
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    return table(["controller", *heads], rows)

@@ -20,7 +20,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from rerun.error_utils import strict_mode
 
-from cc_mujoco import engine
+from cc_mujoco import engine, markdown
 from cc_mujoco.files import replacing
 from cc_mujoco.recording.axis import axis
 from cc_mujoco.recording.columns import MODEL_XML
@@ -227,19 +227,25 @@ def _log_nodes(
 
 def _about(log: EpisodeLog, metrics: Iterable[Metric]) -> rr.TextDocument:
     """Describe the episode in Markdown, without the model's XML."""
-    lines = ["# Episode", "| | |", "|---|---|"]
+    facts = []
     for key, value in log.metadata.items():
         if key == MODEL_XML:
             continue
         if isinstance(value, dict):
             value = ", ".join(f"{name} {entry}" for name, entry in value.items())
-        lines.append(f"| {key} | {value} |")
-    lines += ["", "# Results", "| | | | |", "|---|---:|---|---|"]
+        facts.append((key, str(value)))
+    results = []
     for metric in metrics:
         number = f"{metric.value:.4g}" if math.isfinite(metric.value) else "-"
-        lines.append(f"| {metric.name} | {number} | {metric.unit} | {metric.meaning} |")
-    lines += ["", "Conduits are coloured by tension, grey where the cable is slack."]
-    return rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
+        results.append((metric.name, number, metric.unit, metric.meaning))
+    parts = (
+        "# Episode",
+        markdown.table(("", ""), facts),
+        "# Results",
+        markdown.table(("", "", "", ""), results, numbers=[1]),
+        "Conduits are coloured by tension, grey where the cable is slack.",
+    )
+    return rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
 
 
 def _blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:

@@ -20,6 +20,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
+from cc_mujoco import markdown
 from cc_mujoco.errors import CableError
 from cc_mujoco.figures import save, style
 from cc_mujoco.files import replacing, replacing_folder, require_ours
@@ -136,11 +137,10 @@ def run(name: str, progress: Progress = lambda share: None) -> Outcome:
 
 def table(claims: Iterable[Claim]) -> str:
     """Claims as a Markdown table."""
-    rows = ["| where | printed | ours | verdict | why |", "|---|---|---|---|---|"]
-    for c in claims:
-        cells = (c.where, c.printed, c.ours, c.verdict, c.why)
-        rows.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
-    return "\n".join(rows)
+    return markdown.table(
+        ("where", "printed", "ours", "verdict", "why"),
+        [(c.where, c.printed, c.ours, c.verdict, c.why) for c in claims],
+    )
 
 
 def _write(folder: Path, outcome: Outcome) -> None:

@@ -16,6 +16,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
+from cc_mujoco import markdown
+
 ActsOn = Literal["coefficient", "drag", "elasticity", "pulley"]
 """What a term changes: friction in proportion to tension and wrap angle, friction that
 needs no tension, stretch (of the cable, its end or its contacts), or how the proximal
@@ -104,9 +106,10 @@ def parameters_of(owner: Any) -> tuple[Parameter, ...]:
 
 def as_table(parameters: tuple[Parameter, ...]) -> str:
     """Parameters as a Markdown table."""
-    rows = ["| key | unit | range | default | meaning |", "|---|---|---|---|---|"]
-    rows += [
-        f"| `{p.name}` | {p.unit} | {p.span} | {p.default:g} | {p.meaning} |"
-        for p in parameters
-    ]
-    return "\n".join(rows)
+    return markdown.table(
+        ("key", "unit", "range", "default", "meaning"),
+        [
+            (f"`{p.name}`", p.unit, p.span, f"{p.default:g}", p.meaning)
+            for p in parameters
+        ],
+    )

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from cc_mujoco.figures import save, style
 from cc_mujoco.files import replacing
+from cc_mujoco.markdown import table as table_of
 from cc_mujoco.whatif.charts import effects_plot, heat_maps, pareto_plot
 from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.pareto import Objective, costs, order, pareto
@@ -126,7 +127,7 @@ def markdown(
         )
     parts.append("## Metrics")
     parts.append(
-        _rows(
+        table_of(
             ("metric", "unit", "meaning"),
             ((m, METRICS[m].unit, METRICS[m].meaning) for m in trial.metrics),
         )
@@ -192,7 +193,7 @@ def _ranking(
         cells = [_cell(row[name]) for name in columns]
         cells[0] += "*" if best[place] else ""
         rows.append(cells)
-    return _rows(head, rows)
+    return table_of(head, rows)
 
 
 def _sensitivity(one: Sensitivity) -> str:
@@ -213,7 +214,7 @@ def _sensitivity(one: Sensitivity) -> str:
     unit = METRICS[one.metric].unit
     head = ("variable", "first order", "total", f"least mean [{unit}]",
             f"greatest mean [{unit}]")  # fmt: skip
-    parts = [f"### {one.metric}", f"Sobol's indices: {one.how}.", _rows(head, rows)]
+    parts = [f"### {one.metric}", f"Sobol's indices: {one.how}.", table_of(head, rows)]
     large = sorted(one.pairs.items(), key=lambda item: -item[1])[:5]
     pairs = [
         f"{a} with {b} {_index(share, one.errors[2].get((a, b)))}"
@@ -241,11 +242,6 @@ def _cell(value: object) -> str:
     if value is None:
         return "-"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
 def _table(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from baselines.table import comparison
+from cc_mujoco.markdown import table
 
 STUDIES = {
     "development": 1000, "calibration": 2000, "final": 3000, "second": 4000,
@@ -69,11 +70,11 @@ def went(record: dict[str, Any]) -> str:
 
 def summary(records: list[dict[str, Any]]) -> str:
     """Markdown: rates by kind and strength, confusion, then every case."""
-    columns = ("right", "tie", "half", "silent", "wrong")
-    lines = [
-        "| hidden | R | cases | right | in a tie | one of two | silent | wrong |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    columns = {
+        "right": "right", "in a tie": "tie", "one of two": "half",
+        "silent": "silent", "wrong": "wrong",
+    }  # fmt: skip
+    rates = []
     for kind in ("named", "pair", "unknown", "none"):
         by_size: dict[str, list[str]] = {}
         for r in sorted(records, key=lambda record: record["strength"]):
@@ -81,34 +82,40 @@ def summary(records: list[dict[str, Any]]) -> str:
                 size = "-" if kind == "none" else f"{r['strength']:g}"
                 by_size.setdefault(size, []).append(went(r))
         for size, words in by_size.items():
-            share = [f"{words.count(word) / len(words):.0%}" for word in columns]
-            lines.append(f"| {kind} | {size} | {len(words)} | {' | '.join(share)} |")
-    lines += ["", *_figures(records)]
+            share = [
+                f"{words.count(word) / len(words):.0%}" for word in columns.values()
+            ]
+            rates.append([kind, size, str(len(words)), *share])
+    parts = [table(("hidden", "R", "cases", *columns), rates), *_figures(records)]
     if any("naive" in r for r in records):
-        lines += ["", *comparison(records, went)]
-    lines += [
-        "",
-        "| hidden | what was said first, and how often |",
-        "|---|---|",
-        *(f"| {hidden} | {told} |" for hidden, told in confusion(records).items()),
-        "",
-        "<details><summary>Every case: what was hidden, what was said</summary>",
-        "",
-        "| hidden | R | reached | error | verdict | named | ties | gap closed |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+        parts.append(comparison(records, went))
+    head = ("hidden", "what was said first, and how often")
+    parts.append(table(head, confusion(records).items()))
+    cases = []
     for r in sorted(records, key=lambda record: record["seed"]):
         hidden = ", ".join(r["hidden"]) or "none"
         ties = "; ".join(", ".join(tie) for tie in r["ties"])
-        closed = r.get("closed", math.nan)
-        lines.append(
-            f"| {hidden} | {r['strength']:g} | {r['reached']:.1f} | "
-            f"{r.get('misfit', math.nan):.1f} | "
-            f"{r['verdict']} | {', '.join(r['named']) or '-'} | {ties or '-'} | "
-            f"{closed:.2f} |".replace("nan", "-")
-        )
-    lines += ["", "</details>"]
-    return "\n".join(lines) + "\n"
+        cases.append(
+            (
+                hidden, f"{r['strength']:g}", f"{r['reached']:.1f}",
+                _number(r.get("misfit", math.nan), 1), r["verdict"],
+                ", ".join(r["named"]) or "-", ties or "-",
+                _number(r.get("closed", math.nan), 2),
+            )
+        )  # fmt: skip
+    head = (
+        "hidden", "R", "reached", "error", "verdict", "named", "ties", "gap closed"
+    )  # fmt: skip
+    parts += [
+        "<details><summary>Every case: what was hidden, what was said</summary>",
+        table(head, cases),
+        "</details>",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _number(value: float, digits: int) -> str:
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def _figures(records: list[dict[str, Any]]) -> list[str]:
@@ -159,7 +166,7 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
         found.append(
             f"Intervals of 95 % that cover, of {len(given)}: {', '.join(told)}."
         )
-    return [line for sentence in found for line in (sentence, "")][:-1]
+    return found
 
 
 def confusion(records: list[dict[str, Any]]) -> dict[str, str]:

@@ -63,7 +63,7 @@ def test_an_experiment_leaves_figure_data_and_claims(
     csv = (tmp_path / "loops" / "data.csv").read_text().splitlines()
     assert csv == ['"torque_nm","loops"', "0,1", "1,2", "2,3"]
     summary = (tmp_path / "summary.md").read_text()
-    assert "| Fig. 0 | two | 2.0 Nm | agrees | a / b |" in summary
+    assert "| Fig. 0 | two | 2.0 Nm | agrees | a \\| b |" in summary
 
 
 def test_experiments_run_in_the_order_of_the_thesis_once_each(

@@ -5,27 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from cc_mujoco.markdown import table
+
 Record = dict[str, Any]
 Judge = Callable[[Record], str]
 
 HEAD = (
-    "| method | named: cases | right | in a tie of two | silent | wrong "
-    "| first in its ranking | none: false alarms | unknown: wrongly named |",
-    "|---|---|---|---|---|---|---|---|---|",
-)
+    "method", "named: cases", "right", "in a tie of two", "silent", "wrong",
+    "first in its ranking", "none: false alarms", "unknown: wrongly named",
+)  # fmt: skip
 
 
-def comparison(records: Sequence[Record], judge: Judge) -> list[str]:
-    """Lines of Markdown; every method on the same cases.
+def comparison(records: Sequence[Record], judge: Judge) -> str:
+    """A table in Markdown; every method on the same cases.
 
     Args:
         records: of cases; those without naive answers do not count.
         judge: one word for how a case went, from a record of the diagnosis.
     """
     both = [record for record in records if "naive" in record]
-    lines = list(HEAD)
     ranked = [(record, _ranking(record)) for record in both]
-    lines.append(_row("diagnose", ranked, judge))
+    rows = [_row("diagnose", ranked, judge)]
     for method in ("binned", "sparse", "bic"):
         told = [
             (_as_diagnosis(record, guess), list(guess["ranking"]))
@@ -33,10 +33,10 @@ def comparison(records: Sequence[Record], judge: Judge) -> list[str]:
             if (guess := record["naive"].get(method))
         ]
         if told:
-            lines.append(_row(method, told, judge))
+            rows.append(_row(method, told, judge))
         else:
-            lines.append(f"| {method} | not run |" + " |" * 7)
-    return lines
+            rows.append([method, "not run", *[""] * (len(HEAD) - 2)])
+    return table(HEAD, rows)
 
 
 def _as_diagnosis(record: Record, guess: Record) -> Record:
@@ -52,14 +52,16 @@ def _ranking(record: Record) -> list[str]:
     return [candidate[0] for candidate in rounds[0]]
 
 
-def _row(method: str, told: Sequence[tuple[Record, list[str]]], judge: Judge) -> str:
+def _row(
+    method: str, told: Sequence[tuple[Record, list[str]]], judge: Judge
+) -> list[str]:
     def share(kind: str, *words: str) -> str:
         of = [judge(record) for record, _ in told if record["kind"] == kind]
         return _percent(sum(word in words for word in of), len(of))
 
     named = [pair for pair in told if pair[0]["kind"] == "named"]
     first = sum(ranking[:1] == list(record["hidden"]) for record, ranking in named)
-    cells = [
+    return [
         method,
         str(len(named)),
         *(share("named", word) for word in ("right", "tie", "silent", "wrong")),
@@ -67,7 +69,6 @@ def _row(method: str, told: Sequence[tuple[Record, list[str]]], judge: Judge) ->
         share("none", "wrong"),
         share("unknown", "wrong"),
     ]
-    return f"| {' | '.join(cells)} |"
 
 
 def _percent(part: int, whole: int) -> str:

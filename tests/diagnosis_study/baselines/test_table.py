@@ -42,7 +42,8 @@ def cells(line: str) -> list[str]:
 
 
 def test_rows_count_cases_and_words() -> None:
-    _, rule, diagnosis, binned, sparse, _ = comparison(RECORDS, judge)
+    lines = comparison(RECORDS, judge).splitlines()
+    _, rule, diagnosis, binned, sparse, _ = lines
     third = ["33% of 3"]
     assert cells(binned) == [
         "binned",

@@ -1,0 +1,25 @@
+"""Tables in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()
+) -> str:
+    """A table, as lines without the last line's end.
+
+    Args:
+        head: titles of the columns.
+        rows: their cells.
+        numbers: places of columns that are set flush right.
+    """
+    right = set(numbers)
+    rule = "|".join("---:" if k in right else "---" for k in range(len(head)))
+    return "\n".join((_line(head), f"|{rule}|", *map(_line, rows)))
+
+
+def _line(cells: Sequence[str]) -> str:
+    escaped = (cell.replace("|", "\\|") for cell in cells)
+    return "|" + "".join(f" {cell} |" if cell else " |" for cell in escaped)

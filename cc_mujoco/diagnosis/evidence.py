@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from cc_mujoco.compiled import FloatArray
 
+Model = Literal["before", "after"]
 CHANNELS = ("motor_torque_nm", "joint_torque_nm")
 """Channels that the model predicts, from both angles."""
 
@@ -35,6 +37,11 @@ class Trace:
     before: Mapping[str, FloatArray]
     after: Mapping[str, FloatArray]
     counts: FloatArray
+
+    def error(self, channel: str, model: Model = "before") -> FloatArray:
+        """Measured minus simulated (samples,) [Nm]."""
+        played = self.before if model == "before" else self.after
+        return self.measured[channel] - played[channel]
 
 
 @dataclass(frozen=True)

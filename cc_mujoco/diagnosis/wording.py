@@ -15,6 +15,11 @@ from cc_mujoco.diagnosis.verdict import Diagnosis, Gap
 from cc_mujoco.estimation.least_squares import Estimate
 
 TORQUE_UNIT = "Nm"
+SIGN = (
+    "Errors are measured minus simulated: positive where the rig shows more torque "
+    "than the simulation."
+)
+"""What the sign of an error means."""
 MINUS = "\N{MINUS SIGN}"
 
 MEANING = {

@@ -103,14 +103,8 @@ def _map(
 ) -> Map | None:
     kept = [trace.counts > 0.0 for trace in traces]
     values = [v[k] for v, k in zip(axis.values, kept, strict=True)]
-    before = [
-        (t.measured[channel] - t.before[channel])[k]
-        for t, k in zip(traces, kept, strict=True)
-    ]
-    after = [
-        (t.measured[channel] - t.after[channel])[k]
-        for t, k in zip(traces, kept, strict=True)
-    ]
+    before = [t.error(channel)[k] for t, k in zip(traces, kept, strict=True)]
+    after = [t.error(channel, "after")[k] for t, k in zip(traces, kept, strict=True)]
     whole = np.concatenate(values)
     if whole.size < 10 * BINS or np.ptp(whole) == 0.0:
         return None
@@ -204,7 +198,7 @@ def sentence(drawn: Map) -> str:
     unit = "" if drawn.unit == "1" else f" {drawn.unit}"
     return (
         f"{drawn.share:.0%} of the squared {_WORDS[drawn.channel]} error lies along "
-        f"{drawn.axis} (chance gives {drawn.chance:.0%}): measured less simulated is "
+        f"{drawn.axis} (chance gives {drawn.chance:.0%}): measured minus simulated is "
         f"{error[low]:+.3g} Nm at {centre[low]:.3g}{unit} and "
         f"{error[high]:+.3g} Nm at {centre[high]:.3g}{unit}."
     )

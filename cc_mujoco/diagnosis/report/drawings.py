@@ -127,13 +127,13 @@ def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
     for row, (name, measured) in enumerate(trace.measured.items()):
         whole, rest = panels[2 * row : 2 * row + 2]
         whole.plot(*_broken(time, measured[part]), color=BLACK, label="measured")
-        models = {"before" if both else "simulation": (trace.before[name], ORANGE)}
+        before = "before" if both else "simulation"
+        models = [(before, trace.before, trace.error(name), ORANGE)]
         if both:
-            models["after"] = trace.after[name], BLUE
-        for label, (values, color) in models.items():
-            whole.plot(*_broken(time, values[part]), color=color, label=label)
-            error = measured[part] - values[part]
-            rest.plot(*_broken(time, error), color=color, linewidth=1.0)
+            models.append(("after", trace.after, trace.error(name, "after"), BLUE))
+        for label, played, error, color in models:
+            whole.plot(*_broken(time, played[name][part]), color=color, label=label)
+            rest.plot(*_broken(time, error[part]), color=color, linewidth=1.0)
         title = capital(channel(name))
         whole.set(title=title, ylabel=f"torque [{TORQUE_UNIT}]")
         rest.set(ylabel=f"error [{TORQUE_UNIT}]")

@@ -93,5 +93,5 @@ def _mean(values: FloatArray) -> float:
 
 def _square(trace: Trace, channel: str) -> FloatArray:
     """Squared error of the baseline; 0 where there are no data or none that count."""
-    error = (trace.measured[channel] - trace.before[channel]) * (trace.counts > 0)
+    error = trace.error(channel) * (trace.counts > 0)
     return np.nan_to_num(error) ** 2

@@ -16,11 +16,19 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from cc_mujoco import markdown
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.evidence import Evidence, Map, Trace
 from cc_mujoco.diagnosis.report.excerpt import changed, worst
 from cc_mujoco.diagnosis.report.likeness import alike_pairs, invisible
-from cc_mujoco.diagnosis.wording import TORQUE_UNIT, Names, capital, channel, plain
+from cc_mujoco.diagnosis.wording import (
+    SIGN,
+    TORQUE_UNIT,
+    Names,
+    capital,
+    channel,
+    plain,
+)
 from cc_mujoco.diagnosis.wording import share as share_of
 from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, PINK
 from cc_mujoco.recording.axis import axis
@@ -88,13 +96,13 @@ def _log_trace(rec: rr.RecordingStream, trace: Trace, both: bool) -> None:
         rec.send_columns(path, index, [*rr.Scalars.columns(scalars=values)])
 
     for name, measured in trace.measured.items():
-        kinds = {"measured": measured, "before": trace.before[name]}
+        send([name, "measured"], measured, *LOOKS["measured"])
+        models = [("before", trace.before, trace.error(name))]
         if both:
-            kinds["after"] = trace.after[name]
-        for kind, values in kinds.items():
-            send([name, kind], values, *LOOKS[kind])
-            if kind != "measured":
-                send([f"{name}_error", kind], measured - values, *LOOKS[kind])
+            models.append(("after", trace.after, trace.error(name, "after")))
+        for kind, played, error in models:
+            send([name, kind], played[name], *LOOKS[kind])
+            send([f"{name}_error", kind], error, *LOOKS[kind])
     send(["motion", "motor"], trace.motor_angle, GREEN, 1.5)
     send(["motion", "joint"], trace.joint_angle, PINK, 1.5)
 
@@ -116,28 +124,32 @@ def _log_map(rec: rr.RecordingStream, each: Map, both: bool) -> None:
 
 def _about(evidence: Evidence, names: Names) -> rr.TextDocument:
     """Describe in Markdown what there is."""
-    lines = ["# Evidence of a diagnosis", ""]
-    lines.append(
-        "Measured torques are grey, those simulated before orange, those simulated "
-        "with the named effects blue. Errors are measured minus simulated."
-    )
-    lines += ["", "# Maps of the error", "| | over | share | by chance |"]
-    lines.append("|---|---|---:|---:|")
-    for each in sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share)):
-        cells = (
+    maps = [
+        (
             capital(channel(each.channel)),
             f"{plain(each.axis)} [{each.unit or '1'}]",
             share_of(each.share),
             share_of(each.chance),
         )
-        lines.append(f"| {' | '.join(map(_cell, cells))} |")
-    lines += ["", "# Effects that are alike", "| | | likeness |", "|---|---|---:|"]
-    for one, other, alike in alike_pairs(evidence.isolability):
-        lines.append(f"| {_cell(names(one))} | {_cell(names(other))} | {alike:.2f} |")
+        for each in sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
+    ]
+    pairs = [
+        (names(one), names(other), f"{alike:.2f}")
+        for one, other, alike in alike_pairs(evidence.isolability)
+    ]
+    parts = [
+        "# Evidence of a diagnosis",
+        "Measured torques are grey, those simulated before orange, those simulated "
+        f"with the named effects blue. {SIGN}",
+        "# Maps of the error",
+        markdown.table(("", "over", "share", "by chance"), maps, numbers=(2, 3)),
+        "# Effects that are alike",
+        markdown.table(("", "", "likeness"), pairs, numbers=[2]),
+    ]
     weak = invisible(evidence.isolability)
     if weak:
-        lines += ["", f"Smaller than the noise, if present: {names.list(weak)}."]
-    return rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
+        parts.append(f"Smaller than the noise, if present: {names.list(weak)}.")
+    return rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
 
 
 def _blueprint(evidence: Evidence) -> rrb.Blueprint:
@@ -167,7 +179,7 @@ def _trial_tab(trace: Trace) -> rrb.Vertical:
     for name, measured in trace.measured.items():
         title = capital(channel(name))
         played = (trace.before[name], trace.after[name])
-        errors = [measured - values for values in played]
+        errors = (trace.error(name, "before"), trace.error(name, "after"))
         views.append(view(name, f"{title} [{TORQUE_UNIT}]", measured, *played))
         views.append(view(f"{name}_error", f"{title}, error [{TORQUE_UNIT}]", *errors))
     angles = (trace.motor_angle, trace.joint_angle)
@@ -183,11 +195,6 @@ def _map_view(each: Map) -> rrb.BarChartView:
 
 def _map_path(each: Map, *more: str) -> str:
     return rr.new_entity_path(["maps", each.channel, each.axis, *more])
-
-
-def _cell(text: str) -> str:
-    """Text that does not end a cell of a table."""
-    return text.replace("|", "\\|")
 
 
 def _rgba(color: str) -> int:

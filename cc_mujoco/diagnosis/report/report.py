@@ -120,8 +120,7 @@ def _sections(
     ]
     gap = drawn("gap", "Weighted RMS error on held-out data, beside the noise floor.")
     maps = drawn(
-        "maps",
-        "Mean error, measured minus simulated, over what it lies along.",
+        "maps", "Mean error, measured minus simulated, over what it lies along."
     )
     alike = drawn(
         "isolability",

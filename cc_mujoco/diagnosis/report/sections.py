@@ -25,6 +25,7 @@ from cc_mujoco.diagnosis.verdict import Diagnosis, RunnerUp
 from cc_mujoco.diagnosis.wording import (
     MEANING,
     NO_SCENE,
+    SIGN,
     Names,
     capital,
     channel,
@@ -137,9 +138,7 @@ def maps(evidence: Evidence) -> Html | None:
     if len(chance) == len(evidence.maps):
         return paragraph("No map shows more than chance would; the largest are drawn.")
     text = (
-        "Errors are measured minus simulated: positive where the rig shows more "
-        "torque than the simulation. "
-        "Titles give the share of the variance of the baseline's error that a "
+        f"{SIGN} Titles give the share of the variance of the baseline's error that a "
         "quantity explains. Chance keeps the mean error within the grey band in 95 % "
         "of cases."
     )
@@ -162,7 +161,8 @@ def excerpt_caption(excerpt: Excerpt, worst: bool) -> str:
     span = f"Trial {excerpt.trace.trial}, {time[0]:.1f} s to {time[-1]:.1f} s"
     size = f"{number(excerpt.error)} times its RMS error over all trials"
     if worst:
-        return f"{span}: the seconds in which the baseline errs most, {size}."
+        told = f"{span}: the seconds in which the baseline errs most, {size}."
+        return f"{told} {SIGN}"
     return f"{span}: ordinary seconds, the baseline errs by {size}."
 
 

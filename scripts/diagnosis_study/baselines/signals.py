@@ -36,7 +36,7 @@ class Signals(NamedTuple):
         rested: how long the last rest was [s].
         since_rest: travel of the cable since then [m].
         torque: (2, samples) of motor and joint, as the baseline simulates it [Nm].
-        residual: (2, samples) measured less simulated [Nm].
+        residual: (2, samples) measured minus simulated [Nm].
         floor: (2, samples) standard deviation of noise [Nm].
     """
 

@@ -1,0 +1,79 @@
+"""Errors are measured minus simulated: in fits, in traces, and in what is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cc_mujoco.diagnosis.evidence import CHANNELS, Evidence, Isolability, Trace
+from cc_mujoco.diagnosis.inference.atlas import maps, sentence
+from cc_mujoco.diagnosis.inference.fitting import Problem
+from cc_mujoco.diagnosis.inference.plant import OFFSETS, Plant, tuned
+from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.slopes import Slopes
+from cc_mujoco.diagnosis.report import sections
+from cc_mujoco.diagnosis.wording import SIGN
+from cc_mujoco.estimation.calibration import Trial
+from cc_mujoco.transmission import Cable, Section, Transmission
+from diagnosis.recorded import BENCH, dataset
+
+MORE = 0.1
+"""Torque that a rig shows beyond its simulation [Nm]."""
+
+
+def test_the_error_of_a_fit_is_positive_where_the_rig_shows_more() -> None:
+    records, _ = prepare(dataset(duration=3.0, chosen=(0,)), BENCH)
+    free = tuned(BENCH, records, {})
+    plant = Plant(BENCH, records, 8)
+    noise = tuple(np.full(r.measured.shape, 0.05) for r in records)
+    at = np.zeros(len(free))
+    shown = tuple(
+        replace(record, measured=torque + MORE)
+        for record, torque in zip(
+            records,
+            plant.simulate(Problem(plant, free, (), noise, noise).values(at)),
+            strict=True,
+        )
+    )
+    problem = Problem(Plant(BENCH, shown, 8), free, (), noise, noise)
+    (error,) = problem.plainly(at)
+    np.testing.assert_allclose(error, MORE / 0.05)
+    counts = [record.counts for record in shown]
+    slopes = Slopes(problem).jacobian(at, counts)
+    # A simulation that shows more leaves less.
+    index = [parameter.name for parameter in free].index(OFFSETS[0])
+    assert slopes[:, index].min() < 0.0 <= -slopes[:, index].max()
+
+
+def test_the_residual_of_a_trial_is_positive_where_the_rig_shows_more() -> None:
+    cable = Cable(friction=0.05, pretension=20.0, conduit=(Section(1.0, 0.3),))
+    drive = Transmission.pull_pull(cable, 0.02, 0.05)
+    angle = 0.2 * np.sin(np.linspace(0.0, 6.0, 200))
+    inputs = {"motor_angle": 2.0 * angle, "joint_angle": angle}
+    torque = drive.replay(0.01, **inputs).joint_torque + MORE
+    trial = Trial(0.01, inputs, {"joint_torque": torque}, {"joint_torque": 0.05})
+    found = trial.residual(drive)["joint_torque"]
+    np.testing.assert_allclose(found, MORE / 0.05)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_report_says_which_way_an_error_lies(side: float) -> None:
+    """The rig shows more, or less, torque where the motor turns forwards."""
+    time = np.arange(0.0, 20.0, 0.01)
+    angle = np.sin(time)
+    played = dict.fromkeys(CHANNELS, np.zeros(time.size))
+    measured = dict.fromkeys(CHANNELS, side * MORE * (np.cos(time) > 0.0))
+    counts = np.ones(time.size)
+    trace = Trace("one", time, angle, angle, measured, played, played, counts)
+    assert np.all(side * trace.error(CHANNELS[0]) >= 0.0)
+    drawn = maps((trace,), seed=0)
+    speed = next(m for m in drawn if "motor speed" in m.axis)
+    fast = np.nanargmax(speed.centre)
+    assert speed.before[fast] == pytest.approx(side * MORE)
+    statement = sentence(speed)
+    assert f"measured minus simulated is {min(0.0, side) * MORE:+.3g} Nm" in statement
+    assert f"and {max(0.0, side) * MORE:+.3g} Nm" in statement
+    nothing = Isolability((), np.zeros((0, 0)), np.zeros(0))
+    assert SIGN in str(sections.maps(Evidence((trace,), drawn, nothing)))

@@ -11,6 +11,7 @@ printed, with rho in front of all terms.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.predecessors.model import Answer, Environment, Model, Spring
+from cc_mujoco.predecessors.model import Answer, Asked, Model, Motion, Spring
 from cc_mujoco.transmission import Cable
 
 _STEP = 0.05
@@ -53,6 +54,12 @@ class ModifiedBoucWen(Model):
     """One hysteresis curve between motor and output tension."""
 
     name: ClassVar[str] = "Do, modified Bouc-Wen"
+    refuses: ClassVar[Mapping[Asked, str]] = {
+        "a locked output": "output and motor move alike in it",
+        "a moved output": "output and motor move alike in it",
+        "a tension profile": "it has no inside",
+        "bends that change": "its parameters are fitted to one",
+    }
 
     def __init__(self, cable: Cable, hysteresis: Hysteresis) -> None:
         """Take the pretension of a cable and the parameters."""
@@ -106,28 +113,11 @@ class ModifiedBoucWen(Model):
             cable, Hysteresis(position, state, viscous, offset, rho, sigma, lead)
         )
 
-    def replay(
-        self,
-        dt: float,
-        u_proximal: ArrayLike,
-        environment: Environment,
-        *,
-        initial_tension: ArrayLike | None = None,
-        wrap_scale: ArrayLike | None = None,
-    ) -> Answer:
-        """See `Model.replay`; takes a spring only, one pretension, fixed bends."""
-        if not isinstance(environment, Spring):
-            raise self.refuse(
-                "a locked or moved output", "output and motor move alike in it"
-            )
-        if initial_tension is not None:
-            raise self.refuse("a tension profile", "it has no inside")
-        if wrap_scale is not None:
-            raise self.refuse("bends that change", "its parameters are fitted to one")
-        near = np.asarray(u_proximal, dtype=np.float64)
-        has = self.hysteresis
+    def answer(self, motion: Motion) -> Answer:
+        """See `Model.answer`; friction is added to the spring's force."""
+        near, has = motion.near, self.hysteresis
         position, state, speed = _parts(
-            -near, dt, has.rho, has.sigma, has.lead, has.exponent
+            -near, motion.dt, has.rho, has.sigma, has.lead, has.exponent
         )
         friction = (
             has.position * position
@@ -135,7 +125,7 @@ class ModifiedBoucWen(Model):
             + has.viscous * speed
             + has.offset
         )
-        far = self.cable.pretension - environment.stiffness * near
+        far = self.cable.pretension - motion.stiffness * near
         return Answer(far + friction, far, near.copy())
 
 

@@ -19,17 +19,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.predecessors.model import (
-    Answer,
-    Environment,
-    Model,
-    profile,
-    scales,
-    springs,
-)
+from cc_mujoco.predecessors.model import Answer, Model, Motion
 from cc_mujoco.transmission import Cable
 from cc_mujoco.transmission.conduit import packed
 from cc_mujoco.transmission.kernel import segment_angles
@@ -73,31 +65,20 @@ class BristleChain(Model):
         super().__init__(cable)
         self.bristle = bristle
 
-    def replay(
-        self,
-        dt: float,
-        u_proximal: ArrayLike,
-        environment: Environment,
-        *,
-        initial_tension: ArrayLike | None = None,
-        wrap_scale: ArrayLike | None = None,
-    ) -> Answer:
-        """See `Model.replay`; takes everything, and does not know slack."""
-        near = np.ascontiguousarray(u_proximal, dtype=np.float64)
-        stiffness, moved = springs(environment, near.size)
+    def answer(self, motion: Motion) -> Answer:
+        """See `Model.answer`; does not know slack."""
         cable = self.cable
         n = cable.segments
         segment = segment_angles(packed(cable), n)
-        start = profile(cable, initial_tension)
         shape = self.bristle
         return Answer(
             *_play(
-                near,
-                moved,
-                stiffness,
+                motion.near,
+                motion.moved,
+                motion.stiffness,
                 cable.friction * segment,
                 cable.axial_stiffness * n / cable.length,
-                start,
+                motion.start,
                 np.array(
                     [
                         shape.length,
@@ -107,8 +88,8 @@ class BristleChain(Model):
                         shape.damping,
                     ]
                 ),
-                scales(wrap_scale, near.size),
-                dt,
+                motion.factor,
+                motion.dt,
             )
         )
 

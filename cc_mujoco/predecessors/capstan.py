@@ -7,35 +7,27 @@ Nothing inside the cable has a state, so at a reversal the output jumps.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from cc_mujoco.predecessors.model import Answer, Environment, Model, scales, springs
+from cc_mujoco.predecessors.model import Answer, Asked, Model, Motion
 
 
 class StaticCapstan(Model):
     """Elastic tendon with the tension ratio of Euler's belt equation."""
 
     name: ClassVar[str] = "static capstan ratio"
+    refuses: ClassVar[Mapping[Asked, str]] = {
+        "a tension profile": "it has one tension, not many"
+    }
 
-    def replay(
-        self,
-        dt: float,
-        u_proximal: ArrayLike,
-        environment: Environment,
-        *,
-        initial_tension: ArrayLike | None = None,
-        wrap_scale: ArrayLike | None = None,
-    ) -> Answer:
-        """See `Model.replay`; has no initial profile, since it has no inside."""
-        if initial_tension is not None:
-            raise self.refuse("a tension profile", "it has one tension, not many")
-        near = np.asarray(u_proximal, dtype=np.float64)
-        stiffness, moved = springs(environment, near.size)
+    def answer(self, motion: Motion) -> Answer:
+        """See `Model.answer`; the whole cable slips or rests."""
+        near, moved, stiffness = motion.near, motion.moved, motion.stiffness
         cable = self.cable
-        wrap = cable.friction * cable.wrap * scales(wrap_scale, near.size)
+        wrap = cable.friction * cable.wrap * motion.factor
         direction = np.sign(np.diff(near + moved, prepend=0.0))
         # At rest the last direction holds; before any motion there is none.
         last = np.maximum.accumulate(np.where(direction != 0, np.arange(near.size), 0))

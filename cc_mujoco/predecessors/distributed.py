@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.predecessors.model import Answer, Environment, Model, scales, springs
+from cc_mujoco.predecessors.model import Answer, Model, Motion
 from cc_mujoco.transmission import kernel, rest_state, stepper
 from cc_mujoco.transmission.packing import tensions
 
@@ -18,27 +17,22 @@ class Distributed(Model):
 
     name: ClassVar[str] = "this package"
 
-    def replay(
-        self,
-        dt: float,
-        u_proximal: ArrayLike,
-        environment: Environment,
-        *,
-        initial_tension: ArrayLike | None = None,
-        wrap_scale: ArrayLike | None = None,
-    ) -> Answer:
-        """See `Model.replay`; takes everything."""
-        near = np.ascontiguousarray(u_proximal, dtype=np.float64)
-        stiffness, moved = springs(environment, near.size)
+    def answer(self, motion: Motion) -> Answer:
+        """See `Model.answer`."""
         cable = self.cable
-        # Arms of one, so that an angle is a displacement and a torque a tension.
-        cables = stepper.between((cable,), (1.0,), (-1.0,))
-        state = rest_state(cable, initial_tension)[None]
-        values = np.array(cable.scalars)
-        sections = np.array(cable.conduit, dtype=np.float64)
-        factor = scales(wrap_scale, near.size)
         return Answer(
-            *_play(cables, values, sections, state, near, moved, stiffness, factor, dt)
+            *_play(
+                # Arms of one, so that an angle is a displacement, a torque a tension.
+                stepper.between((cable,), (1.0,), (-1.0,)),
+                np.array(cable.scalars),
+                np.array(cable.conduit, dtype=np.float64),
+                rest_state(cable, motion.start)[None],
+                motion.near,
+                motion.moved,
+                motion.stiffness,
+                motion.factor,
+                motion.dt,
+            )
         )
 
 

@@ -11,19 +11,13 @@ negative, and where the direction changes the stiffness jumps.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.predecessors.model import (
-    Answer,
-    Environment,
-    Model,
-    Moved,
-    springs,
-)
+from cc_mujoco.predecessors.model import Answer, Asked, Model, Motion
 from cc_mujoco.transmission import Cable
 
 
@@ -31,6 +25,11 @@ class LumpedMasses(Model):
     """Mass-spring-damper chain with direction-dependent apparent stiffness."""
 
     name: ClassVar[str] = "Kaneko, lumped masses"
+    refuses: ClassVar[Mapping[Asked, str]] = {
+        "a moved output": "its environment must be a spring",
+        "a tension profile": "pretension is one number",
+        "bends that change": "its stiffness is set once",
+    }
 
     def __init__(
         self, cable: Cable, masses: int = 10, line_density: float = 2.5e-3
@@ -45,26 +44,12 @@ class LumpedMasses(Model):
         super().__init__(cable)
         self.masses, self.line_density = masses, line_density
 
-    def replay(
-        self,
-        dt: float,
-        u_proximal: ArrayLike,
-        environment: Environment,
-        *,
-        initial_tension: ArrayLike | None = None,
-        wrap_scale: ArrayLike | None = None,
-    ) -> Answer:
-        """See `Model.replay`; takes a spring or a lock, one pretension, fixed bends."""
-        if isinstance(environment, Moved):
-            raise self.refuse("a moved output", "its environment must be a spring")
-        if initial_tension is not None:
-            raise self.refuse("a tension profile", "pretension is one number")
-        if wrap_scale is not None:
-            raise self.refuse("bends that change", "its stiffness is set once")
-        near = np.ascontiguousarray(u_proximal, dtype=np.float64)
-        stiffness, _ = springs(environment, near.size)
+    def answer(self, motion: Motion) -> Answer:
+        """See `Model.answer`; a chain for either way of moving."""
+        near, stiffness = motion.near, motion.stiffness
         steps, gains = zip(
-            *(self._system(dt, sign, stiffness) for sign in (-1.0, 1.0)), strict=True
+            *(self._system(motion.dt, sign, stiffness) for sign in (-1.0, 1.0)),
+            strict=True,
         )
         stretch = _step_through(near, np.array(steps), np.array(gains))
         angle = self.cable.friction * self.cable.wrap

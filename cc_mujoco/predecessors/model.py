@@ -12,8 +12,9 @@ count from rest in the pretension. A model that cannot be asked something raises
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -67,16 +68,47 @@ class Answer(NamedTuple):
     u_distal: FloatArray
 
 
+Asked = Literal[
+    "a locked output", "a moved output", "a tension profile", "bends that change"
+]
+"""What not every model can take."""
+
+
+class Motion(NamedTuple):
+    """A motion that a model is to answer, checked and with its defaults.
+
+    Attributes:
+        dt: time between samples [s].
+        near: displacement of the proximal end (samples,) [m].
+        moved: that of the distal end where someone moves it, else 0 (samples,) [m].
+        stiffness: of the spring at the distal end, infinite without one [N/m].
+        start: tension at the nodes at first (segments + 1,) [N].
+        factor: of all wrap angles (samples,).
+    """
+
+    dt: float
+    near: FloatArray
+    moved: FloatArray
+    stiffness: float
+    start: FloatArray
+    factor: FloatArray
+
+
 class Model(ABC):
-    """A model of one cable; subclasses are one published model each."""
+    """A model of one cable; subclasses are one published model each.
+
+    Attributes:
+        name: who published it.
+        refuses: what it cannot take, and why.
+    """
 
     name: ClassVar[str]
+    refuses: ClassVar[Mapping[Asked, str]] = {}
 
     def __init__(self, cable: Cable) -> None:
         """Take length, stiffness, bends, friction and pretension from a cable."""
         self.cable = cable
 
-    @abstractmethod
     def replay(
         self,
         dt: float,
@@ -99,10 +131,24 @@ class Model(ABC):
         Raises:
             CableError: the model cannot take what is given.
         """
+        asked: dict[Asked, bool] = {
+            "a locked output": isinstance(environment, Locked),
+            "a moved output": isinstance(environment, Moved),
+            "a tension profile": initial_tension is not None,
+            "bends that change": wrap_scale is not None,
+        }
+        for what, why in self.refuses.items():
+            if asked[what]:
+                raise CableError(f"{self.name} cannot take {what}: {why}")
+        near = np.ascontiguousarray(u_proximal, dtype=np.float64)
+        stiffness, moved = springs(environment, near.size)
+        start = profile(self.cable, initial_tension)
+        factor = scales(wrap_scale, near.size)
+        return self.answer(Motion(dt, near, moved, stiffness, start, factor))
 
-    def refuse(self, what: str, why: str) -> CableError:
-        """The error of a model that cannot take something."""
-        return CableError(f"{self.name} cannot take {what}: {why}")
+    @abstractmethod
+    def answer(self, motion: Motion) -> Answer:
+        """Answer a motion with nothing in it that the model refuses."""
 
 
 def springs(environment: Environment, samples: int) -> tuple[float, FloatArray]:

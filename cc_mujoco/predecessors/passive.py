@@ -10,21 +10,13 @@ A slack cable has no tension and no friction.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.predecessors.model import (
-    Answer,
-    Environment,
-    Model,
-    Moved,
-    profile,
-    scales,
-    springs,
-)
+from cc_mujoco.predecessors.model import Answer, Asked, Model, Motion
 from cc_mujoco.transmission.conduit import packed
 from cc_mujoco.transmission.kernel import segment_angles
 
@@ -33,40 +25,28 @@ class PassiveDistributed(Model):
     """Distributed Coulomb friction, motion entering from the motor only."""
 
     name: ClassVar[str] = "Agrawal, one-directional"
+    refuses: ClassVar[Mapping[Asked, str]] = {
+        "a moved output": "its tension must be a function of its place"
+    }
 
-    def replay(
-        self,
-        dt: float,
-        u_proximal: ArrayLike,
-        environment: Environment,
-        *,
-        initial_tension: ArrayLike | None = None,
-        wrap_scale: ArrayLike | None = None,
-    ) -> Answer:
-        """See `Model.replay`; takes no output that someone moves."""
-        if isinstance(environment, Moved):
-            raise self.refuse(
-                "a moved output", "its tension must be a function of its place"
-            )
-        near = np.ascontiguousarray(u_proximal, dtype=np.float64)
-        stiffness, _ = springs(environment, near.size)
+    def answer(self, motion: Motion) -> Answer:
+        """See `Model.answer`."""
         cable = self.cable
         n = cable.segments
         angle = np.zeros(n + 1)
         angle[1:] = np.cumsum(segment_angles(packed(cable), n))
         share = np.full(n + 1, cable.length / (n * cable.axial_stiffness))
         share[[0, n]] *= 0.5
-        compliance = 0.0 if np.isinf(stiffness) else 1.0 / stiffness
+        compliance = 1.0 / motion.stiffness
         share[n] += compliance  # the spring follows the last node
-        start = profile(cable, initial_tension)
         return Answer(
             *_play(
-                near,
+                motion.near,
                 cable.friction * angle,
                 share,
-                start,
+                motion.start,
                 compliance,
-                scales(wrap_scale, near.size),
+                motion.factor,
             )
         )
 

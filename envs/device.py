@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
-from cc_mujoco.control import Drive, Observed, Strand
+from cc_mujoco.control import CableDrive, Drive, Observed
 from cc_mujoco.devices import Setup
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.human import Wearer
@@ -100,21 +100,24 @@ class Device:
         That includes where its tension sensors are, and how good.
         """
         limit = self.torque_limit
-        near = [float(self.model.actuator_gear[end, 0]) for end, _ in self._ends]
-        strands = tuple(
-            Strand(cable, arm, far)
-            for cable, arm, far in zip(
-                engine.from_mjcf(self.model).values(), near, self._arms(), strict=True
+        proximal = [float(self.model.actuator_gear[end, 0]) for end, _ in self._ends]
+        cable_drives = tuple(
+            CableDrive(cable, arm, distal)
+            for cable, arm, distal in zip(
+                engine.from_mjcf(self.model).values(),
+                proximal,
+                self._arms(),
+                strict=True,
             )
         )
-        pulls = all(arm < 0.0 for arm in near)
+        pulls = all(arm < 0.0 for arm in proximal)
         drive = Drive(
             self.ratio,
             -limit,
             limit,
             period,
             pulls,
-            (strands,),
+            (cable_drives,),
             observed=self.observed,
         )
         return self.setup.sensing.equip(drive)
@@ -136,9 +139,9 @@ class Device:
         data.qpos[self._companions_q] = angles[1:]
         data.ctrl[self.wearer_controls] = commands
         mujoco.mj_fwdPosition(model, data)
-        near, far = self._ends[0]
-        payed_out = data.actuator_length[far] - model.actuator_length0[far]
-        data.qpos[self._motor_q] += payed_out / model.actuator_gear[near, 0]
+        proximal, distal = self._ends[0]
+        payed_out = data.actuator_length[distal] - model.actuator_length0[distal]
+        data.qpos[self._motor_q] += payed_out / model.actuator_gear[proximal, 0]
         engine.settle(model, data)
 
     def read(self, physics: Physics) -> dict[str, Any]:
@@ -188,7 +191,7 @@ class Device:
         data.qvel[self._joint_v] = 1.0
         mujoco.mj_fwdPosition(self.model, data)
         mujoco.mj_fwdVelocity(self.model, data)
-        return [float(data.actuator_velocity[far]) for _, far in self._ends]
+        return [float(data.actuator_velocity[distal]) for _, distal in self._ends]
 
 
 def physics_of(data: mujoco.MjData) -> Physics:
@@ -204,8 +207,8 @@ def _wearer(model: mujoco.MjModel, name: str) -> Wearer:
 def _ends(model: mujoco.MjModel, name: str) -> tuple[int, int]:
     """Indices of the proximal and the distal end in `actuator_length`."""
     found = np.flatnonzero(model.actuator_plugin == instances(model)[name])
-    near, far = (int(model.actuator_outadr[actuator]) for actuator in found)
-    return near, far
+    proximal, distal = (int(model.actuator_outadr[actuator]) for actuator in found)
+    return proximal, distal
 
 
 def _columns(name: str, reading: engine.CableReading) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cc_mujoco.checks import parameter
-from cc_mujoco.control import Drive, Strand
+from cc_mujoco.control import CableDrive, Drive
 from cc_mujoco.transmission import Cable
 
 MOST = 3.0
@@ -42,15 +42,15 @@ class Mismatch:
             random = np.random.default_rng([seed, 2])
             rows.append(
                 tuple(
-                    Strand(
+                    CableDrive(
                         self._wrong(s.cable, random.normal(size=3).tolist()),
-                        s.near,
-                        s.far,
+                        s.proximal,
+                        s.distal,
                     )
                     for s in drive.cables
                 )
             )
-        return dataclasses.replace(drive, strands=tuple(rows))
+        return dataclasses.replace(drive, cable_drives=tuple(rows))
 
     def _wrong(self, cable: Cable, draw: list[float]) -> Cable:
         friction, stiffness, pretension = (max(min(d, MOST), -MOST) for d in draw)

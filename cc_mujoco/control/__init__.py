@@ -5,7 +5,7 @@ from __future__ import annotations
 from cc_mujoco.control.controller import Controller
 from cc_mujoco.control.controllers import CONTROLLERS, controller
 from cc_mujoco.control.disturbance import DisturbanceObserver
-from cc_mujoco.control.drive import Drive, Strand
+from cc_mujoco.control.drive import CableDrive, Drive
 from cc_mujoco.control.external import External, Policy
 from cc_mujoco.control.feed_forward import FeedForward
 from cc_mujoco.control.model import CableModel
@@ -18,6 +18,7 @@ from cc_mujoco.control.tensions import AdaptiveModel, FusedFeedback
 __all__ = [
     "CONTROLLERS",
     "AdaptiveModel",
+    "CableDrive",
     "CableModel",
     "Controller",
     "DisturbanceObserver",
@@ -31,6 +32,5 @@ __all__ = [
     "Policy",
     "ProportionalIntegral",
     "StictionCompensation",
-    "Strand",
     "controller",
 ]

@@ -24,10 +24,11 @@ _PRETENSION = law.INDEX["pretension"]
 
 
 @compiled
-def _stretches(prm: FloatArray, n: int, way: float) -> tuple[float, float]:
+def _stretches(prm: FloatArray, n: int, slip_direction: float) -> tuple[float, float]:
     """Stretch in the pretension [m], and per distal tension while all slips [m/N].
 
-    `way` is the direction of slip, 0 for a tension that is the same all along.
+    `slip_direction` is the direction of slip, 0 for a tension that is the same all
+    along.
     """
     values = prm[:_SCALARS]
     angle = kernel.segment_angles(prm, n)
@@ -35,9 +36,9 @@ def _stretches(prm: FloatArray, n: int, way: float) -> tuple[float, float]:
     level, rest, unit = 1.0, 0.0, 0.0
     for i in range(n + 1):
         j = n - i
-        if i > 0 and way != 0.0:
+        if i > 0 and slip_direction != 0.0:
             growth = law.ratio(values[_FRICTION], angle[j])
-            level = level * growth if way < 0.0 else level / growth
+            level = level * growth if slip_direction < 0.0 else level / growth
         rest += values[_PRETENSION] / stiffness[j]
         unit += level / stiffness[j]
     return rest, unit
@@ -47,8 +48,8 @@ def _stretches(prm: FloatArray, n: int, way: float) -> tuple[float, float]:
 def _shared(
     prm: FloatArray,
     n: Counts,
-    far: FloatArray,
-    way: FloatArray,
+    distal: FloatArray,
+    slip_direction: FloatArray,
     desired: float,
     share: FloatArray,
 ) -> None:
@@ -57,13 +58,13 @@ def _shared(
     Args:
         prm: packed parameters (cables, numbers).
         n: segments.
-        far: arms at the joint [m/rad].
-        way: direction in which each cable slips.
+        distal: arms at the joint [m/rad].
+        slip_direction: direction in which each cable slips.
         desired: joint torque [Nm].
         share: out.
     """
     if n.size == 1:
-        share[0] = max(-desired / far[0], 0.0)
+        share[0] = max(-desired / distal[0], 0.0)
         return
     taut = np.ones(n.size, dtype=np.bool_)
     for _ in range(n.size):
@@ -71,16 +72,16 @@ def _shared(
         constant, slope = 0.0, 0.0
         for k in range(n.size):
             if taut[k]:
-                rest, unit = _stretches(prm[k], n[k], way[k])
-                constant -= far[k] * rest / unit
-                slope -= far[k] ** 2 / unit
+                rest, unit = _stretches(prm[k], n[k], slip_direction[k])
+                constant -= distal[k] * rest / unit
+                slope -= distal[k] ** 2 / unit
         if slope == 0.0:
             break
         angle = (desired - constant) / slope
         again = False
         for k in range(n.size):
-            rest, unit = _stretches(prm[k], n[k], way[k])
-            tension = (rest + far[k] * angle) / unit
+            rest, unit = _stretches(prm[k], n[k], slip_direction[k])
+            tension = (rest + distal[k] * angle) / unit
             share[k] = max(tension, 0.0) if taut[k] else 0.0
             if taut[k] and tension < 0.0:
                 taut[k], again = False, True
@@ -93,8 +94,8 @@ def dynamic(
     prm: FloatArray,
     n: Counts,
     arm: FloatArray,
-    far: FloatArray,
-    way: FloatArray,
+    distal: FloatArray,
+    slip_direction: FloatArray,
     gain: FloatArray,
     desired: FloatArray,
 ) -> FloatArray:
@@ -104,8 +105,9 @@ def dynamic(
         prm: packed parameters (rows, cables, numbers).
         n: segments of every cable.
         arm: of every cable where the motor is (rows, cables) [m/rad].
-        far: arms at the joint [m/rad].
-        way: direction in which every cable last slipped as a whole (rows, cables).
+        distal: arms at the joint [m/rad].
+        slip_direction: direction in which every cable last slipped as a whole (rows,
+            cables).
         gain: proximal per distal tension at that time (rows, cables).
         desired: joint torque (rows,) [Nm].
 
@@ -115,7 +117,7 @@ def dynamic(
     share = np.empty(n.size)
     found = np.empty(desired.size)
     for row in range(desired.size):
-        _shared(prm[row], n, far, way[row], desired[row], share)
+        _shared(prm[row], n, distal, slip_direction[row], desired[row], share)
         torque = 0.0
         for k in range(n.size):
             torque -= arm[row, k] * gain[row, k] * share[k]
@@ -128,9 +130,9 @@ def whole(
     prm: FloatArray,
     n: Counts,
     arm: FloatArray,
-    far: FloatArray,
+    distal: FloatArray,
     state: FloatArray,
-    way: FloatArray,
+    slip_direction: FloatArray,
     desired: FloatArray,
 ) -> FloatArray:
     """Torque at which the whole of every cable slips the way the motor shall turn.
@@ -143,9 +145,10 @@ def whole(
         prm: packed parameters (rows, cables, numbers).
         n: segments of every cable.
         arm: of every cable where the motor is (rows, cables) [m/rad].
-        far: arms at the joint [m/rad].
+        distal: arms at the joint [m/rad].
         state: of the model (rows, cables, numbers).
-        way: sense in which the motor shall turn, 1, -1 or 0 for as it is (rows,).
+        slip_direction: sense in which the motor shall turn, 1, -1 or 0 for as it is
+            (rows,).
         desired: joint torque (rows,) [Nm].
 
     Returns:
@@ -155,12 +158,12 @@ def whole(
     found = np.empty(desired.size)
     for row in range(desired.size):
         for k in range(n.size):
-            senses[k] = np.sign(arm[row, k]) * way[row]
-        _shared(prm[row], n, far, senses, desired[row], share)
+            senses[k] = np.sign(arm[row, k]) * slip_direction[row]
+        _shared(prm[row], n, distal, senses, desired[row], share)
         torque = 0.0
         for k in range(n.size):
             tension = share[k]
-            if way[row] != 0.0:
+            if slip_direction[row] != 0.0:
                 tension = _breakaway(
                     prm[row, k], n[k], state[row, k], senses[k], tension
                 )

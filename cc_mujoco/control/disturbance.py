@@ -38,7 +38,7 @@ class DisturbanceObserver(ModelBased):
         """Prepare for the first episode.
 
         Args:
-            drive: The device to be driven; its `strands` must be known.
+            drive: The device to be driven; its `cable_drives` must be known.
             proportional: Kp [-].
             integral: Ki [1/s].
             mismatch: See `ModelBased`.
@@ -68,7 +68,7 @@ class DisturbanceObserver(ModelBased):
         self._known = np.ones(np.shape(self._applied), dtype=np.bool_)
         return self._applied
 
-    def ahead(
+    def feedforward(
         self, observation: Mapping[str, Any], desired: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Motor torque that is fed forward (rows,) [Nm]."""
@@ -79,6 +79,6 @@ class DisturbanceObserver(ModelBased):
             unexplained - self._disturbance
         )
         found: NDArray[np.float64] = (
-            super().ahead(observation, desired) + self._disturbance
+            super().feedforward(observation, desired) + self._disturbance
         )
         return found

@@ -12,17 +12,17 @@ from cc_mujoco.transmission.parameters import Cable
 
 
 @dataclass(frozen=True)
-class Strand:
+class CableDrive:
     """One cable between the motor's pulley and the joint's, as its data sheet has it.
 
     A cable's displacement is positive from the motor to the joint, so a cable that
-    winding the motor draws in has a negative `near`.
+    winding the motor draws in has a negative `proximal`.
     """
 
     cable: Cable
-    near: float
+    proximal: float
     """Displacement of the proximal end per motor angle [m/rad], signed."""
-    far: float
+    distal: float
     """Displacement of the distal end per joint angle [m/rad], signed."""
 
     def __post_init__(self) -> None:
@@ -31,7 +31,7 @@ class Strand:
             value = getattr(self, name)
             if not (math.isfinite(value) and value != 0.0):
                 raise CableError(
-                    f"Strand.{name} must be a finite length other than 0, "
+                    f"CableDrive.{name} must be a finite length other than 0, "
                     f"not {value!r} m."
                 )
 
@@ -51,7 +51,7 @@ class Drive:
     one_way: bool = False
     """Whether the cables only transmit positive motor torque: one cable pulls, none
     pulls back."""
-    strands: tuple[tuple[Strand, ...], ...] = ()
+    cable_drives: tuple[tuple[CableDrive, ...], ...] = ()
     """The cables, as far as they are known: once for all environments, or once for
     each. Controllers with a model need them."""
     sensors: tuple[Sensors, ...] = ()
@@ -76,8 +76,8 @@ class Drive:
                 f"not {self.period!r}."
             )
         shapes = {
-            tuple((s.near, s.far, s.cable.segments) for s in row)
-            for row in self.strands
+            tuple((s.proximal, s.distal, s.cable.segments) for s in row)
+            for row in self.cable_drives
         }
         if len(shapes) > 1 or () in shapes:
             raise CableError(
@@ -98,6 +98,6 @@ class Drive:
         return min(ends), max(ends)
 
     @property
-    def cables(self) -> tuple[Strand, ...]:
+    def cables(self) -> tuple[CableDrive, ...]:
         """The cables of the first environment; none if they are not known."""
-        return self.strands[0] if self.strands else ()
+        return self.cable_drives[0] if self.cable_drives else ()

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.control.drive import Drive, Strand
+from cc_mujoco.control.drive import CableDrive, Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import PARAMETERS, kernel, stepper
 from cc_mujoco.transmission.packing import slips, tensions
@@ -40,8 +40,8 @@ class CableModel:
         packed: parameters, (rows, cables, numbers), as `kernel.pack` makes them.
         state: (rows, cables, numbers), as the kernel has it.
         joint: angle of the joint since the start, as the model finds it (rows,) [rad].
-        way: direction in which a cable last slipped as a whole, (rows, cables): 1
-            towards the joint, -1 towards the motor, 0 never.
+        slip_direction: direction in which a cable last slipped as a whole, (rows,
+            cables): 1 towards the joint, -1 towards the motor, 0 never.
         gain: proximal per distal tension at that moment (rows, cables); 1 before.
         arm: of every cable where the motor is (rows, cables) [m/rad].
         factor: what the drive's friction is multiplied by, (rows, cables).
@@ -51,12 +51,12 @@ class CableModel:
         """Prepare; the number of environments is that of the first observation.
 
         Args:
-            drive: The device; its `strands` must be known.
+            drive: The device; its `cable_drives` must be known.
 
         Raises:
             CableError: If they are not.
         """
-        if not drive.strands:
+        if not drive.cable_drives:
             raise CableError(
                 "a controller with a model needs to know the cables; this Drive has "
                 "no strands."
@@ -64,16 +64,16 @@ class CableModel:
         self.drive = drive
         cables = drive.cables
         self.segments: stepper.Counts = np.array([s.cable.segments for s in cables])
-        self.near: FloatArray = np.array([s.near for s in cables])
-        self.far: FloatArray = np.array([s.far for s in cables])
+        self.proximal: FloatArray = np.array([s.proximal for s in cables])
+        self.distal: FloatArray = np.array([s.distal for s in cables])
         self._sections = [
             [np.array(s.cable.conduit, dtype=float) for s in row]
-            for row in drive.strands
+            for row in drive.cable_drives
         ]
         most = int(self.segments.max())
         self._size = kernel.parameter_size(most), kernel.state_size(most)
         self._work = np.empty(kernel.work_size(most))
-        self._allocate(len(drive.strands))
+        self._allocate(len(drive.cable_drives))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Take the next observation for the start of an episode: rest, pretension.
@@ -99,13 +99,13 @@ class CableModel:
         _follow(
             self.packed,
             self.segments,
-            self.near,
-            self.far,
+            self.proximal,
+            self.distal,
             self.state,
             angle,
             torque,
             self.joint,
-            self.way,
+            self.slip_direction,
             self.gain,
             self.arm,
             self.drive.period,
@@ -143,7 +143,7 @@ class CableModel:
         return _motor_torques(self.segments, self.arm, self.state)
 
     def _allocate(self, rows: int) -> None:
-        known, cables = len(self.drive.strands), self.segments.size
+        known, cables = len(self.drive.cable_drives), self.segments.size
         if known not in (1, rows):
             raise CableError(
                 f"Drive.strands has cables for {known} environments; it must be 1 or "
@@ -154,8 +154,8 @@ class CableModel:
         self.factor: FloatArray = np.ones((rows, cables))
         self.state: FloatArray = np.zeros((rows, cables, self._size[1]))
         self.joint: FloatArray = np.zeros(rows)
-        self.arm: FloatArray = np.tile(self.near, (rows, 1))
-        self.way: FloatArray = np.zeros((rows, cables))
+        self.arm: FloatArray = np.tile(self.proximal, (rows, 1))
+        self.slip_direction: FloatArray = np.zeros((rows, cables))
         self.gain: FloatArray = np.ones((rows, cables))
         self._fresh: NDArray[np.bool_] = np.ones(rows, dtype=np.bool_)
 
@@ -166,17 +166,17 @@ class CableModel:
             _rest(
                 self.packed[row],
                 self.segments,
-                self.near,
-                self.far,
+                self.proximal,
+                self.distal,
                 float(angle[row]),
                 self.state[row],
             )
         fresh = self._fresh
-        self.joint[fresh], self.way[fresh], self.gain[fresh] = 0.0, 0.0, 1.0
+        self.joint[fresh], self.slip_direction[fresh], self.gain[fresh] = 0.0, 0.0, 1.0
         fresh[:] = False
 
-    def _strands(self, row: int) -> tuple[Strand, ...]:
-        return self.drive.strands[row % len(self.drive.strands)]
+    def _strands(self, row: int) -> tuple[CableDrive, ...]:
+        return self.drive.cable_drives[row % len(self.drive.cable_drives)]
 
     def _pack(self, row: int, cable: int, factor: float) -> None:
         strand = self._strands(row)[cable].cable
@@ -191,26 +191,26 @@ class CableModel:
 def _rest(
     prm: FloatArray,
     n: stepper.Counts,
-    near: FloatArray,
-    far: FloatArray,
+    proximal: FloatArray,
+    distal: FloatArray,
     motor: float,
     state: FloatArray,
 ) -> None:
     """Bring the cables of an environment to rest at a motor angle and joint angle 0."""
-    stepper.rest(stepper.Cables(prm, n, near, near, far), motor, 0.0, state)
+    stepper.rest(stepper.Cables(prm, n, proximal, proximal, distal), motor, 0.0, state)
 
 
 @compiled
 def _follow(
     prm: FloatArray,
     n: stepper.Counts,
-    near: FloatArray,
-    far: FloatArray,
+    proximal: FloatArray,
+    distal: FloatArray,
     state: FloatArray,
     motor: FloatArray,
     torque: FloatArray,
     joint: FloatArray,
-    way: FloatArray,
+    slip_direction: FloatArray,
     gain: FloatArray,
     arm: FloatArray,
     dt: float,
@@ -219,13 +219,13 @@ def _follow(
     """Step every environment to a motor angle and a joint torque."""
     new = np.zeros(state.shape[1:])
     for row in range(motor.size):
-        cables = stepper.Cables(prm[row], n, near, near, far)
+        cables = stepper.Cables(prm[row], n, proximal, proximal, distal)
         load = stepper.Load(torque[row], 0.0, -np.inf, np.inf)
         joint[row] = stepper.balance(
             cables, state[row], True, motor[row], joint[row], load, dt, new, work
         )
         for k in range(n.size):
-            arm[row, k] = near[k] * stepper.proximal(cables, k, motor[row])[1]
+            arm[row, k] = proximal[k] * stepper.proximal(cables, k, motor[row])[1]
             slip, tension = slips(new[k], n[k]), tensions(new[k], n[k])
             sign = np.sign(slip[0])
             for j in range(n[k]):
@@ -233,7 +233,7 @@ def _follow(
                     sign = 0.0
             low, high = tension[0], tension[n[k]]
             if sign != 0.0 and min(low, high) > 0.0:
-                way[row, k] = sign
+                slip_direction[row, k] = sign
                 gain[row, k] = low / high
         state[row] = new
 

@@ -1,9 +1,9 @@
 """Friction compensation by a model of the cables, with feedback (thesis 4.2, Fig. 4.3).
 
->>> from cc_mujoco.control import Drive, ModelBased, Strand
+>>> from cc_mujoco.control import Drive, ModelBased, CableDrive
 >>> from cc_mujoco.transmission import Cable, Section
 >>> cable = Cable(friction=0.1, conduit=(Section(2.0, 0.5),))
->>> pair = (Strand(cable, -0.02, -0.1), Strand(cable, 0.02, 0.1))
+>>> pair = (CableDrive(cable, -0.02, -0.1), CableDrive(cable, 0.02, 0.1))
 >>> law = ModelBased(Drive(5.0, -1.0, 1.0, 0.001, strands=(pair,)))
 """
 
@@ -55,7 +55,7 @@ class ModelBased(ProportionalIntegral):
         """Prepare for the first episode.
 
         Args:
-            drive: The device to be driven; its `strands` must be known.
+            drive: The device to be driven; its `cable_drives` must be known.
             proportional: Kp [-].
             integral: Ki [1/s].
             mismatch: Relative error of the model's friction on purpose, above -1; or a
@@ -78,10 +78,12 @@ class ModelBased(ProportionalIntegral):
         self.stiffness = np.array(
             [
                 sum(
-                    strand.far**2 * strand.cable.axial_stiffness / strand.cable.length
+                    strand.distal**2
+                    * strand.cable.axial_stiffness
+                    / strand.cable.length
                     for strand in row
                 )
-                for row in drive.strands
+                for row in drive.cable_drives
             ]
         )
         """Of all cables at the joint, one for all environments or one each [Nm/rad]."""
@@ -99,13 +101,15 @@ class ModelBased(ProportionalIntegral):
         desired = observation["desired_torque_nm"]
         torque = observation["joint_torque_nm"]
         self.follow(observation, torque)
-        ahead = self.ahead(observation, np.atleast_1d(np.asarray(desired, dtype=float)))
-        ahead = ahead - self._damping(observation)
+        feedforward = self.feedforward(
+            observation, np.atleast_1d(np.asarray(desired, dtype=float))
+        )
+        feedforward = feedforward - self._damping(observation)
         self._calls = self._calls + 1
         error = self.unanswered(desired - torque)
         if np.ndim(desired) == 0:
-            return self.closed(float(ahead[0]), float(np.ravel(error)[0]))
-        return self.closed(ahead, error)
+            return self.closed(float(feedforward[0]), float(np.ravel(error)[0]))
+        return self.closed(feedforward, error)
 
     def follow(self, observation: Mapping[str, Any], joint_torque: Any) -> None:
         """Have the model follow the device."""
@@ -123,10 +127,10 @@ class ModelBased(ProportionalIntegral):
         """Torque against the motor's running ahead of the joint [Nm]."""
         ratio = self.drive.ratio
         keeping_up = ratio * observation["joint_velocity_rad_s"]
-        hurry = observation["motor_velocity_rad_s"] - keeping_up
-        return self.settling * self.stiffness / ratio**2 * hurry
+        relative_velocity = observation["motor_velocity_rad_s"] - keeping_up
+        return self.settling * self.stiffness / ratio**2 * relative_velocity
 
-    def ahead(
+    def feedforward(
         self, observation: Mapping[str, Any], desired: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Motor torque that is fed forward (rows,) [Nm]."""
@@ -135,8 +139,8 @@ class ModelBased(ProportionalIntegral):
             model.packed,
             model.segments,
             model.arm,
-            model.far,
-            model.way,
+            model.distal,
+            model.slip_direction,
             model.gain,
             desired,
         )

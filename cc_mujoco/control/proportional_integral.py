@@ -63,14 +63,14 @@ class ProportionalIntegral(Controller):
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
         desired = observation["desired_torque_nm"]
-        ahead = desired / self.drive.ratio if self.feed_forward else 0.0
-        return self.closed(ahead, desired - observation["joint_torque_nm"])
+        feedforward = desired / self.drive.ratio if self.feed_forward else 0.0
+        return self.closed(feedforward, desired - observation["joint_torque_nm"])
 
-    def closed(self, ahead: Any, error: Any) -> Any:
+    def closed(self, feedforward: Any, error: Any) -> Any:
         """Close the loop around a feed-forward.
 
         Args:
-            ahead: Motor torque that is fed forward [Nm].
+            feedforward: Motor torque that is fed forward [Nm].
             error: Desired less measured joint torque [Nm].
 
         Returns:
@@ -79,8 +79,8 @@ class ProportionalIntegral(Controller):
         drive = self.drive
         following = self._sum + self.integral * drive.period * error / drive.ratio
         if drive.one_way:
-            following = np.maximum(following, -np.maximum(ahead, 0.0))
-        torque = ahead + self.proportional * error / drive.ratio + following
+            following = np.maximum(following, -np.maximum(feedforward, 0.0))
+        torque = feedforward + self.proportional * error / drive.ratio + following
         limited = self.limited(torque)
         # Beyond a limit, and the error would push further.
         winding = (torque - limited) * (error / drive.ratio) > 0.0

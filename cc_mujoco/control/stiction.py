@@ -43,7 +43,7 @@ class StictionCompensation(ModelBased):
         """Prepare for the first episode.
 
         Args:
-            drive: The device to be driven; its `strands` must be known.
+            drive: The device to be driven; its `cable_drives` must be known.
             proportional: Kp [-].
             integral: Ki [1/s].
             mismatch: See `ModelBased`.
@@ -76,7 +76,7 @@ class StictionCompensation(ModelBased):
         """
         return np.where(self._turned, 0.0, error)
 
-    def ahead(
+    def feedforward(
         self, observation: Mapping[str, Any], desired: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Motor torque that is fed forward (rows,) [Nm]."""
@@ -92,7 +92,7 @@ class StictionCompensation(ModelBased):
             model.packed,
             model.segments,
             model.arm,
-            model.far,
+            model.distal,
             model.state,
             np.atleast_1d(self._sense),
             desired,

@@ -18,7 +18,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.friction import FrictionEstimator
 from cc_mujoco.estimation.fusion import fuse, gains
 from cc_mujoco.sensing import TENSIONS
-from cc_mujoco.transmission.literal import Mesh
+from cc_mujoco.transmission.thesis_solver import Mesh
 
 SENSED_EVERY = 5
 """Steps between two readings that the friction estimators take."""
@@ -83,11 +83,11 @@ class FusedFeedback(ProportionalIntegral):
         told = _readings(observation)
         torque = np.zeros(told.shape[0])
         for cable in self._cables:
-            torque = torque - cable.far * cable.tension
+            torque = torque - cable.distal * cable.tension
         self.model.follow(observation["motor_angle_rad"], torque)
         torque = np.zeros(told.shape[0])
         for k, cable in enumerate(self._cables):
-            torque = torque - cable.far * cable.fuse(told[:, k], self.model.slip(k))
+            torque = torque - cable.distal * cable.fuse(told[:, k], self.model.slip(k))
         measured = float(torque[0]) if np.ndim(desired) == 0 else torque
         return self.closed(desired / self.drive.ratio, desired - measured)
 
@@ -96,15 +96,15 @@ class _Fused:
     """Distal tension of one cable in every environment."""
 
     def __init__(self, drive: Drive, cable: int) -> None:
-        strands = [row[cable] for row in drive.strands]
-        self.far = strands[0].far
-        meshes = [Mesh.of(strand.cable) for strand in strands]
+        cable_drives = [row[cable] for row in drive.cable_drives]
+        self.distal = cable_drives[0].distal
+        meshes = [Mesh.of(strand.cable) for strand in cable_drives]
         self._mesh = dataclasses.replace(
             meshes[0], angle=np.stack([mesh.angle for mesh in meshes])
         )
         self._sensors = drive.sensors[cable]
-        self._nodes = self._sensors.on(strands[0].cable)
-        self._rest = np.array([strand.cable.pretension for strand in strands])
+        self._nodes = self._sensors.on(cable_drives[0].cable)
+        self._rest = np.array([strand.cable.pretension for strand in cable_drives])
         self.reset(None)
 
     def reset(self, where: NDArray[np.bool_] | None) -> None:
@@ -200,4 +200,4 @@ class AdaptiveModel(StictionCompensation):
         ]
 
     def _strands(self, row: int) -> Any:
-        return self.drive.strands[row % len(self.drive.strands)]
+        return self.drive.cable_drives[row % len(self.drive.cable_drives)]

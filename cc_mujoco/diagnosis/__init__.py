@@ -7,7 +7,7 @@ print(diagnosis.verdict, [effect.id for effect in diagnosis.effects])
 """
 
 from cc_mujoco.diagnosis.diagnose import diagnose
-from cc_mujoco.diagnosis.effects import EFFECTS, Effect, Knob
+from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectParameter
 from cc_mujoco.diagnosis.verdict import Diagnosis
 
-__all__ = ["EFFECTS", "Diagnosis", "Effect", "Knob", "diagnose"]
+__all__ = ["EFFECTS", "Diagnosis", "Effect", "EffectParameter", "diagnose"]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from cc_mujoco.diagnosis.checks.checks import check_bench
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import to_fix
+from cc_mujoco.diagnosis.data.findings import errors
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.inference.reason import Progress, reason, unanswered
 from cc_mujoco.diagnosis.inference.result import Result
@@ -90,7 +90,7 @@ def inferred(
     dataset, findings = load(list(data), dataset_toml)
     findings += check_bench(dataset.trials, bench.known(dataset.constants))
     notes = [finding.statement for finding in findings]
-    wrong = to_fix(findings)
+    wrong = errors(findings)
     if wrong or not dataset.trials:
         said = [finding.statement for finding in wrong] or ["No trial can be read."]
         more = len(said) - 1

@@ -27,7 +27,7 @@ JOINT_DELAY = "joint_delay"
 """By how much the joint's angle and torque come late together [s]."""
 
 
-class Knob(NamedTuple):
+class EffectParameter(NamedTuple):
     """One parameter of an effect; 0 is off.
 
     Attributes:
@@ -88,11 +88,11 @@ class Effect:
         title: what a person calls it.
         equation: what it adds.
         where: the part of the rig it sits in.
-        knobs: its parameters.
+        parameters: its parameters.
         starts: values from which it is screened and fitted; several where the answer
             depends on a scale that the data must tell.
-        shows: what a recording needs to show it.
-        alike: ids that it is easily confused with.
+        required_excitation: what a recording needs to show it.
+        confounded_with: ids that it is easily confused with.
         mujoco: how a scene has it.
         source: publication.
         cables: the cables with the effect, agonist first.
@@ -104,10 +104,10 @@ class Effect:
     title: str
     equation: str
     where: Literal["conduit", "motor", "joint", "sensor"]
-    knobs: tuple[Knob, ...]
+    parameters: tuple[EffectParameter, ...]
     starts: tuple[Values, ...]
-    shows: str
-    alike: tuple[str, ...]
+    required_excitation: str
+    confounded_with: tuple[str, ...]
     mujoco: str
     source: str
     cables: Callable[[tuple[Cable, ...], Values, Rig], tuple[Cable, ...]] | None = None
@@ -246,10 +246,12 @@ EFFECTS: dict[str, Effect] = {
             title="viscous friction in the conduit",
             equation="dT/dx += c v",
             where="conduit",
-            knobs=(Knob("viscous_friction", "N s/m^2", 50.0, 0.0, 1e5),),
+            parameters=(
+                EffectParameter("viscous_friction", "N s/m^2", 50.0, 0.0, 1e5),
+            ),
             starts=({"viscous_friction": 50.0},),
-            shows="speeds over a decade",
-            alike=("sensor_delay", "stribeck_friction"),
+            required_excitation="speeds over a decade",
+            confounded_with=("sensor_delay", "stribeck_friction"),
             mujoco=_PLUGIN,
             source="thesis 2.4.4, Fig. 2.13",
             cables=_on_both("viscous_friction"),
@@ -259,29 +261,35 @@ EFFECTS: dict[str, Effect] = {
             title="Stribeck friction: more friction at low speed",
             equation="mu += mu_b exp(-|v|/v_b)",
             where="conduit",
-            knobs=(
-                Knob("stribeck_friction", "1", 0.05, 0.0, 2.0),
-                Knob("stribeck_speed", "m/s", 0.02, 5e-4, 0.5),
+            parameters=(
+                EffectParameter("stribeck_friction", "1", 0.05, 0.0, 2.0),
+                EffectParameter("stribeck_speed", "m/s", 0.02, 5e-4, 0.5),
             ),
             starts=tuple(
                 {"stribeck_friction": 0.05, "stribeck_speed": speed}
                 for speed in (0.003, 0.01, 0.04)
             ),
-            shows="slow motion and reversals",
-            alike=("viscous_friction", "presliding", "dwell_dependent_stiction"),
+            required_excitation="slow motion and reversals",
+            confounded_with=(
+                "viscous_friction",
+                "presliding",
+                "dwell_dependent_stiction",
+            ),
             mujoco=_PLUGIN,
             source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
-            cables=_on_both("stribeck_friction", "stribeck_speed", memory_length=2e-4),
+            cables=_on_both(
+                "stribeck_friction", "stribeck_speed", critical_slip_distance=2e-4
+            ),
         ),
         Effect(
             id="presliding",
             title="presliding: friction builds up over a distance",
             equation="f = clip(f + sigma du, capstan cone), sigma = mu theta T/z",
             where="conduit",
-            knobs=(Knob("bristle_length", "m", 1e-4, 0.0, 0.01),),
+            parameters=(EffectParameter("bristle_length", "m", 1e-4, 0.0, 0.01),),
             starts=({"bristle_length": 5e-5}, {"bristle_length": 5e-4}),
-            shows="small reversals",
-            alike=("end_compliance", "backlash", "cable_stiffening"),
+            required_excitation="small reversals",
+            confounded_with=("end_compliance", "backlash", "cable_stiffening"),
             mujoco=_PLUGIN,
             source="Dahl 1968; Palli and Melchiorri 2014; thesis (1.2)",
             cables=_on_both("bristle_length"),
@@ -291,10 +299,10 @@ EFFECTS: dict[str, Effect] = {
             title="friction that needs no tension",
             equation="dT/dx += s f_0, and s F at the seal of either end",
             where="conduit",
-            knobs=(
-                Knob("load_independent_friction", "N/m", 1.0, 0.0, 1e4),
-                Knob("seal_proximal", "N", 1.0, 0.0, 1e4),
-                Knob("seal_distal", "N", 1.0, 0.0, 1e4),
+            parameters=(
+                EffectParameter("load_independent_friction", "N/m", 1.0, 0.0, 1e4),
+                EffectParameter("seal_proximal", "N", 1.0, 0.0, 1e4),
+                EffectParameter("seal_distal", "N", 1.0, 0.0, 1e4),
             ),
             starts=(
                 {
@@ -303,8 +311,8 @@ EFFECTS: dict[str, Effect] = {
                     "seal_distal": 1.0,
                 },
             ),
-            shows="two levels of load or pretension",
-            alike=("tension_dependent_friction",),
+            required_excitation="two levels of load or pretension",
+            confounded_with=("tension_dependent_friction",),
             mujoco=_PLUGIN,
             source="Palli and Melchiorri, Mechatronics 24, 2014",
             cables=_on_both(
@@ -316,13 +324,13 @@ EFFECTS: dict[str, Effect] = {
             title="friction that depends on the direction of motion",
             equation="mu (1 + s a)",
             where="conduit",
-            knobs=(
-                Knob("friction_asymmetry", "1", 0.1, -0.9, 0.9),
-                Knob("asymmetry_antagonist", "1", 0.1, -0.9, 0.9),
+            parameters=(
+                EffectParameter("friction_asymmetry", "1", 0.1, -0.9, 0.9),
+                EffectParameter("asymmetry_antagonist", "1", 0.1, -0.9, 0.9),
             ),
             starts=({"friction_asymmetry": 0.1, "asymmetry_antagonist": 0.1},),
-            shows="motion in both directions at several loads",
-            alike=("torque_sensor_offset",),
+            required_excitation="motion in both directions at several loads",
+            confounded_with=("torque_sensor_offset",),
             mujoco=_PLUGIN,
             source="Duclusaud et al., arXiv 2410.08650 (directional friction)",
             cables=_asymmetric,
@@ -332,10 +340,13 @@ EFFECTS: dict[str, Effect] = {
             title="friction coefficient that changes with tension",
             equation="mu (T/T0)^e",
             where="conduit",
-            knobs=(Knob("tension_exponent", "1", 0.1, -1.0, 1.0),),
+            parameters=(EffectParameter("tension_exponent", "1", 0.1, -1.0, 1.0),),
             starts=({"tension_exponent": -0.1},),
-            shows="tension over a factor of 2",
-            alike=("load_independent_friction", "configuration_dependent_wrap"),
+            required_excitation="tension over a factor of 2",
+            confounded_with=(
+                "load_independent_friction",
+                "configuration_dependent_wrap",
+            ),
             mujoco=_PLUGIN,
             source="Jung, Pan, Kang, Tribology International 41, 2008",
             cables=_tension_dependent,
@@ -345,37 +356,49 @@ EFFECTS: dict[str, Effect] = {
             title="break-away friction that grows with rest",
             equation="mu_s = mu + b ln(1 + t/t_a)",
             where="conduit",
-            knobs=(
-                Knob("ageing_friction", "1", 0.05, 0.0, 2.0),
-                Knob("memory_length", "m", 1e-3, 1e-5, 0.02),
-                Knob("ageing_time", "s", 1.0, 1e-3, 100.0),
+            parameters=(
+                EffectParameter("ageing_friction", "1", 0.05, 0.0, 2.0),
+                EffectParameter("critical_slip_distance", "m", 1e-3, 1e-5, 0.02),
+                EffectParameter("ageing_time", "s", 1.0, 1e-3, 100.0),
             ),
             starts=(
-                {"ageing_friction": 0.02, "memory_length": 2e-4, "ageing_time": 0.05},
-                {"ageing_friction": 0.05, "memory_length": 3e-4, "ageing_time": 1.0},
-                {"ageing_friction": 0.05, "memory_length": 3e-3, "ageing_time": 1.0},
+                {
+                    "ageing_friction": 0.02,
+                    "critical_slip_distance": 2e-4,
+                    "ageing_time": 0.05,
+                },
+                {
+                    "ageing_friction": 0.05,
+                    "critical_slip_distance": 3e-4,
+                    "ageing_time": 1.0,
+                },
+                {
+                    "ageing_friction": 0.05,
+                    "critical_slip_distance": 3e-3,
+                    "ageing_time": 1.0,
+                },
             ),
-            shows="pauses of different length",
-            alike=("stribeck_friction",),
+            required_excitation="pauses of different length",
+            confounded_with=("stribeck_friction",),
             mujoco=_PLUGIN,
             source="Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, JGR 88, 1983",
-            cables=_on_both("ageing_friction", "memory_length", "ageing_time"),
+            cables=_on_both("ageing_friction", "critical_slip_distance", "ageing_time"),
         ),
         Effect(
             id="configuration_dependent_wrap",
             title="wrap that changes with the joint angle",
             equation="theta (1 + k q) in the last part of the conduit",
             where="conduit",
-            knobs=(
-                Knob("wrap_per_angle", "1/rad", 0.1, -5.0, 5.0),
-                Knob("wrap_reach", "1", 0.5, 0.05, 1.0),
+            parameters=(
+                EffectParameter("wrap_per_angle", "1/rad", 0.1, -5.0, 5.0),
+                EffectParameter("wrap_reach", "1", 0.5, 0.05, 1.0),
             ),
             starts=(
                 {"wrap_per_angle": 0.1, "wrap_reach": 0.9},
                 {"wrap_per_angle": 0.3, "wrap_reach": 0.3},
             ),
-            shows="motion at different joint angles",
-            alike=(
+            required_excitation="motion at different joint angles",
+            confounded_with=(
                 "joint_gravity",
                 "pulley_eccentricity",
                 "tension_dependent_friction",
@@ -389,29 +412,29 @@ EFFECTS: dict[str, Effect] = {
             title="pretension that is lost during a trial",
             equation="T0 (1 - c (1 - exp(-t/t_c)))",
             where="conduit",
-            knobs=(
-                Knob("creep", "1", 0.1, 0.0, 1.0),
-                Knob("creep_time", "s", 10.0, 0.5, 1e4),
+            parameters=(
+                EffectParameter("stress_relaxation", "1", 0.1, 0.0, 1.0),
+                EffectParameter("relaxation_time", "s", 10.0, 0.5, 1e4),
             ),
             starts=(
-                {"creep": 0.1, "creep_time": 2.0},
-                {"creep": 0.1, "creep_time": 20.0},
+                {"stress_relaxation": 0.1, "relaxation_time": 2.0},
+                {"stress_relaxation": 0.1, "relaxation_time": 20.0},
             ),
-            shows="trials much longer than a cycle",
-            alike=("friction_drift",),
+            required_excitation="trials much longer than a cycle",
+            confounded_with=("friction_drift",),
             mujoco=_PLUGIN,
             source="standard linear solid",
-            cables=_on_both("creep", "creep_time"),
+            cables=_on_both("stress_relaxation", "relaxation_time"),
         ),
         Effect(
             id="friction_drift",
             title="friction that drifts during a trial",
             equation="mu (1 + d t + h W), W the heat of friction that is left",
             where="conduit",
-            knobs=(
-                Knob("friction_drift", "1/s", 0.01, -1.0, 1.0),
-                Knob("friction_heating", "1/J", 0.02, -10.0, 10.0),
-                Knob("cooling_time", "s", 10.0, 1.0, 1e3),
+            parameters=(
+                EffectParameter("friction_drift", "1/s", 0.01, -1.0, 1.0),
+                EffectParameter("friction_heating", "1/J", 0.02, -10.0, 10.0),
+                EffectParameter("cooling_time", "s", 10.0, 1.0, 1e3),
             ),
             starts=(
                 {
@@ -420,8 +443,8 @@ EFFECTS: dict[str, Effect] = {
                     "cooling_time": 10.0,
                 },
             ),
-            shows="trials much longer than a cycle",
-            alike=("pretension_loss",),
+            required_excitation="trials much longer than a cycle",
+            confounded_with=("pretension_loss",),
             mujoco=_PLUGIN,
             source="thesis 3.2.3",
             cables=_on_both("friction_drift", "friction_heating", "cooling_time"),
@@ -431,10 +454,10 @@ EFFECTS: dict[str, Effect] = {
             title="play between pulley and joint",
             equation="|q_pulley - q| <= b/2",
             where="joint",
-            knobs=(Knob("backlash", "rad", 0.02, 0.0, 0.5),),
+            parameters=(EffectParameter("backlash", "rad", 0.02, 0.0, 0.5),),
             starts=({"backlash": 0.01}, {"backlash": 0.05}),
-            shows="reversals of torque at several loads",
-            alike=("presliding", "end_compliance"),
+            required_excitation="reversals of torque at several loads",
+            confounded_with=("presliding", "end_compliance"),
             mujoco="pulley on a hinge of its own, coupled by a fixed tendon "
             "with two limits",
             source="Nordin and Gutman, Automatica 38, 2002",
@@ -444,11 +467,11 @@ EFFECTS: dict[str, Effect] = {
             title="motor pulley that is eccentric or oval",
             equation="r + e cos(q_m - p) + o cos(2 q_m - s)",
             where="motor",
-            knobs=(
-                Knob("eccentricity_cosine", "m", 5e-4, -0.05, 0.05),
-                Knob("eccentricity_sine", "m", 5e-4, -0.05, 0.05),
-                Knob("ovality_cosine", "m", 2e-4, -0.05, 0.05),
-                Knob("ovality_sine", "m", 2e-4, -0.05, 0.05),
+            parameters=(
+                EffectParameter("eccentricity_cosine", "m", 5e-4, -0.05, 0.05),
+                EffectParameter("eccentricity_sine", "m", 5e-4, -0.05, 0.05),
+                EffectParameter("ovality_cosine", "m", 2e-4, -0.05, 0.05),
+                EffectParameter("ovality_sine", "m", 2e-4, -0.05, 0.05),
             ),
             starts=(
                 {
@@ -458,8 +481,8 @@ EFFECTS: dict[str, Effect] = {
                     "ovality_sine": 2e-4,
                 },
             ),
-            shows="half a turn of the motor pulley or more",
-            alike=("torque_sensor_gain", "joint_gravity", "motor_cogging"),
+            required_excitation="half a turn of the motor pulley or more",
+            confounded_with=("torque_sensor_gain", "joint_gravity", "motor_cogging"),
             mujoco=_PLUGIN,
             source="geometry",
             cables=_eccentric,
@@ -469,17 +492,17 @@ EFFECTS: dict[str, Effect] = {
             title="torque ripple of the motor",
             equation="tau_m += a cos(n q_m - p)",
             where="motor",
-            knobs=(
-                Knob("cogging_cosine", "Nm", 0.02, -100.0, 100.0),
-                Knob("cogging_sine", "Nm", 0.02, -100.0, 100.0),
-                Knob("cogging_order", "1", 1.0, 3.5, 200.0),
+            parameters=(
+                EffectParameter("cogging_cosine", "Nm", 0.02, -100.0, 100.0),
+                EffectParameter("cogging_sine", "Nm", 0.02, -100.0, 100.0),
+                EffectParameter("cogging_order", "1", 1.0, 3.5, 200.0),
             ),
             starts=tuple(
                 {"cogging_cosine": 0.02, "cogging_sine": 0.02, "cogging_order": order}
                 for order in (*range(4, 28, 2), 30, 33, 36, 40, 44, 48)
             ),
-            shows="slow motion over several poles",
-            alike=("pulley_eccentricity",),
+            required_excitation="slow motion over several poles",
+            confounded_with=("pulley_eccentricity",),
             mujoco="cogging of a `dcmotor` actuator on the motor, in the sum "
             "of its torque",
             source="MuJoCo dcmotor cogging",
@@ -490,13 +513,13 @@ EFFECTS: dict[str, Effect] = {
             title="cable that stiffens under tension",
             equation="EA (1 + s T) / (1 + s T0)",
             where="conduit",
-            knobs=(
-                Knob("stiffening", "1/N", 2e-3, 0.0, 1.0),
-                Knob("stiffening_antagonist", "1/N", 2e-3, 0.0, 1.0),
+            parameters=(
+                EffectParameter("stiffening", "1/N", 2e-3, 0.0, 1.0),
+                EffectParameter("stiffening_antagonist", "1/N", 2e-3, 0.0, 1.0),
             ),
             starts=({"stiffening": 2e-3, "stiffening_antagonist": 2e-3},),
-            shows="large and small loads, slack, or two pretensions",
-            alike=("end_compliance", "presliding"),
+            required_excitation="large and small loads, slack, or two pretensions",
+            confounded_with=("end_compliance", "presliding"),
             mujoco=_PLUGIN,
             source="machine design practice: bedding in of strands",
             cables=_stiffening,
@@ -506,10 +529,10 @@ EFFECTS: dict[str, Effect] = {
             title="compliance of the distal end fitting",
             equation="u_d += C T_d",
             where="joint",
-            knobs=(Knob("end_compliance", "m/N", 1e-5, 0.0, 0.01),),
+            parameters=(EffectParameter("end_compliance", "m/N", 1e-5, 0.0, 0.01),),
             starts=({"end_compliance": 1e-5},),
-            shows="reversals at several loads",
-            alike=("presliding", "backlash", "cable_stiffening"),
+            required_excitation="reversals at several loads",
+            confounded_with=("presliding", "backlash", "cable_stiffening"),
             mujoco=_PLUGIN,
             source="series springs",
             cables=_on_both("end_compliance"),
@@ -519,13 +542,17 @@ EFFECTS: dict[str, Effect] = {
             title="gravity on the joint",
             equation="tau_j -= a sin q + b cos q",
             where="joint",
-            knobs=(
-                Knob("gravity_sine", "Nm", 0.1, -1e3, 1e3),
-                Knob("gravity_cosine", "Nm", 0.1, -1e3, 1e3),
+            parameters=(
+                EffectParameter("gravity_sine", "Nm", 0.1, -1e3, 1e3),
+                EffectParameter("gravity_cosine", "Nm", 0.1, -1e3, 1e3),
             ),
             starts=({"gravity_sine": 0.1, "gravity_cosine": 0.1},),
-            shows="joint angles over half a radian",
-            alike=("joint_stiffness", "torque_sensor_gain", "torque_sensor_offset"),
+            required_excitation="joint angles over half a radian",
+            confounded_with=(
+                "joint_stiffness",
+                "torque_sensor_gain",
+                "torque_sensor_offset",
+            ),
             mujoco="cogging of a `dcmotor` actuator on the joint, one period per turn",
             source="statics",
             torques=_gravity,
@@ -535,10 +562,10 @@ EFFECTS: dict[str, Effect] = {
             title="a spring on the joint",
             equation="tau_j -= k q",
             where="joint",
-            knobs=(Knob("joint_stiffness", "Nm/rad", 0.2, -1e4, 1e4),),
+            parameters=(EffectParameter("joint_stiffness", "Nm/rad", 0.2, -1e4, 1e4),),
             starts=({"joint_stiffness": 0.2},),
-            shows="joint angles over half a radian",
-            alike=("joint_gravity", "torque_sensor_gain"),
+            required_excitation="joint angles over half a radian",
+            confounded_with=("joint_gravity", "torque_sensor_gain"),
             mujoco="`stiffness` of the joint",
             source="statics",
             torques=lambda s, v: s.added(joint=-v["joint_stiffness"] * s.joint_angle),
@@ -548,10 +575,10 @@ EFFECTS: dict[str, Effect] = {
             title="inertia between transmission and joint sensor",
             equation="tau_j -= J q''",
             where="joint",
-            knobs=(Knob("joint_inertia", "kg m^2", 1e-3, -10.0, 10.0),),
+            parameters=(EffectParameter("joint_inertia", "kg m^2", 1e-3, -10.0, 10.0),),
             starts=({"joint_inertia": 1e-3},),
-            shows="accelerations over a decade",
-            alike=("sensor_delay", "joint_stiffness"),
+            required_excitation="accelerations over a decade",
+            confounded_with=("sensor_delay", "joint_stiffness"),
             mujoco="`armature` of the joint, shown by a weightless body "
             "that rides along",
             source="dynamics",
@@ -564,10 +591,10 @@ EFFECTS: dict[str, Effect] = {
             title="inertia between motor sensor and pulley",
             equation="tau_m += J q_m''",
             where="motor",
-            knobs=(Knob("motor_inertia", "kg m^2", 1e-4, -1.0, 1.0),),
+            parameters=(EffectParameter("motor_inertia", "kg m^2", 1e-4, -1.0, 1.0),),
             starts=({"motor_inertia": 1e-4},),
-            shows="accelerations over a decade",
-            alike=("sensor_delay", "viscous_friction"),
+            required_excitation="accelerations over a decade",
+            confounded_with=("sensor_delay", "viscous_friction"),
             mujoco="`armature` of the motor, shown by a weightless body "
             "that rides along",
             source="dynamics",
@@ -580,13 +607,13 @@ EFFECTS: dict[str, Effect] = {
             title="gain of a torque sensor",
             equation="tau (1 + g)",
             where="sensor",
-            knobs=(
-                Knob("motor_torque_gain", "1", 0.05, -0.9, 9.0),
-                Knob("joint_torque_gain", "1", 0.05, -0.9, 9.0),
+            parameters=(
+                EffectParameter("motor_torque_gain", "1", 0.05, -0.9, 9.0),
+                EffectParameter("joint_torque_gain", "1", 0.05, -0.9, 9.0),
             ),
             starts=({"motor_torque_gain": 0.05, "joint_torque_gain": 0.05},),
-            shows="loads that hold still",
-            alike=("joint_gravity", "joint_stiffness"),
+            required_excitation="loads that hold still",
+            confounded_with=("joint_gravity", "joint_stiffness"),
             mujoco="weights of the sensors that a torque is the sum of",
             source="calibration",
             torques=_gain,
@@ -597,11 +624,11 @@ EFFECTS: dict[str, Effect] = {
             title="offset of a torque sensor",
             equation="tau + b + d t",
             where="sensor",
-            knobs=(
-                Knob("motor_torque_bias", "Nm", 0.1, -1e3, 1e3),
-                Knob("joint_torque_bias", "Nm", 0.1, -1e3, 1e3),
-                Knob("motor_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
-                Knob("joint_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
+            parameters=(
+                EffectParameter("motor_torque_bias", "Nm", 0.1, -1e3, 1e3),
+                EffectParameter("joint_torque_bias", "Nm", 0.1, -1e3, 1e3),
+                EffectParameter("motor_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
+                EffectParameter("joint_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
             ),
             starts=(
                 {
@@ -611,8 +638,10 @@ EFFECTS: dict[str, Effect] = {
                     "joint_torque_drift": 0.01,
                 },
             ),
-            shows="loads of both signs; for a drift, trials much longer than a cycle",
-            alike=("asymmetric_friction", "joint_gravity"),
+            required_excitation=(
+                "loads of both signs; for a drift, trials much longer than a cycle"
+            ),
+            confounded_with=("asymmetric_friction", "joint_gravity"),
             mujoco="a `clock` sensor in the sum that is the torque",
             source="calibration",
             torques=lambda s, v: s.added(
@@ -626,10 +655,10 @@ EFFECTS: dict[str, Effect] = {
             title="readings that are recorded late",
             equation="tau(t - d), q_j(t - d)",
             where="sensor",
-            knobs=(
-                Knob(JOINT_DELAY, "s", 0.005, -0.2, 0.2),
-                Knob("motor_torque_delay", "s", 0.005, -0.2, 0.2),
-                Knob("joint_torque_delay", "s", 0.005, -0.2, 0.2),
+            parameters=(
+                EffectParameter(JOINT_DELAY, "s", 0.005, -0.2, 0.2),
+                EffectParameter("motor_torque_delay", "s", 0.005, -0.2, 0.2),
+                EffectParameter("joint_torque_delay", "s", 0.005, -0.2, 0.2),
             ),
             starts=(
                 {
@@ -638,8 +667,8 @@ EFFECTS: dict[str, Effect] = {
                     "joint_torque_delay": 0.005,
                 },
             ),
-            shows="fast and slow motion",
-            alike=("viscous_friction", "joint_inertia", "motor_inertia"),
+            required_excitation="fast and slow motion",
+            confounded_with=("viscous_friction", "joint_inertia", "motor_inertia"),
             mujoco="`delay` of the sensors that a torque is the sum of",
             source="signal chain",
             torques=_delay,

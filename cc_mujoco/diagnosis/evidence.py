@@ -77,12 +77,12 @@ class Isolability:
 
     Attributes:
         ids: of the effects.
-        alike: (ids, ids) largest cosine between their signatures, 0 to 1.
+        cosines: (ids, ids) largest cosine between their signatures, 0 to 1.
         visible: (ids,) size of a plausible effect over the noise.
     """
 
     ids: tuple[str, ...]
-    alike: FloatArray
+    cosines: FloatArray
     visible: FloatArray
 
 

@@ -21,7 +21,7 @@ from cc_mujoco.diagnosis.checks.repeatability import floor_of
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.clock import Track, lay_out
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, read_dataset_file
-from cc_mujoco.diagnosis.data.findings import Finding, fix, note
+from cc_mujoco.diagnosis.data.findings import Finding, error, warning
 from cc_mujoco.diagnosis.data.reading import (
     Recording,
     around,
@@ -49,7 +49,7 @@ def load(
 
     Returns:
         The dataset, without the trials that cannot be read, and what was noticed. If
-        any finding is of severity `fix`, nothing should be concluded from the data.
+        any finding is of severity `error`, nothing should be concluded from the data.
 
     Raises:
         CableError: there are no data files, or the `dataset.toml` is wrong.
@@ -61,7 +61,7 @@ def load(
     toml = Path(dataset_toml) if dataset_toml is not None else beside(files)
     file = DatasetFile() if toml is None else read_dataset_file(toml)
     if toml is not None and dataset_toml is None:
-        findings.append(note(f"{toml} says what the columns mean."))
+        findings.append(warning(f"{toml} says what the columns mean."))
     names = trial_names(files)
     file.check_trials(names, around(files, file.path))
     trials: list[Trial] = []
@@ -69,13 +69,13 @@ def load(
     for path, name in names.items():
         try:
             recording = read(path, file, name)
-        except CableError as error:
-            findings.append(fix(str(error), name))
+        except CableError as wrong:
+            findings.append(error(str(wrong), name))
             continue
         twin = known.setdefault(recording.sha256, path)
         if twin != path:
             told = f"{path} is a copy of {twin} and is left out; a copy is no repeat."
-            findings.append(note(told, name))
+            findings.append(warning(told, name))
             continue
         facts = file.facts_of(path, names)
         track, found = lay_out(recording, facts, file)

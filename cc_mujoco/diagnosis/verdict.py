@@ -106,7 +106,8 @@ class TrialError:
         rmse_before: of the baseline, by parameters fitted to other data.
         rmse_after: of the model with the named effects.
         noise_floor: what the noise of the sensors makes of it.
-        misfit_before: of both channels over the noise floor, large errors tamed.
+        misfit_before: of both channels over the noise floor, large errors
+            huber_residual.
         misfit_after: the same with the named effects.
     """
 

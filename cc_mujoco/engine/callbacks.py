@@ -194,7 +194,12 @@ def _evaluate(
 
 @internal
 def _begin(
-    block: int, model: int, state: int, near: float, far: float, time: float
+    block: int,
+    model: int,
+    state: int,
+    proximal_length: float,
+    distal_length: float,
+    time: float,
 ) -> None:
     """Set the state at address `state` to rest with the lengths of both actuators [m].
 
@@ -204,8 +209,8 @@ def _begin(
     kernel.initialize(
         floats(parameters_at(block), kernel.parameter_size(n)),
         n,
-        wound(model, block, near)[0],
-        far,
+        wound(model, block, proximal_length)[0],
+        distal_length,
         floats(state, kernel.state_size(n)),
     )
     before = time - fields.timestep(model)
@@ -365,10 +370,10 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         block = fields.block(data, instance)
         if block == 0 or not _up_to_date(block, model, instance):
             return
-        near = displacement(data, block, PROXIMAL)
-        far = displacement(data, block, DISTAL)
+        proximal_length = displacement(data, block, PROXIMAL)
+        distal_length = displacement(data, block, DISTAL)
         state = fields.state(model, data, instance)
-        _begin(block, model, state, near, far, fields.time(data))
+        _begin(block, model, state, proximal_length, distal_length, fields.time(data))
 
     export("cc_mujoco_settle", settle.address)
     address = types.intp
@@ -412,9 +417,11 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         _ = stamp
         if block == 0 or not _up_to_date(block, model, instance):
             return
-        near = fields.real(model, fields.LENGTH0, load_word(block + PROXIMAL))
-        far = fields.real(model, fields.LENGTH0, load_word(block + DISTAL))
-        _begin(block, model, state, near, far, 0.0)
+        proximal_length = fields.real(
+            model, fields.LENGTH0, load_word(block + PROXIMAL)
+        )
+        distal_length = fields.real(model, fields.LENGTH0, load_word(block + DISTAL))
+        _begin(block, model, state, proximal_length, distal_length, 0.0)
 
     @cfunc(types.void(address, address, integer, integer), **options)
     def compute(model: int, data: int, instance: int, capability: int) -> None:

@@ -164,7 +164,7 @@ def calibrate(
     costs = [float(np.sum(model.residual(place) ** 2)) for place in places]
     chosen = [np.zeros(len(free)), *places[np.argsort(costs)[:2]]]
     fits = [fit(model.residual, model.jacobian, model.free, place) for place in chosen]
-    return model.report(min(fits, key=lambda found: found.cost).at)
+    return model.report(min(fits, key=lambda found: found.cost).x)
 
 
 def _tuned(name: str, transmission: Transmission) -> Tuned:

@@ -40,8 +40,8 @@ from cc_mujoco.estimation.directions import (
 )
 from cc_mujoco.estimation.fusion import Weights, fuse, gains
 from cc_mujoco.sensing import Sensors
-from cc_mujoco.transmission.literal import Constraint, Mesh, Standing, solve
 from cc_mujoco.transmission.parameters import Cable
+from cc_mujoco.transmission.thesis_solver import Constraint, Mesh, Standing, solve
 
 Choice = Literal["vote", "likeliest"]
 """How directions in mass motion are found: a vote, or all readings at once."""
@@ -113,7 +113,7 @@ class SensorConsensus:
         stretch = np.cumsum(mean * self.mesh.length / self.mesh.stiffness)
         self.displacement[1:] = u_proximal + stretch
         self.last_moving = (0, 0)
-        self._way = [0.0, 0.0]
+        self._slip_direction = [0.0, 0.0]
 
     def update(self, u_proximal: float, reading: ArrayLike) -> FloatArray:
         """Take the encoder and the readings of the next instant.
@@ -133,19 +133,22 @@ class SensorConsensus:
             raise CableError(
                 f"reading has shape {reading.shape}; it must be {self._nodes.shape}"
             )
-        way = float(np.sign(u_proximal - self.displacement[0]))
-        near, far = self.last_moving
-        if near + far > self.mesh.segments and way != self._way[0]:
-            near = far = 0
-        elif way != self._way[0]:
-            near = 0
-        self._way[0] = way
-        if near + far <= self.mesh.segments:
-            far = self._distal(reading, near, far)
-            near = self._proximal(u_proximal, near, far)
-        self.last_moving = (near, far)
-        if near + far > self.mesh.segments and (
-            way != 0.0 or np.any(self._tell(reading))
+        slip_direction = float(np.sign(u_proximal - self.displacement[0]))
+        proximal, distal = self.last_moving
+        if (
+            proximal + distal > self.mesh.segments
+            and slip_direction != self._slip_direction[0]
+        ):
+            proximal = distal = 0
+        elif slip_direction != self._slip_direction[0]:
+            proximal = 0
+        self._slip_direction[0] = slip_direction
+        if proximal + distal <= self.mesh.segments:
+            distal = self._distal(reading, proximal, distal)
+            proximal = self._proximal(u_proximal, proximal, distal)
+        self.last_moving = (proximal, distal)
+        if proximal + distal > self.mesh.segments and (
+            slip_direction != 0.0 or np.any(self._tell(reading))
         ):
             self._whole(u_proximal, reading)
         return self.tension
@@ -172,62 +175,72 @@ class SensorConsensus:
             self.mesh, self.direction, self.tension, u_proximal
         )
 
-    def _proximal(self, u_proximal: float, near: int, far: int) -> int:
+    def _proximal(self, u_proximal: float, proximal: int, distal: int) -> int:
         """Move the proximal part by the encoder; how many nodes move."""
-        way, mesh = self._way[0], self.mesh
+        slip_direction, mesh = self._slip_direction[0], self.mesh
         tension, displacement = self.tension, self.displacement
-        if way == 0.0:
-            self.direction[: mesh.segments - max(far - 1, 0)] = 0.0
+        if slip_direction == 0.0:
+            self.direction[: mesh.segments - max(distal - 1, 0)] = 0.0
             return 0
-        near = max(near, 1)
-        while near + far <= mesh.segments:
+        proximal = max(proximal, 1)
+        while proximal + distal <= mesh.segments:
             found = solve(
-                mesh.part(0, near - 1),
-                displacement[:near],
+                mesh.part(0, proximal - 1),
+                displacement[:proximal],
                 [Constraint("displacement", 0, u_proximal)],
-                [np.full(near - 1, way)],
-                Standing(tension[near], displacement[near], mesh.length[near - 1]),
+                [np.full(proximal - 1, slip_direction)],
+                Standing(
+                    tension[proximal], displacement[proximal], mesh.length[proximal - 1]
+                ),
             )
-            held = found.tension[-1] * np.exp(mesh.static_angle[near - 1] * way)
-            if tension[near] * way < held * way:
+            held = found.tension[-1] * np.exp(
+                mesh.static_angle[proximal - 1] * slip_direction
+            )
+            if tension[proximal] * slip_direction < held * slip_direction:
                 break
-            near += 1
+            proximal += 1
         else:
-            self.direction[: near - 1] = way
-            return near
-        tension[:near], displacement[:near] = found.tension, found.displacement
-        self.direction[: mesh.segments - max(far - 1, 0)] = 0.0
-        self.direction[: near - 1] = way
-        return near
+            self.direction[: proximal - 1] = slip_direction
+            return proximal
+        tension[:proximal], displacement[:proximal] = found.tension, found.displacement
+        self.direction[: mesh.segments - max(distal - 1, 0)] = 0.0
+        self.direction[: proximal - 1] = slip_direction
+        return proximal
 
-    def _distal(self, reading: FloatArray, near: int, far: int) -> int:
+    def _distal(self, reading: FloatArray, proximal: int, distal: int) -> int:
         """Move the distal part by consensus of its sensors; how many nodes move."""
         n = self.mesh.segments
-        known = max(n + 1 - far if far else int(np.max(self._nodes)), near, 1)
+        known = max(n + 1 - distal if distal else int(np.max(self._nodes)), proximal, 1)
         voters = (self._nodes >= known) & self._tell(reading)
         if not np.any(voters):
-            return far
+            return distal
         nodes, told = self._nodes[voters], reading[voters]
-        ways = np.sign(told - self.tension[nodes])  # more tension: pulled outwards
-        way = float(np.sign(np.sum(ways))) or self._way[1]
-        if way == 0.0:
-            return far
-        least = far if way == self._way[1] else 0
+        slip_directions = np.sign(
+            told - self.tension[nodes]
+        )  # more tension: pulled outwards
+        slip_direction = (
+            float(np.sign(np.sum(slip_directions))) or self._slip_direction[1]
+        )
+        if slip_direction == 0.0:
+            return distal
+        least = distal if slip_direction == self._slip_direction[1] else 0
         votes = [
-            self._reach(node, value, way, least, n + 1 - near) if own == way else 0
-            for node, value, own in zip(nodes, told, ways, strict=True)
+            self._reach(node, value, slip_direction, least, n + 1 - proximal)
+            if own == slip_direction
+            else 0
+            for node, value, own in zip(nodes, told, slip_directions, strict=True)
         ]
-        far = median_last_moving(votes)
-        self._way[1] = way
-        self.direction[max(near - 1, 0) :] = 0.0
-        if far == 0:
+        distal = median_last_moving(votes)
+        self._slip_direction[1] = slip_direction
+        self.direction[max(proximal - 1, 0) :] = 0.0
+        if distal == 0:
             return 0
-        first = n + 1 - far
-        self.direction[first:] = way
+        first = n + 1 - distal
+        self.direction[first:] = slip_direction
         gain = gains(self.mesh, self.direction, self._nodes)[:, first:]
         tied = self._nodes >= first
         if not np.any(tied) or first == 0:
-            return far
+            return distal
         fused = fuse(reading[tied], gain[tied], self.noise[tied], self.weights)
         self.tension[first:] = fused.tension
         last = self.tension[first - 1] + self.tension[first]
@@ -236,19 +249,21 @@ class SensorConsensus:
         self.displacement[first:] = stretched(
             self.mesh.part(first, n), self.direction[first:], fused.tension, start
         )
-        return far
+        return distal
 
-    def _reach(self, node: int, value: float, way: float, least: int, most: int) -> int:
+    def _reach(
+        self, node: int, value: float, slip_direction: float, least: int, most: int
+    ) -> int:
         """How many nodes from the distal end one sensor believes to move (2.17)."""
         n, mesh = self.mesh.segments, self.mesh
         depth = max(least, n + 1 - node)
         first = n + 1 - depth  # the innermost node that moves
         ahead = float(np.sum(mesh.angle[first:node]))
-        tension = value * np.exp(-way * ahead)
+        tension = value * np.exp(-slip_direction * ahead)
         while depth < most:
-            held = tension * np.exp(-way * mesh.static_angle[first - 1])
-            if self.tension[first - 1] * way > held * way:
+            held = tension * np.exp(-slip_direction * mesh.static_angle[first - 1])
+            if self.tension[first - 1] * slip_direction > held * slip_direction:
                 break
-            tension *= np.exp(-way * mesh.angle[first - 1])
+            tension *= np.exp(-slip_direction * mesh.angle[first - 1])
             first, depth = first - 1, depth + 1
         return min(depth, most)

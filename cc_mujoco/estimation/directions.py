@@ -11,8 +11,8 @@ the displacements of the estimate before. All sensors start from the same estima
 before, the fused one.
 
 The system 2.13 with these two constraints is triangular, so it is solved here by
-running sums for all sensors, patterns and instants at once; `transmission.literal`
-solves it with matrices, to the same numbers.
+running sums for all sensors, patterns and instants at once;
+`transmission.thesis_solver` solves it with matrices, to the same numbers.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.estimation.fusion import gains
-from cc_mujoco.transmission.literal import Mesh, sign_patterns
+from cc_mujoco.transmission.thesis_solver import Mesh, sign_patterns
 
 
 class OwnSolutions(NamedTuple):
@@ -93,8 +93,8 @@ def own_solutions(
     ratio = gains(mesh, patterns, nodes, through_rest=True).swapaxes(0, 1)
     # Axes: ..., sensor, pattern, node.
     tension = np.asarray(reading, dtype=float)[..., None, None] * ratio
-    near = np.asarray(u_proximal, dtype=float)[..., None, None]
-    u = stretched(mesh, patterns, tension, near)
+    proximal = np.asarray(u_proximal, dtype=float)[..., None, None]
+    u = stretched(mesh, patterns, tension, proximal)
     moved = u - np.asarray(before, dtype=float)[..., None, None, :]
     wrong = np.sum(_against(patterns, moved), axis=-1)
     best = np.argmin(wrong, axis=-1)
@@ -158,8 +158,8 @@ def likeliest(
     measured = np.asarray(reading, dtype=float)
     common = measured @ weight.T / precision
     lack = (measured[..., None, :] - common[..., None] * seen) / deviation
-    near = np.asarray(u_proximal, dtype=float)[..., None]
-    u = stretched(mesh, patterns, common[..., None] * profile, near)
+    proximal = np.asarray(u_proximal, dtype=float)[..., None]
+    u = stretched(mesh, patterns, common[..., None] * profile, proximal)
     wrong = _against(patterns, u - np.asarray(before, dtype=float)[..., None, :])
     # Of a displacement now and one before, both as uncertain as the common tension.
     unit = stretched(mesh, patterns, profile, 0.0) * np.sqrt(2.0 / precision)[:, None]

@@ -26,7 +26,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.estimation.directions import own_solutions, stretched
 from cc_mujoco.estimation.fusion import gains
 from cc_mujoco.sensing import Sensors
-from cc_mujoco.transmission.literal import Mesh
+from cc_mujoco.transmission.thesis_solver import Mesh
 
 
 def _opposed(n: int, near: float) -> FloatArray:

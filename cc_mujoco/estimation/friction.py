@@ -205,15 +205,15 @@ class SlopeLaw:
         """Return to mu_0."""
         self.friction = self._start
 
-    def discrepancy(self, reading: ArrayLike, way: float) -> float:
+    def discrepancy(self, reading: ArrayLike, slip_direction: float) -> float:
         """Difference between the ends, by the model less by the line [N].
 
         Args:
             reading: of every sensor (m,) [N].
-            way: direction of motion of the whole cable.
+            slip_direction: direction of motion of the whole cable.
         """
         told = np.asarray(reading, dtype=float)
-        sign = way * self.friction
+        sign = slip_direction * self.friction
         ends = np.exp(-sign * self._before) - np.exp(sign * self._after)
         return float(np.mean(told * ends)) + float(self._slope @ told)
 
@@ -222,10 +222,10 @@ class SlopeLaw:
         told, sign = checked_sample(
             reading, direction, self._nodes.size, self._segments
         )
-        way = float(sign[0])
-        if way != 0.0 and np.all(sign == way):
+        slip_direction = float(sign[0])
+        if slip_direction != 0.0 and np.all(sign == slip_direction):
             base = self.friction if self._integrated else self._start
-            turn = way if self._signed else 1.0
-            step = turn * self._gain * self.discrepancy(told, way)
+            turn = slip_direction if self._signed else 1.0
+            step = turn * self._gain * self.discrepancy(told, slip_direction)
             self.friction = min(max(base + step, _BOUNDS.low), _BOUNDS.high)
         return self.friction

@@ -78,7 +78,7 @@ class History:
         self._rows: dict[str, list[float]] = {
             name: [] for name in (*self.inputs, *self.outputs)
         }
-        self._way = 0.0
+        self._slip_direction = 0.0
         self._origin: float | None = None
 
     def add(self, sample: Mapping[str, float]) -> None:
@@ -107,7 +107,7 @@ class History:
 
     def replay(self, cable: Cable) -> Replay:
         """What this cable would have done from the anchor on."""
-        profile = np.exp(self._way * cable.friction * self._angle)
+        profile = np.exp(self._slip_direction * cable.friction * self._angle)
         if self.inputs[0] == "tension_proximal":
             profile *= self._rows["tension_proximal"][0] / profile[0]
         elif self.inputs[1] == "tension_distal":
@@ -126,18 +126,18 @@ class History:
             cables: that may be the true one.
             played: what `replay` says of each.
         """
-        way = _whole_slip(cables, played)
-        anchors = np.flatnonzero(way)
+        slip_direction = _whole_slip(cables, played)
+        anchors = np.flatnonzero(slip_direction)
         if anchors.size > 0:
             first = int(anchors[-1])
-        elif way.size > self._limit:
+        elif slip_direction.size > self._limit:
             # The tightest sample of the second quarter: slack has no profile.
-            begin = max(way.size // 4, 1)
-            end = max(way.size // 2, begin + 1)
+            begin = max(slip_direction.size // 4, 1)
+            end = max(slip_direction.size // 2, begin + 1)
             first = begin + int(np.argmax(played[0].tension_proximal[begin:end]))
         else:
             return
-        self._way = float(way[first])
+        self._slip_direction = float(slip_direction[first])
         self._rows = {name: values[first:] for name, values in self._rows.items()}
 
     def _apart(self, row: int) -> float:
@@ -153,16 +153,16 @@ def _whole_slip(cables: Sequence[Cable], played: Sequence[Replay]) -> FloatArray
     It counts where all cables agree and where the tensions of the ends are those of
     the capstan law, so that no change of direction hides in a segment.
     """
-    ways = []
+    slip_directions = []
     for cable, motion in zip(cables, played, strict=True):
-        near, far = motion.tension_proximal, motion.tension_distal
-        taut = (near > 0.0) & (far > 0.0) & (motion.moving_fraction == 1.0)
-        ratio = np.log(np.where(taut, far, 1.0) / np.where(taut, near, 1.0))
+        proximal, distal = motion.tension_proximal, motion.tension_distal
+        taut = (proximal > 0.0) & (distal > 0.0) & (motion.moving_fraction == 1.0)
+        ratio = np.log(np.where(taut, distal, 1.0) / np.where(taut, proximal, 1.0))
         whole = cable.friction * cable.wrap
         right = taut & (np.abs(np.abs(ratio) - whole) < 1e-6 * whole)
-        ways.append(np.where(right, np.sign(ratio), 0.0))
-    agreed = np.all(np.array(ways) == ways[0], axis=0)
-    return np.where(agreed, ways[0], 0.0)
+        slip_directions.append(np.where(right, np.sign(ratio), 0.0))
+    agreed = np.all(np.array(slip_directions) == slip_directions[0], axis=0)
+    return np.where(agreed, slip_directions[0], 0.0)
 
 
 def _check_ends(inputs: tuple[str, str], outputs: Sequence[str]) -> None:

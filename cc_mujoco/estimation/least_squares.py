@@ -56,11 +56,11 @@ class Tuned(NamedTuple):
     factor: bool
     prior: float = math.inf
 
-    def value(self, at: float) -> float:
+    def value(self, x: float) -> float:
         """Value at this place of the fit."""
         if self.factor:
-            return self.start * math.exp(self.scale * at)
-        return self.start + self.scale * at
+            return self.start * math.exp(self.scale * x)
+        return self.start + self.scale * x
 
 
 @dataclass(frozen=True)
@@ -80,11 +80,11 @@ class Fit(NamedTuple):
     """Where a fit ended.
 
     Attributes:
-        at: place of the parameters.
+        x: place of the parameters.
         cost: half the sum of squares there.
     """
 
-    at: FloatArray
+    x: FloatArray
     cost: float
 
 
@@ -126,7 +126,7 @@ def fit(
 
 def differences(
     function: Callable[[FloatArray], Sequence[FloatArray]],
-    at: FloatArray,
+    x: FloatArray,
     steps: Mapping[int, float],
     here: Sequence[FloatArray] = (),
 ) -> dict[int, list[FloatArray]]:
@@ -134,19 +134,19 @@ def differences(
 
     Args:
         function: arrays at a place (parameters,); it is called in threads.
-        at: the place.
+        x: the place.
         steps: change of a parameter by its index.
         here: the arrays at the place, for one-sided differences; else central ones.
     """
 
     def column(index: int) -> list[FloatArray]:
         step = steps[index]
-        moved = at.copy()
+        moved = x.copy()
         moved[index] += step
         there = function(moved)
         if here:
             return [(a - b) / step for a, b in zip(there, here, strict=True)]
-        moved[index] = at[index] - step
+        moved[index] = x[index] - step
         back = function(moved)
         return [(a - b) / (2.0 * step) for a, b in zip(there, back, strict=True)]
 

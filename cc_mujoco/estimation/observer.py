@@ -23,8 +23,8 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.fusion import fuse, gains
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.conduit import Conduit
-from cc_mujoco.transmission.literal import Mesh
 from cc_mujoco.transmission.parameters import Cable
+from cc_mujoco.transmission.thesis_solver import Mesh
 
 
 class CableObserver:

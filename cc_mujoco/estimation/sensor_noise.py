@@ -22,8 +22,8 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.fusion import gains
 from cc_mujoco.sensing import Sensors
-from cc_mujoco.transmission.literal import Mesh
 from cc_mujoco.transmission.parameters import Cable
+from cc_mujoco.transmission.thesis_solver import Mesh
 
 ROUNDS = 5
 """Times that the weights are renewed."""
@@ -69,15 +69,18 @@ class SensorNoise:
         count = nodes.size
         apart = np.eye(count - 1, count) - np.eye(count - 1, count, 1)
         self._contrast = {
-            way: apart * gains(mesh, np.full(segments, way), nodes)[:, -1]
-            for way in (-1.0, 1.0)
+            slip_direction: apart
+            * gains(mesh, np.full(segments, slip_direction), nodes)[:, -1]
+            for slip_direction in (-1.0, 1.0)
         }
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
         size = len(self.sensors.nodes) - 1
-        self._moment = {way: np.zeros((size, size)) for way in self._contrast}
+        self._moment = {
+            slip_direction: np.zeros((size, size)) for slip_direction in self._contrast
+        }
         self._weight = dict.fromkeys(self._contrast, 0.0)
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> None:
@@ -97,15 +100,15 @@ class SensorNoise:
                 f"({len(self.sensors.nodes)},)"
             )
         sign = np.sign(np.asarray(direction, dtype=float))
-        way = float(sign[0])
-        if way == 0.0 or not np.all(sign == way):
+        slip_direction = float(sign[0])
+        if slip_direction == 0.0 or not np.all(sign == slip_direction):
             return
         for each in self._moment:
             self._moment[each] *= self._fading
             self._weight[each] *= self._fading
-        contrast = self._contrast[way] @ told
-        self._moment[way] += np.outer(contrast, contrast)
-        self._weight[way] += 1.0
+        contrast = self._contrast[slip_direction] @ told
+        self._moment[slip_direction] += np.outer(contrast, contrast)
+        self._weight[slip_direction] += 1.0
 
     @property
     def learnt(self) -> float:
@@ -134,14 +137,14 @@ class SensorNoise:
         from scipy.optimize import nnls
 
         rows, right = [], []
-        for way, weight in self._weight.items():
+        for slip_direction, weight in self._weight.items():
             if weight == 0.0:
                 continue
-            contrast = self._contrast[way]
+            contrast = self._contrast[slip_direction]
             # In the coordinates in which the contrasts would be white and of unit size.
             root = np.linalg.cholesky((contrast * guess) @ contrast.T)
             white = np.linalg.solve(root, contrast)
-            seen = np.linalg.solve(root, self._moment[way] / weight)
+            seen = np.linalg.solve(root, self._moment[slip_direction] / weight)
             seen = np.linalg.solve(root, seen.T)
             rows.append(np.sqrt(weight) * np.einsum("ai,bi->abi", white, white))
             right.append(np.sqrt(weight) * seen)

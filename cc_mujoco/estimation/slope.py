@@ -62,13 +62,13 @@ def moving_runs(direction: ArrayLike) -> Iterator[Run]:
     sign = np.sign(np.asarray(direction, dtype=float))
     edges = [0, *(np.flatnonzero(np.diff(sign)) + 1).tolist(), sign.size]
     for first, last in pairwise(edges):
-        way = float(sign[first])
-        if way == 0.0:
+        slip_direction = float(sign[first])
+        if slip_direction == 0.0:
             continue
-        begin = first + int(first > 0 and sign[first - 1] == -way)
-        end = last - int(last < sign.size and sign[last] == -way)
+        begin = first + int(first > 0 and sign[first - 1] == -slip_direction)
+        end = last - int(last < sign.size and sign[last] == -slip_direction)
         if begin < end:
-            yield Run(begin, end, way)
+            yield Run(begin, end, slip_direction)
 
 
 def require_slope(cable: Cable) -> None:
@@ -173,11 +173,13 @@ class SlopeFit:
             CableError: shapes that fit neither the sensors nor the cable, or values
                 that are not finite.
         """
-        told, way = checked_sample(reading, direction, self._nodes.size, self._segments)
+        told, slip_direction = checked_sample(
+            reading, direction, self._nodes.size, self._segments
+        )
         width = self._design.shape[1]
         information, target = np.zeros((width, width)), np.zeros(width)
         power, count = 0.0, 0
-        for run in moving_runs(way):
+        for run in moving_runs(slip_direction):
             found = self._equations(run, told)
             if found is not None:
                 rows, right = found

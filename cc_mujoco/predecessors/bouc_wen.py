@@ -115,9 +115,9 @@ class ModifiedBoucWen(Model):
 
     def answer(self, motion: Motion) -> Answer:
         """See `Model.answer`; friction is added to the spring's force."""
-        near, has = motion.near, self.hysteresis
+        proximal, has = motion.proximal, self.hysteresis
         position, state, speed = _parts(
-            -near, motion.dt, has.rho, has.sigma, has.lead, has.exponent
+            -proximal, motion.dt, has.rho, has.sigma, has.lead, has.exponent
         )
         friction = (
             has.position * position
@@ -125,8 +125,8 @@ class ModifiedBoucWen(Model):
             + has.viscous * speed
             + has.offset
         )
-        far = self.cable.pretension - motion.stiffness * near
-        return Answer(far + friction, far, near.copy())
+        distal = self.cable.pretension - motion.stiffness * proximal
+        return Answer(distal + friction, distal, proximal.copy())
 
 
 def _parts(

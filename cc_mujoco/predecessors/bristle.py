@@ -73,7 +73,7 @@ class BristleChain(Model):
         shape = self.bristle
         return Answer(
             *_play(
-                motion.near,
+                motion.proximal,
                 motion.moved,
                 motion.stiffness,
                 cable.friction * segment,
@@ -106,7 +106,7 @@ class LuGreChain(BristleChain):
 
 @compiled
 def _play(
-    near: FloatArray,
+    proximal: FloatArray,
     moved: FloatArray,
     load: float,
     grip: FloatArray,
@@ -132,21 +132,23 @@ def _play(
     start = tension.copy()
     x, slip, limit = np.zeros(n), np.zeros(n), np.empty(n)
     friction, speed = tension[1:] - tension[:-1], np.zeros(n)
-    out = np.empty((3, near.size))
-    for row in range(near.size):
-        far = moved[row] if held else 0.0
+    out = np.empty((3, proximal.size))
+    for row in range(proximal.size):
+        distal = moved[row] if held else 0.0
         for j in range(n):
             mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
             more = shape[2] * np.exp(-((speed[j] / shape[3]) ** 2))
             limit[j] = mean * grip[j] * factor[row] * (1.0 + more)
             slip[j] = 0.0
-        _settle(start, spring, near[row], far, friction, limit, shape, dt, x, slip)
-        _tensions(start, spring, near[row], far, x, tension)
+        _settle(
+            start, spring, proximal[row], distal, friction, limit, shape, dt, x, slip
+        )
+        _tensions(start, spring, proximal[row], distal, x, tension)
         for j in range(n):
             friction[j] = _bristle(friction[j], slip[j], limit[j], shape, dt)[2]
             speed[j] = slip[j] / dt
         out[0, row], out[1, row] = tension[0], tension[n]
-        out[2, row] = far if held else (rest - tension[n]) / load
+        out[2, row] = distal if held else (rest - tension[n]) / load
     return out
 
 
@@ -154,16 +156,16 @@ def _play(
 def _tensions(
     start: FloatArray,
     spring: FloatArray,
-    near: float,
-    far: float,
+    proximal: float,
+    distal: float,
     x: FloatArray,
     tension: FloatArray,
 ) -> None:
     """Tension of every spring (n + 1,)."""
     n = x.size
-    before = near
+    before = proximal
     for i in range(n + 1):
-        after = x[i] if i < n else far
+        after = x[i] if i < n else distal
         tension[i] = start[i] + spring[i] * (after - before)
         before = after
 
@@ -172,8 +174,8 @@ def _tensions(
 def _settle(
     start: FloatArray,
     spring: FloatArray,
-    near: float,
-    far: float,
+    proximal: float,
+    distal: float,
     friction: FloatArray,
     limit: FloatArray,
     shape: FloatArray,
@@ -191,7 +193,7 @@ def _settle(
     diagonal = np.empty(n)
     last, pace = np.inf, 1.0
     for _ in range(_ROUNDS):
-        _tensions(start, spring, near, far, x, tension)
+        _tensions(start, spring, proximal, distal, x, tension)
         size = 0.0
         for j in range(n):
             force, slope, _ = _bristle(friction[j], slip[j], limit[j], shape, dt)
@@ -220,8 +222,8 @@ def _bristle(
     """Friction after a slip, its slope, and the part of it that bristles store."""
     if limit <= 0.0:
         return 0.0, 0.0, 0.0
-    way = 1.0 if slip >= 0.0 else -1.0
-    short = 1.0 - way * friction / limit
+    slip_direction = 1.0 if slip >= 0.0 else -1.0
+    short = 1.0 - slip_direction * friction / limit
     side = 1.0 if short >= 0.0 else -1.0
     size, travel, exponent = abs(short), abs(slip) / shape[0], shape[1]
     if exponent == 1.0:
@@ -229,7 +231,7 @@ def _bristle(
     elif size > 0.0:
         power = 1.0 - exponent
         size = max(size**power - power * travel, 0.0) ** (1.0 / power)
-    stored = way * limit * (1.0 - side * size)
+    stored = slip_direction * limit * (1.0 - side * size)
     slope = limit / shape[0] * side * size**exponent
     damping = shape[4] / dt
     force = stored + damping * (stored - friction)

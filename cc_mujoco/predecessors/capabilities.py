@@ -90,10 +90,10 @@ def partial_motion(model: Model) -> Finding:
     """Half of the pull that reaches the output must not be felt there, twice must."""
     reach = onset(model.cable)
     answer = model.replay(DT, ramp(-0.5 * reach, -2.0 * reach), SPRING)
-    far = answer.tension_distal - model.cable.pretension
-    early = far[400] / far[-1]
+    distal = answer.tension_distal - model.cable.pretension
+    early = distal[400] / distal[-1]
     told = f"a quarter of a pull moves the output by {early:.0%}, right is 0%"
-    return Finding(bool(abs(early) < RIGHT and far[-1] > 0.1), told)
+    return Finding(bool(abs(early) < RIGHT and distal[-1] > 0.1), told)
 
 
 def both_ends(model: Model) -> Finding:
@@ -182,13 +182,13 @@ def no_energy(model: Model) -> Finding:
     return Finding(worst > -_ROUNDING, told)
 
 
-def _loss(answer: Answer, near: FloatArray, period: int) -> float:
+def _loss(answer: Answer, proximal: FloatArray, period: int) -> float:
     """Work that stays in the cable over the last period, over what the motor moves."""
     last = slice(-period - 1, None)
     for tension in (answer.tension_proximal, answer.tension_distal):
         if abs(tension[-1] - tension[-period - 1]) > _REPEATS:
             return math.inf
-    pulled, drawn = -np.diff(near[last]), np.diff(answer.u_distal[last])
+    pulled, drawn = -np.diff(proximal[last]), np.diff(answer.u_distal[last])
     by_motor = _between(answer.tension_proximal[last]) * pulled
     by_spring = _between(answer.tension_distal[last]) * drawn
     total = float(np.sum(by_motor) + np.sum(by_spring))

@@ -25,19 +25,21 @@ class StaticCapstan(Model):
 
     def answer(self, motion: Motion) -> Answer:
         """See `Model.answer`; the whole cable slips or rests."""
-        near, moved, stiffness = motion.near, motion.moved, motion.stiffness
+        proximal, moved, stiffness = motion.proximal, motion.moved, motion.stiffness
         cable = self.cable
         wrap = cable.friction * cable.wrap * motion.factor
-        direction = np.sign(np.diff(near + moved, prepend=0.0))
+        direction = np.sign(np.diff(proximal + moved, prepend=0.0))
         # At rest the last direction holds; before any motion there is none.
-        last = np.maximum.accumulate(np.where(direction != 0, np.arange(near.size), 0))
+        last = np.maximum.accumulate(
+            np.where(direction != 0, np.arange(proximal.size), 0)
+        )
         ratio = np.exp(wrap * direction[last])
         own = cable.axial_stiffness / cable.length
         if np.isinf(stiffness):
-            far = moved
+            distal = moved
         else:  # ratio (T0 + K (far - near)) = T0 - k far
-            far = (cable.pretension * (1.0 - ratio) + ratio * own * near) / (
+            distal = (cable.pretension * (1.0 - ratio) + ratio * own * proximal) / (
                 ratio * own + stiffness
             )
-        tension = np.maximum(cable.pretension + own * (far - near), 0.0)
-        return Answer(tension, tension * ratio, far)
+        tension = np.maximum(cable.pretension + own * (distal - proximal), 0.0)
+        return Answer(tension, tension * ratio, distal)

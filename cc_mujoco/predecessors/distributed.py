@@ -27,7 +27,7 @@ class Distributed(Model):
                 np.array(cable.scalars),
                 np.array(cable.conduit, dtype=np.float64),
                 rest_state(cable, motion.start)[None],
-                motion.near,
+                motion.proximal,
                 motion.moved,
                 motion.stiffness,
                 motion.factor,
@@ -42,7 +42,7 @@ def _play(
     values: FloatArray,
     sections: FloatArray,
     state: FloatArray,
-    near: FloatArray,
+    proximal: FloatArray,
     moved: FloatArray,
     stiffness: float,
     factor: FloatArray,
@@ -55,23 +55,23 @@ def _play(
     bent = sections.copy()
     tension = tensions(state[0], n)
     rest = max(tension[n], 0.0)
-    out = np.empty((3, near.size))
-    far = 0.0
-    for row in range(near.size):
+    out = np.empty((3, proximal.size))
+    distal = 0.0
+    for row in range(proximal.size):
         if changing:
             bent[:, 1] = sections[:, 1] / factor[row]
             kernel.pack(values, bent, n, prm)
             kernel.expect_change(prm)
         if np.isinf(stiffness):
-            far = moved[row]
-            stepper.move(cables, state, near[row], -far, dt, new, work)
+            distal = moved[row]
+            stepper.move(cables, state, proximal[row], -distal, dt, new, work)
         else:
             load = stepper.Load(rest, stiffness, -np.inf, np.inf)
-            far = -stepper.balance(
-                cables, state, True, near[row], -far, load, dt, new, work
+            distal = -stepper.balance(
+                cables, state, True, proximal[row], -distal, load, dt, new, work
             )
         state[:] = new
         out[0, row] = max(tension[0], 0.0)
         out[1, row] = max(tension[n], 0.0)
-        out[2, row] = far
+        out[2, row] = distal
     return out

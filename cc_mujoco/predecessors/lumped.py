@@ -46,21 +46,23 @@ class LumpedMasses(Model):
 
     def answer(self, motion: Motion) -> Answer:
         """See `Model.answer`; a chain for either way of moving."""
-        near, stiffness = motion.near, motion.stiffness
+        proximal, stiffness = motion.proximal, motion.stiffness
         steps, gains = zip(
             *(self._system(motion.dt, sign, stiffness) for sign in (-1.0, 1.0)),
             strict=True,
         )
-        stretch = _step_through(near, np.array(steps), np.array(gains))
+        stretch = _step_through(proximal, np.array(steps), np.array(gains))
         angle = self.cable.friction * self.cable.wrap
-        direction = np.sign(np.diff(near, prepend=0.0))
-        last = np.maximum.accumulate(np.where(direction != 0, np.arange(near.size), 0))
+        direction = np.sign(np.diff(proximal, prepend=0.0))
+        last = np.maximum.accumulate(
+            np.where(direction != 0, np.arange(proximal.size), 0)
+        )
         ratio = np.exp(-angle * direction[last])
         spring = np.array([self._spring(sign) for sign in (-1.0, 1.0)])
         now = np.where(direction[last] > 0, spring[1], spring[0])
-        far = stretch[:, 1] if np.isfinite(stiffness) else np.zeros(near.size)
+        distal = stretch[:, 1] if np.isfinite(stiffness) else np.zeros(proximal.size)
         tension = self.cable.pretension + now * stretch[:, 0]
-        return Answer(tension * ratio, tension, far)
+        return Answer(tension * ratio, tension, distal)
 
     def _spring(self, sign: float) -> float:
         """Stiffness of one element for motion of this sign, positive to distal."""
@@ -102,17 +104,19 @@ class LumpedMasses(Model):
 
 
 @compiled
-def _step_through(near: FloatArray, steps: FloatArray, gains: FloatArray) -> FloatArray:
+def _step_through(
+    proximal: FloatArray, steps: FloatArray, gains: FloatArray
+) -> FloatArray:
     """Stretch of the last element and place of the last mass, (samples, 2) [m]."""
     n = steps.shape[1] // 2
     state = np.zeros(2 * n)
-    out = np.empty((near.size, 2))
+    out = np.empty((proximal.size, 2))
     which = 0
-    for row in range(near.size):
-        if row > 0 and near[row] != near[row - 1]:
-            which = 1 if near[row] > near[row - 1] else 0
-        state = steps[which] @ state + gains[which] * near[row]
-        before = state[n - 2] if n > 1 else near[row]
+    for row in range(proximal.size):
+        if row > 0 and proximal[row] != proximal[row - 1]:
+            which = 1 if proximal[row] > proximal[row - 1] else 0
+        state = steps[which] @ state + gains[which] * proximal[row]
+        before = state[n - 2] if n > 1 else proximal[row]
         out[row, 0] = state[n - 1] - before
         out[row, 1] = state[n - 1]
     return out

@@ -79,7 +79,7 @@ class Motion(NamedTuple):
 
     Attributes:
         dt: time between samples [s].
-        near: displacement of the proximal end (samples,) [m].
+        proximal: displacement of the proximal end (samples,) [m].
         moved: that of the distal end where someone moves it, else 0 (samples,) [m].
         stiffness: of the spring at the distal end, infinite without one [N/m].
         start: tension at the nodes at first (segments + 1,) [N].
@@ -87,7 +87,7 @@ class Motion(NamedTuple):
     """
 
     dt: float
-    near: FloatArray
+    proximal: FloatArray
     moved: FloatArray
     stiffness: float
     start: FloatArray
@@ -140,11 +140,11 @@ class Model(ABC):
         for what, why in self.refuses.items():
             if asked[what]:
                 raise CableError(f"{self.name} cannot take {what}: {why}")
-        near = np.ascontiguousarray(u_proximal, dtype=np.float64)
-        stiffness, moved = springs(environment, near.size)
+        proximal = np.ascontiguousarray(u_proximal, dtype=np.float64)
+        stiffness, moved = springs(environment, proximal.size)
         start = profile(self.cable, initial_tension)
-        factor = scales(wrap_scale, near.size)
-        return self.answer(Motion(dt, near, moved, stiffness, start, factor))
+        factor = scales(wrap_scale, proximal.size)
+        return self.answer(Motion(dt, proximal, moved, stiffness, start, factor))
 
     @abstractmethod
     def answer(self, motion: Motion) -> Answer:

@@ -41,7 +41,7 @@ class PassiveDistributed(Model):
         share[n] += compliance  # the spring follows the last node
         return Answer(
             *_play(
-                motion.near,
+                motion.proximal,
                 cable.friction * angle,
                 share,
                 motion.start,
@@ -53,7 +53,7 @@ class PassiveDistributed(Model):
 
 @compiled
 def _play(
-    near: FloatArray,
+    proximal: FloatArray,
     angle: FloatArray,
     share: FloatArray,
     tension: FloatArray,
@@ -63,27 +63,27 @@ def _play(
     """Tension of both ends and place of the distal one, (3, samples)."""
     n = angle.size - 1
     rest = tension[n]
-    out = np.empty((3, near.size))
+    out = np.empty((3, proximal.size))
     trial = tension.copy()
     stretch, before = float(share @ tension), 0.0
-    for row in range(near.size):
-        moved = near[row] - before
-        before = near[row]
+    for row in range(proximal.size):
+        moved = proximal[row] - before
+        before = proximal[row]
         stretch -= moved
-        way = 1.0 if moved > 0.0 else -1.0
+        slip_direction = 1.0 if moved > 0.0 else -1.0
         if stretch <= 0.0:
             tension[:] = 0.0
         elif moved != 0.0:
             # The tension at the motor lies between what the cable has and what a front
             # of no length would give; a pull raises it, a push lowers it.
             low = high = tension[0]
-            if way > 0.0:
+            if slip_direction > 0.0:
                 low = 0.0
             else:
                 high -= moved / share[0]
             while True:
                 middle = 0.5 * (low + high)
-                _front(tension, angle, factor[row], way, middle, trial)
+                _front(tension, angle, factor[row], slip_direction, middle, trial)
                 if middle <= low or middle >= high:
                     break
                 if share @ trial < stretch:
@@ -102,15 +102,15 @@ def _front(
     tension: FloatArray,
     angle: FloatArray,
     factor: float,
-    way: float,
+    slip_direction: float,
     at_motor: float,
     out: FloatArray,
 ) -> None:
     """Capstan line from the motor until it meets the tension that was there."""
     out[:] = tension
     for i in range(angle.size):
-        line = at_motor * np.exp(way * factor * angle[i])
+        line = at_motor * np.exp(slip_direction * factor * angle[i])
         # A pull (way -1) raises tension, a push lowers it; the front is where not.
-        if i > 0 and way * (tension[i] - line) <= 0.0:
+        if i > 0 and slip_direction * (tension[i] - line) <= 0.0:
             break
         out[i] = line

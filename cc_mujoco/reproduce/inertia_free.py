@@ -39,9 +39,12 @@ class InertiaFree:
             drive: Its cables are those of the device.
         """
         self.drive = drive
-        strands = drive.cables
-        near, far = [s.near for s in strands], [s.far for s in strands]
-        self.cables = stepper.between([s.cable for s in strands], near, far)
+        cable_drives = drive.cables
+        proximal, distal = (
+            [s.proximal for s in cable_drives],
+            [s.distal for s in cable_drives],
+        )
+        self.cables = stepper.between([s.cable for s in cable_drives], proximal, distal)
         self._work = stepper.scratch(self.cables)
         self.reset(0.0)
 

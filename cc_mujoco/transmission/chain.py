@@ -3,7 +3,7 @@
 Same chain as in `fronts.py`. Each segment is then one line between the tensions beside
 it and its displacement w,
 
-    T_right = gain T_left + offset + own w,
+    T_distal = gain T_proximal + offset + own w,
 
 `own` infinite where it stays at rest, so that the step is one pass along the cable that
 eliminates and one back that substitutes, as for any tridiagonal system. Eliminated is
@@ -20,12 +20,16 @@ from cc_mujoco.compiled import FloatArray, compiled
 
 @compiled
 def slipping(
-    way: float, hold_right: float, hold_left: float, drag: float, viscosity: float
+    slip_direction: float,
+    hold_distal: float,
+    hold_proximal: float,
+    drag: float,
+    viscosity: float,
 ) -> tuple[float, float, float]:
-    """Line `gain`, `offset`, `own` of a segment that slips towards `way`."""
-    if way > 0.0:
-        return hold_right, drag, viscosity
-    return 1.0 / hold_left, -drag / hold_left, viscosity / hold_left
+    """Line `gain`, `offset`, `own` of a segment that slips towards `slip_direction`."""
+    if slip_direction > 0.0:
+        return hold_distal, drag, viscosity
+    return 1.0 / hold_proximal, -drag / hold_proximal, viscosity / hold_proximal
 
 
 @compiled
@@ -37,10 +41,10 @@ def solve(
     offset: FloatArray,
     own: FloatArray,
     slack: FloatArray,
-    near_p: float,
-    near_q: float,
-    far_p: float,
-    far_q: float,
+    proximal_p: float,
+    proximal_q: float,
+    distal_p: float,
+    distal_q: float,
     shift: FloatArray,
     node: FloatArray,
     work: FloatArray,
@@ -55,16 +59,16 @@ def solve(
         offset: what its friction adds (n,) [N].
         own: stiffness against its displacement (n,) [N/m]; inf: it stays at rest.
         slack: not 0 where a node is without tension (n+1,).
-        near_p: the proximal end is T = near_p + near_q w [N].
-        near_q: [N/m].
-        far_p: the distal end is T = far_p - far_q w [N].
-        far_q: [N/m].
+        proximal_p: the proximal end is T = proximal_p + proximal_q w [N].
+        proximal_q: [N/m].
+        distal_p: the distal end is T = distal_p - distal_q w [N].
+        distal_q: [N/m].
         shift: out, slip of each segment in this step (n,) [m].
         node: out, node tensions (n+1,) [N].
         work: scratch (2 n,).
     """
     p, q = work[:n], work[n : 2 * n]  # T = p + q w on the left of each segment
-    p[0], q[0] = near_p, near_q
+    p[0], q[0] = proximal_p, proximal_q
     if slack[0] != 0.0:
         p[0], q[0] = 0.0, 0.0
     for s in range(n - 1):
@@ -78,7 +82,7 @@ def solve(
         constant, slope = gain[s] * p[s] + offset[s], gain[s] * q[s] + own[s]
         p[s + 1] = (k * constant + slope * t) / (k + slope)
         q[s + 1] = k * slope / (k + slope)
-    constant, slope = far_p, far_q
+    constant, slope = distal_p, distal_q
     for s in range(n - 1, -1, -1):
         # T = constant - slope w on the right of the segment.
         if slack[s + 1] != 0.0:
@@ -102,28 +106,28 @@ def lay(
     last: int,
     tension: FloatArray,
     stiffness: FloatArray,
-    left: float,
-    left_bound: bool,
-    right: float,
-    right_bound: bool,
+    proximal: float,
+    proximal_bound: bool,
+    distal: float,
+    distal_bound: bool,
     shift: FloatArray,
 ) -> None:
     """Lay slack cable evenly: without tension no friction keeps it where it is.
 
     Nodes `first` to `last` have no tension, and the segments between them no drag.
-    `left` and `right` is what moved before and behind them in this step [m]. Where one
-    of them is not bound, as an end without tension, the cable lies unstrained.
+    `proximal` and `distal` is what moved before and behind them in this step [m]. Where
+    one of them is not bound, as an end without tension, the cable lies unstrained.
     """
     rest, compliance = 0.0, 0.0
     for i in range(first, last + 1):
         rest += tension[i] / stiffness[i]
         compliance += 1.0 / stiffness[i]
-    if not left_bound:
-        left = right + rest
-    strained = (right - left + rest) / compliance if right_bound else 0.0
+    if not proximal_bound:
+        proximal = distal + rest
+    strained = (distal - proximal + rest) / compliance if distal_bound else 0.0
     for i in range(first, last):
-        left += (strained - tension[i]) / stiffness[i]
-        shift[i] = left
+        proximal += (strained - tension[i]) / stiffness[i]
+        shift[i] = proximal
 
 
 @compiled
@@ -133,10 +137,10 @@ def lay_slack(
     tension: FloatArray,
     stiffness: FloatArray,
     slack: FloatArray,
-    near_p: float,
-    near_q: float,
-    far_p: float,
-    far_q: float,
+    proximal_p: float,
+    proximal_q: float,
+    distal_p: float,
+    distal_q: float,
     shift: FloatArray,
 ) -> None:
     """Lay all slack cable evenly that nothing holds; arguments as in `solve`.
@@ -154,19 +158,19 @@ def lay_slack(
         ):
             last += 1
         if last > first:
-            left_bound = first > 0 or near_q > 0.0
-            right_bound = last < n or far_q > 0.0
-            left, right = 0.0, 0.0
+            proximal_bound = first > 0 or proximal_q > 0.0
+            distal_bound = last < n or distal_q > 0.0
+            proximal, distal = 0.0, 0.0
             if first > 0:
-                left = shift[first - 1]
-            elif left_bound:
-                left = (tension[0] - near_p) / near_q
+                proximal = shift[first - 1]
+            elif proximal_bound:
+                proximal = (tension[0] - proximal_p) / proximal_q
             if last < n:
-                right = shift[last]
-            elif right_bound:
-                right = (far_p - tension[n]) / far_q
+                distal = shift[last]
+            elif distal_bound:
+                distal = (distal_p - tension[n]) / distal_q
             lay(
-                first, last, tension, stiffness, left, left_bound, right, right_bound,
-                shift,
+                first, last, tension, stiffness, proximal, proximal_bound, distal,
+                distal_bound, shift,
             )  # fmt: skip
         first = last + 1

@@ -149,25 +149,27 @@ class Conduit:
             CableError: not exactly one quantity per end, tension at both ends, or a
                 value that is not finite or negative.
         """
-        near_kind, near_value = _prescribed("proximal", u_proximal, tension_proximal)
-        far_kind, far_value = _prescribed("distal", u_distal, tension_distal)
-        _check_ends(near_kind, far_kind, dt)
+        proximal_kind, proximal_value = _prescribed(
+            "proximal", u_proximal, tension_proximal
+        )
+        distal_kind, distal_value = _prescribed("distal", u_distal, tension_distal)
+        _check_ends(proximal_kind, distal_kind, dt)
         status = kernel.step(
             self._prm,
             self.cable.segments,
             self._state,
-            near_kind,
-            float(near_value),
-            far_kind,
-            float(far_value),
+            proximal_kind,
+            float(proximal_value),
+            distal_kind,
+            float(distal_value),
             float(dt),
             self._next,
             self._work,
         )
         if status != kernel.OK:
             raise CableError(
-                f"ends of the cable are driven to {near_value!r} and {far_value!r}; "
-                "both must be finite"
+                f"ends of the cable are driven to {proximal_value!r} and "
+                f"{distal_value!r}; both must be finite"
             )
         self._state, self._next = self._next, self._state
 
@@ -283,27 +285,39 @@ def replay(
         CableError: not exactly one quantity per end, tension at both, unequal lengths,
             values that are not finite, or negative tensions.
     """
-    near_kind, near_given = _prescribed("proximal", u_proximal, tension_proximal)
-    far_kind, far_given = _prescribed("distal", u_distal, tension_distal)
-    _check_ends(near_kind, far_kind, dt)
-    near = _series("proximal", near_kind, near_given)
-    far = _series("distal", far_kind, far_given)
-    if near.size != far.size:
+    proximal_kind, proximal_given = _prescribed(
+        "proximal", u_proximal, tension_proximal
+    )
+    distal_kind, distal_given = _prescribed("distal", u_distal, tension_distal)
+    _check_ends(proximal_kind, distal_kind, dt)
+    proximal = _series("proximal", proximal_kind, proximal_given)
+    distal = _series("distal", distal_kind, distal_given)
+    if proximal.size != distal.size:
         raise CableError(
-            f"the proximal end has {near.size} samples and the distal end {far.size}; "
-            "both must have the same number"
+            f"the proximal end has {proximal.size} samples and the distal end "
+            f"{distal.size}; both must have the same number"
         )
     n = cable.segments
     prm = packed(cable)
     state = rest_state(cable, initial_tension)
-    state[0] = near[0] if near_kind == kernel.POSITION else 0.0
-    state[1] = far[0] if far_kind == kernel.POSITION else 0.0
-    summary = np.empty((8, near.size))
-    rows = near.size if profile else 0
+    state[0] = proximal[0] if proximal_kind == kernel.POSITION else 0.0
+    state[1] = distal[0] if distal_kind == kernel.POSITION else 0.0
+    summary = np.empty((8, proximal.size))
+    rows = proximal.size if profile else 0
     tension = np.empty((rows, n + 1))
     direction = np.empty((rows, n), dtype=np.int8)
     _play(
-        prm, n, state, near_kind, near, far_kind, far, dt, summary, tension, direction
+        prm,
+        n,
+        state,
+        proximal_kind,
+        proximal,
+        distal_kind,
+        distal,
+        dt,
+        summary,
+        tension,
+        direction,
     )
     return Replay(
         u_proximal=summary[0],
@@ -324,10 +338,10 @@ def _play(
     prm: FloatArray,
     n: int,
     state: FloatArray,
-    near_kind: int,
-    near: FloatArray,
-    far_kind: int,
-    far: FloatArray,
+    proximal_kind: int,
+    proximal: FloatArray,
+    distal_kind: int,
+    distal: FloatArray,
     dt: float,
     summary: FloatArray,
     tension: FloatArray,
@@ -336,10 +350,19 @@ def _play(
     new_state = state.copy()
     work = np.empty(kernel.work_size(n))
     t = kernel.STATE_HEADER
-    for row in range(near.size):
+    for row in range(proximal.size):
         # A prescribed position has nothing to say at the first sample; a tension does.
         kernel.step(
-            prm, n, state, near_kind, near[row], far_kind, far[row], dt, new_state, work
+            prm,
+            n,
+            state,
+            proximal_kind,
+            proximal[row],
+            distal_kind,
+            distal[row],
+            dt,
+            new_state,
+            work,
         )
         state[:] = new_state
         moving = 0
@@ -372,8 +395,8 @@ def _prescribed(
     raise CableError(f"prescribe either u_{end} or tension_{end}, not both or neither")
 
 
-def _check_ends(near_kind: int, far_kind: int, dt: float) -> None:
-    if near_kind == far_kind == kernel.TENSION:
+def _check_ends(proximal_kind: int, distal_kind: int, dt: float) -> None:
+    if proximal_kind == distal_kind == kernel.TENSION:
         raise CableError(
             "both ends are driven by tension; at least one must be driven by position"
         )

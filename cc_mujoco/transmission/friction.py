@@ -25,7 +25,7 @@ INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
 
 _FRICTION = INDEX["friction"]
 _STATIC = INDEX["static_friction"]
-_MEMORY = INDEX["memory_length"]
+_MEMORY = INDEX["critical_slip_distance"]
 _VISCOUS = INDEX["viscous_friction"]
 _STRIBECK = INDEX["stribeck_friction"]
 _STRIBECK_SPEED = INDEX["stribeck_speed"]
@@ -79,7 +79,7 @@ def ratio(coefficient: float, angle: float) -> float:
 
 
 @compiled
-def scaled(values: FloatArray) -> bool:
+def is_state_dependent(values: FloatArray) -> bool:
     """Whether load, time or place change the coefficients."""
     for switch, other in _SCALING:
         if values[switch] != 0.0 and values[other] != 0.0:
@@ -88,7 +88,7 @@ def scaled(values: FloatArray) -> bool:
 
 
 @compiled
-def plain(values: FloatArray) -> bool:
+def is_constant_coulomb(values: FloatArray) -> bool:
     """Whether all is constant, along the cable as well."""
     for switch, other in _VARYING:
         if values[switch] != 0.0 and values[other] != 0.0:
@@ -160,8 +160,8 @@ def holding_coefficient(values: FloatArray) -> float:
 def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -> float:
     """Slip speed that the Stribeck term sees in the next step [m/s]; 0 at rest.
 
-    The memory follows the slip speed over `memory_length` of slip, or at once when that
-    is 0; a segment that sticks forgets.
+    The memory follows the slip speed over `critical_slip_distance` of slip, or at once
+    when that is 0; a segment that sticks forgets.
     """
     if slip == 0.0:
         return 0.0
@@ -232,8 +232,8 @@ def load_factor(values: FloatArray, mean: float) -> float:
 def aged(values: FloatArray, age: float, slip: float, dt: float) -> float:
     """Age ln(1 + t/t_0) of the contacts after a step with this much slip [m].
 
-    Contacts grow older and slip over `memory_length` renews them: dt' = 1 - |v| t'/l,
-    exact for the mean speed of the step (Ruina, J. Geophys. Res. 88, 1983).
+    Contacts grow older and slip over `critical_slip_distance` renews them: dt' = 1 -
+    |v| t'/l, exact for the mean speed of the step (Ruina, J. Geophys. Res. 88, 1983).
     """
     scale = values[_AGEING_TIME]
     if slip == 0.0:

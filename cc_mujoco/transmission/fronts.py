@@ -28,15 +28,20 @@ TOLERANCE = 1e-11
 
 @compiled
 def pushed(
-    left: float, right: float, hold_right: float, hold_left: float, drag: float
+    proximal: float,
+    distal: float,
+    hold_distal: float,
+    hold_proximal: float,
+    drag: float,
 ) -> int:
-    """Direction in which tensions `left` and `right` overcome a segment at rest, or 0.
+    """Direction in which the tensions beside a segment at rest overcome it, or 0.
 
-    `hold_right`, `hold_left`: ratio held against motion to the right (+1), left (-1).
+    `hold_distal`, `hold_proximal`: ratio held against motion towards distal (+1),
+    proximal (-1).
     """
-    if right > (hold_right * left + drag) * (1.0 + TOLERANCE):
+    if distal > (hold_distal * proximal + drag) * (1.0 + TOLERANCE):
         return 1
-    if left > (hold_left * right + drag) * (1.0 + TOLERANCE):
+    if proximal > (hold_proximal * distal + drag) * (1.0 + TOLERANCE):
         return -1
     return 0
 
@@ -69,11 +74,11 @@ def _join(
 def _null_slip(
     p: float,
     q: float,
-    far_p: float,
-    far_q: float,
-    way: float,
-    left: float,
-    right: float,
+    distal_p: float,
+    distal_q: float,
+    slip_direction: float,
+    proximal: float,
+    distal: float,
     growth: float,
     drag: float,
     end_stiffness: float,
@@ -83,41 +88,41 @@ def _null_slip(
     With the null point at fraction (1 - z)/2 of the segment, net friction is z times
     its limit and the centre slips by z times the lengthening, in this step, of the half
     on whose side the null point lies. Both follow from the tensions beside the segment,
-    T_left = p + q w and T_right = far_p - far_q w. Rounding the null point to the
-    centre (z = 0) would cost first-order accuracy.
+    T_proximal = p + q w and T_distal = distal_p - distal_q w. Rounding the null point
+    to the centre (z = 0) would cost first-order accuracy.
 
-    `way` is +1 where the ends are pulled apart, -1 where they are pushed together,
-    `left` and `right` the tensions before the step, `end_stiffness` that of half a
-    segment.
+    `slip_direction` is +1 where the ends are pulled apart, -1 where they are pushed
+    together, `proximal` and `distal` the tensions before the step, `end_stiffness` that
+    of half a segment.
     """
     slip, share = 0.0, 0.0
     per_tension = (growth - 1.0) / (growth + 1.0)
     constant = 2.0 * drag / (growth + 1.0)
     for _ in range(4):
         low = p + q * slip
-        high = far_p - far_q * slip
+        high = distal_p - distal_q * slip
         # At the segment's edge the null point passes to its neighbour, for which the
         # tension of the node between them counts; inside, the segment's mean.
-        mean = 0.5 * (low - left + high - right)
-        side = low - left if share * way > 0.0 else high - right
+        mean = 0.5 * (low - proximal + high - distal)
+        side = low - proximal if share * slip_direction > 0.0 else high - distal
         change = mean + (side - mean) * share**2
-        reach = way * change / end_stiffness
+        reach = slip_direction * change / end_stiffness
         if reach <= 0.0:
             return 0.0
         limit = per_tension * max(low + high, 0.0) + constant
-        share = (far_p - p) / ((q + far_q) * reach + limit)
+        share = (distal_p - p) / ((q + distal_q) * reach + limit)
         share = min(max(share, -1.0), 1.0)
         slip = share * reach
     # Both halves give way alike, so the centre stays between its neighbours. That also
     # holds it where the fronts have come near but not met.
-    with_left, with_right = (left - p) / q, (far_p - right) / far_q
-    slip = max(slip, min(with_left, with_right, 0.0))
-    slip = min(slip, max(with_left, with_right, 0.0))
+    with_proximal, with_distal = (proximal - p) / q, (distal_p - distal) / distal_q
+    slip = max(slip, min(with_proximal, with_distal, 0.0))
+    slip = min(slip, max(with_proximal, with_distal, 0.0))
     # Where the rounds have not settled, net friction would exceed its limit.
-    both, tilt = q + far_q, per_tension * (q - far_q)
-    limit = per_tension * (p + far_p) + constant
-    least = (far_p - p - limit) / (both + tilt)
-    most = (far_p - p + limit) / (both - tilt)
+    both, tilt = q + distal_q, per_tension * (q - distal_q)
+    limit = per_tension * (p + distal_p) + constant
+    least = (distal_p - p - limit) / (both + tilt)
+    most = (distal_p - p + limit) / (both - tilt)
     return min(max(slip, least), most)
 
 
@@ -127,11 +132,11 @@ def march(
     tension: FloatArray,
     compliance: FloatArray,
     growth: FloatArray,
-    hold_right: FloatArray,
-    hold_left: FloatArray,
+    hold_distal: FloatArray,
+    hold_proximal: FloatArray,
     drag: FloatArray,
-    near: float,
-    far: float,
+    proximal: float,
+    distal: float,
     shift: FloatArray,
     node: FloatArray,
     work: FloatArray,
@@ -143,11 +148,11 @@ def march(
         tension: node tensions before the step (n+1,) [N], negative where slack.
         compliance: of the nodes, 1/k (n+1,) [m/N].
         growth: E of each segment (n,), see `friction.py`.
-        hold_right: ratio a segment holds against motion towards distal (n,).
-        hold_left: ratio a segment holds against motion towards proximal (n,).
+        hold_distal: ratio a segment holds against motion towards distal (n,).
+        hold_proximal: ratio a segment holds against motion towards proximal (n,).
         drag: B of each segment (n,) [N].
-        near: motion of the proximal end in this step [m].
-        far: motion of the distal end in this step [m].
+        proximal: motion of the proximal end in this step [m].
+        distal: motion of the distal end in this step [m].
         shift: out, slip of each segment in this step (n,) [m].
         node: out, node tensions (n+1,) [N].
         work: scratch (8 (n + 1),).
@@ -156,84 +161,87 @@ def march(
         True, or False where the march does not apply; outputs are then undefined.
     """
     m = n + 1
-    # w_i = left_c T_i - left_e after the spring of node i and left_a T_{i+1} - left_b
-    # before that of node i + 1; from the distal end the same for -w, mirrored.
-    left_a, left_b = work[:m], work[m : 2 * m]
-    left_c, left_e = work[2 * m : 3 * m], work[3 * m : 4 * m]
-    right_a, right_b = work[4 * m : 5 * m], work[5 * m : 6 * m]
-    right_c, right_e = work[6 * m : 7 * m], work[7 * m : 8 * m]
-    left_c[0], left_e[0] = compliance[0], compliance[0] * tension[0] - near
-    right_c[n], right_e[n] = compliance[n], compliance[n] * tension[n] + far
+    # w_i = proximal_c T_i - proximal_e after the spring of node i and proximal_a
+    # T_{i+1} - proximal_b before that of node i + 1; from the distal end the same for
+    # -w, mirrored.
+    proximal_a, proximal_b = work[:m], work[m : 2 * m]
+    proximal_c, proximal_e = work[2 * m : 3 * m], work[3 * m : 4 * m]
+    distal_a, distal_b = work[4 * m : 5 * m], work[5 * m : 6 * m]
+    distal_c, distal_e = work[6 * m : 7 * m], work[7 * m : 8 * m]
+    proximal_c[0], proximal_e[0] = compliance[0], compliance[0] * tension[0] - proximal
+    distal_c[n], distal_e[n] = compliance[n], compliance[n] * tension[n] + distal
     i, j = 0, n  # segments < i belong to the proximal front, >= j to the distal one
-    left_way, right_way = 0, 0
+    proximal_direction, distal_direction = 0, 0
     at_meeting, inner, outer = 0.0, 0.0, 0.0
     settled = False
     for _ in range(8 * n + 16):
         if i == j:
             # Every segment slips: the two relations meet at node i.
             if i < n:
-                whole = left_c[i] + right_a[i]
-                at_meeting = (left_e[i] + right_b[i]) / whole
-                outer = left_c[i] * at_meeting - left_e[i]
+                whole = proximal_c[i] + distal_a[i]
+                at_meeting = (proximal_e[i] + distal_b[i]) / whole
+                outer = proximal_c[i] * at_meeting - proximal_e[i]
             else:
-                whole = left_a[n - 1] + right_c[n]
-                at_meeting = (left_b[n - 1] + right_e[n]) / whole
+                whole = proximal_a[n - 1] + distal_c[n]
+                at_meeting = (proximal_b[n - 1] + distal_e[n]) / whole
             if i > 0:
-                inner = left_a[i - 1] * at_meeting - left_b[i - 1]
-            if i > 0 and inner * left_way < 0.0:
+                inner = proximal_a[i - 1] * at_meeting - proximal_b[i - 1]
+            if i > 0 and inner * proximal_direction < 0.0:
                 i -= 1
                 if i == 0:
-                    left_way = 0
+                    proximal_direction = 0
                 continue
-            if i < n and outer * right_way < 0.0:
+            if i < n and outer * distal_direction < 0.0:
                 j += 1
                 if j == n:
-                    right_way = 0
+                    distal_direction = 0
                 continue
             settled = True
             break
         s = i
         last = i + 1 == j
-        ahead = right_e[j] / right_c[j] if last else tension[i + 1]
-        way = pushed(
-            max(left_e[i] / left_c[i], 0.0),
+        ahead = distal_e[j] / distal_c[j] if last else tension[i + 1]
+        slip_direction = pushed(
+            max(proximal_e[i] / proximal_c[i], 0.0),
             max(ahead, 0.0),
-            hold_right[i],
-            hold_left[i],
+            hold_distal[i],
+            hold_proximal[i],
             drag[i],
         )
-        from_left = way != 0
-        if last and way != 0 and left_way != way:
-            from_left = right_way != way and left_way == 0
-        if not from_left:
+        from_proximal = slip_direction != 0
+        if last and slip_direction != 0 and proximal_direction != slip_direction:
+            from_proximal = (
+                distal_direction != slip_direction and proximal_direction == 0
+            )
+        if not from_proximal:
             if not last:
                 s = j - 1
-                way = pushed(
+                slip_direction = pushed(
                     max(tension[s], 0.0),
-                    max(right_e[j] / right_c[j], 0.0),
-                    hold_right[s],
-                    hold_left[s],
+                    max(distal_e[j] / distal_c[j], 0.0),
+                    hold_distal[s],
+                    hold_proximal[s],
                     drag[s],
                 )
-            if way == 0:
+            if slip_direction == 0:
                 settled = True
                 break
-        if from_left:
-            if left_way == -way:
+        if from_proximal:
+            if proximal_direction == -slip_direction:
                 return False
-            left_way = way
+            proximal_direction = slip_direction
             i += 1
-            left_a[s], left_b[s], left_c[i], left_e[i] = _join(
-                left_c[s], left_e[s], growth[s], drag[s],
-                compliance[i], tension[i], way > 0,
+            proximal_a[s], proximal_b[s], proximal_c[i], proximal_e[i] = _join(
+                proximal_c[s], proximal_e[s], growth[s], drag[s],
+                compliance[i], tension[i], slip_direction > 0,
             )  # fmt: skip
         else:
-            if right_way == -way:
+            if distal_direction == -slip_direction:
                 return False
-            right_way = way
-            right_a[s], right_b[s], right_c[s], right_e[s] = _join(
-                right_c[j], right_e[j], growth[s], drag[s],
-                compliance[s], tension[s], way < 0,
+            distal_direction = slip_direction
+            distal_a[s], distal_b[s], distal_c[s], distal_e[s] = _join(
+                distal_c[j], distal_e[j], growth[s], drag[s],
+                compliance[s], tension[s], slip_direction < 0,
             )  # fmt: skip
             j -= 1
     if not settled:
@@ -241,35 +249,37 @@ def march(
 
     at_null = 0.0
     met = i == j
-    if i + 1 >= j and near * far < 0.0:
+    if i + 1 >= j and proximal * distal < 0.0:
         # The ends move opposite ways: find the segment in which the motion turns.
         if met:
-            way = right_way if i == 0 else left_way
-            if 0 < i < n and left_way != right_way:
+            slip_direction = distal_direction if i == 0 else proximal_direction
+            if 0 < i < n and proximal_direction != distal_direction:
                 if abs(inner) < abs(outer):
                     i -= 1
-            elif near * way < 0.0:
+            elif proximal * slip_direction < 0.0:
                 for s in range(j - 1, 0, -1):
-                    right_a[s], right_b[s], right_c[s], right_e[s] = _join(
-                        right_c[s + 1], right_e[s + 1], growth[s], drag[s],
-                        compliance[s], tension[s], way < 0,
+                    distal_a[s], distal_b[s], distal_c[s], distal_e[s] = _join(
+                        distal_c[s + 1], distal_e[s + 1], growth[s], drag[s],
+                        compliance[s], tension[s], slip_direction < 0,
                     )  # fmt: skip
-                right_way = way
+                distal_direction = slip_direction
                 i = 0
             else:
                 for s in range(i, n - 1):
-                    left_a[s], left_b[s], left_c[s + 1], left_e[s + 1] = _join(
-                        left_c[s], left_e[s], growth[s], drag[s],
-                        compliance[s + 1], tension[s + 1], way > 0,
+                    after = _join(
+                        proximal_c[s], proximal_e[s], growth[s], drag[s],
+                        compliance[s + 1], tension[s + 1], slip_direction > 0,
                     )  # fmt: skip
-                left_way = way
+                    proximal_a[s], proximal_b[s] = after[0], after[1]
+                    proximal_c[s + 1], proximal_e[s + 1] = after[2], after[3]
+                proximal_direction = slip_direction
                 i = n - 1
             j = i + 1
         # Fronts come to the null point from both sides, so friction there is kinetic,
         # unless only static friction holds the segment as a whole.
         turning = met or not pushed(
-            max(left_e[i] / left_c[i], 0.0),
-            max(right_e[j] / right_c[j], 0.0),
+            max(proximal_e[i] / proximal_c[i], 0.0),
+            max(distal_e[j] / distal_c[j], 0.0),
             growth[i],
             growth[i],
             drag[i],
@@ -277,21 +287,21 @@ def march(
         moved = 0
         while turning:
             at_null = _null_slip(
-                left_e[i] / left_c[i], 1.0 / left_c[i],
-                right_e[j] / right_c[j], 1.0 / right_c[j],
-                1.0 if far > 0.0 else -1.0,
+                proximal_e[i] / proximal_c[i], 1.0 / proximal_c[i],
+                distal_e[j] / distal_c[j], 1.0 / distal_c[j],
+                1.0 if distal > 0.0 else -1.0,
                 tension[i], tension[j], growth[i], drag[i], 1.0 / compliance[0],
             )  # fmt: skip
             # A neighbour that would slip against its front has the null point.
             beyond = 0
             if j < n:
-                at = (right_e[j] - at_null) / right_c[j]
-                slip = (right_b[j] - right_a[j] * at) * right_way
+                at = (distal_e[j] - at_null) / distal_c[j]
+                slip = (distal_b[j] - distal_a[j] * at) * distal_direction
                 if slip < -TOLERANCE * abs(at) * compliance[j]:
                     beyond = 1
             if i > 0:
-                at = (left_e[i] + at_null) / left_c[i]
-                slip = (left_a[i - 1] * at - left_b[i - 1]) * left_way
+                at = (proximal_e[i] + at_null) / proximal_c[i]
+                slip = (proximal_a[i - 1] * at - proximal_b[i - 1]) * proximal_direction
                 if slip < -TOLERANCE * abs(at) * compliance[i]:
                     beyond = -1 if beyond == 0 else 2
             if beyond == 0:
@@ -300,16 +310,20 @@ def march(
                 return False
             moved = beyond
             if beyond > 0:
-                left_way = -right_way if left_way == 0 else left_way
-                left_a[i], left_b[i], left_c[j], left_e[j] = _join(
-                    left_c[i], left_e[i], growth[i], drag[i],
-                    compliance[j], tension[j], left_way > 0,
+                proximal_direction = (
+                    -distal_direction if proximal_direction == 0 else proximal_direction
+                )
+                proximal_a[i], proximal_b[i], proximal_c[j], proximal_e[j] = _join(
+                    proximal_c[i], proximal_e[i], growth[i], drag[i],
+                    compliance[j], tension[j], proximal_direction > 0,
                 )  # fmt: skip
             else:
-                right_way = -left_way if right_way == 0 else right_way
-                right_a[i], right_b[i], right_c[i], right_e[i] = _join(
-                    right_c[j], right_e[j], growth[i], drag[i],
-                    compliance[i], tension[i], right_way < 0,
+                distal_direction = (
+                    -proximal_direction if distal_direction == 0 else distal_direction
+                )
+                distal_a[i], distal_b[i], distal_c[i], distal_e[i] = _join(
+                    distal_c[j], distal_e[j], growth[i], drag[i],
+                    compliance[i], tension[i], distal_direction < 0,
                 )  # fmt: skip
             i, j = i + beyond, j + beyond
     for s in range(i, j):
@@ -317,18 +331,26 @@ def march(
     for s in range(i + 1, j):
         node[s] = tension[s]
     if i < j:
-        node[i] = (left_e[i] + at_null) / left_c[i]
-        node[j] = (right_e[j] - at_null) / right_c[j]
+        node[i] = (proximal_e[i] + at_null) / proximal_c[i]
+        node[j] = (distal_e[j] - at_null) / distal_c[j]
     else:
         node[i] = at_meeting
     at = node[i]
     for s in range(i - 1, -1, -1):
-        shift[s] = left_a[s] * at - left_b[s]
-        at = (at - drag[s]) / growth[s] if left_way > 0 else growth[s] * at + drag[s]
+        shift[s] = proximal_a[s] * at - proximal_b[s]
+        at = (
+            (at - drag[s]) / growth[s]
+            if proximal_direction > 0
+            else growth[s] * at + drag[s]
+        )
         node[s] = at
     at = node[j]
     for s in range(j, n):
-        shift[s] = right_b[s] - right_a[s] * at
-        at = (at - drag[s]) / growth[s] if right_way < 0 else growth[s] * at + drag[s]
+        shift[s] = distal_b[s] - distal_a[s] * at
+        at = (
+            (at - drag[s]) / growth[s]
+            if distal_direction < 0
+            else growth[s] * at + drag[s]
+        )
         node[s + 1] = at
     return True

@@ -30,14 +30,14 @@ _LEFT, _HELD, _SLACK = 0, 1, 2
 
 @compiled
 def _read(
-    x: FloatArray, y: FloatArray, count: int, left: float, right: float, at: float
+    x: FloatArray, y: FloatArray, count: int, before: float, behind: float, at: float
 ) -> float:
-    """Value at `at` of the graph of knots (x, y) and rays of slope `left`, `right`."""
+    """Value of the graph of knots (x, y) and rays of slope `before` and `behind`."""
     last = count - 1
     if at <= x[0]:
-        return float(y[0] + left * (at - x[0]))
+        return float(y[0] + before * (at - x[0]))
     if at >= x[last]:
-        return float(y[last] + right * (at - x[last]))
+        return float(y[last] + behind * (at - x[last]))
     a, b = 0, last
     while b - a > 1:
         c = (a + b) // 2
@@ -56,7 +56,7 @@ def _mark(
     label: FloatArray,
     passed: int,
     count: int,
-    way: FloatArray,
+    slip_direction: FloatArray,
     slack: FloatArray,
 ) -> None:
     """Read off which way each segment slips and which nodes are slack.
@@ -66,7 +66,7 @@ def _mark(
     it segment s is held, or slips left, or node s is slack.
     """
     for s in range(n):
-        way[s] = 1.0
+        slip_direction[s] = 1.0
         slack[s] = 0.0
     slack[n] = 0.0
     for i in range(passed, count):
@@ -77,9 +77,9 @@ def _mark(
         if kind == _SLACK:
             slack[s] = 1.0
         elif kind == _LEFT:
-            way[s] = -1.0
-        elif way[s] > 0.0:
-            way[s] = 0.0
+            slip_direction[s] = -1.0
+        elif slip_direction[s] > 0.0:
+            slip_direction[s] = 0.0
 
 
 @compiled
@@ -87,16 +87,16 @@ def _settle(
     n: int,
     tension: FloatArray,
     stiffness: FloatArray,
-    hold_right: FloatArray,
-    hold_left: FloatArray,
+    hold_distal: FloatArray,
+    hold_proximal: FloatArray,
     drag: FloatArray,
     viscosity: FloatArray,
-    way: FloatArray,
+    slip_direction: FloatArray,
     slack: FloatArray,
-    near_p: float,
-    near_q: float,
-    far_p: float,
-    far_q: float,
+    proximal_p: float,
+    proximal_q: float,
+    distal_p: float,
+    distal_q: float,
     shift: FloatArray,
     node: FloatArray,
     lines: FloatArray,
@@ -107,25 +107,36 @@ def _settle(
     for s in range(n - 1, -1, -1):
         if slack[s + 1] != 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
             slack[s] = 1.0
-        slip = way[s]
+        slip = slip_direction[s]
         if slack[s] != 0.0 and slack[s + 1] != 0.0:
             slip = 0.0
         if slip == 0.0:
             own[s] = np.inf
             continue
         gain[s], offset[s], own[s] = slipping(
-            slip, hold_right[s], hold_left[s], drag[s], viscosity[s]
+            slip, hold_distal[s], hold_proximal[s], drag[s], viscosity[s]
         )
     solve(
         n, tension, stiffness, gain, offset, own, slack,
-        near_p, near_q, far_p, far_q, shift, node, work,
+        proximal_p, proximal_q, distal_p, distal_q, shift, node, work,
     )  # fmt: skip
     for i in range(n + 1):
         node[i] = max(node[i], 0.0)
     free = gain
     for s in range(n):
         free[s] = 1.0 if drag[s] == 0.0 and viscosity[s] == 0.0 else 0.0
-    lay_slack(n, free, tension, stiffness, slack, near_p, near_q, far_p, far_q, shift)
+    lay_slack(
+        n,
+        free,
+        tension,
+        stiffness,
+        slack,
+        proximal_p,
+        proximal_q,
+        distal_p,
+        distal_q,
+        shift,
+    )
 
 
 @compiled
@@ -133,95 +144,97 @@ def sweep(
     n: int,
     tension: FloatArray,
     stiffness: FloatArray,
-    growth_right: FloatArray,
-    growth_left: FloatArray,
-    hold_right: FloatArray,
-    hold_left: FloatArray,
+    growth_distal: FloatArray,
+    growth_proximal: FloatArray,
+    hold_distal: FloatArray,
+    hold_proximal: FloatArray,
     drag: FloatArray,
     viscosity: FloatArray,
-    near_p: float,
-    near_q: float,
-    far_p: float,
-    far_q: float,
+    proximal_p: float,
+    proximal_q: float,
+    distal_p: float,
+    distal_q: float,
     shift: FloatArray,
     node: FloatArray,
     work: FloatArray,
 ) -> None:
     """Solve one step by carrying the graph; arguments as in `fronts.march`.
 
-    `growth_right` and `growth_left` are E of slip that way, and ends are T = near_p +
-    near_q w and T = far_p - far_q w. `work` holds (11 n + 11,). `hold_right` and
-    `hold_left` are overwritten with E where a segment breaks away.
+    `growth_distal` and `growth_proximal` are E of slip that way, and ends are T =
+    proximal_p + proximal_q w and T = distal_p - distal_q w. `work` holds (11 n + 11,).
+    `hold_distal` and `hold_proximal` are overwritten with E where a segment breaks
+    away.
     """
     size = 2 * n + 3
     # Knots, and what it means to be left of one, see `_mark`.
     x, y, label = work[:size], work[size : 2 * size], work[2 * size : 3 * size]
     marks, rest = work[3 * size : 3 * size + 2 * n + 1], work[3 * size + 2 * n + 1 :]
-    way, slack = marks[:n], marks[n:]
+    slip_direction, slack = marks[:n], marks[n:]
     for _ in range(n + 1):
-        left, right = 0.0, near_q
-        x[0], y[0], label[0] = 0.0, near_p, -1.0
-        if near_q > 0.0:
-            x[0], y[0], label[0] = -near_p / near_q, 0.0, _SLACK
+        proximal, distal = 0.0, proximal_q
+        x[0], y[0], label[0] = 0.0, proximal_p, -1.0
+        if proximal_q > 0.0:
+            x[0], y[0], label[0] = -proximal_p / proximal_q, 0.0, _SLACK
         count = 1
         for s in range(n):
             b, c = drag[s], viscosity[s]
-            at_rest = max(_read(x, y, count, left, right, 0.0), 0.0)
+            at_rest = max(_read(x, y, count, proximal, distal, 0.0), 0.0)
             # Knots left of zero, the gap of friction at zero, the other knots.
             split = 0
             while split < count and x[split] < 0.0:
                 split += 1
             for i in range(count - 1, split - 1, -1):
                 x[i + 2] = x[i]
-                y[i + 2] = hold_right[s] * y[i] + b + c * x[i]
+                y[i + 2] = hold_distal[s] * y[i] + b + c * x[i]
                 label[i + 2] = label[i]
-            shrink = 1.0 / hold_left[s]
+            shrink = 1.0 / hold_proximal[s]
             for i in range(split):
                 y[i] = (y[i] - b + c * x[i]) * shrink
-            x[split], y[split] = 0.0, (at_rest - b) / hold_left[s]
-            x[split + 1], y[split + 1] = 0.0, hold_right[s] * at_rest + b
+            x[split], y[split] = 0.0, (at_rest - b) / hold_proximal[s]
+            x[split + 1], y[split + 1] = 0.0, hold_distal[s] * at_rest + b
             label[split], label[split + 1] = 3.0 * s + _LEFT, 3.0 * s + _HELD
             count += 2
-            left = (left + c) / hold_left[s]
-            right = hold_right[s] * right + c
+            proximal = (proximal + c) / hold_proximal[s]
+            distal = hold_distal[s] * distal + c
             # A cable does not push: cut the graph at zero tension.
             keep = -1
             while keep + 1 < count and y[keep + 1] <= 0.0:
                 keep += 1
-            if keep < 0 and left > 0.0:
+            if keep < 0 and proximal > 0.0:
                 for i in range(count, 0, -1):
                     x[i], y[i], label[i] = x[i - 1], y[i - 1], label[i - 1]
-                x[0] -= y[0] / left
+                x[0] -= y[0] / proximal
                 count += 1
                 keep = 0
             elif keep >= 0:
                 if keep + 1 < count:
                     part = -y[keep] / (y[keep + 1] - y[keep])
                     x[keep] += (x[keep + 1] - x[keep]) * part
-                elif right > 0.0:
-                    x[keep] -= y[keep] / right
+                elif distal > 0.0:
+                    x[keep] -= y[keep] / distal
                 count -= keep
                 if keep > 0:
                     for i in range(count):
                         x[i], y[i] = x[i + keep], y[i + keep]
                         label[i] = label[i + keep]
             if keep >= 0:
-                y[0], label[0], left = 0.0, 3.0 * (s + 1) + _SLACK, 0.0
+                y[0], label[0], proximal = 0.0, 3.0 * (s + 1) + _SLACK, 0.0
             if s + 1 < n:
                 k, t = stiffness[s + 1], tension[s + 1]
                 compliance = 1.0 / k
                 for i in range(count):
                     x[i] += (y[i] - t) * compliance
-                left = left * k / (k + left)
-                right = right * k / (k + right)
-        # The distal end closes the graph: f(w) = far_p - far_q w.
+                proximal = proximal * k / (k + proximal)
+                distal = distal * k / (k + distal)
+        # The distal end closes the graph: f(w) = distal_p - distal_q w.
         passed = 0
-        while passed < count and y[passed] + far_q * x[passed] < far_p:
+        while passed < count and y[passed] + distal_q * x[passed] < distal_p:
             passed += 1
-        _mark(n, label, passed, count, way, slack)
+        _mark(n, label, passed, count, slip_direction, slack)
         _settle(
-            n, tension, stiffness, hold_right, hold_left, drag, viscosity, way, slack,
-            near_p, near_q, far_p, far_q, shift, node, work[: 3 * n], rest,
+            n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
+            slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
+            shift, node, work[: 3 * n], rest,
         )  # fmt: skip
         # A segment that breaks away follows the kinetic law: solve again with it. Slip
         # of rounding alone is none, or one that is about to slip would have.
@@ -230,13 +243,13 @@ def sweep(
             load = node[s] + node[s + 1] + drag[s]
             if abs(shift[s]) * stiffness[s] <= TOLERANCE * load:
                 shift[s] = 0.0
-            elif shift[s] > 0.0 and hold_right[s] != growth_right[s]:
-                hold_right[s] = growth_right[s]
-                hold_left[s] = min(hold_left[s], growth_left[s])
+            elif shift[s] > 0.0 and hold_distal[s] != growth_distal[s]:
+                hold_distal[s] = growth_distal[s]
+                hold_proximal[s] = min(hold_proximal[s], growth_proximal[s])
                 broke = True
-            elif shift[s] < 0.0 and hold_left[s] != growth_left[s]:
-                hold_left[s] = growth_left[s]
-                hold_right[s] = min(hold_right[s], growth_right[s])
+            elif shift[s] < 0.0 and hold_proximal[s] != growth_proximal[s]:
+                hold_proximal[s] = growth_proximal[s]
+                hold_distal[s] = min(hold_distal[s], growth_distal[s])
                 broke = True
         if not broke:
             break

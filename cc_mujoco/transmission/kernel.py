@@ -47,8 +47,8 @@ OK, NOT_FINITE = 0, 1
 _SOLVER_WORK = 11  # per node, for `march` and `sweep`
 _STEP_WORK = 10  # per segment, behind it: slip, coefficients and bristles
 _NODE_WORK = 2  # per node, behind that: tension before the step, stiffness in it
-_SHIFT, _SLIPPED, _GROWTH, _GROWTH_LEFT, _HOLD_RIGHT = 0, 1, 2, 3, 4
-_HOLD_LEFT, _DRAG, _VISCOSITY, _SPRING, _HELD = 5, 6, 7, 8, 9
+_SHIFT, _SLIPPED, _GROWTH, _GROWTH_PROXIMAL, _HOLD_DISTAL = 0, 1, 2, 3, 4
+_HOLD_PROXIMAL, _DRAG, _VISCOSITY, _SPRING, _HELD = 5, 6, 7, 8, 9
 _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _FRICTION = law.INDEX["friction"]
@@ -60,10 +60,10 @@ _ASYMMETRY = law.INDEX["friction_asymmetry"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
 _BRISTLE = law.INDEX["bristle_length"]
 _AGEING = law.INDEX["ageing_friction"]
-_MEMORY = law.INDEX["memory_length"]
+_MEMORY = law.INDEX["critical_slip_distance"]
 _STIFFENING = law.INDEX["stiffening"]
-_CREEP = law.INDEX["creep"]
-_CREEP_TIME = law.INDEX["creep_time"]
+_STRESS_RELAXATION = law.INDEX["stress_relaxation"]
+_RELAXATION_TIME = law.INDEX["relaxation_time"]
 _LEAST_STIFFENING = 1e-12  # [1/N], below which it drowns in rounding
 _ROUNDS = 60
 _CURVED = 1e-5  # relative error of tension up to which a straight line will do
@@ -95,8 +95,8 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
         total += sections[s, 0]
     step = total / n
     out[at.LENGTH] = total
-    out[at.PLAIN] = 1.0 if law.plain(values) else 0.0
-    out[at.SCALED] = 1.0 if law.scaled(values) else 0.0
+    out[at.CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(values) else 0.0
+    out[at.STATE_DEPENDENT] = 1.0 if law.is_state_dependent(values) else 0.0
     angles = segment_angles(out, n)
     for j in range(n):
         # Wrap angle of the segment: the curvature of the sections that it covers.
@@ -283,10 +283,10 @@ def step(
     prm: FloatArray,
     n: int,
     state: FloatArray,
-    near_kind: int,
-    near_value: float,
-    far_kind: int,
-    far_value: float,
+    proximal_kind: int,
+    proximal_value: float,
+    distal_kind: int,
+    distal_value: float,
     dt: float,
     new_state: FloatArray,
     work: FloatArray,
@@ -297,10 +297,10 @@ def step(
         prm: packed parameters, `pack`.
         n: number of segments.
         state: state before the step; not written.
-        near_kind: POSITION or TENSION, what is prescribed at the proximal end.
-        near_value: that displacement [m] or tension [N], >= 0.
-        far_kind: the same of the distal end; not both may be TENSION.
-        far_value: that displacement [m] or tension [N], >= 0.
+        proximal_kind: POSITION or TENSION, what is prescribed at the proximal end.
+        proximal_value: that displacement [m] or tension [N], >= 0.
+        distal_kind: the same of the distal end; not both may be TENSION.
+        distal_value: that displacement [m] or tension [N], >= 0.
         dt: time step [s]; matters only to rate-dependent terms.
         new_state: out, state after the step; must not overlap `state`.
         work: scratch, `work_size(n)`.
@@ -310,52 +310,55 @@ def step(
     """
     for i in range(state_size(n)):
         new_state[i] = state[i]
-    if not (np.isfinite(near_value) and np.isfinite(far_value)):
+    if not (np.isfinite(proximal_value) and np.isfinite(distal_value)):
         return NOT_FINITE
-    plain = prm[at.PLAIN] != 0.0
-    by_position = near_kind == POSITION and far_kind == POSITION
-    near_moved, far_moved = near_value - state[0], far_value - state[1]
-    still = by_position and near_moved == 0.0 and far_moved == 0.0
+    is_constant_coulomb = prm[at.CONSTANT_COULOMB] != 0.0
+    by_position = proximal_kind == POSITION and distal_kind == POSITION
+    proximal_moved, distal_moved = proximal_value - state[0], distal_value - state[1]
+    still = by_position and proximal_moved == 0.0 and distal_moved == 0.0
     changes = prm[at.CHANGES] != 0.0
-    if plain and still and not changes:
+    if is_constant_coulomb and still and not changes:
         _rest(n, new_state)
         return OK
     growth, drag = at.constant_growth(prm, n), at.constant_drag(prm, n)
-    hold_right, hold_left = growth, growth
+    hold_distal, hold_proximal = growth, growth
     compliance = at.node_compliance(prm, n)
     tension = at.tensions(state, n)
-    if prm[_CREEP] > 0.0:
-        tension = _creep(prm, n, state, dt, new_state, work)
+    if prm[_STRESS_RELAXATION] > 0.0:
+        tension = _relax_stress(prm, n, state, dt, new_state, work)
     node = at.tensions(new_state, n)
     shift = _row(work, n, _SHIFT)
-    varying = not plain or prm[_STATIC] > 0.0
+    varying = not is_constant_coulomb or prm[_STATIC] > 0.0
     if varying:
         _coefficients(prm, n, state, tension, dt, work)
         growth, drag = _row(work, n, _GROWTH), _row(work, n, _DRAG)
-        hold_right, hold_left = _row(work, n, _HOLD_RIGHT), _row(work, n, _HOLD_LEFT)
+        hold_distal, hold_proximal = (
+            _row(work, n, _HOLD_DISTAL),
+            _row(work, n, _HOLD_PROXIMAL),
+        )
 
     solved = False
-    quick = plain and by_position
+    quick = is_constant_coulomb and by_position
     if quick and changes:
         # The fronts presume that friction holds the tensions before the step.
-        quick = _held(n, tension, hold_right, hold_left, drag)
+        quick = _held(n, tension, hold_distal, hold_proximal, drag)
         if quick and still:
             _rest(n, new_state)
             return OK
     if quick:
-        stretch = state[3] + far_moved - near_moved
+        stretch = state[3] + distal_moved - proximal_moved
         dragged = prm[_LOAD_INDEPENDENT] + prm[_SEALS[0]] + prm[_SEALS[1]] > 0.0
         if stretch <= 0.0 and not dragged:
             lay(
-                0, n, tension, node_stiffness(prm, n), near_moved, True, far_moved,
-                True, shift,
+                0, n, tension, node_stiffness(prm, n), proximal_moved, True,
+                distal_moved, True, shift,
             )  # fmt: skip
             node[:] = 0.0
             solved = True
         else:
             solved = march(
-                n, tension, compliance, growth, hold_right, hold_left, drag,
-                near_moved, far_moved, shift, node, work,
+                n, tension, compliance, growth, hold_distal, hold_proximal, drag,
+                proximal_moved, distal_moved, shift, node, work,
             )  # fmt: skip
             solved = solved and node[0] >= 0.0 and node[n] >= 0.0
     if not solved:
@@ -365,19 +368,19 @@ def step(
             stiffness = _tangent(prm, n, tension, work)
         for _ in range(_ROUNDS if curved else 1):
             _coefficients(prm, n, state, tension, dt, work)
-            near_p, near_q = _end(
-                near_kind, near_value, -near_moved, tension[0], stiffness[0]
+            proximal_p, proximal_q = _end(
+                proximal_kind, proximal_value, -proximal_moved, tension[0], stiffness[0]
             )
-            far_p, far_q = _end(
-                far_kind, far_value, far_moved, tension[n], stiffness[n]
+            distal_p, distal_q = _end(
+                distal_kind, distal_value, distal_moved, tension[n], stiffness[n]
             )
             _solve(
                 prm, n, state, tension, stiffness,
-                near_p, near_q, far_p, far_q, node, work,
+                proximal_p, proximal_q, distal_p, distal_q, node, work,
             )  # fmt: skip
             if not curved or _straightened(
-                prm, n, tension, near_kind, near_moved, far_kind, far_moved,
-                node, stiffness, work,
+                prm, n, tension, proximal_kind, proximal_moved, distal_kind,
+                distal_moved, node, stiffness, work,
             ):  # fmt: skip
                 break
     _commit(
@@ -385,10 +388,10 @@ def step(
         n,
         state,
         tension,
-        near_kind,
-        near_value,
-        far_kind,
-        far_value,
+        proximal_kind,
+        proximal_value,
+        distal_kind,
+        distal_value,
         dt,
         new_state,
         work,
@@ -407,20 +410,20 @@ def _rest(n: int, new_state: FloatArray) -> None:
 def _held(
     n: int,
     tension: FloatArray,
-    hold_right: FloatArray,
-    hold_left: FloatArray,
+    hold_distal: FloatArray,
+    hold_proximal: FloatArray,
     drag: FloatArray,
 ) -> bool:
     """Whether friction holds the tensions of every segment."""
     for j in range(n):
-        left, right = max(tension[j], 0.0), max(tension[j + 1], 0.0)
-        if pushed(left, right, hold_right[j], hold_left[j], drag[j]) != 0:
+        proximal, distal = max(tension[j], 0.0), max(tension[j + 1], 0.0)
+        if pushed(proximal, distal, hold_distal[j], hold_proximal[j], drag[j]) != 0:
             return False
     return True
 
 
 @compiled
-def _creep(
+def _relax_stress(
     prm: FloatArray,
     n: int,
     state: FloatArray,
@@ -432,9 +435,9 @@ def _creep(
 
     The elastic energy that goes is dissipated.
     """
-    time, scale = state[at.TIME], prm[_CREEP_TIME]
-    before = 1.0 + prm[_CREEP] * math.expm1(-time / scale)
-    after = 1.0 + prm[_CREEP] * math.expm1(-(time + dt) / scale)
+    time, scale = state[at.TIME], prm[_RELAXATION_TIME]
+    before = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-time / scale)
+    after = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-(time + dt) / scale)
     rest = prm[_PRETENSION]
     grown = _rest_stretch(prm, rest * before) - _rest_stretch(prm, rest * after)
     start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n
@@ -490,10 +493,10 @@ def _straightened(
     prm: FloatArray,
     n: int,
     tension: FloatArray,
-    near_kind: int,
-    near_moved: float,
-    far_kind: int,
-    far_moved: float,
+    proximal_kind: int,
+    proximal_moved: float,
+    distal_kind: int,
+    distal_moved: float,
     node: FloatArray,
     stiffness: FloatArray,
     work: FloatArray,
@@ -509,10 +512,10 @@ def _straightened(
         largest = max(largest, node[i])
     settled = True
     for i in range(n + 1):
-        if (i == 0 and near_kind == TENSION) or (i == n and far_kind == TENSION):
+        if (i == 0 and proximal_kind == TENSION) or (i == n and distal_kind == TENSION):
             continue
-        behind = near_moved if i == 0 else shift[i - 1]
-        stretched = (far_moved if i == n else shift[i]) - behind
+        behind = proximal_moved if i == 0 else shift[i - 1]
+        stretched = (distal_moved if i == n else shift[i]) - behind
         true = _pulled(prm, n, i, tension[i], stretched)
         if abs(max(true, 0.0) - node[i]) > _CURVED * largest:
             settled = False
@@ -535,30 +538,33 @@ def _solve(
     state: FloatArray,
     tension: FloatArray,
     stiffness: FloatArray,
-    near_p: float,
-    near_q: float,
-    far_p: float,
-    far_q: float,
+    proximal_p: float,
+    proximal_q: float,
+    distal_p: float,
+    distal_q: float,
     node: FloatArray,
     work: FloatArray,
 ) -> None:
     """Solve the step with the coefficients in `work`, whatever slips and from where."""
     shift, slipped = _row(work, n, _SHIFT), _row(work, n, _SLIPPED)
-    growth, growth_left = _row(work, n, _GROWTH), _row(work, n, _GROWTH_LEFT)
-    hold_right, hold_left = _row(work, n, _HOLD_RIGHT), _row(work, n, _HOLD_LEFT)
+    growth, growth_proximal = _row(work, n, _GROWTH), _row(work, n, _GROWTH_PROXIMAL)
+    hold_distal, hold_proximal = (
+        _row(work, n, _HOLD_DISTAL),
+        _row(work, n, _HOLD_PROXIMAL),
+    )
     drag, viscosity = _row(work, n, _DRAG), _row(work, n, _VISCOSITY)
     if prm[_BRISTLE] > 0.0:
         slipped[:] = at.slips(state, n)
         held = _row(work, n, _HELD)
         if preslide(
-            n, tension, stiffness, growth, growth_left, hold_right, hold_left, drag,
-            viscosity, held, _row(work, n, _SPRING),
-            near_p, near_q, far_p, far_q, shift, node, slipped, work,
+            n, tension, stiffness, growth, growth_proximal, hold_distal, hold_proximal,
+            drag, viscosity, held, _row(work, n, _SPRING),
+            proximal_p, proximal_q, distal_p, distal_q, shift, node, slipped, work,
         ):  # fmt: skip
             return
     sweep(
-        n, tension, stiffness, growth, growth_left, hold_right, hold_left, drag,
-        viscosity, near_p, near_q, far_p, far_q, shift, node, work,
+        n, tension, stiffness, growth, growth_proximal, hold_distal, hold_proximal,
+        drag, viscosity, proximal_p, proximal_q, distal_p, distal_q, shift, node, work,
     )  # fmt: skip
     if prm[_BRISTLE] > 0.0:
         # No elastic part: bristles keep what they can without new energy.
@@ -601,16 +607,19 @@ def _coefficients(
 ) -> None:
     """Write the coefficients of every segment for this step, see `friction.py`."""
     values = at.scalars(prm)
-    plain = prm[at.PLAIN] != 0.0
-    scaled = prm[at.SCALED] != 0.0
+    is_constant_coulomb = prm[at.CONSTANT_COULOMB] != 0.0
+    is_state_dependent = prm[at.STATE_DEPENDENT] != 0.0
     asymmetry = values[_ASYMMETRY]
     length = prm[at.LENGTH] / n
-    growth, growth_left = _row(work, n, _GROWTH), _row(work, n, _GROWTH_LEFT)
-    hold_right, hold_left = _row(work, n, _HOLD_RIGHT), _row(work, n, _HOLD_LEFT)
+    growth, growth_proximal = _row(work, n, _GROWTH), _row(work, n, _GROWTH_PROXIMAL)
+    hold_distal, hold_proximal = (
+        _row(work, n, _HOLD_DISTAL),
+        _row(work, n, _HOLD_PROXIMAL),
+    )
     drag, viscosity = _row(work, n, _DRAG), _row(work, n, _VISCOSITY)
     resting = law.holding_coefficient(values)
     drift = 1.0
-    if scaled:
+    if is_state_dependent:
         drift = law.drift_factor(values, state[at.TIME] + dt, state[at.HEAT])
     constant_growth, constant_hold = (
         at.constant_growth(prm, n),
@@ -621,35 +630,35 @@ def _coefficients(
     angles, ages = segment_angles(prm, n), at.contact_ages(state, n)
     for j in range(n):
         slip = slips[j]
-        right_hold = left_hold = constant_hold[j]
-        if plain:
-            growth[j] = growth_left[j] = constant_growth[j]
+        distal_hold = proximal_hold = constant_hold[j]
+        if is_constant_coulomb:
+            growth[j] = growth_proximal[j] = constant_growth[j]
             drag[j] = constant_drag[j]
             viscosity[j] = 0.0
         else:
             angle = angles[j]
-            if scaled:
+            if is_state_dependent:
                 angle *= law.wrap_factor(values, state[at.TRAVEL], j, n)
             mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
             coefficient = law.kinetic_coefficient(values, abs(slip), speeds[j])
             holding = resting
-            if scaled:
+            if is_state_dependent:
                 factor = drift * law.load_factor(values, mean)
                 extra = values[_AGEING] * ages[j]
                 holding = factor * (holding + extra)
                 # Without memory the first slip renews the contacts.
                 extra = extra if values[_MEMORY] > 0.0 else 0.0
                 coefficient = factor * (coefficient + extra)
-                right_hold = left_hold = law.ratio(holding, angle)
-            growth[j] = growth_left[j] = law.ratio(coefficient, angle)
+                distal_hold = proximal_hold = law.ratio(holding, angle)
+            growth[j] = growth_proximal[j] = law.ratio(coefficient, angle)
             drag[j] = law.drag(values, length, growth[j], j, n)
             viscosity[j] = law.viscosity(values, length, growth[j], dt)
             if asymmetry != 0.0:
-                right, left = 1.0 - asymmetry, 1.0 + asymmetry
-                growth[j] = law.ratio(coefficient * right, angle)
-                growth_left[j] = law.ratio(coefficient * left, angle)
-                right_hold = law.ratio(holding * right, angle)
-                left_hold = law.ratio(holding * left, angle)
+                distal, proximal = 1.0 - asymmetry, 1.0 + asymmetry
+                growth[j] = law.ratio(coefficient * distal, angle)
+                growth_proximal[j] = law.ratio(coefficient * proximal, angle)
+                distal_hold = law.ratio(holding * distal, angle)
+                proximal_hold = law.ratio(holding * proximal, angle)
             if values[_BRISTLE] > 0.0:
                 spring = law.bristle_stiffness(
                     values, coefficient, angle, mean, drag[j]
@@ -659,8 +668,8 @@ def _coefficients(
                 _row(work, n, _SPRING)[j] = spring
                 _row(work, n, _HELD)[j] = law.bristle_force(force, stretch, spring)
         # A segment that goes on slipping the same way has already broken away.
-        hold_right[j] = growth[j] if slip > 0.0 else right_hold
-        hold_left[j] = growth_left[j] if slip < 0.0 else left_hold
+        hold_distal[j] = growth[j] if slip > 0.0 else distal_hold
+        hold_proximal[j] = growth_proximal[j] if slip < 0.0 else proximal_hold
 
 
 @compiled
@@ -669,10 +678,10 @@ def _commit(
     n: int,
     state: FloatArray,
     tension: FloatArray,
-    near_kind: int,
-    near_value: float,
-    far_kind: int,
-    far_value: float,
+    proximal_kind: int,
+    proximal_value: float,
+    distal_kind: int,
+    distal_value: float,
     dt: float,
     new_state: FloatArray,
     work: FloatArray,
@@ -683,26 +692,26 @@ def _commit(
     node = at.tensions(new_state, n)
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.
-    behind = near_value - state[0]
+    behind = proximal_value - state[0]
     curved = prm[_STIFFENING] > 0.0
     for i in range(n + 1):
-        ahead = shift[i] if i < n else far_value - state[1]
+        ahead = shift[i] if i < n else distal_value - state[1]
         strained = tension[i] + stiffness[i] * (ahead - behind)
         if curved:
             strained = _pulled(prm, n, i, tension[i], ahead - behind)
         elif node[i] <= 0.0:
             strained = min(strained, 0.0)
-        if (i == 0 and near_kind == TENSION) or (i == n and far_kind == TENSION):
+        if (i == 0 and proximal_kind == TENSION) or (i == n and distal_kind == TENSION):
             strained = max(node[i], 0.0)
         node[i] = strained
         behind = ahead
-    if near_kind == POSITION:
-        new_state[0] = near_value
+    if proximal_kind == POSITION:
+        new_state[0] = proximal_value
     else:
         stretched = _stretched(prm, n, 0, tension[0], node[0])
         new_state[0] = state[0] + shift[0] - stretched
-    if far_kind == POSITION:
-        new_state[1] = far_value
+    if distal_kind == POSITION:
+        new_state[1] = distal_value
     else:
         stretched = _stretched(prm, n, n, tension[n], node[n])
         new_state[1] = state[1] + shift[n - 1] + stretched
@@ -735,7 +744,7 @@ def _commit(
             at.slip_speeds(new_state, n)[j] = law.remembered_speed(
                 values, speed, moved, dt
             )
-    if prm[at.PLAIN] == 0.0:
+    if prm[at.CONSTANT_COULOMB] == 0.0:
         new_state[at.TIME] = state[at.TIME] + dt
         new_state[at.TRAVEL] = state[at.TRAVEL] + (new_state[1] - state[1])
         new_state[at.HEAT] = law.warmed(at.scalars(prm), state[at.HEAT], lost, dt)

@@ -30,8 +30,8 @@ from cc_mujoco.transmission.parameters import PARAMETERS
 
 SCALARS = len(PARAMETERS)
 """Numbers that a packed cable begins with, in the order of `PARAMETERS`."""
-CHANGES, SCALED, PLAIN, LENGTH = range(SCALARS, SCALARS + 4)
-"""Behind them: whether bends may change, `friction.scaled`, `.plain`, length [m]."""
+CHANGES, STATE_DEPENDENT, CONSTANT_COULOMB, LENGTH = range(SCALARS, SCALARS + 4)
+"""Behind them: whether bends may change, the two questions of `friction.py`, length."""
 _ROWS = SCALARS + 4
 
 STATE_HEADER = 7

@@ -94,17 +94,17 @@ class Cable:
         term=Term(
             equation=(
                 "mu_s holds a segment at rest; mu_d + (mu_s - mu_d) "
-                "exp(-slip/memory_length)"
+                "exp(-slip/critical_slip_distance)"
             ),
             source=(
                 "thesis 2.7, 2.17; slip weakening after Ida, J. Geophys. Res. 77, 1972"
             ),
             acts_on="coefficient",
             depends_on=("history",),
-            constant_without="memory_length",
+            constant_without="critical_slip_distance",
         ),
     )
-    memory_length: float = parameter(
+    critical_slip_distance: float = parameter(
         unit="m",
         bounds=(0.0, 1.0),
         default=0.0,
@@ -252,7 +252,7 @@ class Cable:
         default=0.0,
         meaning=(
             "beta: friction grows by beta ln(1 + t / ageing_time) with the age "
-            "t of the contacts, which slip over `memory_length` renews; 0 is "
+            "t of the contacts, which slip over `critical_slip_distance` renews; 0 is "
             "off"
         ),
         term=Term(
@@ -336,7 +336,7 @@ class Cable:
             depends_on=("load",),
         ),
     )
-    creep: float = parameter(
+    stress_relaxation: float = parameter(
         unit="1",
         bounds=(0.0, 1.0),
         default=0.0,
@@ -351,7 +351,7 @@ class Cable:
             depends_on=("time",),
         ),
     )
-    creep_time: float = parameter(
+    relaxation_time: float = parameter(
         unit="s",
         bounds=(0.0, 1e9),
         default=60.0,
@@ -506,8 +506,8 @@ class Cable:
         """
         for key in config:
             if key not in KEYS:
-                near = difflib.get_close_matches(key, KEYS, n=1)
-                hint = f"; did you mean `{near[0]}`?" if near else ""
+                proximal = difflib.get_close_matches(key, KEYS, n=1)
+                hint = f"; did you mean `{proximal[0]}`?" if proximal else ""
                 raise CableError(
                     f"{where}: unknown key `{key}`{hint} (keys: {', '.join(KEYS)})"
                 )

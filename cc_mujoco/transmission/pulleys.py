@@ -166,33 +166,33 @@ class Transmission:
             CableError: not one quantity per side, torque on both, unequal lengths, or
                 values that are not finite.
         """
-        near_kind, near = _side("motor", motor_angle, motor_torque)
-        far_kind, far = _side("joint", joint_angle, joint_torque)
-        if near_kind == far_kind == TORQUE:
+        proximal_kind, proximal = _side("motor", motor_angle, motor_torque)
+        distal_kind, distal = _side("joint", joint_angle, joint_torque)
+        if proximal_kind == distal_kind == TORQUE:
             raise CableError(
                 "both sides are driven by torque; at least one must be driven by angle"
             )
-        if self.backlash > 0.0 and TORQUE in (near_kind, far_kind):
+        if self.backlash > 0.0 and TORQUE in (proximal_kind, distal_kind):
             raise CableError(
                 "a transmission with backlash is played only from both angles; give "
                 "motor_angle and joint_angle"
             )
-        if near.size != far.size:
+        if proximal.size != distal.size:
             raise CableError(
-                f"the motor side has {near.size} samples and the joint side "
-                f"{far.size}; both must have the same number"
+                f"the motor side has {proximal.size} samples and the joint side "
+                f"{distal.size}; both must have the same number"
             )
         if not (math.isfinite(dt) and dt > 0.0):
             raise CableError(f"time step is {dt!r} s; it must be positive and finite")
         cables = self._stepped()
         count = len(self.cables)
-        out = np.empty((3 + 3 * count, near.size))
+        out = np.empty((3 + 3 * count, proximal.size))
         _drive(
             cables,
-            near_kind,
-            near,
-            far_kind,
-            far,
+            proximal_kind,
+            proximal,
+            distal_kind,
+            distal,
             0.5 * self.backlash,
             dt,
             out,
@@ -212,15 +212,15 @@ class Transmission:
     def _stepped(self) -> stepper.Cables:
         # Winding the motor draws the agonist towards proximal, lets the other one out.
         ways = (-1.0, 1.0)[: len(self.cables)]
-        near, gear, far = (
-            [way * arm for way in ways]
+        proximal, gear, distal = (
+            [slip_direction * arm for slip_direction in ways]
             for arm in (
                 self.motor_radius / self.gear_ratio,
                 self.motor_radius,
                 self.joint_radius,
             )
         )
-        return stepper.between(self.cables, near, far, gear)
+        return stepper.between(self.cables, proximal, distal, gear)
 
 
 def _net(tension: FloatArray) -> FloatArray:
@@ -248,33 +248,33 @@ def _side(
 @compiled
 def _drive(
     cables: stepper.Cables,
-    near_kind: int,
-    near: FloatArray,
-    far_kind: int,
-    far: FloatArray,
+    proximal_kind: int,
+    proximal: FloatArray,
+    distal_kind: int,
+    distal: FloatArray,
     play: float,
     dt: float,
     out: FloatArray,
 ) -> None:
-    motor = near[0] if near_kind == ANGLE else 0.0
-    joint = far[0] if far_kind == ANGLE else 0.0
+    motor = proximal[0] if proximal_kind == ANGLE else 0.0
+    joint = distal[0] if distal_kind == ANGLE else 0.0
     pulley, count = joint, cables.n.size
     state = np.zeros((count, kernel.state_size(cables.n.max())))
     stepper.rest(cables, motor, joint, state)
     new, work = state.copy(), np.empty(kernel.work_size(cables.n.max()))
     free = np.inf
-    for row in range(near.size):
-        if near_kind == ANGLE:
-            motor = near[row]
-        if far_kind == ANGLE:
-            joint = far[row]
-        if near_kind == TORQUE:
-            load = stepper.Load(near[row], 0.0, -free, free)
+    for row in range(proximal.size):
+        if proximal_kind == ANGLE:
+            motor = proximal[row]
+        if distal_kind == ANGLE:
+            joint = distal[row]
+        if proximal_kind == TORQUE:
+            load = stepper.Load(proximal[row], 0.0, -free, free)
             motor = stepper.balance(
                 cables, state, False, joint, motor, load, dt, new, work
             )
-        elif far_kind == TORQUE:
-            load = stepper.Load(far[row], 0.0, -free, free)
+        elif distal_kind == TORQUE:
+            load = stepper.Load(distal[row], 0.0, -free, free)
             joint = stepper.balance(
                 cables, state, True, motor, joint, load, dt, new, work
             )

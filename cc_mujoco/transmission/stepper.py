@@ -46,16 +46,16 @@ class Cables(NamedTuple):
     Attributes:
         prm: packed parameters (cables, numbers), see `kernel.pack`.
         n: segments (cables,).
-        near: displacement of the proximal end per motor angle (cables,) [m/rad].
-        gear: radius of the motor's pulley (cables,) [m], with the sign of `near`.
-        far: displacement of the distal end per joint angle (cables,) [m/rad].
+        proximal: displacement of the proximal end per motor angle (cables,) [m/rad].
+        gear: radius of the motor's pulley (cables,) [m], with the sign of `proximal`.
+        distal: displacement of the distal end per joint angle (cables,) [m/rad].
     """
 
     prm: FloatArray
     n: Counts
-    near: FloatArray
+    proximal: FloatArray
     gear: FloatArray
-    far: FloatArray
+    distal: FloatArray
 
 
 class Load(NamedTuple):
@@ -80,8 +80,8 @@ FREE = Load(0.0, 0.0, -math.inf, math.inf)
 
 def between(
     cables: Sequence[Cable],
-    near: Sequence[float],
-    far: Sequence[float],
+    proximal: Sequence[float],
+    distal: Sequence[float],
     gear: Sequence[float] | None = None,
 ) -> Cables:
     """Pack cables and their arms; the motor's pulley turns with it unless geared."""
@@ -90,7 +90,9 @@ def between(
     for row, cable in zip(prm, cables, strict=True):
         own = packed(cable)
         row[: own.size] = own
-    arms = [np.array(arm, dtype=np.float64) for arm in (near, gear or near, far)]
+    arms = [
+        np.array(arm, dtype=np.float64) for arm in (proximal, gear or proximal, distal)
+    ]
     return Cables(prm, n, *arms)
 
 
@@ -112,15 +114,15 @@ def rest(cables: Cables, motor: float, joint: float, state: FloatArray) -> None:
     for k in range(cables.n.size):
         u_proximal, _ = proximal(cables, k, motor)
         kernel.initialize(
-            cables.prm[k], cables.n[k], u_proximal, cables.far[k] * joint, state[k]
+            cables.prm[k], cables.n[k], u_proximal, cables.distal[k] * joint, state[k]
         )
 
 
 @compiled
 def proximal(cables: Cables, k: int, motor: float) -> tuple[float, float]:
-    """Displacement of the proximal end of a cable [m], and its lever over `near`."""
+    """Displacement of a proximal end [m], and its lever relative to the arm."""
     prm = scalars(cables.prm[k])
-    length, gear = cables.near[k] * motor, cables.gear[k]
+    length, gear = cables.proximal[k] * motor, cables.gear[k]
     e, phase, ovality, second = prm[_E], prm[_PHASE], prm[_OVALITY], prm[_SECOND]
     return (
         eccentric.wound(length, gear, e, phase, ovality, second),
@@ -142,8 +144,8 @@ def move(
     for k in range(cables.n.size):
         u_proximal, _ = proximal(cables, k, motor)
         kernel.advance(
-            cables.prm[k], cables.n[k], state[k], u_proximal, cables.far[k] * joint, dt,
-            new[k], work,
+            cables.prm[k], cables.n[k], state[k], u_proximal, cables.distal[k] * joint,
+            dt, new[k], work,
         )  # fmt: skip
 
 
@@ -156,10 +158,10 @@ def torque(
     for k in range(cables.n.size):
         tension = tensions(state[k], cables.n[k])
         if distal:
-            part = cables.far[k] * max(tension[cables.n[k]], 0.0)
+            part = cables.distal[k] * max(tension[cables.n[k]], 0.0)
         else:
             _, lever = proximal(cables, k, motor)
-            part = cables.near[k] * lever * max(tension[0], 0.0)
+            part = cables.proximal[k] * lever * max(tension[0], 0.0)
         total -= part
         size += abs(part)
     return total, size
@@ -206,7 +208,7 @@ def balance(
     Returns:
         Angle of this side [rad].
     """
-    arm = cables.far if distal else cables.near
+    arm = cables.distal if distal else cables.proximal
     wanted = load.torque
     if cables.n.size == 1 and load.stiffness == 0.0:
         wanted = -arm[0] * max(-wanted / arm[0], 0.0)
@@ -221,7 +223,7 @@ def balance(
             return float(new[0, 1] / arm[0])
         kernel.step(
             prm, n, state[0], kernel.TENSION, pull, kernel.POSITION,
-            cables.far[0] * fixed, dt, new[0], work,
+            cables.distal[0] * fixed, dt, new[0], work,
         )  # fmt: skip
         return float(new[0, 0] / arm[0])
     sign = -1.0 if distal else 1.0

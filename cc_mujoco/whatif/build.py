@@ -175,9 +175,9 @@ class Builder:
         self._dofs = {name: int(model.joint(name).dofadr[0]) for name in joints}
         found = {}
         for name, index in instances(model).items():
-            near, far = np.flatnonzero(model.actuator_plugin == index)
+            proximal, distal = np.flatnonzero(model.actuator_plugin == index)
             out = model.actuator_outadr
-            found[name] = arms[out[near]], arms[out[far]]
+            found[name] = arms[out[proximal]], arms[out[distal]]
         return model.dof_M0.copy(), found
 
     def _heavier(self, design: Mapping[str, Value]) -> dict[str, float]:
@@ -199,12 +199,12 @@ class Builder:
         """Pulley radii of the scene, by cable; of a lever the gear of its tendon."""
         found = {}
         for name in self.cables:
-            near, far = (
+            proximal, distal = (
                 abs(float(a.gear[0]))
                 for a in self.spec.actuators
                 if a.plugin.name == name
             )
-            found[name] = near, far
+            found[name] = proximal, distal
         return found
 
     def layout(self, design: Mapping[str, Value]) -> tuple[object, ...]:
@@ -234,8 +234,8 @@ class Builder:
                 cable = cable.replace(route="")
             engine.to_mjcf(spec, name, cable)
             own = _own(design, name)
-            near, far = (a for a in spec.actuators if a.plugin.name == name)
-            for end, key in zip((near, far), RADII, strict=True):
+            proximal, distal = (a for a in spec.actuators if a.plugin.name == name)
+            for end, key in zip((proximal, distal), RADII, strict=True):
                 if key in own:
                     self._set_radius(spec, end, float(own[key]))
         motor, joint = spec.actuator("motor"), spec.joint("motor")

@@ -35,20 +35,20 @@ def worst_step(cable: Cable) -> tuple[float, float]:
     rng = np.random.default_rng(0)
     knots = np.cumsum(rng.normal(0.0, 0.01, (2, 60)), axis=1)
     at = np.linspace(0.0, 59.0, 6000)
-    near, far = (np.interp(at, np.arange(60.0), row) for row in knots)
+    proximal, distal = (np.interp(at, np.arange(60.0), row) for row in knots)
     n = cable.segments
     prm, work, state = packed(cable), np.empty(K.work_size(n)), rest_state(cable)
     new = state.copy()
 
-    def cost(u_near: float, u_far: float) -> float:
+    def cost(u_proximal: float, u_distal: float) -> float:
         begin = time.perf_counter()
-        K.advance(prm, n, state, u_near, u_far, DT, new, work)
+        K.advance(prm, n, state, u_proximal, u_distal, DT, new, work)
         return time.perf_counter() - begin
 
     call = min(cost(0.0, 0.0) for _ in range(2000))
     costs = []
-    for u_near, u_far in zip(near, far, strict=True):
-        costs.append(min(cost(u_near, u_far) for _ in range(5)) - call)
+    for u_proximal, u_distal in zip(proximal, distal, strict=True):
+        costs.append(min(cost(u_proximal, u_distal) for _ in range(5)) - call)
         state[:] = new
     return max(costs), float(np.median(costs))
 

@@ -33,7 +33,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing, require_ours
 
 if TYPE_CHECKING:
-    from cc_mujoco.diagnosis.inference.baseline import Tuning
+    from cc_mujoco.diagnosis.inference.baseline import BaselineFit
     from cc_mujoco.diagnosis.inference.result import Result
     from cc_mujoco.diagnosis.verdict import Diagnosis
 
@@ -97,8 +97,8 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
         record = {**case, "amounts": amounts, "reached": reached}
         record["settled"] = settled(case, amounts, result, Path(folder) / "more")
     found = result.diagnosis
-    if naive and result.tuning is not None:
-        record["naive"] = guesses(result.tuning, naive)
+    if naive and result.baseline_fit is not None:
+        record["naive"] = guesses(result.baseline_fit, naive)
     truth = {
         "axial_stiffness": rig.axial_stiffness,
         "pretension": rig.pretension,
@@ -145,16 +145,16 @@ def settled(
     from rig.trials import asked
 
     proposed = result.diagnosis.next_experiment
-    if result.diagnosis.verdict != "tie" or not proposed or not result.tuning:
+    if result.diagnosis.verdict != "tie" or not proposed or not result.baseline_fit:
         return None
     motion = next(
         motion
-        for motion in catalogue(result.tuning.problem)
+        for motion in catalogue(result.baseline_fit.problem)
         if proposed.description.startswith(motion.description)
     )
     time = np.arange(0.0, DT * (motion.motor.size - 1), 1e-3)
-    at = DT * np.arange(motion.motor.size)
-    motor, joint = np.interp(time, at, motion.motor), np.interp(time, at, motion.joint)
+    x = DT * np.arange(motion.motor.size)
+    motor, joint = np.interp(time, x, motion.motor), np.interp(time, x, motion.joint)
     kind = {"joint free": "free", "joint locked": "locked", "motor locked": "human"}
     trial = asked(
         motor, joint, kind[motion.description.split(",")[0]], motion.pretension
@@ -182,13 +182,13 @@ def said(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def misfit(result: Result) -> float:
     """RMS held-out error of the tuned baseline over the floor; NaN without one."""
-    tuning = result.tuning
-    if tuning is None:
+    baseline_fit = result.baseline_fit
+    if baseline_fit is None:
         return float("nan")
-    return tuning.problem.raised * float(np.sqrt(tuning.crossed.squares))
+    return baseline_fit.problem.raised * float(np.sqrt(baseline_fit.crossed.squares))
 
 
-def guesses(tuning: Tuning, methods: Sequence[str]) -> dict[str, Any]:
+def guesses(baseline_fit: BaselineFit, methods: Sequence[str]) -> dict[str, Any]:
     """What naive ways say, and how long it takes to say it [s]."""
     from baselines import installed
 
@@ -196,7 +196,7 @@ def guesses(tuning: Tuning, methods: Sequence[str]) -> dict[str, Any]:
     guessed = {}
     for name, method in ((name, known[name]) for name in methods if name in known):
         begin = time.perf_counter()
-        guess = method(tuning)._asdict()
+        guess = method(baseline_fit)._asdict()
         guessed[name] = {**guess, "seconds": time.perf_counter() - begin}
     return guessed
 

@@ -90,19 +90,19 @@ def walk(model: mujoco.MjModel) -> Cycle:
     """Walk, and record the last cycle."""
     data = mujoco.MjData(model)
     cable = engine.from_mjcf(model)[CABLE]
-    near = model.actuator(f"{CABLE}_proximal")
-    far = model.actuator(f"{CABLE}_distal")
+    proximal = model.actuator(f"{CABLE}_proximal")
+    distal = model.actuator(f"{CABLE}_distal")
     motor, ankle = model.joint("motor"), model.joint("ankle")
     arm = lever(model)
-    drum = abs(float(near.gear[0]))
+    drum = abs(float(proximal.gear[0]))
     inertia = float(model.dof_M0[motor.dofadr[0]])
     damping = 2.0 * BANDWIDTH * inertia / drum**2
     gain = BANDWIDTH**2 * inertia * cable.length / cable.axial_stiffness / drum**2
     for joint, profile in ANGLES.items():
         data.joint(joint).qpos[0] = profile(0.0)
     mujoco.mj_forward(model, data)
-    paid_out = data.actuator_length[far.id] - model.actuator_length0[far.id]
-    data.joint("motor").qpos[0] = paid_out / near.gear[0]
+    paid_out = data.actuator_length[distal.id] - model.actuator_length0[distal.id]
+    data.joint("motor").qpos[0] = paid_out / proximal.gear[0]
     each = round(PERIOD / model.opt.timestep)
     rows = np.empty((each, 5))
     before = 0.0
@@ -113,8 +113,10 @@ def walk(model: mujoco.MjModel) -> Cycle:
         if i == (CYCLES - 1) * each:
             before = engine.read(model, data, CABLE).dissipated
         wanted = TAUT + PEAK * assistance(phase) / arm
-        lacking = wanted - data.actuator_force[near.id]
-        stretching = data.actuator_velocity[far.id] - data.actuator_velocity[near.id]
+        lacking = wanted - data.actuator_force[proximal.id]
+        stretching = (
+            data.actuator_velocity[distal.id] - data.actuator_velocity[proximal.id]
+        )
         pull = wanted + gain * lacking - damping * stretching
         data.actuator("motor").ctrl[0] = drum * pull
         mujoco.mj_step(model, data)
@@ -123,8 +125,8 @@ def walk(model: mujoco.MjModel) -> Cycle:
             phase,
             engine.segment_wrap(model, data, CABLE).sum(),
             -torque,
-            data.actuator_force[near.id],
-            -data.actuator_force[far.id],
+            data.actuator_force[proximal.id],
+            -data.actuator_force[distal.id],
         )
     lost = engine.read(model, data, CABLE).dissipated - before
     return Cycle(*rows.T, lost)

@@ -59,12 +59,12 @@ def test_the_motor_flexes_the_wrist_past_the_break_through() -> None:
     for torque in np.linspace(0, 1, 2000):
         data.actuator("motor").ctrl[0] = torque
         mujoco.mj_step(model, data)
-    near, far, slack_near, slack_far = cable_forces(model, data)
+    proximal, distal, slack_proximal, slack_distal = cable_forces(model, data)
     assert data.qpos[0] > 0.1
     assert data.qpos[1] > 0.005
-    assert near / far == pytest.approx(np.exp(0.21 * 2 / 0.28), rel=0.05)
-    assert slack_near < 1
-    assert slack_far < 5
+    assert proximal / distal == pytest.approx(np.exp(0.21 * 2 / 0.28), rel=0.05)
+    assert slack_proximal < 1
+    assert slack_distal < 5
 
 
 def test_a_hundred_newton_metres_reach_the_ankle() -> None:
@@ -73,9 +73,9 @@ def test_a_hundred_newton_metres_reach_the_ankle() -> None:
         data.actuator("motor").ctrl[0] = torque
         mujoco.mj_step(model, data)
     mujoco.mj_step(model, data, 500)
-    near, far = cable_forces(model, data)
-    assert 0.12 * far > 100
-    assert near < 2000  # rope of this size breaks above 8 kN
+    proximal, distal = cable_forces(model, data)
+    assert 0.12 * distal > 100
+    assert proximal < 2000  # rope of this size breaks above 8 kN
     assert data.joint("ankle").qpos[0] < 0
 
 

@@ -111,10 +111,10 @@ def test_names_that_the_environments_rely_on(scene: str) -> None:
     actuators = [model.actuator(i).name for i in range(model.nu)]
     assert actuators[:2] == ["motor", "wearer"]
     for cable in CABLES[scene]:
-        near, far = f"{cable}_proximal", f"{cable}_distal"
-        assert actuators.index(near) < actuators.index(far)
-        assert model.sensor(f"tension_{near}").id >= 0
-        assert model.sensor(f"tension_{far}").id >= 0
+        proximal, distal = f"{cable}_proximal", f"{cable}_distal"
+        assert actuators.index(proximal) < actuators.index(distal)
+        assert model.sensor(f"tension_{proximal}").id >= 0
+        assert model.sensor(f"tension_{distal}").id >= 0
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) == (1280, 720)
 
 

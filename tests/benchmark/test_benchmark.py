@@ -122,10 +122,10 @@ def test_models_are_wrong_by_seed_and_without_error_right() -> None:
     env = gymnasium.make("cc_mujoco/WristHandle-v0", disable_env_checker=True)
     drive = env.unwrapped.drive  # type: ignore[attr-defined]
     right = Mismatch(0.0, 0.0, 0.0).believed(drive, (3,))
-    assert right.strands == drive.strands
+    assert right.cable_drives == drive.cable_drives
     wrong = Mismatch().believed(drive, (3, 5))
-    assert wrong.strands[1] == Mismatch().believed(drive, (5,)).strands[0]
-    assert wrong.strands[0] != wrong.strands[1]
+    assert wrong.cable_drives[1] == Mismatch().believed(drive, (5,)).cable_drives[0]
+    assert wrong.cable_drives[0] != wrong.cable_drives[1]
     biased = Mismatch(0.0, 0.0, 0.0, bias=0.5).believed(drive, (0,))
     assert biased.cables[0].cable.friction == pytest.approx(0.315)
     assert biased.cables[0].cable.static_friction == pytest.approx(0.945)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.control import Drive, Strand
+from cc_mujoco.control import CableDrive, Drive
 from cc_mujoco.transmission import Cable, Section
 
 WRAP = 3.0
@@ -26,14 +26,14 @@ def cable(friction: float = 0.1, segments: int = 10) -> Cable:
 def pull_pull(friction: float = 0.1) -> Drive:
     """Two cables on equal pulleys of 10 cm."""
     own = cable(friction)
-    pair = (Strand(own, -0.1, -0.1), Strand(own, 0.1, 0.1))
-    return Drive(1.0, -20.0, 20.0, 0.001, strands=(pair,))
+    pair = (CableDrive(own, -0.1, -0.1), CableDrive(own, 0.1, 0.1))
+    return Drive(1.0, -20.0, 20.0, 0.001, cable_drives=(pair,))
 
 
 def single(friction: float = 0.1) -> Drive:
     """One cable whose torques are tensions and whose angles are displacements."""
-    row = (Strand(cable(friction), -1.0, -1.0),)
-    return Drive(1.0, 0.0, 500.0, 0.001, one_way=True, strands=(row,))
+    row = (CableDrive(cable(friction), -1.0, -1.0),)
+    return Drive(1.0, 0.0, 500.0, 0.001, one_way=True, cable_drives=(row,))
 
 
 def there_and_back(duration: float = 4.0, reach: float = 0.4) -> FloatArray:

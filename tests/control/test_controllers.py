@@ -10,10 +10,10 @@ import pytest
 
 from cc_mujoco.control import (
     CONTROLLERS,
+    CableDrive,
     Controller,
     Drive,
     ProportionalIntegral,
-    Strand,
     controller,
 )
 from cc_mujoco.errors import CableError
@@ -22,15 +22,15 @@ from cc_mujoco.transmission import Cable, Section
 
 CABLE = Cable(friction=0.1, segments=8, conduit=(Section(1.0, 0.3),))
 SENSORS = Sensors((0, 4, 8), (0.2, 0.2, 0.2))
-PAIR = (Strand(CABLE, -0.02, -0.104), Strand(CABLE, 0.02, 0.104))
-WRIST = Drive(5.2, -1.0, 1.0, 0.001, strands=(PAIR,), sensors=(SENSORS, SENSORS))
+PAIR = (CableDrive(CABLE, -0.02, -0.104), CableDrive(CABLE, 0.02, 0.104))
+WRIST = Drive(5.2, -1.0, 1.0, 0.001, cable_drives=(PAIR,), sensors=(SENSORS, SENSORS))
 ANKLE = Drive(
     ratio=-4.8,
     low=-50.0,
     high=50.0,
     period=0.001,
     one_way=True,
-    strands=((Strand(CABLE.replace(axial_stiffness=6e4), -0.025, 0.12),),),
+    cable_drives=((CableDrive(CABLE.replace(axial_stiffness=6e4), -0.025, 0.12),),),
     sensors=(SENSORS,),
 )
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cc_mujoco.control import CableModel, Drive, Strand
+from cc_mujoco.control import CableDrive, CableModel, Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import Transmission
 from control.devices import cable, pull_pull, single, there_and_back
@@ -41,8 +41,8 @@ def test_a_pulley_that_is_not_round_is_known_to_the_model() -> None:
     plant = Transmission.pull_pull(own, 0.02, 0.1)
     motor = 5.0 * angle + 0.1 * np.sin(np.arange(angle.size) / 300.0)
     truth = plant.replay(PERIOD, motor_angle=motor, joint_angle=angle)
-    pair = (Strand(own, -0.02, -0.1), Strand(own, 0.02, 0.1))
-    model = CableModel(dataclasses.replace(pull_pull(), strands=(pair,)))
+    pair = (CableDrive(own, -0.02, -0.1), CableDrive(own, 0.02, 0.1))
+    model = CableModel(dataclasses.replace(pull_pull(), cable_drives=(pair,)))
     found = np.empty(angle.size)
     for i in range(angle.size):
         model.follow(motor[i], truth.joint_torque[i])
@@ -63,18 +63,18 @@ def test_gain_is_that_of_the_capstan_and_stays_during_partial_motion() -> None:
     for i in range(time.size):
         model.follow(pulled[i], drawn.joint_torque[i])
         if i == 999:
-            assert model.way[0, 0] == -1.0
+            assert model.slip_direction[0, 0] == -1.0
             assert model.gain[0, 0] == pytest.approx(np.exp(0.3), rel=1e-9)
         if i == 1002:  # turned back: part of the cable has not noticed
             assert np.any(model.slip(0) == 0)
-            assert model.way[0, 0] == -1.0
-    assert model.way[0, 0] == 1.0
+            assert model.slip_direction[0, 0] == -1.0
+    assert model.slip_direction[0, 0] == 1.0
     assert model.gain[0, 0] == pytest.approx(np.exp(-0.3), rel=1e-9)
 
 
 def test_every_environment_may_have_a_cable_of_its_own() -> None:
-    rows = tuple((Strand(cable(mu), -1.0, -1.0),) for mu in (0.05, 0.1, 0.2))
-    drive = dataclasses.replace(single(), strands=rows)
+    rows = tuple((CableDrive(cable(mu), -1.0, -1.0),) for mu in (0.05, 0.1, 0.2))
+    drive = dataclasses.replace(single(), cable_drives=rows)
     model = CableModel(drive)
     for pulled in np.linspace(0.0, 0.05, 200):
         model.follow(np.full(3, pulled), np.full(3, 12.0))
@@ -98,9 +98,9 @@ def test_only_the_environments_that_start_anew_forget() -> None:
 def test_a_drive_without_cables_or_with_cables_for_others_is_refused() -> None:
     with pytest.raises(CableError, match="needs to know the cables"):
         CableModel(Drive(1.0, -1.0, 1.0, 0.001))
-    rows = dataclasses.replace(single(), strands=single().strands * 2)
+    rows = dataclasses.replace(single(), cable_drives=single().cable_drives * 2)
     with pytest.raises(CableError, match="2 environments"):
         CableModel(rows).follow(np.zeros(3), np.zeros(3))
-    mixed = (single().strands[0], pull_pull().strands[0])
+    mixed = (single().cable_drives[0], pull_pull().cable_drives[0])
     with pytest.raises(CableError, match="same cables"):
-        dataclasses.replace(single(), strands=mixed)
+        dataclasses.replace(single(), cable_drives=mixed)

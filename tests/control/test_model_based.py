@@ -41,7 +41,7 @@ def test_feed_forward_alone_is_right_once_the_cable_moves(
     law = ModelBased(drive, proportional=0.0, integral=0.0, settling=0.0)
     device, desired = InertiaFree(drive), np.full(1500, level)
     log = device.run(law, 0.1 * np.arange(1500) / 1000.0, desired)
-    assert law.model.way[0, 0] == -1.0
+    assert law.model.slip_direction[0, 0] == -1.0
     assert log["joint_torque_nm"][-1] == pytest.approx(level, rel=1e-6)
     assert log["motor_torque_nm"][-1] == pytest.approx(
         level * growth(friction), rel=1e-6

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis.data.findings import Finding, to_fix
+from cc_mujoco.diagnosis.data.findings import Finding, errors
 from cc_mujoco.diagnosis.data.trials import Dataset, Trial
 from cc_mujoco.diagnosis.intake import load
 
@@ -84,13 +84,13 @@ def loaded(
 
 def only_fix(findings: list[Finding]) -> Finding:
     """The one finding that must be put right."""
-    (found,) = to_fix(findings)
+    (found,) = errors(findings)
     return found
 
 
 def one(folder: Path, columns: Columns, toml: str = "") -> Trial:
     """The trial of columns in which nothing needs repair."""
     dataset, findings = loaded(folder, columns, toml)
-    assert to_fix(findings) == []
+    assert errors(findings) == []
     (trial,) = dataset.trials
     return trial

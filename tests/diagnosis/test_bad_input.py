@@ -15,7 +15,7 @@ from cc_mujoco import cli
 from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.checks.checks import check_bench
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import Finding, to_fix
+from cc_mujoco.diagnosis.data.findings import Finding, errors
 from cc_mujoco.diagnosis.effects import EFFECTS, Rig
 from cc_mujoco.diagnosis.inference.plant import tuned
 from cc_mujoco.diagnosis.intake import load
@@ -44,7 +44,7 @@ def files(folder: Path) -> list[str]:
 def first(folder: Path, columns: Columns) -> Finding:
     """What must be put right of a trial."""
     record(folder / "run.csv", columns)
-    return to_fix(load(folder)[1])[0]
+    return errors(load(folder)[1])[0]
 
 
 def cut(seconds: float) -> Callable[[Columns], Columns]:
@@ -103,7 +103,7 @@ def test_torques_that_no_cable_carries_are_in_other_units() -> None:
     trials = recorded.dataset().trials
     assert check_bench(trials, BENCH) == []
     large = replace(trials[0], motor_torque=1e3 * trials[0].motor_torque)
-    (found,) = to_fix(check_bench([large], BENCH))
+    (found,) = errors(check_bench([large], BENCH))
     assert found.channel == "motor_torque_nm"
     assert "trial_0.csv, column motor_torque_nm" in found.statement
     assert "'mNm'" in found.statement
@@ -117,11 +117,11 @@ def test_the_trial_closest_to_the_scene_counts(tmp_path: Path) -> None:
         record(tmp_path / f"{name}.csv", columns)
     data, _ = load(tmp_path)
     assert check_bench(data.trials, geared(RATIO)) == []
-    (far,) = check_bench(data.trials, geared(10.0 * RATIO))
-    assert far.severity == "fix"
-    assert "free.csv" in far.statement
-    (near,) = check_bench(data.trials, geared(4.0 * RATIO))
-    assert near.severity == "note"
+    (distal,) = check_bench(data.trials, geared(10.0 * RATIO))
+    assert distal.severity == "error"
+    assert "free.csv" in distal.statement
+    (proximal,) = check_bench(data.trials, geared(4.0 * RATIO))
+    assert proximal.severity == "warning"
 
 
 def test_friction_stays_what_a_cable_can_have() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import to_fix
+from cc_mujoco.diagnosis.data.findings import errors
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.intake import load
 from shared_folder import SHARED
@@ -24,7 +24,7 @@ SUSPECTS = ("end_compliance", "load_independent_friction", "viscous_friction")
 def test_compliance_and_friction_without_load_close_the_gap_on_other_loads() -> None:
     files = [DATA / f"tool4_{name}.csv" for name in (*FITTED, *HELD_OUT)]
     dataset, findings = load(files, STUDY / "davinci.toml")
-    assert not to_fix(findings)
+    assert not errors(findings)
     found = reason(dataset, Bench.of(scene_path("bench")), ids=SUSPECTS).diagnosis
     named = [effect.id for effect in found.effects]
     assert named[0] == "end_compliance"

@@ -44,8 +44,8 @@ def test_off_is_the_baseline_bit_for_bit_and_on_is_not(name: str) -> None:
     effect = EFFECTS[name]
     plain = PLANT.simulate(VALUES)
     off = {
-        knob.name: effect.starts[0][knob.name] if knob.low > 0.0 else 0.0
-        for knob in effect.knobs
+        parameter.name: effect.starts[0][parameter.name] if parameter.low > 0.0 else 0.0
+        for parameter in effect.parameters
     }
     for a, b in zip(plain, PLANT.simulate({**VALUES, **off}, (name,)), strict=True):
         assert np.array_equal(a, b)
@@ -58,15 +58,22 @@ def test_off_is_the_baseline_bit_for_bit_and_on_is_not(name: str) -> None:
 def test_entries_are_complete(name: str) -> None:
     effect = EFFECTS[name]
     assert effect.id == name
-    for text in (effect.title, effect.equation, effect.shows, effect.source):
+    for text in (
+        effect.title,
+        effect.equation,
+        effect.required_excitation,
+        effect.source,
+    ):
         assert text
-    assert set(effect.alike) <= set(EFFECTS) - {name}
-    assert any(knob.low <= 0.0 <= knob.high for knob in effect.knobs)
+    assert set(effect.confounded_with) <= set(EFFECTS) - {name}
+    assert any(
+        parameter.low <= 0.0 <= parameter.high for parameter in effect.parameters
+    )
     for start in effect.starts:
-        assert set(start) == {knob.name for knob in effect.knobs}
-        for knob in effect.knobs:
-            assert knob.low <= start[knob.name] <= knob.high
+        assert set(start) == {parameter.name for parameter in effect.parameters}
+        for parameter in effect.parameters:
+            assert parameter.low <= start[parameter.name] <= parameter.high
     in_scene = effect.cables is not None or name in REALISATIONS
     assert in_scene
     if name in REALISATIONS:
-        assert set(REALISATIONS[name].parameters) == {k.name for k in effect.knobs}
+        assert set(REALISATIONS[name].parameters) == {k.name for k in effect.parameters}

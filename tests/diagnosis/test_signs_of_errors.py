@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis.evidence import CHANNELS, Evidence, Isolability, Trace
-from cc_mujoco.diagnosis.inference.atlas import maps, sentence
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.plant import OFFSETS, Plant, tuned
 from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.residual_maps import maps, sentence
 from cc_mujoco.diagnosis.inference.slopes import Slopes
 from cc_mujoco.diagnosis.report import sections
 from cc_mujoco.diagnosis.wording import SIGN

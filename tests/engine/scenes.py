@@ -14,7 +14,11 @@ CONFIG = {
     "conduit": "0.8:0.3 0.4:inf 0.8:0.5",
     "segments": "10",
 }
-RATES = {"viscous_friction": "20", "stribeck_friction": "0.05", "memory_length": "1e-4"}
+RATES = {
+    "viscous_friction": "20",
+    "stribeck_friction": "0.05",
+    "critical_slip_distance": "1e-4",
+}
 
 
 def instance(name: str, config: Mapping[str, str] = CONFIG) -> str:

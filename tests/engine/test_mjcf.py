@@ -22,7 +22,7 @@ ODD = Cable(
     pretension=1 / 3,
     friction=0.1 + 0.2,
     static_friction=0.7,
-    memory_length=1e-5,
+    critical_slip_distance=1e-5,
     viscous_friction=5e-324,
     stribeck_friction=0.2,
     load_independent_friction=1e5,
@@ -84,13 +84,13 @@ def test_new_cable_gets_two_ends() -> None:
     to_mjcf(spec, "one", ODD, ("motor", -0.02), (spec.tendon("path"), 1.5))
     m = spec.compile()
     assert from_mjcf(m) == {"one": ODD}
-    near, far = m.actuator("one_proximal"), m.actuator("one_distal")
-    assert near.trntype == mujoco.mjtTrn.mjTRN_JOINT
-    assert near.trnid[0] == m.joint("motor").id
-    assert near.gear[0] == -0.02
-    assert far.trntype == mujoco.mjtTrn.mjTRN_TENDON
-    assert far.trnid[0] == m.tendon("path").id
-    assert far.gear[0] == 1.5
+    proximal, distal = m.actuator("one_proximal"), m.actuator("one_distal")
+    assert proximal.trntype == mujoco.mjtTrn.mjTRN_JOINT
+    assert proximal.trnid[0] == m.joint("motor").id
+    assert proximal.gear[0] == -0.02
+    assert distal.trntype == mujoco.mjtTrn.mjTRN_TENDON
+    assert distal.trnid[0] == m.tendon("path").id
+    assert distal.gear[0] == 1.5
 
 
 def test_specification_and_its_text_simulate_alike() -> None:

@@ -70,7 +70,7 @@ RATES = "".join(
     f'<config key="{key}" value="{value}"/>'
     for key, value in {
         "static_friction": 0.3,
-        "memory_length": 1e-4,
+        "critical_slip_distance": 1e-4,
         "viscous_friction": 20,
         "stribeck_friction": 0.05,
     }.items()

@@ -203,24 +203,24 @@ def test_tendon_and_slide_ends() -> None:
             + end("far", "bowden", 'tendon="path"', 1),
         )
     )
-    near, far = m.actuator("near").id, m.actuator("far").id
+    proximal, distal = m.actuator("near").id, m.actuator("far").id
     length0 = m.actuator_length0.copy()
     d.qpos[m.joint("sledge").qposadr[0]] = 0.01
     mujoco.mj_forward(m, d)
     moved = d.actuator_length - length0
-    assert moved[near] == pytest.approx(-0.01)
-    assert moved[far] > 0.001
+    assert moved[proximal] == pytest.approx(-0.01)
+    assert moved[distal] > 0.001
     motion = replay(
         from_mjcf(m)["bowden"],
         dt=m.opt.timestep,
-        u_proximal=[0.0, moved[near]],
-        u_distal=[0.0, moved[far]],
+        u_proximal=[0.0, moved[proximal]],
+        u_distal=[0.0, moved[distal]],
     )
-    assert d.actuator_force[near] == pytest.approx(motion.tension_proximal[1])
-    assert d.actuator_force[far] == pytest.approx(-motion.tension_distal[1])
+    assert d.actuator_force[proximal] == pytest.approx(motion.tension_proximal[1])
+    assert d.actuator_force[distal] == pytest.approx(-motion.tension_distal[1])
     assert read(m, d, "bowden").tension_proximal == 10.0  # nothing is committed yet
     mujoco.mj_step(m, d)
-    assert read(m, d, "bowden").tension_proximal == d.actuator_force[near] > 10.0
+    assert read(m, d, "bowden").tension_proximal == d.actuator_force[proximal] > 10.0
 
 
 def test_reference_pose_is_that_of_qpos0() -> None:

@@ -122,8 +122,8 @@ def test_route_follows_the_tendon_around_geoms() -> None:
     m, d = build(
         BENT.format(
             instance=instance("bowden", CONFIG | {"route": "path"}),
-            near=end("near", "bowden", 'joint="j"', -0.1),
-            far=end("far", "bowden", 'joint="k"', -0.1),
+            proximal=end("near", "bowden", 'joint="j"', -0.1),
+            distal=end("far", "bowden", 'joint="k"', -0.1),
         )
     )
     mujoco.mj_forward(m, d)

@@ -21,16 +21,16 @@ CABLE = Cable(
 class Run(NamedTuple):
     """A replay: displacements of the ends, tensions of nodes, slip of segments."""
 
-    near: np.ndarray
-    far: np.ndarray
+    proximal: np.ndarray
+    distal: np.ndarray
     tension: np.ndarray
     direction: np.ndarray
 
 
-def strokes(seconds: float, near: float = 0.03, far: float = 0.02) -> np.ndarray:
+def strokes(seconds: float, proximal: float = 0.03, distal: float = 0.02) -> np.ndarray:
     """Both ends to and fro in 4 s, (2, samples) [m]."""
     time = np.arange(0.0, seconds, DT)
-    return np.outer([near, far], -np.sin(0.5 * np.pi * time))
+    return np.outer([proximal, distal], -np.sin(0.5 * np.pi * time))
 
 
 def pulls(seconds: float, depth: float = 0.012) -> np.ndarray:
@@ -41,10 +41,10 @@ def pulls(seconds: float, depth: float = 0.012) -> np.ndarray:
 
 def played(cable: Cable, motion: np.ndarray) -> Run:
     """A cable whose parameters stay."""
-    near, far = motion
-    run = replay(cable, DT, u_proximal=near, u_distal=far, profile=True)
+    proximal, distal = motion
+    run = replay(cable, DT, u_proximal=proximal, u_distal=distal, profile=True)
     assert run.tension is not None and run.direction is not None
-    return Run(near, far, run.tension, run.direction)
+    return Run(proximal, distal, run.tension, run.direction)
 
 
 def drifting(cable: Cable, motion: np.ndarray, name: str, values: np.ndarray) -> Run:

@@ -82,8 +82,8 @@ def test_nothing_is_learnt_at_rest_nor_where_no_sensors_are(run: Run) -> None:
     for new, old in zip(estimator.at(MIDDLES), before, strict=True):
         assert np.array_equal(new, old)
     half = Sensors(tuple(range(11)), (1.0,) * 11)
-    near = BendEstimator(WINDING, half, degree=0, start=2.0 * MEAN)
-    found = near.over(noisy(run, 3)[:, :11], run.direction, MIDDLES)
+    proximal = BendEstimator(WINDING, half, degree=0, start=2.0 * MEAN)
+    found = proximal.over(noisy(run, 3)[:, :11], run.direction, MIDDLES)
     assert found.value[-1, :2] == pytest.approx(TRUTH[:2], rel=0.1)
     assert found.value[-1, 2:] == pytest.approx(before.value[2:])
     assert found.deviation[-1, 2:] == pytest.approx(before.deviation[2:])

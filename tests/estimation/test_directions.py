@@ -25,7 +25,7 @@ from cc_mujoco.estimation.extrapolation import (
 from cc_mujoco.estimation.fusion import gains
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable, Section, replay
-from cc_mujoco.transmission.literal import Constraint, Mesh, sign_patterns, solve
+from cc_mujoco.transmission.thesis_solver import Constraint, Mesh, sign_patterns, solve
 
 CABLE = Cable(friction=0.1, conduit=(Section(2.0, 0.28),), segments=10, pretension=20)
 MESH = Mesh.of(CABLE)
@@ -41,14 +41,14 @@ def test_own_solution_is_that_of_the_thesis_s_solver(condition: str) -> None:
     truth = moment(condition)
     random = np.random.default_rng(1)
     reading = truth.tension + 2.0 * random.normal(size=(6, 11))
-    near = truth.displacement[0]
+    proximal = truth.displacement[0]
     first = truth.pattern
-    own = own_solutions(MESH, truth.before, np.full(6, near), reading, EVERY, first)
+    own = own_solutions(MESH, truth.before, np.full(6, proximal), reading, EVERY, first)
     for row in range(6):
         for node in range(0, 11, 2):
             others = [p for p in sign_patterns(10) if not np.array_equal(p, first)]
             known = [
-                Constraint("displacement", 0, near),
+                Constraint("displacement", 0, proximal),
                 Constraint("tension", node, reading[row, node]),
             ]
             found = solve(MESH, truth.before, known, [first, *others])
@@ -62,11 +62,13 @@ def test_own_solution_is_that_of_the_thesis_s_solver(condition: str) -> None:
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_moment_is_its_own_solution_without_noise(condition: str) -> None:
     truth = moment(condition)
-    near = truth.displacement[0]
-    own = own_solutions(MESH, truth.before, near, truth.tension, EVERY, truth.pattern)
+    proximal = truth.displacement[0]
+    own = own_solutions(
+        MESH, truth.before, proximal, truth.tension, EVERY, truth.pattern
+    )
     assert np.all(own.pattern == truth.pattern)
     assert np.all(own.contradiction == 0.0)
-    found = likeliest(MESH, truth.before, near, truth.tension, EVERY, np.ones(11))
+    found = likeliest(MESH, truth.before, proximal, truth.tension, EVERY, np.ones(11))
     assert found.tolist() == truth.pattern.tolist()
 
 
@@ -139,13 +141,13 @@ def test_partial_motion_from_both_ends_matches_the_kernel_without_noise() -> Non
     dt = 0.01
     time = np.arange(0.0, 2.4, dt)
     knots = [0.0, 1.0, 1.4, 2.4]
-    near = -0.03 * np.interp(time, knots, [0.0, 1.0, 1.0, 0.2])
-    far = -0.02 * np.interp(time, knots, [0.0, 0.7, 0.7, 0.0])
-    true = replay(CABLE, dt, u_proximal=near, u_distal=far, profile=True)
+    proximal = -0.03 * np.interp(time, knots, [0.0, 1.0, 1.0, 0.2])
+    distal = -0.02 * np.interp(time, knots, [0.0, 0.7, 0.7, 0.0])
+    true = replay(CABLE, dt, u_proximal=proximal, u_distal=distal, profile=True)
     assert true.tension is not None and true.direction is not None
     consensus = SensorConsensus(CABLE, Sensors.everywhere(CABLE, 1e-9))
     directions, tension = [], []
-    for u, row in zip(near.tolist(), true.tension, strict=True):
+    for u, row in zip(proximal.tolist(), true.tension, strict=True):
         tension.append(consensus.update(u, row).copy())
         directions.append(consensus.direction.copy())
     partial = np.any(true.direction == 0, axis=1) & np.any(true.direction != 0, axis=1)

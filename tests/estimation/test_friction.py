@@ -155,9 +155,9 @@ def test_silent_direction_is_not_forgotten() -> None:
     assert (fit.value[1], fit.deviation[1]) == pytest.approx(before)
 
 
-def steps(law: SlopeLaw, run: Run, way: int) -> np.ndarray:
+def steps(law: SlopeLaw, run: Run, slip_direction: int) -> np.ndarray:
     """What the law adds to mu_0 in every sample of mass motion this way."""
-    whole = np.all(run.direction == way, axis=1)
+    whole = np.all(run.direction == slip_direction, axis=1)
     found = [
         law.update(*row)
         for row in zip(run.tension[whole], run.direction[whole], strict=True)
@@ -167,8 +167,8 @@ def steps(law: SlopeLaw, run: Run, way: int) -> np.ndarray:
 
 def test_printed_law_corrects_one_way_and_spoils_the_other(run: Run) -> None:
     printed = SlopeLaw(CABLE, EVERY, -1e-4, start=2.0 * MU)
-    way = [np.sign(np.mean(steps(printed, run, w))) for w in (-1, 1)]
-    assert way[0] == -way[1] != 0.0
+    slip_direction = [np.sign(np.mean(steps(printed, run, w))) for w in (-1, 1)]
+    assert slip_direction[0] == -slip_direction[1] != 0.0
     turned = SlopeLaw(CABLE, EVERY, 1e-4, start=2.0 * MU, signed=True)
     assert np.all(steps(turned, run, -1) <= 0.0)
     assert np.all(steps(turned, run, 1) <= 0.0)

@@ -16,7 +16,7 @@ from cc_mujoco.estimation.observer import CableObserver
 from cc_mujoco.recording.log import Recorder
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable, Section, replay
-from cc_mujoco.transmission.literal import Constraint, Mesh, sign_patterns, system
+from cc_mujoco.transmission.thesis_solver import Constraint, Mesh, sign_patterns, system
 
 CABLE = Cable(friction=0.21, conduit=(Section(2.0, 0.28),), segments=10, pretension=20)
 MESH = Mesh.of(CABLE)
@@ -179,15 +179,17 @@ def test_inside_an_environment_step_and_on_its_recording() -> None:
 def test_observer_follows_without_directions_and_within_the_noise() -> None:
     dt = 0.005
     time = np.arange(0.0, 3.0, dt)
-    near = -0.02 * np.sin(np.pi * time)
-    far = -0.012 * np.sin(np.pi * time)
-    true = replay(CABLE, dt, u_proximal=near, u_distal=far, profile=True)
+    proximal = -0.02 * np.sin(np.pi * time)
+    distal = -0.012 * np.sin(np.pi * time)
+    true = replay(CABLE, dt, u_proximal=proximal, u_distal=distal, profile=True)
     assert true.tension is not None and true.direction is not None
     random = np.random.default_rng(6)
     observer = CableObserver(CABLE, Sensors.everywhere(CABLE, 1.0), dt)
     reading = true.tension + random.normal(size=true.tension.shape)
     output, right = [], []
-    for u, row, direction in zip(near.tolist(), reading, true.direction, strict=True):
+    for u, row, direction in zip(
+        proximal.tolist(), reading, true.direction, strict=True
+    ):
         output.append(observer.update(u, row)[-1])
         right.append(np.mean(observer.direction == direction))
     assert np.sqrt(np.mean((np.array(output) - true.tension[:, -1]) ** 2)) < 1.0

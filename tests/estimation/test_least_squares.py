@@ -23,31 +23,31 @@ MEASURED = DESIGN @ TRUTH + RANDOM.standard_normal(400)
 FREE = tuple(Tuned(name, "1", 0.0, 1.0, -9.0, 9.0, False) for name in "abc")
 
 
-def residual(at: np.ndarray) -> np.ndarray:
-    return MEASURED - DESIGN @ at
+def residual(x: np.ndarray) -> np.ndarray:
+    return MEASURED - DESIGN @ x
 
 
 def test_a_linear_problem_is_solved_as_by_linear_algebra() -> None:
-    found = fit(residual, lambda at: -DESIGN, FREE, np.zeros(3))
+    found = fit(residual, lambda x: -DESIGN, FREE, np.zeros(3))
     exact, squares, *_ = np.linalg.lstsq(DESIGN, MEASURED)
-    np.testing.assert_allclose(found.at, exact, rtol=1e-6)
+    np.testing.assert_allclose(found.x, exact, rtol=1e-6)
     assert found.cost == pytest.approx(squares[0] / 2.0)
 
 
 def test_a_start_and_an_end_lie_within_the_bounds() -> None:
     tight = (FREE[0]._replace(high=0.3), *FREE[1:])
-    found = fit(residual, lambda at: -DESIGN, tight, [2.0, 0.0, 0.0])
-    assert found.at[0] == pytest.approx(0.3, abs=1e-6)
+    found = fit(residual, lambda x: -DESIGN, tight, [2.0, 0.0, 0.0])
+    assert found.x[0] == pytest.approx(0.3, abs=1e-6)
 
 
 @pytest.mark.parametrize("central", [True, False])
 def test_differences_are_derivatives(central: bool) -> None:
-    def arrays(at: np.ndarray) -> list[np.ndarray]:
-        return [np.sin(at[0]) * np.arange(3.0), at[:1] * at[1:]]
+    def arrays(x: np.ndarray) -> list[np.ndarray]:
+        return [np.sin(x[0]) * np.arange(3.0), x[:1] * x[1:]]
 
-    at = np.array([0.4, 2.0])
-    here = () if central else arrays(at)
-    found = differences(arrays, at, {0: 1e-6, 1: -1e-6}, here)
+    x = np.array([0.4, 2.0])
+    here = () if central else arrays(x)
+    found = differences(arrays, x, {0: 1e-6, 1: -1e-6}, here)
     np.testing.assert_allclose(found[0][0], np.cos(0.4) * np.arange(3.0), rtol=1e-5)
     assert found[0][1] == pytest.approx(2.0)
     assert np.all(found[1][0] == 0.0)

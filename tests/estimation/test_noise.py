@@ -18,7 +18,7 @@ from cc_mujoco.estimation.noise import (
 from cc_mujoco.estimation.sensor_noise import SensorNoise
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable, Section
-from cc_mujoco.transmission.literal import Mesh
+from cc_mujoco.transmission.thesis_solver import Mesh
 
 CABLE = Cable(friction=0.21, conduit=(Section(2.0, 0.28),), segments=10)
 NODES = (0, 4, 7, 10)
@@ -96,10 +96,14 @@ def running(noise: SensorNoise, deviation: np.ndarray, samples: int, seed: int) 
     """A tension that jumps about, in both directions of motion."""
     random = np.random.default_rng(seed)
     for i in range(samples):
-        way = 1.0 if (i // 100) % 2 else -1.0
-        gain = gains(Mesh.of(CABLE), np.full(10, way), np.array([10]))[0, list(NODES)]
+        slip_direction = 1.0 if (i // 100) % 2 else -1.0
+        gain = gains(Mesh.of(CABLE), np.full(10, slip_direction), np.array([10]))[
+            0, list(NODES)
+        ]
         truth = random.uniform(10.0, 90.0) * gain
-        noise.update(truth + deviation * random.normal(size=4), np.full(10, way))
+        noise.update(
+            truth + deviation * random.normal(size=4), np.full(10, slip_direction)
+        )
 
 
 def test_sensor_noise_needs_no_model_of_the_tension() -> None:

@@ -30,11 +30,11 @@ SEEN_AT_ENDS_OR_REST = ("proximal seal", "distal seal", "ageing at once")
 
 def off_the_slope(cable: Cable) -> float:
     """Largest error of ln T over moving segments, by the coefficient of the instant."""
-    near, far = strokes(4.0)
-    motion = replay(cable, DT, u_proximal=near, u_distal=far, profile=True)
+    proximal, distal = strokes(4.0)
+    motion = replay(cable, DT, u_proximal=proximal, u_distal=distal, profile=True)
     assert motion.tension is not None and motion.direction is not None
     heat = np.concatenate([[0.0], motion.dissipated[:-1]])
-    time = DT * np.arange(1, near.size + 1)
+    time = DT * np.arange(1, proximal.size + 1)
     changed = cable.friction_drift * time + cable.friction_heating * heat
     angle, worst = np.diff(wrap_angles(cable)), 0.0
     for tension, direction, factor in zip(
@@ -71,5 +71,5 @@ def test_a_term_is_refused_where_it_bends_the_slope(name: str) -> None:
 @pytest.mark.parametrize("on", TERMS_ON.values(), ids=TERMS_ON)
 def test_stiffness_is_told_only_where_it_stays(on: dict[str, float]) -> None:
     cable = CABLE.replace(**on)
-    changes = {"stiffening", "creep", "bristle_length"} & on.keys()
+    changes = {"stiffening", "stress_relaxation", "bristle_length"} & on.keys()
     assert refuses(lambda c: StiffnessEstimator(c, EVERY), cable) == bool(changes)

@@ -26,7 +26,7 @@ def over(
 ) -> Track:
     random = np.random.default_rng(seed)
     reading = run.tension + noise * random.normal(size=run.tension.shape)
-    return estimator.over(run.near, reading, run.direction)
+    return estimator.over(run.proximal, reading, run.direction)
 
 
 @pytest.mark.parametrize("factor", [0.4, 2.0])
@@ -41,7 +41,7 @@ def test_few_sensors_add_no_more_than_the_error_of_their_quadrature(run: Run) ->
     places = np.arange(0, 41, 4)
     sensors = Sensors(tuple(places.tolist()), (1e-3,) * 11)
     estimator = StiffnessEstimator(FINE, sensors, start=2.0 * EA)
-    estimator.over(run.near, run.tension[:, places], run.direction)
+    estimator.over(run.proximal, run.tension[:, places], run.direction)
     assert 1e-4 < abs(estimator.stiffness / EA - 1.0) < 0.25 / 4.0**2
 
 
@@ -59,7 +59,7 @@ def test_error_has_the_stated_size(run: Run) -> None:
 def test_only_changes_of_the_encoder_count(run: Run) -> None:
     here, there = (StiffnessEstimator(FINE, EVERY, start=2.0 * EA) for _ in range(2))
     over(here, run, 2)
-    over(there, run._replace(near=run.near + 3.0), 2)
+    over(there, run._replace(proximal=run.proximal + 3.0), 2)
     assert there.stiffness == pytest.approx(here.stiffness, rel=1e-9)
     assert there.deviation == pytest.approx(here.deviation, rel=1e-9)
 
@@ -84,12 +84,12 @@ def test_output_that_moves_between_spells_of_partial_motion_does_no_harm() -> No
 
 
 def test_slip_of_the_distal_part_alone_is_refused() -> None:
-    near, far = pulls(4.0)
-    run = played(FINE, np.array([far, -near]))
+    proximal, distal = pulls(4.0)
+    run = played(FINE, np.array([distal, -proximal]))
     moving = np.any(run.direction != 0, axis=1)
     assert np.any(moving) and np.all(run.direction[:, 0] == 0)
     estimator = StiffnessEstimator(FINE, EVERY, start=2.0 * EA)
-    drifted = run._replace(near=np.linspace(0.0, -0.01, run.near.size))
+    drifted = run._replace(proximal=np.linspace(0.0, -0.01, run.proximal.size))
     over(estimator, Run(*(part[moving] for part in drifted)), 5)
     assert (estimator.stiffness, estimator.deviation) == (2.0 * EA, 2.0 * EA)
 

@@ -32,12 +32,12 @@ def run() -> Run:
 
 def ends(run: Run, seed: int, noise: float = 1.0) -> dict[str, np.ndarray]:
     random = np.random.default_rng(seed)
-    near, far = run.tension[:, [0, -1]].T
+    proximal, distal = run.tension[:, [0, -1]].T
     return {
-        "u_proximal": run.near,
-        "u_distal": run.far,
-        "tension_proximal": near + noise * random.normal(size=near.shape),
-        "tension_distal": far + noise * random.normal(size=far.shape),
+        "u_proximal": run.proximal,
+        "u_distal": run.distal,
+        "tension_proximal": proximal + noise * random.normal(size=proximal.shape),
+        "tension_distal": distal + noise * random.normal(size=distal.shape),
     }
 
 
@@ -68,7 +68,9 @@ def test_error_has_the_stated_size(run: Run) -> None:
 def test_tension_may_drive_an_end(run: Run) -> None:
     recording = ends(run, 2, 0.0)
     del recording["u_distal"]
-    recording["tension_proximal"] += np.random.default_rng(2).normal(size=run.near.size)
+    recording["tension_proximal"] += np.random.default_rng(2).normal(
+        size=run.proximal.size
+    )
     estimator = UnscentedEstimator(
         CABLE.replace(friction=0.4),
         ["friction"],
@@ -110,7 +112,7 @@ def test_replays_begin_at_the_last_slip_of_the_whole_cable(run: Run) -> None:
     history = History(CABLE, DT, ("u_proximal", "u_distal"), tuple(NOISE), limit=10**6)
     recording = ends(run, 0, 0.0)
     kept = []
-    for row in range(run.near.size):
+    for row in range(run.proximal.size):
         history.add({name: float(column[row]) for name, column in recording.items()})
         if row % 50 == 49:
             again = history.replay(CABLE)

@@ -52,9 +52,9 @@ def made(kind):
     if kind is not ModifiedBoucWen:
         return kind(CABLE)
     time = np.arange(0.0, 2.0, DT)
-    near = -2.5 * onset(CABLE) * np.sin(np.pi * time)
-    seen = Distributed(CABLE).replay(DT, near, SPRING)
-    return kind.fitted(CABLE, DT, near, SPRING, seen)
+    proximal = -2.5 * onset(CABLE) * np.sin(np.pi * time)
+    seen = Distributed(CABLE).replay(DT, proximal, SPRING)
+    return kind.fitted(CABLE, DT, proximal, SPRING, seen)
 
 
 @pytest.mark.parametrize("kind", ABLE, ids=lambda kind: kind.__name__)

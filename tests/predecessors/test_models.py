@@ -42,9 +42,9 @@ RATIO = math.exp(CABLE.friction * CABLE.wrap)
 
 def test_ours_is_the_kernel_with_a_locked_or_moved_output():
     moved = 0.004 * np.sin(3.0 * TIME)
-    for environment, far in ((Locked(), 0.0 * moved), (Moved(moved), moved)):
+    for environment, distal in ((Locked(), 0.0 * moved), (Moved(moved), moved)):
         answer = Distributed(CABLE).replay(DT, STROKE, environment)
-        motion = replay(CABLE, DT, u_proximal=STROKE, u_distal=far)
+        motion = replay(CABLE, DT, u_proximal=STROKE, u_distal=distal)
         assert np.array_equal(answer.tension_proximal, motion.tension_proximal)
         assert np.array_equal(answer.tension_distal, motion.tension_distal)
 
@@ -63,12 +63,12 @@ def test_our_cable_and_its_spring_are_in_balance(stiffness):
 )
 @settings(max_examples=20)
 def test_one_direction_is_enough_where_only_the_motor_moves(seed, stiffness, curvature):
-    near = np.random.default_rng(seed).normal(0.0, 3e-4, 400).cumsum()
-    near -= near[0]
+    proximal = np.random.default_rng(seed).normal(0.0, 3e-4, 400).cumsum()
+    proximal -= proximal[0]
     environment = Locked() if math.isinf(stiffness) else Spring(stiffness)
     cable = CABLE.replace(conduit=(Section(2.0, 1.0 / curvature),), segments=60)
-    before = PassiveDistributed(cable).replay(DT, near, environment)
-    ours = Distributed(cable).replay(DT, near, environment)
+    before = PassiveDistributed(cable).replay(DT, proximal, environment)
+    ours = Distributed(cable).replay(DT, proximal, environment)
     scale = max(float(ours.tension_proximal.max()), 10.0)
     assert before.tension_proximal == pytest.approx(
         ours.tension_proximal, abs=0.01 * scale
@@ -80,9 +80,9 @@ def test_one_direction_is_enough_where_only_the_motor_moves(seed, stiffness, cur
 def test_bristles_follow_the_dahl_equation(exponent):
     cable = CABLE.replace(segments=1, friction=0.02)
     length = 4e-4
-    near = -0.002 * np.sin(np.pi * TIME[:1500])
+    proximal = -0.002 * np.sin(np.pi * TIME[:1500])
     chain = BristleChain(cable, Bristle(length=length, exponent=exponent))
-    answer = chain.replay(DT, near, Moved(0.004 + 0.0 * near - 0.004))
+    answer = chain.replay(DT, proximal, Moved(0.004 + 0.0 * proximal - 0.004))
     tension = np.array([answer.tension_proximal, answer.tension_distal])
     # One segment: its displacement from the distal spring, friction from both.
     x = -(tension[1] - 10.0) / (2.0 * 4000.0 / 2.0)

@@ -18,8 +18,10 @@ MU = runs.CABLE.friction
 def test_constant_parameters_give_what_a_replay_gives() -> None:
     motion = runs.strokes(3.0)
     data = runs.simulate(runs.CABLE, motion, seed=1)
-    _, near, far = motion
-    clean = replay(runs.CABLE, runs.DT, u_proximal=near, u_distal=far, profile=True)
+    _, proximal, distal = motion
+    clean = replay(
+        runs.CABLE, runs.DT, u_proximal=proximal, u_distal=distal, profile=True
+    )
     assert clean.direction is not None
     assert data.tension == pytest.approx(clean.tension, rel=1e-9)
     assert np.array_equal(data.direction, clean.direction)

@@ -28,9 +28,9 @@ def test_without_friction_the_slope_is_the_stiffness() -> None:
 
 
 def test_a_taut_pair_leaves_a_valley_and_slack_closes_it() -> None:
-    far = np.array([0.012]), np.array([12.5])
-    taut = parameters.valley(parameters.blocked_trial(parameters.CABLE, 1), *far)
+    distal = np.array([0.012]), np.array([12.5])
+    taut = parameters.valley(parameters.blocked_trial(parameters.CABLE, 1), *distal)
     slack = parameters.valley(
-        parameters.blocked_trial(parameters.CABLE, 2, peak=0.6), *far
+        parameters.blocked_trial(parameters.CABLE, 2, peak=0.6), *distal
     )
     assert slack[0, 0] > 2.0 * taut[0, 0]

@@ -10,11 +10,11 @@ from cc_mujoco.reproduce.experiments import predecessors
 
 
 def test_distributed_models_are_right_in_motion_and_before_it() -> None:
-    near = predecessors.motion()
-    truth = Distributed(CABLE.replace(segments=100)).replay(DT, near, SPRING)
-    unit = predecessors.cost(Distributed(CABLE), near)
+    proximal = predecessors.motion()
+    truth = Distributed(CABLE.replace(segments=100)).replay(DT, proximal, SPRING)
+    unit = predecessors.cost(Distributed(CABLE), proximal)
     found = [
-        predecessors.judge(kind(CABLE), near, truth, unit)
+        predecessors.judge(kind(CABLE), proximal, truth, unit)
         for kind in (StaticCapstan, PassiveDistributed, Distributed)
     ]
     static, passive, ours = found

@@ -152,10 +152,10 @@ class Whole:
         The way left shrinks as e^-s: time is a smooth function of s even where the
         target is the balance, which takes for ever to reach.
         """
-        way = target - null
+        slip_direction = target - null
 
         def pace(s: float) -> float:
-            rest = way * math.exp(-s)
+            rest = slip_direction * math.exp(-s)
             left, right = self.sides(bend, target - rest)
             lack = share * right - (1.0 - share) * left
             return 2.0 * left * right / (left + right) * rest / lack
@@ -165,7 +165,7 @@ class Whole:
             pairs = zip(_NODES, _WEIGHTS, strict=True)
             return half * sum(w * pace(middle + half * node) for node, w in pairs)
 
-        if abs(way) < 1e-13:
+        if abs(slip_direction) < 1e-13:
             return target, time
         for panel in range(_GRADING):
             used = spent(panel, 1.0)
@@ -175,6 +175,6 @@ class Whole:
                     return spent(start, width) - due
 
                 s = panel + brentq(late, 0.0, 1.0, xtol=1e-14)
-                return target - way * math.exp(-s), 0.0
+                return target - slip_direction * math.exp(-s), 0.0
             time -= used
         return target, time

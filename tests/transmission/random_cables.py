@@ -18,13 +18,13 @@ CABLES = {
     "static": lambda r: {"static_friction": r.uniform(1.0, 1.6)},
     "static_memory": lambda r: {
         "static_friction": r.uniform(1.0, 1.6),
-        "memory_length": 10 ** r.uniform(-4, -2),
+        "critical_slip_distance": 10 ** r.uniform(-4, -2),
     },
     "viscous": lambda r: {"viscous_friction": 10 ** r.uniform(0, 4)},
     "stribeck": lambda r: {
         "stribeck_friction": r.uniform(0.01, 0.15),
         "stribeck_speed": 10 ** r.uniform(-3, -1),
-        "memory_length": 10 ** r.uniform(-4, -2) * (r.random() < 0.5),
+        "critical_slip_distance": 10 ** r.uniform(-4, -2) * (r.random() < 0.5),
     },
     "asymmetric": lambda r: {"friction_asymmetry": r.uniform(-0.5, 0.5)},
     "presliding": lambda r: {"bristle_length": 10 ** r.uniform(-5, -3)},
@@ -35,12 +35,15 @@ CABLES = {
     "ageing": lambda r: {
         "ageing_friction": r.uniform(0.005, 0.03),
         "ageing_time": 0.1,
-        "memory_length": 10 ** r.uniform(-4, -2) * (r.random() < 0.7),
+        "critical_slip_distance": 10 ** r.uniform(-4, -2) * (r.random() < 0.7),
     },
     "drift": lambda r: {"friction_drift": r.uniform(-0.3, 0.3)},
     "heating": lambda r: {"friction_heating": r.uniform(-0.05, 0.05)},
     "stiffening": lambda r: {"stiffening": 10 ** r.uniform(-4, -2)},
-    "creep": lambda r: {"creep": r.uniform(0.0, 0.5), "creep_time": r.uniform(0.1, 3)},
+    "stress_relaxation": lambda r: {
+        "stress_relaxation": r.uniform(0.0, 0.5),
+        "relaxation_time": r.uniform(0.1, 3),
+    },
     "end_compliance": lambda r: {"end_compliance": 10 ** r.uniform(-6, -4)},
     "configuration_dependent": lambda r: {
         "wrap_growth": r.uniform(-20, 20),

@@ -69,7 +69,7 @@ def test_the_excess_of_a_rest_fades_over_the_memory_length():
         axial_stiffness=4e6,
         friction=0.1,
         ageing_friction=0.05,
-        memory_length=1e-3,
+        critical_slip_distance=1e-3,
     )
     for after in (5e-4, 1e-3, 3e-3):
         excess = 0.05 * math.log(1.0 + 10.0 * math.exp(-after / 1e-3))
@@ -81,7 +81,11 @@ def test_the_excess_of_a_rest_fades_over_the_memory_length():
 @pytest.mark.parametrize("speed", [0.002, 0.05])
 def test_contacts_that_slide_keep_the_age_of_one_memory_length(speed):
     """Ruina's steady state: age = memory length over speed."""
-    ageing = {"ageing_friction": 0.05, "ageing_time": 0.01, "memory_length": 1e-3}
+    ageing = {
+        "ageing_friction": 0.05,
+        "ageing_time": 0.01,
+        "critical_slip_distance": 1e-3,
+    }
     cable = BENT.replace(friction=0.1, **ageing)
     low, high = sliding(cable, speed)
     coefficient = 0.1 + 0.05 * math.log(1.0 + 1e-3 / speed / 0.01)
@@ -95,7 +99,7 @@ def test_age_is_kept_while_the_slip_has_not_taken_it():
         axial_stiffness=4e6,
         friction=0.1,
         ageing_friction=0.05,
-        memory_length=1e-2,
+        critical_slip_distance=1e-2,
     )
     conduit = Conduit(cable)
     conduit.step(1000.0, u_proximal=0.0, u_distal=0.0)
@@ -114,14 +118,14 @@ def test_age_is_kept_while_the_slip_has_not_taken_it():
     assert second == pytest.approx(first, rel=1e-3)
 
 
-@pytest.mark.parametrize("way", [-1.0, 1.0])
-def test_wrap_that_grows_with_the_distal_end(way):
+@pytest.mark.parametrize("slip_direction", [-1.0, 1.0])
+def test_wrap_that_grows_with_the_distal_end(slip_direction):
     cable = BENT.replace(wrap_growth=2.0, segments=20)
-    u = way * np.linspace(0.0, 0.2, 4000)
+    u = slip_direction * np.linspace(0.0, 0.2, 4000)
     motion = replay(cable, 1e-3, u_proximal=0.7 + u, u_distal=0.3 + u)
     ratio = np.log(motion.tension_distal[-1] / motion.tension_proximal[-1])
     wrap = BENT.wrap * (1.0 + 2.0 * u[-2])
-    assert way * ratio == pytest.approx(0.21 * wrap, rel=1e-9)
+    assert slip_direction * ratio == pytest.approx(0.21 * wrap, rel=1e-9)
 
 
 @pytest.mark.parametrize("segments", [1, 7, 20])

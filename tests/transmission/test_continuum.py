@@ -62,15 +62,15 @@ def test_pull_at_one_end_follows_the_closed_form(end: int) -> None:
     pull = pretension * density * (np.expm1(front) - front)
     slip = pull[-1] * np.linspace(1.1, 3.0, 10)
     rest = pretension * length / stiffness
-    far = (rest + slip) / (density * np.expm1(wrap))
+    distal = (rest + slip) / (density * np.expm1(wrap))
 
     locked = np.zeros(50)
     moved = np.concatenate([pull, slip])
     ends = (-moved, locked) if end == 0 else (locked, moved)
     tension = solve(sections, friction, stiffness, pretension, *ends)
-    expected = np.concatenate([pretension * np.exp(front), far * np.exp(wrap)])
+    expected = np.concatenate([pretension * np.exp(front), distal * np.exp(wrap)])
     np.testing.assert_allclose(tension[end], expected, rtol=1e-10)
-    expected = np.concatenate([np.full(40, pretension), far])
+    expected = np.concatenate([np.full(40, pretension), distal])
     np.testing.assert_allclose(tension[1 - end], expected, rtol=1e-10)
 
 
@@ -79,10 +79,10 @@ def test_pull_at_one_end_follows_the_closed_form(end: int) -> None:
 def test_full_slip_ratio_is_the_capstan_factor(cable: str, direction: float) -> None:
     sections, friction, stiffness, pretension = CABLES[cable]
     u = direction * np.linspace(0.0, 1.0, 30)
-    near, far = solve(sections, friction, stiffness, pretension, u, u)
+    proximal, distal = solve(sections, friction, stiffness, pretension, u, u)
     wrap = sum(length / radius for length, radius in sections)
     factor = np.exp(direction * friction * wrap)
-    np.testing.assert_allclose(far[1:] / near[1:], factor, rtol=1e-12)
+    np.testing.assert_allclose(distal[1:] / proximal[1:], factor, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -94,10 +94,10 @@ def test_frictionless_cable_is_a_spring(
     rng = np.random.default_rng(0)
     u = rng.normal(scale=5e-3, size=(2, 200))
     u -= u[:, :1]
-    near, far = solve(sections, friction, 3e3, 4.0, u[0], u[1])
+    proximal, distal = solve(sections, friction, 3e3, 4.0, u[0], u[1])
     expected = np.maximum(4.0 + 3e3 / 1.5 * (u[1] - u[0]), 0.0)
-    np.testing.assert_allclose(near, expected, atol=1e-9)
-    np.testing.assert_allclose(far, expected, atol=1e-9)
+    np.testing.assert_allclose(proximal, expected, atol=1e-9)
+    np.testing.assert_allclose(distal, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("sections", [WRIST, STRAIGHT_ENDS])
@@ -141,8 +141,10 @@ def test_null_point_drifts_as_the_balance_of_each_side_demands(sign: float) -> N
 
     def rates(_: float, tension: NDArray[np.float64]) -> NDArray[np.float64]:
         null = np.sqrt(tension.prod() * np.exp(-sign * wrap))
-        way = sign * np.array([4e-3, 1e-3])
-        rate: NDArray[np.float64] = tension * way / (density * sign * (tension - null))
+        slip_direction = sign * np.array([4e-3, 1e-3])
+        rate: NDArray[np.float64] = (
+            tension * slip_direction / (density * sign * (tension - null))
+        )
         return rate
 
     start = [cable.tension(0.0), cable.tension(2.0)]
@@ -158,10 +160,12 @@ def test_small_closed_cycle_repeats_and_takes_work() -> None:
     sections, friction, stiffness, pretension = CABLES["three_bends"]
     travel = np.array([0.0, -4e-4, 0.0, -4e-4, 0.0, -4e-4])
     u = np.interp(np.linspace(0, 5, 501), np.arange(6), travel)
-    near, far = solve(sections, friction, stiffness, pretension, u, np.zeros(501))
-    np.testing.assert_allclose(far, pretension, rtol=1e-12)
-    np.testing.assert_allclose(near[101:301], near[301:501], rtol=1e-10)
-    taken = [-np.trapezoid(near[i : i + 201], u[i : i + 201]) for i in (100, 300)]
+    proximal, distal = solve(
+        sections, friction, stiffness, pretension, u, np.zeros(501)
+    )
+    np.testing.assert_allclose(distal, pretension, rtol=1e-12)
+    np.testing.assert_allclose(proximal[101:301], proximal[301:501], rtol=1e-10)
+    taken = [-np.trapezoid(proximal[i : i + 201], u[i : i + 201]) for i in (100, 300)]
     assert taken[0] > 0.0
     assert taken[1] == pytest.approx(taken[0], rel=1e-10)
 
@@ -171,16 +175,16 @@ def test_slack_is_exactly_zero_and_forgets(cable: str) -> None:
     sections, friction, stiffness, pretension = CABLES[cable]
     rest = rest_stretch(cable)
     loosen = np.array([0.0, 2.0, 3.0, 0.5, 0.0]) * rest
-    near, far = solve(
+    proximal, distal = solve(
         sections, friction, stiffness, pretension, loosen, np.zeros_like(loosen)
     )
-    np.testing.assert_array_equal(near[1:3], 0.0)
-    np.testing.assert_array_equal(far[1:3], 0.0)
-    assert near[4] > far[4] > 0.0
+    np.testing.assert_array_equal(proximal[1:3], 0.0)
+    np.testing.assert_array_equal(distal[1:3], 0.0)
+    assert proximal[4] > distal[4] > 0.0
 
     fresh = Continuum(sections, friction, stiffness, 0.0)
     fresh.move(-rest, 0.0)
-    assert near[4] == pytest.approx(fresh.tension(0.0), rel=1e-12)
+    assert proximal[4] == pytest.approx(fresh.tension(0.0), rel=1e-12)
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -204,8 +208,8 @@ def test_strain_adds_up_and_slope_stays_in_the_cone(cable: str, name: str) -> No
     solver = Continuum(sections, friction, stiffness, pretension)
     u = motion(name, rest_stretch(cable), np.random.default_rng(3), samples=41)
     steps = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(zip(*u, strict=True))]
-    for i, (near, far) in enumerate(steps):
-        solver.move(near, far)
+    for i, (proximal, distal) in enumerate(steps):
+        solver.move(proximal, distal)
         if solver.profile is not None:
             slope = np.diff(solver.profile.log_tension) / np.diff(solver.profile.knots)
             np.testing.assert_allclose(slope, solver.profile.slopes, atol=1e-6)

@@ -38,23 +38,26 @@ def test_asymmetric_friction_in_steady_sliding():
 @pytest.mark.parametrize("static", [0.0, 0.5])
 def test_asymmetry_changes_sign_with_the_ends_exchanged(static):
     cable = BENT.replace(segments=20, static_friction=static, friction_asymmetry=0.3)
-    near, far = ends(1, size=4e-3)
-    one = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    proximal, distal = ends(1, size=4e-3)
+    one = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
     other = replay(
-        cable.replace(friction_asymmetry=-0.3), 1e-3, u_proximal=-far, u_distal=-near
+        cable.replace(friction_asymmetry=-0.3),
+        1e-3,
+        u_proximal=-distal,
+        u_distal=-proximal,
     )
     assert other.tension_distal == pytest.approx(one.tension_proximal, abs=1e-7)
     assert other.tension_proximal == pytest.approx(one.tension_distal, abs=1e-7)
 
 
 def test_asymmetric_friction_converges_with_the_mesh():
-    near, far = ends(3)
+    proximal, distal = ends(3)
     found = [
         replay(
             BENT.replace(segments=n, friction_asymmetry=0.5),
             1e-3,
-            u_proximal=near,
-            u_distal=far,
+            u_proximal=proximal,
+            u_distal=distal,
         ).tension_proximal
         for n in (25, 50, 100, 200)
     ]
@@ -65,15 +68,15 @@ def test_asymmetric_friction_converges_with_the_mesh():
 
 def test_end_spring_in_series_with_a_smooth_cable():
     cable = STRAIGHT.replace(friction=0.0, end_compliance=2e-4)
-    near, far = ends(0, size=4e-3)
-    motion = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    proximal, distal = ends(0, size=4e-3)
+    motion = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
     compliance = 2.0 / 4000.0 + 2e-4
-    tension = np.maximum(10.0 + (far - near) / compliance, 0.0)
+    tension = np.maximum(10.0 + (distal - proximal) / compliance, 0.0)
     assert motion.tension_proximal == pytest.approx(tension, abs=1e-9)
     assert motion.tension_distal == pytest.approx(tension, abs=1e-9)
     assert motion.stored == pytest.approx(0.5 * compliance * tension**2, abs=1e-12)
     assert motion.slack == pytest.approx(
-        np.maximum(near - far - 10.0 * compliance, 0.0), abs=1e-12
+        np.maximum(proximal - distal - 10.0 * compliance, 0.0), abs=1e-12
     )
 
 
@@ -81,15 +84,15 @@ def test_end_spring_in_series_with_a_smooth_cable():
 @pytest.mark.parametrize("terms", [{}, {"viscous_friction": 30.0}], ids=["march", "-"])
 def test_end_spring_is_that_of_a_cable_whose_end_moves_less(seed, terms):
     """The cable behind the spring is one without it, driven by what the spring left."""
-    near, far = ends(seed)
-    far = far + 0.02
-    far[0] = near[0]
+    proximal, distal = ends(seed)
+    distal = distal + 0.02
+    distal[0] = proximal[0]
     sprung = BENT.replace(end_compliance=3e-4, pretension=30.0, segments=25, **terms)
-    motion = replay(sprung, 1e-3, u_proximal=near, u_distal=far)
+    motion = replay(sprung, 1e-3, u_proximal=proximal, u_distal=distal)
     assert motion.slack.max() == 0.0
-    behind = far - 3e-4 * (motion.tension_distal - 30.0)
+    behind = distal - 3e-4 * (motion.tension_distal - 30.0)
     bare = sprung.replace(end_compliance=0.0)
-    alone = replay(bare, 1e-3, u_proximal=near, u_distal=behind)
+    alone = replay(bare, 1e-3, u_proximal=proximal, u_distal=behind)
     # A null point that passes the last segment is placed in it by the motion of its
     # ends, one of which is now the spring's; it is gone after a few samples.
     for ours, wanted in (
@@ -109,8 +112,8 @@ def pulled_to_and_fro(travel, samples=4000):
 
 def test_one_segment_on_bristles_is_elastic_and_perfectly_plastic():
     cable = BENT.replace(segments=1, bristle_length=2e-3, pretension=30.0)
-    near, far = pulled_to_and_fro(2e-2)
-    motion = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    proximal, distal = pulled_to_and_fro(2e-2)
+    motion = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
     # Two half cables in series with the bristles, and the slider behind them all.
     exponent = 0.21 * cable.wrap
     halves = 2.0 * (2.0 * 4000.0 / 2.0)
@@ -118,7 +121,7 @@ def test_one_segment_on_bristles_is_elastic_and_perfectly_plastic():
     stiffness = halves * bristles / (halves + bristles)
     limit = 2.0 * 30.0 * math.tanh(0.5 * exponent)
     force, forces = 0.0, []
-    for moved in np.diff(near, prepend=0.0):
+    for moved in np.diff(proximal, prepend=0.0):
         force = min(max(force + stiffness * moved, -limit), limit)
         forces.append(force)
     forces = np.array(forces)
@@ -130,17 +133,23 @@ def test_one_segment_on_bristles_is_elastic_and_perfectly_plastic():
 
 @pytest.mark.parametrize("static", [0.0, 0.4])
 def test_short_bristles_converge_to_coulomb_friction(static):
-    near, far = ends(5)
-    far = far + 0.02 * np.linspace(0.0, 1.0, far.size)
+    proximal, distal = ends(5)
+    distal = distal + 0.02 * np.linspace(0.0, 1.0, distal.size)
     cable = BENT.replace(segments=20, static_friction=static)
     # The same solver class without bristles: a null point is a segment's, not inside.
     rigid = replay(
-        cable.replace(viscous_friction=1e-12), 1e-3, u_proximal=near, u_distal=far
+        cable.replace(viscous_friction=1e-12),
+        1e-3,
+        u_proximal=proximal,
+        u_distal=distal,
     )
     errors = []
     for length in (1e-4, 1e-6, 1e-8):
         motion = replay(
-            cable.replace(bristle_length=length), 1e-3, u_proximal=near, u_distal=far
+            cable.replace(bristle_length=length),
+            1e-3,
+            u_proximal=proximal,
+            u_distal=distal,
         )
         errors.append(np.abs(motion.tension_distal - rigid.tension_distal))
     worst = [float(e.max()) / rigid.tension_distal.max() for e in errors]
@@ -152,13 +161,13 @@ def test_short_bristles_converge_to_coulomb_friction(static):
 
 
 def test_bristles_converge_with_the_mesh():
-    near, far = ends(4, size=4e-3)
+    proximal, distal = ends(4, size=4e-3)
     found = [
         replay(
             BENT.replace(segments=n, bristle_length=5e-4),
             1e-3,
-            u_proximal=near,
-            u_distal=far,
+            u_proximal=proximal,
+            u_distal=distal,
         ).tension_proximal
         for n in (10, 20, 40, 160)
     ]
@@ -177,9 +186,9 @@ def test_bristles_give_no_energy_when_the_tension_changes_between_load_and_unloa
     for path in (lap, lap[::-1]):
         laps = np.concatenate([path] * 6)
         # Columns: common motion of the ends, and how far they are pulled apart.
-        near, far = laps[:, 0] - laps[:, 1], laps[:, 0] + laps[:, 1]
-        near, far = near - near[0], far - far[0]
-        motion = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+        proximal, distal = laps[:, 0] - laps[:, 1], laps[:, 0] + laps[:, 1]
+        proximal, distal = proximal - proximal[0], distal - distal[0]
+        motion = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
         taken = work_in(motion) - (motion.stored - motion.stored[0])
         assert np.all(np.diff(taken[:: len(path)]) >= -1e-9)
         assert taken == pytest.approx(motion.dissipated, abs=2e-6)
@@ -205,15 +214,15 @@ def test_a_stiffening_cable_has_its_closed_form_whatever_the_path(spring):
     cable = STRAIGHT.replace(
         friction=0.0, stiffening=0.04, end_compliance=spring, segments=7
     )
-    near, far = ends(2, size=9e-3)
-    motion = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    proximal, distal = ends(2, size=9e-3)
+    motion = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
 
     def stretch(tension):
         taut = 2.0 * np.log1p(0.04 * np.maximum(tension, 0.0)) / (0.04 * 4000.0)
         return taut + spring * tension
 
     stretched = stretch(motion.tension_distal) - motion.slack
-    assert stretched == pytest.approx(stretch(10.0) + far - near, abs=1e-7)
+    assert stretched == pytest.approx(stretch(10.0) + distal - proximal, abs=1e-7)
     assert motion.slack.max() > 0.0
     largest = motion.tension_distal.max()
     assert motion.tension_proximal == pytest.approx(
@@ -227,38 +236,43 @@ def test_a_stiffening_cable_has_its_closed_form_whatever_the_path(spring):
 
 
 def test_a_little_stiffening_is_none_and_steps_do_not_matter():
-    near, far = ends(8, samples=2401, size=6e-3)  # all corners in every tenth sample
+    proximal, distal = ends(
+        8, samples=2401, size=6e-3
+    )  # all corners in every tenth sample
     cable = BENT.replace(segments=20, viscous_friction=1e-12)
-    straight = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    straight = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
     hardly = replay(
-        cable.replace(stiffening=1e-12), 1e-3, u_proximal=near, u_distal=far
+        cable.replace(stiffening=1e-12), 1e-3, u_proximal=proximal, u_distal=distal
     )
     assert hardly.tension_distal == pytest.approx(straight.tension_distal, abs=1e-6)
     stiff = cable.replace(stiffening=0.05)
-    coarse = replay(stiff, 1e-3, u_proximal=near[::10], u_distal=far[::10])
-    fine = replay(stiff, 1e-3, u_proximal=near, u_distal=far)
+    coarse = replay(stiff, 1e-3, u_proximal=proximal[::10], u_distal=distal[::10])
+    fine = replay(stiff, 1e-3, u_proximal=proximal, u_distal=distal)
     largest = fine.tension_distal.max()
     error = np.abs(coarse.tension_distal - fine.tension_distal[::10])
     assert error.max() < 0.02 * largest
     assert not np.allclose(fine.tension_distal, straight.tension_distal, rtol=0.05)
 
 
-def committed(cable, near, far, steps):
+def committed(cable, proximal, distal, steps):
     """State of the kernel after these motions of the ends."""
     prm, n, state = packed(cable), cable.segments, rest_state(cable)
     work, new = np.empty(kernel.work_size(n)), state.copy()
-    for a, b, dt in zip(near, far, steps, strict=True):
+    for a, b, dt in zip(proximal, distal, steps, strict=True):
         kernel.advance(prm, n, state, a, b, dt, new, work)
         state, new = new, state
     return state
 
 
 def test_a_stiffening_cable_keeps_the_stretch_of_its_ends():
-    near, far = ends(9)
+    proximal, distal = ends(9)
     cable = BENT.replace(segments=12, stiffening=0.02, end_compliance=1e-4)
-    prm, state = packed(cable), committed(cable, near, far, np.full(near.size, 1e-3))
+    prm, state = (
+        packed(cable),
+        committed(cable, proximal, distal, np.full(proximal.size, 1e-3)),
+    )
     rest = kernel.stretch(prm, 12, rest_state(cable))
-    wanted = rest + far[-1] - near[-1]
+    wanted = rest + distal[-1] - proximal[-1]
     assert kernel.stretch(prm, 12, state) == pytest.approx(wanted, abs=1e-12)
     assert state[3] == pytest.approx(wanted, abs=1e-12)
 
@@ -276,7 +290,7 @@ def resting(cable, time, steps=200):
 @pytest.mark.parametrize("steps", [1, 200])
 def test_creep_takes_the_pretension_of_the_rest_pose(other, steps):
     cable = STRAIGHT.replace(
-        friction=0.0, segments=9, creep=0.6, creep_time=30.0, **other
+        friction=0.0, segments=9, stress_relaxation=0.6, relaxation_time=30.0, **other
     )
     conduit = resting(cable, 45.0, steps)
     wanted = 10.0 * (1.0 - 0.6 * (1.0 - math.exp(-1.5)))
@@ -286,7 +300,7 @@ def test_creep_takes_the_pretension_of_the_rest_pose(other, steps):
 
 
 def test_creep_under_friction_slackens_and_keeps_the_books():
-    cable = BENT.replace(segments=15, creep=1.0, creep_time=5.0)
+    cable = BENT.replace(segments=15, stress_relaxation=1.0, relaxation_time=5.0)
     conduit = Conduit(cable)
     for u in np.linspace(0.0, 4e-3, 50):
         conduit.step(1e-3, u_proximal=u, u_distal=0.0)

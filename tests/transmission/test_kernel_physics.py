@@ -41,23 +41,26 @@ def wander(rng, samples, size, knots=12):
     return np.interp(at, np.linspace(0.0, 1.0, knots + 1), values)
 
 
-@pytest.mark.parametrize("way", [-1.0, 1.0])
-def test_full_slip_has_the_capstan_ratio(way):
+@pytest.mark.parametrize("slip_direction", [-1.0, 1.0])
+def test_full_slip_has_the_capstan_ratio(slip_direction):
     u = np.concatenate([np.linspace(0.0, 0.03, 50), np.linspace(0.03, 0.3, 300)])
     together = replay(
-        BENT, 1e-3, u_proximal=way * u, u_distal=way * u + np.minimum(u, 0.03)
+        BENT,
+        1e-3,
+        u_proximal=slip_direction * u,
+        u_distal=slip_direction * u + np.minimum(u, 0.03),
     )
     ratio = together.tension_distal[-1] / together.tension_proximal[-1]
-    assert ratio == pytest.approx(math.exp(way * 0.21 * BENT.wrap), rel=1e-9)
+    assert ratio == pytest.approx(math.exp(slip_direction * 0.21 * BENT.wrap), rel=1e-9)
     assert together.moving_fraction[-1] == 1.0
 
 
 def test_straight_conduit_obeys_hooke():
     rng = np.random.default_rng(0)
-    near, far = wander(rng, 500, 4e-3), wander(rng, 500, 4e-3) + 5e-3
-    far[0] = near[0] = 0.0
-    motion = replay(STRAIGHT, 1e-3, u_proximal=near, u_distal=far)
-    stretch = 10.0 * 2.0 / 4000.0 + far - near
+    proximal, distal = wander(rng, 500, 4e-3), wander(rng, 500, 4e-3) + 5e-3
+    distal[0] = proximal[0] = 0.0
+    motion = replay(STRAIGHT, 1e-3, u_proximal=proximal, u_distal=distal)
+    stretch = 10.0 * 2.0 / 4000.0 + distal - proximal
     tension = 4000.0 * np.maximum(stretch, 0.0) / 2.0
     assert motion.tension_proximal == pytest.approx(tension, abs=1e-9)
     assert motion.tension_distal == pytest.approx(tension, abs=1e-9)
@@ -91,8 +94,8 @@ def test_work_is_stored_or_dissipated_to_an_error_that_falls_with_the_step(terms
     for samples in (1001, 4001):
         rng = np.random.default_rng(4)
         dt = 4.0 / (samples - 1)
-        near, far = wander(rng, samples, 0.01), wander(rng, samples, 0.01)
-        motion = replay(cable, dt, u_proximal=near, u_distal=far)
+        proximal, distal = wander(rng, samples, 0.01), wander(rng, samples, 0.01)
+        motion = replay(cable, dt, u_proximal=proximal, u_distal=distal)
         balance = work_in(motion) - (motion.stored - motion.stored[0])
         errors.append(np.max(np.abs(balance - motion.dissipated)))
     assert errors[0] < 0.05 * motion.dissipated[-1]
@@ -105,10 +108,10 @@ def test_work_is_stored_or_dissipated_to_an_error_that_falls_with_the_step(terms
 def test_a_closed_cycle_returns_no_more_energy_than_it_took(terms, seed):
     rng = np.random.default_rng(seed)
     cable = BENT.replace(segments=15, **terms)
-    near, far = wander(rng, 800, 0.01, 6), wander(rng, 800, 0.01, 6)
+    proximal, distal = wander(rng, 800, 0.01, 6), wander(rng, 800, 0.01, 6)
     # There, and back to rest; the second lap starts and ends in the same place.
-    there = np.concatenate([near, near[::-1], near, near[::-1]])
-    back = np.concatenate([far, far[::-1], far, far[::-1]])
+    there = np.concatenate([proximal, proximal[::-1], proximal, proximal[::-1]])
+    back = np.concatenate([distal, distal[::-1], distal, distal[::-1]])
     motion = replay(cable, 1e-3, u_proximal=there, u_distal=back)
     lap = len(there) // 2 - 1
     gain = motion.stored[-1] - motion.stored[lap]
@@ -153,8 +156,10 @@ def test_tension_is_finite_and_never_negative(values, static, seed, size, dt):
         values["static_friction"] = min(values["friction"] + extra, 5.0)
     values["conduit"] = tuple(Section(*s) for s in values["conduit"])
     rng = np.random.default_rng(seed)
-    near, far = wander(rng, 60, size), wander(rng, 60, size)
-    motion = replay(Cable(**values), dt, u_proximal=near, u_distal=far, profile=True)
+    proximal, distal = wander(rng, 60, size), wander(rng, 60, size)
+    motion = replay(
+        Cable(**values), dt, u_proximal=proximal, u_distal=distal, profile=True
+    )
     for series in (motion.tension, motion.stored, motion.dissipated, motion.slack):
         assert np.all(np.isfinite(series))
         assert np.all(series >= 0.0)
@@ -166,12 +171,12 @@ def test_tension_is_finite_and_never_negative(values, static, seed, size, dt):
 def test_stretch_of_the_nodes_adds_up_to_that_of_the_ends(seed, segments):
     rng = np.random.default_rng(seed)
     cable = BENT.replace(segments=segments)
-    near, far = wander(rng, 300, 0.01), wander(rng, 300, 0.01)
-    motion = replay(cable, 1e-3, u_proximal=near, u_distal=far, profile=True)
+    proximal, distal = wander(rng, 300, 0.01), wander(rng, 300, 0.01)
+    motion = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal, profile=True)
     share = np.full(segments + 1, 2.0 / segments)
     share[[0, -1]] /= 2.0
     stretch = motion.tension @ share / 4000.0 - motion.slack
-    assert stretch == pytest.approx(0.005 + far - near, abs=1e-12)
+    assert stretch == pytest.approx(0.005 + distal - proximal, abs=1e-12)
 
 
 @given(seed=st.integers(0, 2**31))
@@ -179,8 +184,8 @@ def test_stretch_of_the_nodes_adds_up_to_that_of_the_ends(seed, segments):
 @example(seed=130)  # a null point in the last half segment of a cable let go
 def test_friction_stays_within_its_cone(seed):
     rng = np.random.default_rng(seed)
-    near, far = wander(rng, 400, 0.02), wander(rng, 400, 0.02)
-    motion = replay(BENT, 1e-3, u_proximal=near, u_distal=far, profile=True)
+    proximal, distal = wander(rng, 400, 0.02), wander(rng, 400, 0.02)
+    motion = replay(BENT, 1e-3, u_proximal=proximal, u_distal=distal, profile=True)
     low = np.minimum(motion.tension[:, 1:], motion.tension[:, :-1])
     high = np.maximum(motion.tension[:, 1:], motion.tension[:, :-1])
     assert np.all(high <= low * math.exp(0.21 * BENT.wrap / 50) * (1 + 1e-9) + 1e-9)
@@ -189,17 +194,19 @@ def test_friction_stays_within_its_cone(seed):
 @pytest.mark.parametrize("name", [n for n in TERMS_ON if n not in ("kinetic", "all")])
 def test_a_term_that_is_off_changes_nothing(name):
     rng = np.random.default_rng(2)
-    near, far = wander(rng, 2000, 0.02), wander(rng, 2000, 0.02)
-    plain = replay(BENT, 1e-3, u_proximal=near, u_distal=far)
+    proximal, distal = wander(rng, 2000, 0.02), wander(rng, 2000, 0.02)
+    plain = replay(BENT, 1e-3, u_proximal=proximal, u_distal=distal)
     shape = {
-        "memory_length": 3e-3,
+        "critical_slip_distance": 3e-3,
         "stribeck_speed": 0.2,
         "stribeck_exponent": 2.0,
         "ageing_time": 3.0,
-        "creep_time": 2.0,
+        "relaxation_time": 2.0,
     }
-    off = replay(BENT.replace(**shape), 1e-3, u_proximal=near, u_distal=far)
-    on = replay(BENT.replace(**TERMS_ON[name]), 1e-3, u_proximal=near, u_distal=far)
+    off = replay(BENT.replace(**shape), 1e-3, u_proximal=proximal, u_distal=distal)
+    on = replay(
+        BENT.replace(**TERMS_ON[name]), 1e-3, u_proximal=proximal, u_distal=distal
+    )
     assert np.array_equal(plain.tension_proximal, off.tension_proximal)
     assert np.array_equal(plain.tension_distal, off.tension_distal)
     assert not np.allclose(plain.tension_proximal, on.tension_proximal, atol=0.05)
@@ -225,7 +232,7 @@ def test_viscous_friction_in_steady_sliding():
 @pytest.mark.parametrize("speed", [0.005, 0.02, 0.1])
 def test_stribeck_friction_in_steady_sliding(speed):
     cable = BENT.replace(
-        stribeck_friction=0.15, stribeck_speed=0.02, memory_length=1e-3
+        stribeck_friction=0.15, stribeck_speed=0.02, critical_slip_distance=1e-3
     )
     low, high = sliding(cable, speed)
     coefficient = 0.21 + 0.15 * math.exp(-speed / 0.02)
@@ -291,7 +298,7 @@ def test_static_friction_across_one_segment_fades_with_the_mesh():
 
 
 def test_static_friction_with_a_memory_length_does_not_depend_on_the_mesh():
-    cable = BENT.replace(static_friction=0.63, memory_length=5e-3)
+    cable = BENT.replace(static_friction=0.63, critical_slip_distance=5e-3)
     peaks = [break_away(cable.replace(segments=n)) for n in (50, 100, 200)]
     assert peaks[1] > 1.0
     assert peaks[0] == pytest.approx(peaks[2], rel=0.05)
@@ -300,17 +307,17 @@ def test_static_friction_with_a_memory_length_does_not_depend_on_the_mesh():
 
 def test_tension_modes_invert_the_position_mode():
     rng = np.random.default_rng(8)
-    near, far = wander(rng, 1500, 0.008), wander(rng, 1500, 0.008) + 0.012
-    far[0] = near[0]
+    proximal, distal = wander(rng, 1500, 0.008), wander(rng, 1500, 0.008) + 0.012
+    distal[0] = proximal[0]
     cable = BENT.replace(segments=30, pretension=40.0)
-    by_position = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    by_position = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
     assert by_position.tension_distal.min() > 0.0
     pulled = replay(
-        cable, 1e-3, tension_proximal=by_position.tension_proximal, u_distal=far
+        cable, 1e-3, tension_proximal=by_position.tension_proximal, u_distal=distal
     )
     # Friction holds a range of tensions at one position, not of positions at one
     # tension: the way back is unique up to the null point's share of a segment.
-    assert pulled.u_proximal == pytest.approx(near, abs=2e-4)
+    assert pulled.u_proximal == pytest.approx(proximal, abs=2e-4)
     assert pulled.tension_distal == pytest.approx(by_position.tension_distal, abs=1.0)
 
 

@@ -81,7 +81,7 @@ def test_every_term_says_its_law_and_whose_it_is(name):
 def test_static_friction_is_constant_unless_it_weakens():
     held = Cable(static_friction=0.3)
     assert held.terms["static_friction"].depends_on == ()
-    weakening = held.replace(memory_length=1e-3)
+    weakening = held.replace(critical_slip_distance=1e-3)
     assert weakening.terms["static_friction"].depends_on == ("history",)
 
 

@@ -73,8 +73,8 @@ def beyond_friction(cable, tension):
 def test_no_segment_carries_more_than_friction_holds(term, seed):
     rng = np.random.default_rng(seed)
     cable = cable_of(rng, term)
-    near, far = motion_of(rng, cable)
-    motion = replay(cable, 1e-3, u_proximal=near, u_distal=far, profile=True)
+    proximal, distal = motion_of(rng, cable)
+    motion = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal, profile=True)
     assert beyond_friction(cable, motion.tension) < 1e-9
 
 
@@ -84,8 +84,8 @@ def test_no_segment_carries_more_than_friction_holds(term, seed):
 def test_friction_never_acts_with_the_slip(term, seed):
     rng = np.random.default_rng(seed)
     cable = cable_of(rng, term)
-    near, far = motion_of(rng, cable)
-    motion = replay(cable, 1e-3, u_proximal=near, u_distal=far, profile=True)
+    proximal, distal = motion_of(rng, cable)
+    motion = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal, profile=True)
     friction = np.diff(motion.tension, axis=1)
     rounding = 1e-9 * (motion.tension.max() + 1.0)
     assert np.all(friction * motion.direction >= -rounding)
@@ -100,13 +100,15 @@ def test_energy_of_bristles_adds_up_where_the_cable_goes_slack(drag, seed):
         pretension=rng.choice([0.5, 2.0, 10.0]),
         bristle_length=10 ** rng.uniform(-5, -3),
     )
-    near, far = motion_of(rng, cable)
-    fine = np.arange(0.0, near.size - 1, 1.0 / 16.0)
-    near, far = (np.interp(fine, np.arange(near.size), end) for end in (near, far))
-    motion = replay(cable, 1e-3 / 16.0, u_proximal=near, u_distal=far)
+    proximal, distal = motion_of(rng, cable)
+    fine = np.arange(0.0, proximal.size - 1, 1.0 / 16.0)
+    proximal, distal = (
+        np.interp(fine, np.arange(proximal.size), end) for end in (proximal, distal)
+    )
+    motion = replay(cable, 1e-3 / 16.0, u_proximal=proximal, u_distal=distal)
     pull, give = motion.tension_distal, motion.tension_proximal
-    work = 0.5 * (pull[1:] + pull[:-1]) @ np.diff(far)
-    work -= 0.5 * (give[1:] + give[:-1]) @ np.diff(near)
+    work = 0.5 * (pull[1:] + pull[:-1]) @ np.diff(distal)
+    work -= 0.5 * (give[1:] + give[:-1]) @ np.diff(proximal)
     stored = motion.stored[-1] - motion.stored[0]
     scale = motion.stored.max() + motion.dissipated[-1] + 1e-6
     assert abs(work - stored - motion.dissipated[-1]) < 0.02 * scale
@@ -118,9 +120,9 @@ def test_energy_of_bristles_adds_up_where_the_cable_goes_slack(drag, seed):
 def test_a_cable_turned_around_pulls_alike(term, seed):
     rng = np.random.default_rng(seed)
     cable = cable_of(rng, term)
-    near, far = motion_of(rng, cable)
-    one = replay(cable, 1e-3, u_proximal=near, u_distal=far)
-    other = replay(turned_around(cable), 1e-3, u_proximal=-far, u_distal=-near)
+    proximal, distal = motion_of(rng, cable)
+    one = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
+    other = replay(turned_around(cable), 1e-3, u_proximal=-distal, u_distal=-proximal)
     assert difference(one.tension_proximal, other.tension_distal) < 5e-3
     assert difference(one.tension_distal, other.tension_proximal) < 5e-3
 
@@ -130,10 +132,10 @@ def test_a_cable_turned_around_pulls_alike(term, seed):
 def test_static_friction_barely_above_kinetic_changes_nothing(seed):
     rng = np.random.default_rng(seed)
     cable = cable_of(rng)
-    near, far = motion_of(rng, cable)
-    kinetic = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    proximal, distal = motion_of(rng, cable)
+    kinetic = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
     static = cable.replace(static_friction=cable.friction * (1.0 + 1e-6))
-    held = replay(static, 1e-3, u_proximal=near, u_distal=far)
+    held = replay(static, 1e-3, u_proximal=proximal, u_distal=distal)
     assert difference(held.tension_proximal, kinetic.tension_proximal) < 1e-3
     assert difference(held.tension_distal, kinetic.tension_distal) < 1e-3
 
@@ -144,9 +146,11 @@ def test_static_friction_barely_above_kinetic_changes_nothing(seed):
 def test_a_vanishing_term_changes_nothing(term, small, seed):
     rng = np.random.default_rng(seed)
     cable = cable_of(rng).replace(pretension=20.0, segments=50)
-    near, far = motion_of(rng, cable)
-    without = replay(cable, 1e-3, u_proximal=near, u_distal=far)
-    there = replay(cable.replace(**{term: small}), 1e-3, u_proximal=near, u_distal=far)
+    proximal, distal = motion_of(rng, cable)
+    without = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
+    there = replay(
+        cable.replace(**{term: small}), 1e-3, u_proximal=proximal, u_distal=distal
+    )
     # Not smaller: these terms resolve the point where motion turns to a segment only.
     assert difference(there.tension_proximal, without.tension_proximal) < 0.1
     assert difference(there.tension_distal, without.tension_distal) < 0.1
@@ -157,13 +161,15 @@ def test_a_vanishing_term_changes_nothing(term, small, seed):
 def test_a_prescribed_tension_pulls_the_other_end_as_far_as_friction_lets_it(seed):
     rng = np.random.default_rng(seed)
     cable = cable_of(rng)
-    near, far = motion_of(rng, cable)
-    pull = 50.0 + 40.0 * near / max(np.abs(near).max(), 1e-12)
-    motion = replay(cable, 1e-3, tension_proximal=pull, u_distal=far)
+    proximal, distal = motion_of(rng, cable)
+    pull = 50.0 + 40.0 * proximal / max(np.abs(proximal).max(), 1e-12)
+    motion = replay(cable, 1e-3, tension_proximal=pull, u_distal=distal)
     ratio = math.exp(cable.friction * cable.wrap) * (1.0 + 1e-9)
     assert np.all(motion.tension_distal <= pull * ratio)
     assert np.all(motion.tension_distal * ratio >= pull)
-    mirrored = replay(turned_around(cable), 1e-3, u_proximal=-far, tension_distal=pull)
+    mirrored = replay(
+        turned_around(cable), 1e-3, u_proximal=-distal, tension_distal=pull
+    )
     assert difference(mirrored.tension_proximal, motion.tension_distal) < 1e-3
     assert difference(-mirrored.u_distal, motion.u_proximal) < 1e-3
 
@@ -178,8 +184,10 @@ def test_a_stiffening_cable_is_pulled_far_in_one_step(pulled):
         segments=10,
         stiffening=0.05,
     )
-    near = np.array([0.0, -pulled, -pulled, -pulled])
-    motion = replay(cable, 1e-3, u_proximal=near, u_distal=0.0 * near, profile=True)
+    proximal = np.array([0.0, -pulled, -pulled, -pulled])
+    motion = replay(
+        cable, 1e-3, u_proximal=proximal, u_distal=0.0 * proximal, profile=True
+    )
     assert np.all(np.diff(motion.tension[1]) < 0.0)
     assert beyond_friction(cable, motion.tension[1:]) < 1e-4
     assert motion.tension[3] == pytest.approx(motion.tension[1], rel=1e-4)
@@ -195,14 +203,14 @@ def test_slack_cable_with_drag_carries_no_more_than_its_drag():
         conduit=(Section(0.09, math.inf), Section(0.12, 0.1), Section(0.09, math.inf)),
     )
     time = np.arange(0.0, 2.0, 1e-3)
-    near = 0.01 * np.sin(2 * np.pi * 1.3 * time)
-    far = 0.01 * np.sin(2 * np.pi * 2.9 * time)
-    dragged = replay(cable, 1e-3, u_proximal=near, u_distal=far)
+    proximal = 0.01 * np.sin(2 * np.pi * 1.3 * time)
+    distal = 0.01 * np.sin(2 * np.pi * 2.9 * time)
+    dragged = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
     free = replay(
         cable.replace(load_independent_friction=0.0),
         1e-3,
-        u_proximal=near,
-        u_distal=far,
+        u_proximal=proximal,
+        u_distal=distal,
     )
     slack = (free.tension_distal == 0.0) & (free.tension_proximal == 0.0)
     assert np.sum(slack) > 500
@@ -240,14 +248,14 @@ def test_a_motor_torque_on_two_cables_reaches_the_joint():
     swing = 0.3 * np.sin(2 * np.pi * 1.5 * time)
     torque = 0.3 * np.sin(2 * np.pi * 0.4 * time)
     motion = drive.replay(1e-3, motor_torque=torque, joint_angle=swing)
-    near, far = motion.tension_proximal, motion.tension_distal
+    proximal, distal = motion.tension_proximal, motion.tension_distal
     ratio = math.exp(cable.friction * cable.wrap)
     # But in single steps, where fronts meet.
     assert np.mean(np.abs(motion.motor_torque - torque) < 1e-6) > 0.99
-    taut = near > 1.0
+    taut = proximal > 1.0
     assert taut.mean() > 0.9
-    assert np.all(far[taut] * ratio * (1 + 1e-9) >= near[taut])
-    assert np.all(near[taut] * ratio * (1 + 1e-9) >= far[taut])
+    assert np.all(distal[taut] * ratio * (1 + 1e-9) >= proximal[taut])
+    assert np.all(proximal[taut] * ratio * (1 + 1e-9) >= distal[taut])
 
 
 def test_drag_far_stiffer_than_the_cable_keeps_its_accuracy():

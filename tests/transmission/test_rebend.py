@@ -116,8 +116,8 @@ def travelling(segments):
                 Section(LENGTH - middle - 0.3, 1.0),
             ]
         )
-        far = 0.01 * math.sin(2.1 * at)
-        conduit.step(1e-3, u_proximal=-0.015 * math.sin(at), u_distal=far)
+        distal = 0.01 * math.sin(2.1 * at)
+        conduit.step(1e-3, u_proximal=-0.015 * math.sin(at), u_distal=distal)
         tensions.append((conduit.tension_proximal, conduit.tension_distal))
     return np.array(tensions)
 

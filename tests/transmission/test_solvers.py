@@ -22,22 +22,22 @@ def chain(rng, n, drag):
     return tension, stiffness, growth, np.full(n, drag), ends
 
 
-def by_march(n, tension, stiffness, growth, drag, near, far):
+def by_march(n, tension, stiffness, growth, drag, proximal, distal):
     shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(10 * (n + 1))
     ok = march(
-        n, tension, 1.0 / stiffness, growth, growth, growth, drag, near, far,
+        n, tension, 1.0 / stiffness, growth, growth, growth, drag, proximal, distal,
         shift, node, work,
     )  # fmt: skip
     return ok, shift, node
 
 
-def by_sweep(n, tension, stiffness, growth, drag, near, far):
+def by_sweep(n, tension, stiffness, growth, drag, proximal, distal):
     shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(10 * (n + 1))
     sweep(
         n, tension, stiffness, growth, growth, growth.copy(), growth.copy(), drag,
         np.zeros(n),
-        tension[0] - stiffness[0] * near, stiffness[0],
-        tension[n] + stiffness[n] * far, stiffness[n], shift, node, work,
+        tension[0] - stiffness[0] * proximal, stiffness[0],
+        tension[n] + stiffness[n] * distal, stiffness[n], shift, node, work,
     )  # fmt: skip
     return shift, node
 

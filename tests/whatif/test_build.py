@@ -69,10 +69,10 @@ def test_pulleys_and_lever_set_the_ratio(builder: Builder) -> None:
     data.qvel[int(model.joint(setup.joint).dofadr[0])] = 1.0
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)
-    for near, far in _ends(model):
-        arm = data.actuator_velocity[far]
+    for proximal, distal in _ends(model):
+        arm = data.actuator_velocity[distal]
         assert abs(arm) == pytest.approx(0.09, rel=1e-3)
-        assert abs(model.actuator_gear[near, 0]) == 0.03
+        assert abs(model.actuator_gear[proximal, 0]) == 0.03
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_the_stable_step_is_that_of_the_model(scene: str) -> None:
 def _ends(model: mujoco.MjModel) -> list[tuple[int, int]]:
     found = []
     for index in range(model.nplugin):
-        near, far = np.flatnonzero(model.actuator_plugin == index)
+        proximal, distal = np.flatnonzero(model.actuator_plugin == index)
         out = model.actuator_outadr
-        found.append((int(out[near]), int(out[far])))
+        found.append((int(out[proximal]), int(out[distal])))
     return found

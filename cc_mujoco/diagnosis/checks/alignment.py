@@ -15,7 +15,7 @@ import numpy as np
 from scipy.signal import correlate
 
 from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
-from cc_mujoco.diagnosis.data.findings import Finding, fix, note
+from cc_mujoco.diagnosis.data.findings import Finding, error, warning
 from cc_mujoco.diagnosis.data.smoothing import velocity
 from cc_mujoco.diagnosis.data.trials import FloatArray, Trial
 
@@ -183,19 +183,19 @@ def check_alignment(trial: Trial) -> list[Finding]:
             f"{1e3 * grown:.3g} ms within the trial ({1e6 * a.drift:.0f} ppm), so "
             "they run on two clocks; record on one, or declare the clock of each."
         )
-        return [fix(told, trial.name, JOINT_ANGLE)]
+        return [error(told, trial.name, JOINT_ANGLE)]
     if abs(a.delay) > FAR and a.gain > 0.1:
         told = (
             f"{trial.path}: {joint} comes {_late(a.delay)} {motor}; declare its "
             "delay or record on one clock."
         )
-        return [fix(told, trial.name, JOINT_ANGLE)]
+        return [error(told, trial.name, JOINT_ANGLE)]
     if abs(a.delay) > max(0.01, 2.0 * trial.step):
         told = (
             f"{trial.path}: {joint} comes {_late(a.delay)} {motor}, by lost motion, "
             "elasticity or a delay."
         )
-        return [note(told, trial.name, JOINT_ANGLE)]
+        return [warning(told, trial.name, JOINT_ANGLE)]
     return []
 
 

@@ -24,7 +24,7 @@ from cc_mujoco.diagnosis.checks.signs import (
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
-from cc_mujoco.diagnosis.data.findings import Finding, fix, note
+from cc_mujoco.diagnosis.data.findings import Finding, error, warning
 from cc_mujoco.diagnosis.data.reading import Recording
 from cc_mujoco.diagnosis.data.smoothing import velocity
 from cc_mujoco.diagnosis.data.trials import Facts, FloatArray, Trial
@@ -97,7 +97,7 @@ def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
         f"but {ratio:.3g} in the scene; perhaps {likely}."
     )
     impossible = not 0.25 < apart < 4.0
-    return [(fix if impossible else note)(told, trial.name)]
+    return [(error if impossible else warning)(told, trial.name)]
 
 
 def check_bench(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
@@ -139,7 +139,7 @@ def _loads(trial: Trial, bench: Bench) -> list[Finding]:
                 f"{share:.3g} times the pretension of the scene; perhaps it is in mNm: "
                 f"declare [columns.{channel}] unit = 'mNm'."
             )
-            findings.append(fix(told, trial.name, channel))
+            findings.append(error(told, trial.name, channel))
     return findings
 
 
@@ -155,7 +155,7 @@ def _locked(recording: Recording, facts: Facts) -> list[Finding]:
         f"{recording.column(channel)} moves by {moved:.3g} rad, though "
         f"locked = {facts.locked!r} says that it was held fast."
     )
-    return [fix(told, recording.name, channel)]
+    return [error(told, recording.name, channel)]
 
 
 def _constants(recording: Recording, facts: Facts) -> list[Finding]:
@@ -174,7 +174,7 @@ def _constants(recording: Recording, facts: Facts) -> list[Finding]:
         if channel in _ANGLES.values():
             side = "motor" if channel == channels.MOTOR_ANGLE else "joint"
             advice += f", or declare locked = {side!r} if it was held fast"
-        findings.append(fix(f"{where}; {advice}.", recording.name, channel))
+        findings.append(error(f"{where}; {advice}.", recording.name, channel))
     return findings
 
 
@@ -204,7 +204,7 @@ def _clipping(recording: Recording) -> list[Finding]:
                 f"{flat.sum()} rows, as if cut off {side}; use a sensor of wider range "
                 "or mark these rows invalid."
             )
-            findings.append(fix(told, recording.name, channel))
+            findings.append(error(told, recording.name, channel))
     return findings
 
 
@@ -220,13 +220,13 @@ def _degrees(recording: Recording, file: DatasetFile) -> list[Finding]:
         told = f"{recording.column(channel)} covers {turns:.3g} turns"
         label = recording.labels.get(channel, channel)
         if file.source(channel).unit or file.unit(channel, label) == "deg":
-            findings.append(note(f"{told}, as declared.", recording.name, channel))
+            findings.append(warning(f"{told}, as declared.", recording.name, channel))
             continue
         advice = (
             f"declare [columns.{channel}] unit = 'deg' if it is in degrees, or 'rad'"
         )
         findings.append(
-            fix(f"{told} if it is in radians; {advice}.", recording.name, channel)
+            error(f"{told} if it is in radians; {advice}.", recording.name, channel)
         )
     return findings
 
@@ -246,7 +246,7 @@ def _second_clock(recording: Recording, file: DatasetFile) -> list[Finding]:
     declared = {file.source(channel).clock for channel in recording.values}
     used = {*declared, *recording.labels.values()}
     return [
-        fix(
+        error(
             f"{recording.path} has times of its own in column {name}; say in "
             f"dataset.toml which channels they belong to: clock = {name!r}.",
             recording.name,
@@ -262,5 +262,5 @@ def _motion(trial: Trial) -> list[Finding]:
     turn = np.abs(velocity(trial.joint_angle, trial.step, trial.segments))
     if np.nanmax(speed) * trial.duration < 1e-3 > np.nanmax(turn) * trial.duration:
         told = f"{trial.path}: neither side moves by more than a milliradian."
-        return [note(told, trial.name)]
+        return [warning(told, trial.name)]
     return []

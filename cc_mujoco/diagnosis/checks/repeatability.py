@@ -15,7 +15,7 @@ import numpy as np
 from scipy.signal import correlate
 
 from cc_mujoco.diagnosis.data.channels import MOTOR_ANGLE
-from cc_mujoco.diagnosis.data.findings import Finding, fix
+from cc_mujoco.diagnosis.data.findings import Finding, error
 from cc_mujoco.diagnosis.data.trials import Dataset, FloatArray, Floor, Trial
 
 _PERIODIC = 0.98  # correlation of a periodic motion with the next period
@@ -49,7 +49,7 @@ def floor_of(dataset: Dataset) -> tuple[dict[str, Floor], list[Finding]]:
             f"{trial.path} is declared a repeat of {original.name}, but its motor "
             "moves otherwise; correct repeat_of."
         )
-        findings.append(fix(told, trial.name))
+        findings.append(error(told, trial.name))
     source: Literal["repeats", "periods", "noise"] = "repeats"
     if not pairs:
         source = "periods"

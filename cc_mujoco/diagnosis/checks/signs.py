@@ -27,7 +27,7 @@ from cc_mujoco.diagnosis.data.channels import (
     MOTOR_ANGLE,
     MOTOR_TORQUE,
 )
-from cc_mujoco.diagnosis.data.findings import Finding, fix, note
+from cc_mujoco.diagnosis.data.findings import Finding, error, warning
 from cc_mujoco.diagnosis.data.smoothing import velocity
 from cc_mujoco.diagnosis.data.trials import Trial
 
@@ -147,7 +147,7 @@ def check_signs(group: Group) -> list[Finding]:
         # Torques also oppose each other where both sides drive against friction.
         known = friction < _DRAGGED * m.scale and math.isfinite(m.doubt)
         certain = known or len(trials) >= _SEVERAL
-    return [(fix if certain else note)(sentence, _name(trials))]
+    return [(error if certain else warning)(sentence, _name(trials))]
 
 
 def _files(trials: list[Trial]) -> str:
@@ -222,7 +222,7 @@ def check_units(group: Group) -> list[Finding]:
         f"motor torque is {m.torque_ratio:.3g} of joint torque, which cannot be; "
         f"{f'perhaps {advice}' if advice else 'check units and columns'}."
     )
-    return [fix(sentence, _name(trials))]
+    return [error(sentence, _name(trials))]
 
 
 def check_sizes(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Finding]:
@@ -254,7 +254,7 @@ def check_sizes(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Fin
                 f"most {usual:.3g} in other trials; perhaps it is in mNm: call it "
                 f"{channel.removesuffix('_nm')}_mnm there."
             )
-            findings.append(fix(told, trial.name, channel))
+            findings.append(error(told, trial.name, channel))
     return findings
 
 
@@ -276,7 +276,7 @@ def check_ratios(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Fi
         return []
     usual = float(np.median([abs(ratio) for _, ratio in certain]))
     return [
-        fix(
+        error(
             f"{trial.path}: the joint turns {ratio:.3g} rad per motor radian, but "
             f"{usual:.3g} in the other trials; check the units of its angles.",
             trial.name,

@@ -92,7 +92,7 @@ class Bench:
         found = {name: _ends(spec, model, path, name) for name in cables}
         # Positive motor rotation draws the agonist towards the motor: negative gear.
         order = sorted(found, key=lambda name: found[name][1])
-        (motor, near, joint, far) = found[order[0]]
+        (motor, proximal, joint, distal) = found[order[0]]
         signs = [(found[n][1] < 0.0, found[n][3] < 0.0) for n in order]
         wanted = [(True, True), (False, False)][: len(order)]
         if signs != wanted:
@@ -107,7 +107,7 @@ class Bench:
                     f"scene {path}: cables {order[0]} and {name} connect different "
                     "joints; a pull-pull pair has both in common"
                 )
-            if (-found[name][1], -found[name][3]) != (near, far):
+            if (-found[name][1], -found[name][3]) != (proximal, distal):
                 raise CableError(
                     f"scene {path}: cables {order[0]} and {name} have pulleys of "
                     "different radii; a pull-pull pair shares both pulleys"
@@ -119,8 +119,8 @@ class Bench:
             tuple(cables[name] for name in order),
             motor,
             joint,
-            abs(near),
-            abs(far),
+            abs(proximal),
+            abs(distal),
         )
 
 
@@ -140,8 +140,8 @@ def _ends(
                 "needs both ends on pulleys of hinge joints"
             )
         ends += [_driven(model, str(actuator.target)), float(actuator.gear[0])]
-    motor, near, output, far = ends
-    return str(motor), float(near), str(output), float(far)
+    motor, proximal, output, distal = ends
+    return str(motor), float(proximal), str(output), float(distal)
 
 
 def _driven(model: mujoco.MjModel, joint: str) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis.data.channels import TEMPERATURE, TIME, VALID
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
-from cc_mujoco.diagnosis.data.findings import Finding, fix, note
+from cc_mujoco.diagnosis.data.findings import Finding, error, warning
 from cc_mujoco.diagnosis.data.reading import Recording
 from cc_mujoco.diagnosis.data.trials import Facts, FloatArray
 
@@ -61,7 +61,7 @@ def lay_out(
     if recording.rows < 2:
         rows = "one row of data" if recording.rows else "no rows of data"
         told = f"{recording.path} has {rows}; a trial needs at least {SHORTEST} s."
-        return None, [fix(told, name)]
+        return None, [error(told, name)]
     usable, found = _increasing(recording)
     findings += found
     if usable is None:
@@ -84,7 +84,7 @@ def lay_out(
                 f"has no stretch of {SHORTEST} s without a gap or a missing reading; "
                 "record without interruption."
             )
-        findings.append(fix(f"{recording.path} {told}", name))
+        findings.append(error(f"{recording.path} {told}", name))
         return None, findings
     values.pop(VALID, None)
     track, found = _even(recording, Track(time, values, segments, step))
@@ -104,9 +104,9 @@ def _increasing(
         lost = len(time) - len(rows)
         if lost > _MANY_MISSING * len(time) or len(rows) < 2:
             told = f"{where} lacks {lost} of {len(time)} times; every row needs one."
-            return None, [fix(told, name, TIME)]
+            return None, [error(told, name, TIME)]
         findings.append(
-            note(f"{where} lacks {lost} times; their rows are left out.", name, TIME)
+            warning(f"{where} lacks {lost} times; their rows are left out.", name, TIME)
         )
         time = time[rows]
     change = np.diff(time)
@@ -116,7 +116,7 @@ def _increasing(
         many = f", and {back - 1} more times" if back > 1 else ""
         return None, [
             *findings,
-            fix(
+            error(
                 f"{where} goes back from {time[k]:.6g} to {time[k + 1]:.6g} s at row "
                 f"{k + 2}{many}; time must increase, so split recordings that were "
                 "joined and bring channels to one clock.",
@@ -127,14 +127,14 @@ def _increasing(
     same = int(np.count_nonzero(change == 0))
     if same == len(change):
         told = f"{where} is {time[0]:.6g} s in every row; time must increase."
-        return None, [*findings, fix(told, name, TIME)]
+        return None, [*findings, error(told, name, TIME)]
     if same:
         told = f"{where} repeats the time of the row before in {same} rows"
         if same > _MANY_DUPLICATES * len(change):
             advice = "write times with more digits, or the clock is too coarse."
-            findings.append(fix(f"{told}; {advice}", name, TIME))
+            findings.append(error(f"{told}; {advice}", name, TIME))
         else:
-            findings.append(note(f"{told}; the first of each is used.", name, TIME))
+            findings.append(warning(f"{told}; the first of each is used.", name, TIME))
         kept = np.concatenate([[True], change > 0])
         rows = np.arange(len(recording.values[TIME]))[rows][kept]
     return rows, findings
@@ -150,10 +150,10 @@ def _rate(recording: Recording, step: float) -> tuple[float, list[Finding]]:
             text += (
                 f", or declare [columns.{TIME}] unit = 'ms' if that is what it holds"
             )
-        return rate, [fix(f"{text}.", recording.name, TIME)]
+        return rate, [error(f"{text}.", recording.name, TIME)]
     if rate < SLOW:
         text = f"{told} blur what happens at reversals; 200 or more are better."
-        return rate, [note(text, recording.name, TIME)]
+        return rate, [warning(text, recording.name, TIME)]
     return rate, []
 
 
@@ -208,11 +208,11 @@ def _counts(
     if mask is not None:
         if not np.isin(mask[~np.isnan(mask)], (0.0, 1.0)).all():
             told = "holds other numbers than 0 and 1; 1 means that the row counts."
-            findings.append(fix(f"{recording.column(VALID)} {told}", name, VALID))
+            findings.append(error(f"{recording.column(VALID)} {told}", name, VALID))
         good &= mask == 1.0
         if not good.any():
             told = "is 1 in no row; 1 means that the row counts."
-            findings.append(fix(f"{recording.column(VALID)} {told}", name, VALID))
+            findings.append(error(f"{recording.column(VALID)} {told}", name, VALID))
     if facts.valid is not None:
         inside = np.zeros(len(time), dtype=bool)
         for start, stop in facts.valid:
@@ -220,7 +220,7 @@ def _counts(
         if not inside.any():
             told = f"has no sample in the stretches declared valid, {facts.valid}"
             ends = f"its times are {time[0]:.6g} to {time[-1]:.6g} s"
-            findings.append(fix(f"{recording.path} {told}; {ends}.", name))
+            findings.append(error(f"{recording.path} {told}; {ends}.", name))
         good &= inside
     total = max(1, int(np.count_nonzero(good)))
     for channel, value in tuple(values.items()):
@@ -231,13 +231,13 @@ def _counts(
         told = f"{recording.column(channel)} lacks {lost} of {total} readings"
         if channel == TEMPERATURE:  # which is only told, and worth no trial
             del values[channel]
-            findings.append(note(f"{told}; it is left out.", name, channel))
+            findings.append(warning(f"{told}; it is left out.", name, channel))
         elif lost > _MANY_MISSING * total:
             advice = "repair the sensor or leave the trial out."
-            findings.append(fix(f"{told}; {advice}", name, channel))
+            findings.append(error(f"{told}; {advice}", name, channel))
         else:
             advice = "the trial is split there and nothing is filled in."
-            findings.append(note(f"{told}; {advice}", name, channel))
+            findings.append(warning(f"{told}; {advice}", name, channel))
     for channel, value in values.items():
         if channel != VALID:
             good &= ~np.isnan(value)
@@ -255,7 +255,7 @@ def _gaps(
     if gap.any():
         longest = int(np.argmax(change))
         findings.append(
-            note(
+            warning(
                 f"{recording.column(TIME)} has {np.count_nonzero(gap)} gaps, the "
                 f"longest of {change[longest]:.4g} s at {time[longest]:.6g} s; the "
                 "trial is split there and nothing is filled in.",
@@ -266,7 +266,7 @@ def _gaps(
     irregular = np.count_nonzero((np.abs(change - step) > 0.5 * step) & ~gap)
     if irregular > _MANY_IRREGULAR * len(change):
         findings.append(
-            fix(
+            error(
                 f"{recording.column(TIME)}: {irregular / len(change):.0%} of the "
                 f"intervals are off the usual {1e3 * step:.4g} ms by more than half; "
                 "use the times of the sampling clock, not those of arrival.",
@@ -320,5 +320,5 @@ def _even(recording: Recording, track: Track) -> tuple[Track, list[Finding]]:
         f"the readings were interpolated at {1 / step:.5g} Hz."
     )
     return Track(np.concatenate(grids), values, parts, step), [
-        note(told, recording.name, TIME)
+        warning(told, recording.name, TIME)
     ]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cc_mujoco.diagnosis.data.clock import Track
-from cc_mujoco.diagnosis.data.findings import Finding, note
+from cc_mujoco.diagnosis.data.findings import Finding, warning
 from cc_mujoco.diagnosis.data.trials import FloatArray
 
 MOST = 60_000
@@ -47,7 +47,7 @@ def thinned(
             f"{WINDOWS} evenly spread stretches of {length * track.step:.4g} s are used"
         )
     sentence = f"{path} has {before} samples at {rate:.5g} Hz; {' and '.join(told)}."
-    return track, [note(sentence, name)]
+    return track, [warning(sentence, name)]
 
 
 def _samples(track: Track) -> int:

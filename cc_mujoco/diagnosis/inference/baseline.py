@@ -11,12 +11,12 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.trials import Dataset
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit, tamed, weight
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit, huber_residual, weight
 from cc_mujoco.diagnosis.inference.floor import noise_floor
 from cc_mujoco.diagnosis.inference.folds import (
-    Crossed,
-    cross,
-    stretches,
+    CrossValidation,
+    cross_validate,
+    interleaved_folds,
 )
 from cc_mujoco.diagnosis.inference.plant import Plant, tuned
 from cc_mujoco.diagnosis.inference.records import Filtering, Record
@@ -36,27 +36,27 @@ OTHERS = (0.1, 0.3, 3.0)
 
 
 @dataclass(frozen=True)
-class Tuning:
+class BaselineFit:
     """The baseline, ready for the search."""
 
     problem: Problem
     whole: Fit
-    crossed: Crossed
+    crossed: CrossValidation
     change: float
     """RMS change by a finer simulation, over the floor."""
 
 
-def tune(
+def fit_baseline(
     dataset: Dataset,
     bench: Bench,
     records: tuple[Record, ...],
     filtering: Filtering,
     seed: int,
-) -> Tuning:
+) -> BaselineFit:
     """Fit the baseline, with as many segments as it needs."""
     free = tuned(bench, records, dataset.constants)
     counts = [record.free for record in records]
-    at = np.zeros(len(free))
+    x = np.zeros(len(free))
     for segments in SEGMENTS:
         plant = Plant(bench, records, segments)
         flat = tuple(
@@ -64,50 +64,51 @@ def tune(
             for r in records
         )
         problem = Problem(plant, free, (), flat, flat, 0.2)
-        tried = [fit(problem, start, counts) for start in _starts(free, at)]
-        at = min(tried, key=lambda found: found.cost).at
-        floor = noise_floor(dataset, plant, filtering, problem.values(at), seed=seed)
+        tried = [fit(problem, start, counts) for start in _starts(free, x)]
+        x = min(tried, key=lambda found: found.cost).x
+        floor = noise_floor(dataset, plant, filtering, problem.values(x), seed=seed)
         problem = replace(problem, noise=floor.noise, floor=floor.tolerance)
-        problem = problem.widened(at, counts)
-        at = fit(problem, at, counts).at
-        problem = replace(problem, weight=weight(problem.errors(at), counts))
-        whole = fit(problem, at, counts)
-        change = numerics(problem, whole.at)
+        problem = problem.inflate_noise(x, counts)
+        x = fit(problem, x, counts).x
+        problem = replace(problem, weight=weight(problem.errors(x), counts))
+        whole = fit(problem, x, counts)
+        change = numerics(problem, whole.x)
         if change <= NUMERICS:
             break
-    division = stretches(records)
-    crossed = cross(problem, division, [whole.at] * len(division))
-    return Tuning(problem, whole, crossed, change)
+    division = interleaved_folds(records)
+    crossed = cross_validate(problem, division, [whole.x] * len(division))
+    return BaselineFit(problem, whole, crossed, change)
 
 
-def _starts(free: Sequence[Tuned], at: FloatArray) -> list[FloatArray]:
+def _starts(free: Sequence[Tuned], x: FloatArray) -> list[FloatArray]:
     """Places to fit from: several pretensions where it is anybody's guess.
 
     Whether the slack side of a pair goes slack makes fits end in one valley or another.
     """
-    starts = [at]
+    starts = [x]
     for index, parameter in enumerate(free):
         if parameter.name == "pretension" and parameter.scale > GUESSED:
             for factor in OTHERS:
-                start = at.copy()
+                start = x.copy()
                 start[index] = math.log(factor) / parameter.scale
                 starts.append(start)
     return starts
 
 
-def numerics(problem: Problem, at: FloatArray) -> float:
+def numerics(problem: Problem, x: FloatArray) -> float:
     """RMS change of the torques over the floor by finer segments and steps, the larger.
 
-    The finer simulation is that of the same parameters; errors are tamed as in fits.
+    The finer simulation is that of the same parameters; errors are by Huber as in
+    fits.
     """
-    values = problem.values(at)
+    values = problem.values(x)
     plant = problem.plant
     here = plant.simulate(values, problem.effects)
     worst = 0.0
     for finer in (plant.finer(segments=2), plant.finer(substeps=2)):
         there = finer.simulate(values, problem.effects)
         changes = [
-            tamed((a - b) / floor)[:, record.counts].ravel()
+            huber_residual((a - b) / floor)[:, record.counts].ravel()
             for a, b, floor, record in zip(
                 here, there, problem.floor, plant.records, strict=True
             )

@@ -133,23 +133,23 @@ def propose(
         [[np.median(np.concatenate([f[row] for f in problem.noise]))] for row in (0, 1)]
     )
     known = [
-        Slopes(other).jacobian(at, [r.free for r in other.plant.records])
-        for other, at in rivals[:2]
+        Slopes(other).jacobian(x, [r.free for r in other.plant.records])
+        for other, x in rivals[:2]
     ]
     best: tuple[float, str, str] | None = None
     for motion in catalogue(problem):
         record = _record(problem, motion)
         shown = [
-            other.plant.limited([record]).simulate(other.values(at), other.effects)[0]
-            for other, at in rivals[:2]
+            other.plant.limited([record]).simulate(other.values(x), other.effects)[0]
+            for other, x in rivals[:2]
         ]
         apart = (shown[0] - shown[1]) / noise
         left = min(
             (
                 left_after_fit(
-                    other, at, replace(record, measured=torque), noise, old, apart
+                    other, x, replace(record, measured=torque), noise, old, apart
                 )
-                for (other, at), torque, old in zip(rivals, shown, known, strict=False)
+                for (other, x), torque, old in zip(rivals, shown, known, strict=False)
             ),
             key=np.linalg.norm,
         )
@@ -173,7 +173,7 @@ def propose(
 
 def left_after_fit(
     problem: Problem,
-    at: FloatArray,
+    x: FloatArray,
     record: Record,
     noise: FloatArray,
     known: FloatArray,
@@ -183,7 +183,7 @@ def left_after_fit(
 
     Args:
         problem: the model.
-        at: where it was fitted.
+        x: where it was fitted.
         record: the new trial, with what the model says of it as measured.
         noise: (2, 1) of the torques [Nm].
         known: (residuals, parameters) Jacobian on the data there are, and priors.
@@ -194,7 +194,7 @@ def left_after_fit(
         problem, plant=problem.plant.limited([record]), noise=wide, floor=wide
     )
     every = [np.ones(record.counts.size, dtype=bool)]
-    slopes = Slopes(new).jacobian(at, every)[: apart.size]
+    slopes = Slopes(new).jacobian(x, every)[: apart.size]
     wanted = np.concatenate([problem.weight * apart.ravel(), np.zeros(len(known))])
     change = np.linalg.lstsq(np.concatenate([slopes, known]), wanted)[0]
     left: FloatArray = apart - (slopes @ change).reshape(apart.shape) / problem.weight

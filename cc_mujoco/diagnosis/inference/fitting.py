@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import EFFECTS, Knob
+from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
 from cc_mujoco.diagnosis.inference.plant import Plant
-from cc_mujoco.diagnosis.inference.slopes import WILD, Slopes
+from cc_mujoco.diagnosis.inference.slopes import HUBER_DELTA, Slopes
 from cc_mujoco.estimation import least_squares
 from cc_mujoco.estimation.least_squares import Fit, Tuned, autocorrelation
 
@@ -26,14 +26,20 @@ Masks = Sequence[NDArray[np.bool_]]
 _EVALUATIONS = 12
 
 
-def knob_as_tuned(knob: Knob, start: float) -> Tuned:
+def knob_as_tuned(parameter: EffectParameter, start: float) -> Tuned:
     """A parameter of an effect as one of the fit."""
-    if knob.low > 0.0:
-        low, high = math.log(knob.low / start), math.log(knob.high / start)
-        return Tuned(knob.name, knob.unit, start, 1.0, low, high, True)
-    size = knob.typical
+    if parameter.low > 0.0:
+        low, high = math.log(parameter.low / start), math.log(parameter.high / start)
+        return Tuned(parameter.name, parameter.unit, start, 1.0, low, high, True)
+    size = parameter.typical
     return Tuned(
-        knob.name, knob.unit, 0.0, size, knob.low / size, knob.high / size, False
+        parameter.name,
+        parameter.unit,
+        0.0,
+        size,
+        parameter.low / size,
+        parameter.high / size,
+        False,
     )
 
 
@@ -49,7 +55,8 @@ class Problem:
         floor: the same, by which errors are divided, see `floor.Floor` [Nm].
         weight: of a residual over its floor; below 1 where neighbours are not
             independent or where the model is known not to reach the floor.
-        raised: factor of the floor where the baseline is far off, see `widened`.
+        inflation: factor of the floor where the baseline is far off, see
+            `inflate_noise`.
     """
 
     plant: Plant
@@ -58,22 +65,22 @@ class Problem:
     noise: tuple[FloatArray, ...]
     floor: tuple[FloatArray, ...]
     weight: float = 1.0
-    raised: float = 1.0
+    inflation: float = 1.0
 
-    def widened(self, at: FloatArray, masks: Masks) -> Problem:
+    def inflate_noise(self, x: FloatArray, masks: Masks) -> Problem:
         """The same with its floor raised to where usual errors are not wild.
 
         Where the sensors are much better than the model, nearly every error would be
-        tamed, and fits follow the many small ones only.
+        Huber residuals, and fits follow the many small ones only.
         """
         kept = [
             np.abs(error[:, mask]).ravel()
-            for error, mask in zip(self.plainly(at), masks, strict=True)
+            for error, mask in zip(self.plainly(x), masks, strict=True)
         ]
         usual = float(np.median(np.concatenate(kept))) / 0.6745
-        factor = max(1.0, usual / WILD)
+        factor = max(1.0, usual / HUBER_DELTA)
         return replace(
-            self, floor=tuple(factor * floor for floor in self.floor), raised=factor
+            self, floor=tuple(factor * floor for floor in self.floor), inflation=factor
         )
 
     @property
@@ -81,47 +88,47 @@ class Problem:
         """Names of the parameters."""
         return tuple(parameter.name for parameter in self.tuned)
 
-    def values(self, at: FloatArray) -> dict[str, float]:
+    def values(self, x: FloatArray) -> dict[str, float]:
         """Parameters at a place of the fit, which may be just beyond a bound."""
         return {
             parameter.name: parameter.value(
                 min(max(float(place), parameter.low), parameter.high)
             )
-            for parameter, place in zip(self.tuned, at, strict=True)
+            for parameter, place in zip(self.tuned, x, strict=True)
         }
 
     def with_effect(self, name: str, start: dict[str, float]) -> Problem:
         """The same with an effect more, its shape parameters from `start`."""
         more = tuple(
-            knob_as_tuned(knob, start.get(knob.name, knob.typical))
-            for knob in EFFECTS[name].knobs
+            knob_as_tuned(parameter, start.get(parameter.name, parameter.typical))
+            for parameter in EFFECTS[name].parameters
         )
         return replace(self, tuned=(*self.tuned, *more), effects=(*self.effects, name))
 
-    def placed(self, at: FloatArray, start: Mapping[str, float]) -> FloatArray:
+    def placed(self, x: FloatArray, start: Mapping[str, float]) -> FloatArray:
         """Place of the fit that continues a narrower one with an effect's `start`."""
         new = [
             0.0 if parameter.factor else start[parameter.name] / parameter.scale
-            for parameter in self.tuned[at.size :]
+            for parameter in self.tuned[x.size :]
         ]
-        return np.concatenate([at, new])
+        return np.concatenate([x, new])
 
     def without(self, name: str) -> Problem:
         """The same without an effect."""
-        gone = {knob.name for knob in EFFECTS[name].knobs}
+        gone = {parameter.name for parameter in EFFECTS[name].parameters}
         return replace(
             self,
             tuned=tuple(p for p in self.tuned if p.name not in gone),
             effects=tuple(e for e in self.effects if e != name),
         )
 
-    def errors(self, at: FloatArray) -> list[FloatArray]:
-        """Measured minus simulated over the floor, tamed; (2, samples) per record."""
-        return [tamed(error) for error in self.plainly(at)]
+    def errors(self, x: FloatArray) -> list[FloatArray]:
+        """Measured minus simulated over the floor by Huber, (2, samples) per record."""
+        return [huber_residual(error) for error in self.plainly(x)]
 
-    def plainly(self, at: FloatArray) -> list[FloatArray]:
+    def plainly(self, x: FloatArray) -> list[FloatArray]:
         """Measured minus simulated over the floor; (2, samples) per record."""
-        played = self.plant.simulate(self.values(at), self.effects)
+        played = self.plant.simulate(self.values(x), self.effects)
         return [
             (record.measured - torque) / floor
             for torque, record, floor in zip(
@@ -129,12 +136,12 @@ class Problem:
             )
         ]
 
-    def residual(self, at: FloatArray, masks: Masks) -> FloatArray:
+    def residual(self, x: FloatArray, masks: Masks) -> FloatArray:
         """Weighted errors where the masks are set, then those of the priors."""
-        return self.weighted(self.errors(at), at, masks)
+        return self.weighted(self.errors(x), x, masks)
 
     def weighted(
-        self, errors: Sequence[FloatArray], at: FloatArray, masks: Masks
+        self, errors: Sequence[FloatArray], x: FloatArray, masks: Masks
     ) -> FloatArray:
         """Errors where the masks are set, weighted, then those of the priors."""
         parts = [
@@ -143,17 +150,20 @@ class Problem:
         ]
         known = [
             -place / parameter.prior
-            for parameter, place in zip(self.tuned, at, strict=True)
+            for parameter, place in zip(self.tuned, x, strict=True)
             if math.isfinite(parameter.prior)
         ]
         return np.concatenate([*parts, np.array(known)])
 
 
-def tamed(error: FloatArray) -> FloatArray:
-    """Errors whose squares grow linearly beyond `WILD` (Huber): few must not rule."""
+def huber_residual(error: FloatArray) -> FloatArray:
+    """Errors whose squares grow linearly beyond `HUBER_DELTA` (Huber).
+
+    A few large ones must not rule the fit.
+    """
     size = np.abs(error)
-    root = np.sqrt(np.maximum(2.0 * WILD * size - WILD**2, 0.0))
-    found: FloatArray = np.where(size <= WILD, error, np.sign(error) * root)
+    root = np.sqrt(np.maximum(2.0 * HUBER_DELTA * size - HUBER_DELTA**2, 0.0))
+    found: FloatArray = np.where(size <= HUBER_DELTA, error, np.sign(error) * root)
     return found
 
 
@@ -197,10 +207,10 @@ def fit(
     """
     slopes = slopes or Slopes(problem)
     return least_squares.fit(
-        lambda at: problem.weighted(
-            [tamed(error) for error in slopes.errors(at)], at, masks
+        lambda x: problem.weighted(
+            [huber_residual(error) for error in slopes.errors(x)], x, masks
         ),
-        lambda at: slopes.jacobian(at, masks),
+        lambda x: slopes.jacobian(x, masks),
         problem.tuned,
         start,
         ftol=1e-3,

@@ -26,7 +26,12 @@ from cc_mujoco.diagnosis.data.channels import (
 )
 from cc_mujoco.diagnosis.data.trials import Dataset, Noise
 from cc_mujoco.diagnosis.inference.plant import Plant, Values
-from cc_mujoco.diagnosis.inference.records import Filtering, Record, low_passed, stilled
+from cc_mujoco.diagnosis.inference.records import (
+    Filtering,
+    Record,
+    low_passed,
+    play_filter,
+)
 
 DRAWS = 6
 """Simulations with angles drawn anew."""
@@ -149,7 +154,7 @@ def _read_again(
     here = np.sum(low_passed(impulse, filtering.motion_band, filtering.rate) ** 2)
     scale = noise.deviation * np.sqrt(filtering.motion_passed / here)
     read = angle + scale * random.normal(size=angle.size)
-    return stilled(low_passed(read, filtering.motion_band, filtering.rate), width)
+    return play_filter(low_passed(read, filtering.motion_band, filtering.rate), width)
 
 
 def _unsettled(

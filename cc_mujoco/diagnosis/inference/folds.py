@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit, tamed
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit, huber_residual
 from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.inference.slopes import Slopes
 from cc_mujoco.estimation.least_squares import Fit
@@ -29,7 +29,7 @@ class Fold(NamedTuple):
     test: tuple[NDArray[np.bool_], ...]
 
 
-def stretches(records: Sequence[Record]) -> tuple[Fold, ...]:
+def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     """Two halves that predict each other, every other stretch of every record.
 
     Both halves see every trial, so that what is found does not hang on which trial, say
@@ -50,10 +50,11 @@ def _odd_pieces(counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return odd
 
 
-def trials(records: Sequence[Record]) -> tuple[Fold, ...]:
+def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     """Whole trials held out: those that the dataset reserves, or a third in turn.
 
-    Trials that repeat each other stay together. Fewer trials than parts: `stretches`.
+    Trials that repeat each other stay together. Fewer trials than parts:
+    `interleaved_folds`.
     """
     if any(record.split == "test" for record in records):
         return (
@@ -64,7 +65,7 @@ def trials(records: Sequence[Record]) -> tuple[Fold, ...]:
         )
     groups = sorted({record.group for record in records if record.counts.any()})
     if len(groups) < PARTS:
-        return stretches(records)
+        return interleaved_folds(records)
     found = []
     for part in range(PARTS):
         out = set(groups[part::PARTS])
@@ -77,14 +78,15 @@ def trials(records: Sequence[Record]) -> tuple[Fold, ...]:
     return tuple(found)
 
 
-class Crossed(NamedTuple):
+class CrossValidation(NamedTuple):
     """One model fitted fold by fold.
 
     Attributes:
         problem: the model.
         fits: one per fold.
-        errors: (2, samples) of every record, over the floor and tamed as in `fitting`:
-            of the fit that has not seen the sample, NaN where no fit was held out.
+        errors: (2, samples) of every record, over the floor and by Huber as in
+            `fitting`: of the fit that has not seen the sample, NaN where no fit was
+            held out.
     """
 
     problem: Problem
@@ -92,18 +94,18 @@ class Crossed(NamedTuple):
     errors: tuple[FloatArray, ...]
 
     @property
-    def squares(self) -> float:
+    def held_out_mse(self) -> float:
         """Mean square of the held-out errors."""
         kept = [e[:, np.isfinite(e[0])] for e in self.errors]
         return float(np.mean(np.concatenate([k.ravel() for k in kept]) ** 2))
 
 
-def cross(
+def cross_validate(
     problem: Problem,
     division: Sequence[Fold],
     starts: Sequence[FloatArray],
     evaluations: int = 12,
-) -> Crossed:
+) -> CrossValidation:
     """Fit a model on every fold and predict what it has not seen.
 
     Args:
@@ -118,35 +120,35 @@ def cross(
         found = fit(problem, start, fold.train, evaluations, slopes)
         fits.append(found)
         for kept, error, mask in zip(
-            errors, slopes.errors(found.at), fold.test, strict=True
+            errors, slopes.errors(found.x), fold.test, strict=True
         ):
-            kept[:, mask] = tamed(error[:, mask])
-    return Crossed(problem, tuple(fits), tuple(errors))
+            kept[:, mask] = huber_residual(error[:, mask])
+    return CrossValidation(problem, tuple(fits), tuple(errors))
 
 
-def blocks(crossed: Crossed) -> FloatArray:
+def blocks(crossed: CrossValidation) -> FloatArray:
     """Sum of squares of the held-out errors in blocks of about a second (blocks, 2)."""
     found = []
     for record, error in zip(
         crossed.problem.plant.records, crossed.errors, strict=True
     ):
         size = max(2, round(BLOCK / record.dt))
-        squares = np.where(np.isfinite(error), error, 0.0) ** 2
+        held_out_mse = np.where(np.isfinite(error), error, 0.0) ** 2
         kept = np.isfinite(error[0])
         for first in range(0, kept.size, size):
             if np.any(kept[first : first + size]):
-                found.append(np.sum(squares[:, first : first + size], axis=1))
+                found.append(np.sum(held_out_mse[:, first : first + size], axis=1))
     return np.array(found)
 
 
-def excess(crossed: Crossed) -> float:
+def excess(crossed: CrossValidation) -> float:
     """By how much held-out errors exceed the floor, over its standard error.
 
     The error is that of blocks: a few bad moments, say one stick that broke at another
     time, do not make a model wrong.
     """
-    raised = crossed.problem.raised**2
-    sums = raised * blocks(crossed).sum(axis=1)
+    inflation = crossed.problem.inflation**2
+    sums = inflation * blocks(crossed).sum(axis=1)
     counts = 2.0 * np.array([np.sum(np.isfinite(e[0])) for e in crossed.errors]).sum()
     scatter = np.std(sums) * np.sqrt(sums.size)
     return float((sums.sum() - counts) / max(scatter, 1e-300))

@@ -48,9 +48,9 @@ def predicted(
     found = [np.zeros(record.measured.shape) for record in records]
     slopes, places = Slopes(problem), []
     for fold in division:
-        at = fit(problem, start, fold.train, 6, slopes).at
-        places.append(at)
-        played = problem.plant.simulate(problem.values(at), problem.effects)
+        x = fit(problem, start, fold.train, 6, slopes).x
+        places.append(x)
+        played = problem.plant.simulate(problem.values(x), problem.effects)
         for kept, torque, train in zip(found, played, fold.train, strict=True):
             kept[:, ~train] = torque[:, ~train]
             empty = np.all(kept == 0.0, axis=0)

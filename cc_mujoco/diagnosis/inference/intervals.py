@@ -18,7 +18,7 @@ UNTOLD = 1.0
 
 def estimates(
     problem: Problem,
-    at: FloatArray,
+    x: FloatArray,
     masks: Masks,
     places: Sequence[FloatArray] = (),
 ) -> dict[str, Estimate]:
@@ -26,29 +26,29 @@ def estimates(
 
     Args:
         problem: the model.
-        at: where it was fitted to all data.
+        x: where it was fitted to all data.
         masks: samples that took part.
         places: where it was fitted with a part of the trials left out in turn. A model
             that is a little wrong fits every trial otherwise, and noise does not tell
             how much: the jackknife does.
     """
     # The weights of the errors already count what is independent.
-    variance = np.diag(covariance(Slopes(problem).jacobian(at, masks)))
+    variance = np.diag(covariance(Slopes(problem).jacobian(x, masks)))
     if len(places) > 1:
         apart = np.array(places) - np.mean(places, axis=0)
         variance = variance + (1.0 - 1.0 / len(places)) * np.sum(apart**2, axis=0)
     return {
         parameter.name: estimate(parameter, place, deviation)
         for parameter, place, deviation in zip(
-            problem.tuned, at.tolist(), np.sqrt(variance).tolist(), strict=True
+            problem.tuned, x.tolist(), np.sqrt(variance).tolist(), strict=True
         )
     }
 
 
-def undetermined(problem: Problem, at: FloatArray, masks: Masks) -> tuple[str, ...]:
+def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ...]:
     """A sentence for each combination of parameters that only priors determine."""
     found = []
-    whole = Slopes(problem).jacobian(at, masks)
+    whole = Slopes(problem).jacobian(x, masks)
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
     data = whole[: whole.shape[0] - priors]
     for shares in untold(covariance(data), UNTOLD):

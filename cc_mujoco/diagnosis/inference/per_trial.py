@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.evidence import CHANNELS
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit, tamed
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit, huber_residual
 from cc_mujoco.diagnosis.verdict import TrialError
 from cc_mujoco.diagnosis.wording import number
 
@@ -94,24 +94,24 @@ class Odd(NamedTuple):
         )
 
 
-def odd_trial(problem: Problem, at: FloatArray) -> Odd | None:
+def odd_trial(problem: Problem, x: FloatArray) -> Odd | None:
     """The trial that contradicts the others, if there is one.
 
     Args:
         problem: a model that explains the others.
-        at: its parameters, fitted to all.
+        x: its parameters, fitted to all.
     """
     places = _places(problem)
     if len(places) < LEAST:
         return None
-    errors = _errors(problem, at)
+    errors = _errors(problem, x)
     off = {
         name: _misfit(problem, own, [errors[k] for k in own])
         for name, own in places.items()
     }
     suspects = sorted(off, key=lambda name: -off[name])[:SUSPECTS]
     found = [
-        _left_out(problem, at, name, places)
+        _left_out(problem, x, name, places)
         for name in suspects
         if off[name] > OFF / 2.0
     ]
@@ -122,14 +122,14 @@ def odd_trial(problem: Problem, at: FloatArray) -> Odd | None:
 
 
 def _left_out(
-    problem: Problem, at: FloatArray, name: str, places: dict[str, list[int]]
+    problem: Problem, x: FloatArray, name: str, places: dict[str, list[int]]
 ) -> tuple[Odd, FloatArray]:
     """Fit all trials but one and predict that one."""
     own = places[name]
     masks = [
         record.free & (k not in own) for k, record in enumerate(problem.plant.records)
     ]
-    there = fit(problem, at, masks).at
+    there = fit(problem, x, masks).x
     errors = _errors(problem, there)
     rest = [k for other, theirs in places.items() if other != name for k in theirs]
     return Odd(
@@ -140,9 +140,9 @@ def _left_out(
     ), there
 
 
-def _own(problem: Problem, at: FloatArray, places: list[int]) -> str:
+def _own(problem: Problem, x: FloatArray, places: list[int]) -> str:
     """Which change of its own explains a trial, in words."""
-    values = problem.values(at)
+    values = problem.values(x)
     records = problem.plant.records
     start = problem.plant.bench.cables[0].pretension
 
@@ -192,9 +192,9 @@ def _places(problem: Problem) -> dict[str, list[int]]:
     return found
 
 
-def _errors(problem: Problem, at: FloatArray) -> list[FloatArray]:
+def _errors(problem: Problem, x: FloatArray) -> list[FloatArray]:
     """Measured minus simulated (2, samples) of every record [Nm]."""
-    played = problem.plant.simulate(problem.values(at), problem.effects)
+    played = problem.plant.simulate(problem.values(x), problem.effects)
     return [
         record.measured - torque
         for torque, record in zip(played, problem.plant.records, strict=True)
@@ -217,12 +217,12 @@ def _rms(
 def _misfit(
     problem: Problem, places: Sequence[int], errors: Sequence[FloatArray]
 ) -> float:
-    """RMS error over the noise floor, tamed as in fits."""
+    """RMS error over the noise floor, by Huber as in fits."""
     squares = [
-        tamed(error / problem.floor[k])[:, _counts(problem, k)].ravel() ** 2
+        huber_residual(error / problem.floor[k])[:, _counts(problem, k)].ravel() ** 2
         for k, error in zip(places, errors, strict=True)
     ]
-    return problem.raised * float(np.sqrt(np.mean(np.concatenate(squares))))
+    return problem.inflation * float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
 def _counts(problem: Problem, place: int) -> NDArray[np.bool_]:

@@ -183,11 +183,11 @@ class Plant:
     def _one(
         self, record: Record, values: Values, effects: Sequence[str]
     ) -> FloatArray:
-        near, far = self.radii(values)
+        proximal, distal = self.radii(values)
         transmission = Transmission(
             self.cables(values, effects, record.pretension),
-            near,
-            far,
+            proximal,
+            distal,
             backlash=values.get("backlash", 0.0) if "backlash" in effects else 0.0,
         )
         offset = values.get("joint_angle_offset", 0.0)
@@ -196,7 +196,9 @@ class Plant:
         joint = shifted(record.joint_angle, late / record.dt) + offset
         motor = record.motor_angle
         dt = record.dt / self.substeps
-        led_motor, led_joint = led(motor, joint, far / near, self.substeps)
+        led_motor, led_joint = with_lead_in(
+            motor, joint, distal / proximal, self.substeps
+        )
         played = transmission.replay(dt, motor_angle=led_motor, joint_angle=led_joint)
         keep = slice(LEAD * self.substeps, None, self.substeps)
         shown = Torques(
@@ -233,7 +235,7 @@ class Plant:
         return replace(self, records=tuple(records))
 
 
-def led(
+def with_lead_in(
     motor: FloatArray, joint: FloatArray, ratio: float, substeps: int
 ) -> tuple[FloatArray, FloatArray]:
     """Both angles after a lead-in, refined to `substeps` per sample.
@@ -255,15 +257,15 @@ def led(
     if substeps == 1:
         return led_motor, led_joint
     size = led_motor.size
-    at = np.arange(size * substeps - substeps + 1) / substeps
+    x = np.arange(size * substeps - substeps + 1) / substeps
     old = np.arange(size)
-    return np.interp(at, old, led_motor), np.interp(at, old, led_joint)
+    return np.interp(x, old, led_motor), np.interp(x, old, led_joint)
 
 
 def shifted(signal: FloatArray, samples: float) -> FloatArray:
     """The signal as it was `samples` samples later (samples,), linear between."""
     if samples == 0.0:
         return signal
-    at = np.arange(signal.size)
-    found: FloatArray = np.interp(at + samples, at, signal)
+    x = np.arange(signal.size)
+    found: FloatArray = np.interp(x + samples, x, signal)
     return found

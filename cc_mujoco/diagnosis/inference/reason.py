@@ -12,14 +12,13 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.evidence import Evidence, Isolability
-from cc_mujoco.diagnosis.inference.atlas import maps, ranked
-from cc_mujoco.diagnosis.inference.baseline import NUMERICS, Tuning, tune
+from cc_mujoco.diagnosis.inference.baseline import NUMERICS, BaselineFit, fit_baseline
 from cc_mujoco.diagnosis.inference.experiment import propose
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.folds import (
     excess,
-    stretches,
-    trials,
+    interleaved_folds,
+    trial_folds,
 )
 from cc_mujoco.diagnosis.inference.gap import (
     Predicted,
@@ -31,8 +30,9 @@ from cc_mujoco.diagnosis.inference.gap import (
 from cc_mujoco.diagnosis.inference.intervals import estimates, undetermined
 from cc_mujoco.diagnosis.inference.per_trial import odd_trial, trial_errors
 from cc_mujoco.diagnosis.inference.records import Record, prepare
+from cc_mujoco.diagnosis.inference.residual_maps import maps, ranked
 from cc_mujoco.diagnosis.inference.result import Result
-from cc_mujoco.diagnosis.inference.screen import Signature, alike
+from cc_mujoco.diagnosis.inference.screen import Signature, signature_cosine
 from cc_mujoco.diagnosis.inference.search import Round, Search, Thresholds, search
 from cc_mujoco.diagnosis.verdict import (
     Baseline,
@@ -89,22 +89,24 @@ def reason(
     limits = thresholds or Thresholds()
     bench = bench.known(dataset.constants)
     records, filtering = prepare(dataset, bench)
-    if useless := _useless(records):
+    if useless := _insufficient_excitation(records):
         return _empty(bench, useless, notes)
     progress(0.02, "fitting the baseline")
-    tuning = tune(dataset, bench, records, filtering, seed)
-    if tuning.change > NUMERICS:
-        return _numerics(bench, tuning, notes)
+    baseline_fit = fit_baseline(dataset, bench, records, filtering, seed)
+    if baseline_fit.change > NUMERICS:
+        return _numerics(bench, baseline_fit, notes)
     names = tuple(ids or EFFECTS)
 
     def told(share: float, doing: str) -> None:
         progress(0.2 + 0.6 * share, doing)
 
-    found = search(tuning.crossed, stretches(records), names, limits, told)
-    return _concluded(tuning, found, bench, limits, notes, seed, progress)
+    found = search(
+        baseline_fit.crossed, interleaved_folds(records), names, limits, told
+    )
+    return _concluded(baseline_fit, found, bench, limits, notes, seed, progress)
 
 
-def _useless(records: Sequence[Record]) -> str:
+def _insufficient_excitation(records: Sequence[Record]) -> str:
     """Why nothing can be compared, or nothing tested; else empty."""
     still = "the motor never moves enough to carry the whole cable along"
     if sum(int(r.counts.sum()) for r in records) < LEAST:
@@ -125,7 +127,7 @@ def _useless(records: Sequence[Record]) -> str:
 
 
 def _concluded(
-    tuning: Tuning,
+    baseline_fit: BaselineFit,
     found: Search,
     bench: Bench,
     limits: Thresholds,
@@ -136,13 +138,13 @@ def _concluded(
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
     progress(0.82, "fitting the result to all data")
-    start = np.mean([f.at for f in found.after.fits], axis=0)
-    at = fit(problem, start, counts).at if problem.effects else tuning.whole.at
+    start = np.mean([f.x for f in found.after.fits], axis=0)
+    x = fit(problem, start, counts).x if problem.effects else baseline_fit.whole.x
     progress(0.86, "predicting trials that were held out")
-    held = _held_out(tuning, problem, at, seed)
+    held = _held_out(baseline_fit, problem, x, seed)
     if held is None:
-        problem, at = tuning.problem, tuning.whole.at
-        held = _held_out(tuning, problem, at, seed)
+        problem, x = baseline_fit.problem, baseline_fit.whole.x
+        held = _held_out(baseline_fit, problem, x, seed)
         assert held is not None
     before, after, measures = held
     shown = traces(problem, before.torques, after.torques)
@@ -150,15 +152,19 @@ def _concluded(
     evidence = Evidence(shown, drawn, isolability(found.signatures))
     kind, statement = judged(found, problem, measures, limits)
     # What is added where nothing explains the error only stands in for it.
-    asked = (tuning.problem, tuning.whole.at) if kind == "unknown" else (problem, at)
+    asked = (
+        (baseline_fit.problem, baseline_fit.whole.x)
+        if kind == "unknown"
+        else (problem, x)
+    )
     odd = odd_trial(*asked)
     progress(0.95, "writing it down")
-    estimated = estimates(problem, at, counts, after.places)
+    estimated = estimates(problem, x, counts, after.places)
     ties = tuple(step.rivals for step in found.rounds if len(step.rivals) > 1)
     if not problem.effects:
         ties = ()
     rivals = [
-        (c.crossed.problem, np.mean([f.at for f in c.crossed.fits], axis=0))
+        (c.crossed.problem, np.mean([f.x for f in c.crossed.fits], axis=0))
         for step in found.rounds
         if len(step.rivals) > 1
         for name in step.rivals
@@ -170,13 +176,13 @@ def _concluded(
         statement,
         _found(found.rounds, problem, estimated),
         ties,
-        untestable(found.signatures, tuning),
+        untestable(found.signatures, baseline_fit),
         propose(rivals, ties[0]) if ties else None,
         ranked(drawn),
         measures,
         Baseline(
-            {p.name: estimated[p.name] for p in tuning.problem.tuned},
-            undetermined(tuning.problem, tuning.whole.at, counts),
+            {p.name: estimated[p.name] for p in baseline_fit.problem.tuned},
+            undetermined(baseline_fit.problem, baseline_fit.whole.x, counts),
         ),
         {},
         tuple(_runner_ups(step) for step in found.rounds),
@@ -184,7 +190,7 @@ def _concluded(
         trial_errors(problem, before.torques, after.torques),
         odd.question if odd else "",
     )
-    return Result(diagnosis, evidence, problem, at, bench, tuning)
+    return Result(diagnosis, evidence, problem, x, bench, baseline_fit)
 
 
 class Held(NamedTuple):
@@ -196,7 +202,7 @@ class Held(NamedTuple):
 
 
 def _held_out(
-    tuning: Tuning, problem: Problem, at: FloatArray, seed: int
+    baseline_fit: BaselineFit, problem: Problem, x: FloatArray, seed: int
 ) -> Held | None:
     """Predict what was held out; None where that does not bear the effects out.
 
@@ -204,10 +210,10 @@ def _held_out(
     low pretension, is not to be had from the others: then it is stretches of all.
     """
     records = problem.plant.records
-    for division in (trials(records), stretches(records)):
-        before = predicted(tuning.problem, tuning.whole.at, division)
-        after = predicted(problem, at, division) if problem.effects else before
-        gap = gaps(tuning.problem, before.torques, after.torques, division, seed)
+    for division in (trial_folds(records), interleaved_folds(records)):
+        before = predicted(baseline_fit.problem, baseline_fit.whole.x, division)
+        after = predicted(problem, x, division) if problem.effects else before
+        gap = gaps(baseline_fit.problem, before.torques, after.torques, division, seed)
         if not problem.effects or any(
             g.rmse_after <= g.rmse_before for g in gap.values()
         ):
@@ -219,8 +225,8 @@ def judged(
     found: Search, problem: Problem, gap: Mapping[str, Gap], limits: Thresholds
 ) -> tuple[Verdict, str]:
     """The verdict in one word and in a sentence."""
-    misfit = problem.raised * float(np.sqrt(found.before.squares))
-    left = problem.raised * float(np.sqrt(found.after.squares))
+    misfit = problem.inflation * float(np.sqrt(found.before.held_out_mse))
+    left = problem.inflation * float(np.sqrt(found.after.held_out_mse))
     if not problem.effects:
         off = (
             "on data it has not seen the tuned scene is "
@@ -269,7 +275,7 @@ def judged(
 
 def isolability(signatures: Sequence[Signature]) -> Isolability:
     """How alike the signatures of the effects are."""
-    table = np.array([[alike(a, b) for b in signatures] for a in signatures])
+    table = np.array([[signature_cosine(a, b) for b in signatures] for a in signatures])
     return Isolability(
         tuple(s.id for s in signatures),
         table.reshape(len(signatures), len(signatures)),
@@ -278,24 +284,25 @@ def isolability(signatures: Sequence[Signature]) -> Isolability:
 
 
 def untestable(
-    signatures: Sequence[Signature], tuning: Tuning
+    signatures: Sequence[Signature], baseline_fit: BaselineFit
 ) -> tuple[NotTestable, ...]:
     """Effects that would not show at a plausible size."""
-    size = sum(2 * int(r.counts.sum()) for r in tuning.problem.plant.records)
-    independent = max(size * tuning.problem.weight**2, 1.0)
+    size = sum(2 * int(r.counts.sum()) for r in baseline_fit.problem.plant.records)
+    independent = max(size * baseline_fit.problem.weight**2, 1.0)
     found = []
     for s in signatures:
         clarity = s.visible * float(np.sqrt(independent))
         if clarity < SEEN:
             typical = ", ".join(
                 f"{k.name} {k.typical:g} {k.unit}".removesuffix(" 1")
-                for k in EFFECTS[s.id].knobs[:1]
+                for k in EFFECTS[s.id].parameters[:1]
             )
             found.append(
                 NotTestable(
                     s.id,
                     f"a plausible size ({typical}) would stand out by {clarity:.1f} "
-                    f"standard deviations only; it takes {EFFECTS[s.id].shows}",
+                    "standard deviations only; it takes "
+                    f"{EFFECTS[s.id].required_excitation}",
                 )
             )
     return tuple(found)
@@ -308,7 +315,10 @@ def _found(
     return tuple(
         Found(
             name,
-            {knob.name: estimated[knob.name] for knob in EFFECTS[name].knobs},
+            {
+                parameter.name: estimated[parameter.name]
+                for parameter in EFFECTS[name].parameters
+            },
             sure.get(name, 0.0),
         )
         for name in problem.effects
@@ -323,10 +333,10 @@ def _runner_ups(step: Round) -> tuple[RunnerUp, ...]:
             not c.reason,
             c.reason,
             {
-                knob.name: c.crossed.problem.values(c.crossed.fits[0].at).get(
-                    knob.name, 0.0
+                parameter.name: c.crossed.problem.values(c.crossed.fits[0].x).get(
+                    parameter.name, 0.0
                 )
-                for knob in EFFECTS[c.id].knobs
+                for parameter in EFFECTS[c.id].parameters
             },
         )
         for c in step.candidates
@@ -334,11 +344,11 @@ def _runner_ups(step: Round) -> tuple[RunnerUp, ...]:
 
 
 def unanswered(
-    diagnosis: Diagnosis, bench: Bench, tuning: Tuning | None = None
+    diagnosis: Diagnosis, bench: Bench, baseline_fit: BaselineFit | None = None
 ) -> Result:
     """A diagnosis that got no further than what is wrong, without evidence."""
     nothing = Evidence((), (), Isolability((), np.zeros((0, 0)), np.zeros(0)))
-    return Result(diagnosis, nothing, None, np.zeros(0), bench, tuning)
+    return Result(diagnosis, nothing, None, np.zeros(0), bench, baseline_fit)
 
 
 def _empty(bench: Bench, statement: str, notes: Sequence[str]) -> Result:
@@ -346,12 +356,13 @@ def _empty(bench: Bench, statement: str, notes: Sequence[str]) -> Result:
     return unanswered(diagnosis, bench)
 
 
-def _numerics(bench: Bench, tuning: Tuning, notes: Sequence[str]) -> Result:
+def _numerics(bench: Bench, baseline_fit: BaselineFit, notes: Sequence[str]) -> Result:
+    plant = baseline_fit.problem.plant
     statement = (
-        f"A simulation with {2 * tuning.problem.plant.segments} segments or half the "
-        f"time step differs by {tuning.change:.2f} times the noise floor, more than "
-        f"{NUMERICS:g}: what would be named could be the numerics. Record faster than "
-        f"{1.0 / tuning.problem.plant.records[0].dt:.0f} Hz, or reduce the wrap."
+        f"A simulation with {2 * plant.segments} segments or half the time step "
+        f"differs by {baseline_fit.change:.2f} times the noise floor, more "
+        f"than {NUMERICS:g}: what would be named could be the numerics. Record faster "
+        f"than {1.0 / plant.records[0].dt:.0f} Hz, or reduce the wrap."
     )
     diagnosis = Diagnosis("fix-numerics", statement, problems=(statement, *notes))
-    return unanswered(diagnosis, bench, tuning)
+    return unanswered(diagnosis, bench, baseline_fit)

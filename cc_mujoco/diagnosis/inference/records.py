@@ -33,7 +33,7 @@ MOTION_BAND = 60.0
 RATE = 250.0
 """Least samples per second kept."""
 RAMP = 20
-"""Samples of either part of a lead-in, see `plant.led`."""
+"""Samples of either part of a lead-in, see `plant.with_lead_in`."""
 LEAD = 2 * RAMP
 """Samples that lead from rest in the pose 0 to the first sample."""
 RUN_IN = 3.0
@@ -150,7 +150,7 @@ def _record(
     smooth = low_passed(angles, motion_band, trial.rate)[:, ::thin]
     measured = low_passed(torques, band, trial.rate)[:, ::thin]
     for row, width in enumerate(still):
-        smooth[row] = stilled(smooth[row], width)
+        smooth[row] = play_filter(smooth[row], width)
     time = trial.time[part][::thin]
     dt = trial.step * thin
     travel = np.cumsum(np.abs(np.diff(smooth[0], prepend=smooth[0, 0])))
@@ -190,7 +190,7 @@ def _filter(band: float, rate: float) -> FloatArray:
     return filter_
 
 
-def stilled(angle: FloatArray, width: float) -> FloatArray:
+def play_filter(angle: FloatArray, width: float) -> FloatArray:
     """The angle without movements smaller than a width (samples,) [rad].
 
     It is followed with this much play, forwards and backwards in time; the mean of both
@@ -207,10 +207,10 @@ def stilled(angle: FloatArray, width: float) -> FloatArray:
 @njit(nogil=True)
 def _followed(angle: FloatArray, width: float) -> FloatArray:
     out = np.empty(angle.size)
-    at = angle[0]
+    x = angle[0]
     for i in range(angle.size):
-        at = min(max(at, angle[i] - width), angle[i] + width)
-        out[i] = at
+        x = min(max(x, angle[i] - width), angle[i] + width)
+        out[i] = x
     return out
 
 

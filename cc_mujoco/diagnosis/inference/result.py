@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.evidence import Evidence
-from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.verdict import Diagnosis
 
@@ -20,14 +20,14 @@ class Result:
         diagnosis: what is said.
         evidence: what is drawn.
         problem: the final model, or None where there is none.
-        at: its parameters.
+        x: its parameters.
         bench: of the scene.
-        tuning: the baseline, or None where there is none.
+        baseline_fit: the baseline, or None where there is none.
     """
 
     diagnosis: Diagnosis
     evidence: Evidence
     problem: Problem | None
-    at: FloatArray
+    x: FloatArray
     bench: Bench
-    tuning: Tuning | None = None
+    baseline_fit: BaselineFit | None = None

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import EFFECTS, Knob
+from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
 from cc_mujoco.diagnosis.inference.slopes import Slopes
 from cc_mujoco.errors import CableError
@@ -45,25 +45,25 @@ class Signature(NamedTuple):
 
 
 def screen(
-    problem: Problem, at: FloatArray, masks: Masks, ids: Sequence[str]
+    problem: Problem, x: FloatArray, masks: Masks, ids: Sequence[str]
 ) -> list[Signature]:
     """Signatures of effects, the most helpful first; the best start of each.
 
     Args:
         problem: the model so far.
-        at: where it was fitted.
+        x: where it was fitted.
         masks: samples that count.
         ids: of the effects to try.
     """
-    error = problem.residual(at, masks)
-    jacobian = Slopes(problem).jacobian(at, masks)
+    error = problem.residual(x, masks)
+    jacobian = Slopes(problem).jacobian(x, masks)
     size = np.linalg.norm(jacobian, axis=0)
     # Parameters without any influence stay out, and those that stand at a bound: they
     # cannot do more than they have done.
     inside = np.array(
         [
             p.low + _NEAR < place < p.high - _NEAR
-            for p, place in zip(problem.tuned, at, strict=True)
+            for p, place in zip(problem.tuned, x, strict=True)
         ]
     )
     free = inside & (size > 0.0)
@@ -76,7 +76,7 @@ def screen(
             for start in EFFECTS[name].starts
             if (
                 signature := _sign(
-                    problem, at, masks, name, dict(start), error, tangent, rest
+                    problem, x, masks, name, dict(start), error, tangent, rest
                 )
             )
         ]
@@ -90,14 +90,14 @@ def screen(
     )
 
 
-def _amplitudes(name: str) -> list[Knob]:
+def _amplitudes(name: str) -> list[EffectParameter]:
     """Parameters whose 0 is off; the others only shape the effect."""
-    return [knob for knob in EFFECTS[name].knobs if knob.low <= 0.0]
+    return [parameter for parameter in EFFECTS[name].parameters if parameter.low <= 0.0]
 
 
 def _sign(
     problem: Problem,
-    at: FloatArray,
+    x: FloatArray,
     masks: Masks,
     name: str,
     start: dict[str, float],
@@ -106,15 +106,15 @@ def _sign(
     rest: FloatArray,
 ) -> Signature | None:
     wider = problem.with_effect(name, start)
-    shapes = {p.name: 0.0 for p in wider.tuned[at.size :]}
-    columns, knobs = [], _amplitudes(name)
-    for knob in knobs:
-        places = shapes | {knob.name: start[knob.name] / knob.typical}
+    shapes = {p.name: 0.0 for p in wider.tuned[x.size :]}
+    columns, parameters = [], _amplitudes(name)
+    for parameter in parameters:
+        places = shapes | {parameter.name: start[parameter.name] / parameter.typical}
         try:
-            moved = wider.residual(np.concatenate([at, list(places.values())]), masks)
+            moved = wider.residual(np.concatenate([x, list(places.values())]), masks)
         except CableError:
             return None
-        change = (moved - error) / places[knob.name]
+        change = (moved - error) / places[parameter.name]
         columns.append(change - tangent @ (tangent.T @ change))
     signature = np.column_stack(columns)
     lengths = np.linalg.norm(signature, axis=0)
@@ -122,21 +122,21 @@ def _sign(
     if lengths.max() <= PIECE:
         return Signature(name, start, 0.0, 0.0, np.zeros((error.size, 0)))
     kept = lengths > PIECE
-    solved = np.zeros(len(knobs))
+    solved = np.zeros(len(parameters))
     solved[kept] = np.linalg.lstsq(signature[:, kept], -rest, rcond=1e-6)[0]
-    low = np.array([knob.low / knob.typical for knob in knobs])
-    high = np.array([knob.high / knob.typical for knob in knobs])
+    low = np.array([parameter.low / parameter.typical for parameter in parameters])
+    high = np.array([parameter.high / parameter.typical for parameter in parameters])
     solved = np.clip(solved, np.maximum(low, -20.0), np.minimum(high, 20.0))
     left = rest + signature @ solved
     explained = 1.0 - float(left @ left) / float(error @ error)
     gained = explained - (1.0 - float(rest @ rest) / float(error @ error))
-    for knob, amount in zip(knobs, solved.tolist(), strict=True):
-        start[knob.name] = amount * knob.typical
+    for parameter, amount in zip(parameters, solved.tolist(), strict=True):
+        start[parameter.name] = amount * parameter.typical
     basis, _ = np.linalg.qr(signature[:, kept])
     return Signature(name, start, max(gained, 0.0), visible, basis)
 
 
-def alike(one: Signature, other: Signature) -> float:
+def signature_cosine(one: Signature, other: Signature) -> float:
     """Largest cosine between the signatures of two effects, 0 to 1."""
     if one.basis.shape[1] == 0 or other.basis.shape[1] == 0:
         return 0.0

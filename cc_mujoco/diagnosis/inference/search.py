@@ -11,8 +11,13 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS
-from cc_mujoco.diagnosis.inference.folds import Crossed, Fold, blocks, cross
-from cc_mujoco.diagnosis.inference.screen import Signature, alike, screen
+from cc_mujoco.diagnosis.inference.folds import (
+    CrossValidation,
+    Fold,
+    blocks,
+    cross_validate,
+)
+from cc_mujoco.diagnosis.inference.screen import Signature, screen, signature_cosine
 from cc_mujoco.errors import CableError
 
 REFITTED = 6
@@ -60,7 +65,7 @@ class Candidate(NamedTuple):
     """
 
     id: str
-    crossed: Crossed
+    crossed: CrossValidation
     reduction: float
     certainty: float
     reason: str
@@ -92,14 +97,14 @@ class Search(NamedTuple):
         signatures: of every effect, on top of the baseline.
     """
 
-    before: Crossed
-    after: Crossed
+    before: CrossValidation
+    after: CrossValidation
     rounds: tuple[Round, ...]
     signatures: tuple[Signature, ...]
 
 
 def search(
-    baseline: Crossed,
+    baseline: CrossValidation,
     division: Sequence[Fold],
     ids: Sequence[str],
     thresholds: Thresholds,
@@ -144,12 +149,12 @@ def _settled(rounds: Sequence[Round]) -> tuple[Round, ...]:
 
 
 def _screened(
-    now: Crossed, division: Sequence[Fold], ids: Sequence[str]
+    now: CrossValidation, division: Sequence[Fold], ids: Sequence[str]
 ) -> list[Signature]:
     """Signatures on what may be learnt from, at the mean of the folds' fits."""
     masks = [record.free for record in now.problem.plant.records]
-    at = np.mean([fit.at for fit in now.fits], axis=0)
-    return screen(now.problem, at, masks, ids)
+    x = np.mean([fit.x for fit in now.fits], axis=0)
+    return screen(now.problem, x, masks, ids)
 
 
 def _chosen(signatures: Sequence[Signature]) -> list[Signature]:
@@ -177,17 +182,23 @@ def _overlooked(
         s
         for s in signatures
         if s.id not in done
-        and (alike(s, sign) > LOOKALIKE or s.id in EFFECTS[leader.id].alike)
+        and (
+            signature_cosine(s, sign) > LOOKALIKE
+            or s.id in EFFECTS[leader.id].confounded_with
+        )
     ]
 
 
 def _refit(
-    now: Crossed, division: Sequence[Fold], signature: Signature, thresholds: Thresholds
+    now: CrossValidation,
+    division: Sequence[Fold],
+    signature: Signature,
+    thresholds: Thresholds,
 ) -> Candidate:
     wider = now.problem.with_effect(signature.id, signature.start)
-    starts = [wider.placed(fit.at, signature.start) for fit in now.fits]
+    starts = [wider.placed(fit.x, signature.start) for fit in now.fits]
     try:
-        crossed = cross(wider, division, starts)
+        crossed = cross_validate(wider, division, starts)
     except CableError as error:
         return Candidate(signature.id, now, 0.0, 0.0, str(error))
     old, better = blocks(now).sum(axis=1), blocks(crossed).sum(axis=1)
@@ -200,7 +211,7 @@ def _refit(
 
 
 def _objection(
-    crossed: Crossed,
+    crossed: CrossValidation,
     name: str,
     reduction: float,
     certainty: float,
@@ -211,23 +222,25 @@ def _objection(
         return f"takes {taken:.0%} of the error, less than {thresholds.reduction:.0%}"
     if certainty < thresholds.certainty:
         return f"its gain is {certainty:.1f} standard errors"
-    knobs = {knob.name: knob for knob in EFFECTS[name].knobs}
+    parameters = {parameter.name: parameter for parameter in EFFECTS[name].parameters}
     spread, mean = amplitude(crossed, name)
     # Where more than a size is fitted, one parameter may stand in for another.
-    if len(knobs) == 1 and spread > thresholds.agreement * mean:
+    if len(parameters) == 1 and spread > thresholds.agreement * mean:
         return "its size differs between the halves of the data"
-    for tuned, x in zip(crossed.problem.tuned, crossed.fits[0].at, strict=True):
-        if tuned.name in knobs and knobs[tuned.name].low <= 0.0:
+    for tuned, x in zip(crossed.problem.tuned, crossed.fits[0].x, strict=True):
+        if tuned.name in parameters and parameters[tuned.name].low <= 0.0:
             if x >= tuned.high * 0.999:
                 return f"{tuned.name} runs to its bound"
     return ""
 
 
-def amplitude(crossed: Crossed, name: str) -> tuple[float, float]:
+def amplitude(crossed: CrossValidation, name: str) -> tuple[float, float]:
     """Spread between the folds and mean size of an effect's amplitude, in scales."""
-    knobs = {knob.name for knob in EFFECTS[name].knobs if knob.low <= 0.0}
-    index = [i for i, p in enumerate(crossed.problem.tuned) if p.name in knobs]
-    found = np.array([fit.at[index] for fit in crossed.fits])
+    parameters = {
+        parameter.name for parameter in EFFECTS[name].parameters if parameter.low <= 0.0
+    }
+    index = [i for i, p in enumerate(crossed.problem.tuned) if p.name in parameters]
+    found = np.array([fit.x[index] for fit in crossed.fits])
     if found.shape[0] < 2:
         return 0.0, float(np.linalg.norm(found[0]))
     spread = float(np.linalg.norm(found[0] - found[1]))
@@ -235,7 +248,7 @@ def amplitude(crossed: Crossed, name: str) -> tuple[float, float]:
 
 
 def _decided(
-    now: Crossed, candidates: list[Candidate], thresholds: Thresholds
+    now: CrossValidation, candidates: list[Candidate], thresholds: Thresholds
 ) -> Round:
     candidates.sort(key=lambda candidate: -candidate.reduction)
     able = [candidate for candidate in candidates if not candidate.reason]
@@ -250,7 +263,7 @@ def _decided(
         if apart.sum() < thresholds.rival * error:
             rivals.append(other)
     # Where the data do not tell, the one with fewer parameters comes first.
-    rivals.sort(key=lambda rival: len(EFFECTS[rival.id].knobs))
+    rivals.sort(key=lambda rival: len(EFFECTS[rival.id].parameters))
     leader = rivals[0].id
     names = tuple(rival.id for rival in rivals)
     return Round(tuple(candidates), leader, names, confidence(sums, leader))
@@ -266,12 +279,16 @@ def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:
     return float(np.mean(np.argmin(totals, axis=0) == place))
 
 
-def _pruned(now: Crossed, division: Sequence[Fold], thresholds: Thresholds) -> Crossed:
+def _pruned(
+    now: CrossValidation, division: Sequence[Fold], thresholds: Thresholds
+) -> CrossValidation:
     """Without the effects that the others have made useless."""
     for name in now.problem.effects[:-1]:
         slim = now.problem.without(name)
         kept = [i for i, p in enumerate(now.problem.tuned) if p in slim.tuned]
-        crossed = cross(slim, division, [fit.at[kept] for fit in now.fits])
-        if crossed.squares <= now.squares * (1.0 + 0.5 * thresholds.reduction):
+        crossed = cross_validate(slim, division, [fit.x[kept] for fit in now.fits])
+        if crossed.held_out_mse <= now.held_out_mse * (
+            1.0 + 0.5 * thresholds.reduction
+        ):
             now = crossed
     return now

@@ -20,7 +20,7 @@ from cc_mujoco.estimation.least_squares import FACTOR_STEP, Tuned, differences
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis.inference.fitting import Problem
 
-WILD = 3.0
+HUBER_DELTA = 3.0
 """Errors beyond this many deviations of noise count less than their squares."""
 _STEPS = {"clock_offset": 0.05, "joint_angle_offset": 0.02, "pretension": 0.03}
 _STEP = 0.05
@@ -38,58 +38,62 @@ class Slopes:
         self._last: tuple[bytes, list[FloatArray]] = (b"", [])
         self._reach = np.array([_reach(p) for p in problem.tuned])
 
-    def errors(self, at: FloatArray) -> list[FloatArray]:
+    def errors(self, x: FloatArray) -> list[FloatArray]:
         """Errors over the floor, see `Problem.plainly`; the last ones are kept."""
-        key = at.tobytes()
+        key = x.tobytes()
         if self._last[0] != key:
-            self._last = (key, self._problem.plainly(at))
+            self._last = (key, self._problem.plainly(x))
         return self._last[1]
 
-    def jacobian(
-        self, at: FloatArray, masks: Sequence[NDArray[np.bool_]]
-    ) -> FloatArray:
+    def jacobian(self, x: FloatArray, masks: Sequence[NDArray[np.bool_]]) -> FloatArray:
         """Derivative of `Problem.residual` (residuals, parameters)."""
         problem = self._problem
         parts = []
         for slope, error, floor, mask in zip(
-            self._near(at), self.errors(at), problem.floor, masks, strict=True
+            self._near(x), self.errors(x), problem.floor, masks, strict=True
         ):
             size = np.abs(error)
-            root = np.sqrt(np.maximum(2.0 * WILD * size - WILD**2, WILD**2))
-            steep = problem.weight * np.where(size <= WILD, 1.0, WILD / root) / floor
-            parts.append((slope * -steep)[:, :, mask].reshape(at.size, -1))
+            root = np.sqrt(
+                np.maximum(2.0 * HUBER_DELTA * size - HUBER_DELTA**2, HUBER_DELTA**2)
+            )
+            steep = (
+                problem.weight
+                * np.where(size <= HUBER_DELTA, 1.0, HUBER_DELTA / root)
+                / floor
+            )
+            parts.append((slope * -steep)[:, :, mask].reshape(x.size, -1))
         priors = np.diag([-1.0 / p.prior for p in problem.tuned])
         priors = priors[:, [np.isfinite(p.prior) for p in problem.tuned]]
         return np.concatenate([*parts, priors], axis=1).T
 
-    def _near(self, at: FloatArray) -> list[FloatArray]:
+    def _near(self, x: FloatArray) -> list[FloatArray]:
         for place, slopes in self._taken:
-            if np.all(np.abs(at - place) <= self._reach):
+            if np.all(np.abs(x - place) <= self._reach):
                 return slopes
-        self._taken.append((at.copy(), self._take(at)))
+        self._taken.append((x.copy(), self._take(x)))
         return self._taken[-1][1]
 
-    def _take(self, at: FloatArray) -> list[FloatArray]:
+    def _take(self, x: FloatArray) -> list[FloatArray]:
         """(parameters, 2, samples) of every record."""
         problem = self._problem
         records = problem.plant.records
         here = [
             record.measured - error * floor
             for error, floor, record in zip(
-                self.errors(at), problem.floor, records, strict=True
+                self.errors(x), problem.floor, records, strict=True
             )
         ]
         steps = {
             index: _step(parameter, place)
             for index, (parameter, place) in enumerate(
-                zip(problem.tuned, at.tolist(), strict=True)
+                zip(problem.tuned, x.tolist(), strict=True)
             )
         }
         columns = differences(
             lambda place: problem.plant.simulate(
                 problem.values(place), problem.effects
             ),
-            at,
+            x,
             {k: step for k, step in steps.items() if not _sensed(problem.tuned[k])},
             here,
         )

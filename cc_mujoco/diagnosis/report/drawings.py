@@ -17,7 +17,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.evidence import Evidence, Map
 from cc_mujoco.diagnosis.report.excerpt import Excerpt, changed, ordinary, worst
-from cc_mujoco.diagnosis.report.likeness import draw_isolability
+from cc_mujoco.diagnosis.report.isolability import draw_isolability
 from cc_mujoco.diagnosis.verdict import Diagnosis, Gap
 from cc_mujoco.diagnosis.wording import (
     TORQUE_UNIT,

@@ -107,12 +107,15 @@ def scene(result: Result, path: Path) -> list[str]:
     """Write the scene with the effects; compare its rollout with the replay."""
     problem = result.problem
     assert problem is not None
-    values = problem.values(result.at)
+    values = problem.values(result.x)
     cables = problem.plant.cables(values, problem.effects)
-    near, far = problem.plant.radii(values)
-    bench = replace(result.bench, motor_radius=near, joint_radius=far)
+    proximal, distal = problem.plant.radii(values)
+    bench = replace(result.bench, motor_radius=proximal, joint_radius=distal)
     effects = {
-        name: {knob.name: values[knob.name] for knob in EFFECTS[name].knobs}
+        name: {
+            parameter.name: values[parameter.name]
+            for parameter in EFFECTS[name].parameters
+        }
         for name in problem.effects
     }
     write_scene(path, repaired(bench, cables, effects))
@@ -131,15 +134,17 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
     problem = result.problem
     assert problem is not None
     record = problem.plant.records[0]
-    values = problem.values(result.at)
+    values = problem.values(result.x)
     short = min(record.time.size, round(4.0 / record.dt))
     offset = values.get("joint_angle_offset", 0.0)
-    near, far = problem.plant.radii(values)
+    proximal, distal = problem.plant.radii(values)
     ahead = values.get(JOINT_DELAY, 0.0) / record.dt
     joint = shifted(record.joint_angle, ahead)[:short] + offset
     time = record.start + record.dt * np.arange(short)
     shown = np.array(
-        rollout(path, time, record.motor_angle[:short], joint, lead_in=far / near)
+        rollout(
+            path, time, record.motor_angle[:short], joint, lead_in=distal / proximal
+        )
     )
     quiet = {
         **values,

@@ -20,7 +20,7 @@ from cc_mujoco import markdown
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.evidence import Evidence, Map, Trace
 from cc_mujoco.diagnosis.report.excerpt import changed, worst
-from cc_mujoco.diagnosis.report.likeness import alike_pairs, invisible
+from cc_mujoco.diagnosis.report.isolability import confounded_pairs, invisible
 from cc_mujoco.diagnosis.wording import (
     SIGN,
     TORQUE_UNIT,
@@ -81,7 +81,7 @@ def recording_id(evidence: Evidence) -> str:
         name = f"{each.channel}/{each.axis}/{each.unit}/{each.share}/{each.chance}"
         add(name, each.centre, each.before, each.after, each.band)
     isolability = evidence.isolability
-    add("/".join(isolability.ids), isolability.alike, isolability.visible)
+    add("/".join(isolability.ids), isolability.cosines, isolability.visible)
     return digest.hexdigest()[:32]
 
 
@@ -135,7 +135,7 @@ def _about(evidence: Evidence, names: Names) -> rr.TextDocument:
     ]
     pairs = [
         (names(one), names(other), f"{alike:.2f}")
-        for one, other, alike in alike_pairs(evidence.isolability)
+        for one, other, alike in confounded_pairs(evidence.isolability)
     ]
     parts = [
         "# Evidence of a diagnosis",

@@ -11,7 +11,7 @@ from typing import Any
 from cc_mujoco.diagnosis.evidence import Evidence, Map
 from cc_mujoco.diagnosis.report.drawings import shown_maps
 from cc_mujoco.diagnosis.report.excerpt import Excerpt
-from cc_mujoco.diagnosis.report.likeness import alike_pairs, invisible
+from cc_mujoco.diagnosis.report.isolability import confounded_pairs, invisible
 from cc_mujoco.diagnosis.report.page import (
     Html,
     bar,
@@ -191,7 +191,7 @@ def likeness(evidence: Evidence, names: Names) -> Html | None:
         return None
     pairs = [
         f"{names(one)} and {names(other)} ({alike:.2f})"
-        for one, other, alike in alike_pairs(evidence.isolability)
+        for one, other, alike in confounded_pairs(evidence.isolability)
     ]
     weak = invisible(evidence.isolability)
     lines = ["These data tell all effects apart."]

@@ -68,10 +68,10 @@ def measured(model: mujoco.MjModel, data: mujoco.MjData) -> Measured:
         CableError: the scene has no instruments.
     """
     motor, joint = torque_weights(model) @ data.sensordata
-    near, far = (
+    proximal, distal = (
         data.sensordata[model.sensor_adr[sensor]] for sensor in angle_sensors(model)
     )
-    return Measured(float(near), float(motor), float(far), float(joint))
+    return Measured(float(proximal), float(motor), float(distal), float(joint))
 
 
 def torque_weights(model: mujoco.MjModel) -> FloatArray:
@@ -211,17 +211,17 @@ def without_delay(model: mujoco.MjModel) -> Iterator[None]:
 
 def _ends(spec: mujoco.MjSpec, cable: str) -> tuple[str, str]:
     """Names of the actuators at a cable's proximal and distal end, given if missing."""
-    near, far = (
+    proximal, distal = (
         actuator
         for actuator in spec.actuators
         if actuator.plugin.name == cable  # a written scene has no `plugin_name` here
     )
-    for actuator, end in ((near, "proximal"), (far, "distal")):
+    for actuator, end in ((proximal, "proximal"), (distal, "distal")):
         name = actuator.name or f"{cable}_{end}"
         while not actuator.name and spec.actuator(name) is not None:
             name += "_"
         actuator.name = name
-    return str(near.name), str(far.name)
+    return str(proximal.name), str(distal.name)
 
 
 def _of_force(sensor: mujoco.MjsSensor | None, actuators: list[str]) -> bool:

@@ -57,9 +57,9 @@ def repaired(
     bench = replace(bench, cables=tuple(cables))
     spec = mujoco.MjSpec.from_file(str(bench.path))
     for name, cable, sign in zip(bench.names, cables, (-1.0, 1.0), strict=False):
-        near = (bench.motor, sign * bench.motor_radius)
-        far = (bench.joint, sign * bench.joint_radius)
-        to_mjcf(spec, name, cable, near, far)
+        proximal = (bench.motor, sign * bench.motor_radius)
+        distal = (bench.joint, sign * bench.joint_radius)
+        to_mjcf(spec, name, cable, proximal, distal)
     try:
         spec.option.timestep = min(spec.option.timestep, _largest_step(spec, bench))
         instrument(spec, bench)

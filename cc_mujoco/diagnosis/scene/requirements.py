@@ -50,8 +50,10 @@ def require_repairable(bench: Bench) -> None:
     plain = _rehearsed(bench, {})
     everything = {
         name: {
-            knob: typical.get(knob, 0.01)  # offsets have no entry in the library
-            for knob in realisation.parameters
+            parameter: typical.get(
+                parameter, 0.01
+            )  # offsets have no entry in the library
+            for parameter in realisation.parameters
         }
         for name, realisation in REALISATIONS.items()
         for typical in [_typical(name)]
@@ -82,8 +84,8 @@ def _rehearsed(bench: Bench, effects: Mapping[str, Values]) -> mujoco.MjSpec:
 
 
 def _typical(effect: str) -> dict[str, float]:
-    knobs = EFFECTS[effect].knobs if effect in EFFECTS else ()
-    return {knob.name: knob.typical for knob in knobs}
+    parameters = EFFECTS[effect].parameters if effect in EFFECTS else ()
+    return {parameter.name: parameter.typical for parameter in parameters}
 
 
 def _settings(spec: mujoco.MjSpec, bench: Bench) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.inference.plant import led
+from cc_mujoco.diagnosis.inference.plant import with_lead_in
 from cc_mujoco.diagnosis.inference.records import LEAD
 from cc_mujoco.diagnosis.scene.instruments import (
     angle_sensors,
@@ -59,7 +59,8 @@ def rollout(
         motor_angle: (samples,) [rad].
         joint_angle: (samples,) [rad].
         lead_in: turns of the motor per turn of the joint, to come from rest in the
-            pose 0 to the first sample, see `plant.led`; None begins there at rest.
+            pose 0 to the first sample, see `plant.with_lead_in`; None begins there at
+            rest.
 
     Returns:
         Torque that the motor puts into its pulley, and torque that the transmission
@@ -73,7 +74,7 @@ def rollout(
     if lead_in is not None:
         step = (clock[-1] - clock[0]) / (clock.size - 1)
         before = clock[0] + step * np.arange(-LEAD, 0)
-        motor, joint = led(angles[0], angles[1], lead_in, 1)
+        motor, joint = with_lead_in(angles[0], angles[1], lead_in, 1)
         led_in = rollout(scene, np.concatenate([before, clock]), motor, joint)
         return led_in[0][LEAD:], led_in[1][LEAD:]
     model = _model(scene)
@@ -135,7 +136,7 @@ def _play(
 
 
 def _at_rest(
-    model: mujoco.MjModel, near: float, far: float, start: float
+    model: mujoco.MjModel, proximal: float, distal: float, start: float
 ) -> mujoco.MjData:
     """Both joints at these angles, cables in pretension, sensors that saw only that."""
     motor, joint = _driven(model)
@@ -144,12 +145,12 @@ def _at_rest(
     data = mujoco.MjData(model)
 
     def lay() -> None:
-        data.qpos[model.jnt_qposadr[motor]] = near
-        data.qpos[model.jnt_qposadr[joint]] = far
+        data.qpos[model.jnt_qposadr[motor]] = proximal
+        data.qpos[model.jnt_qposadr[joint]] = distal
         for target in model.actuator_trnid[ends, 0]:
             # A pulley of its own begins in the middle of its play.
             if target not in (motor, joint):
-                data.qpos[model.jnt_qposadr[target]] = far
+                data.qpos[model.jnt_qposadr[target]] = distal
 
     lay()
     mujoco.mj_fwdPosition(model, data)
@@ -183,8 +184,8 @@ def _refined(signal: FloatArray, substeps: int, count: int) -> FloatArray:
 
 def _driven(model: mujoco.MjModel) -> tuple[int, int]:
     """Indices of the motor's and the joint's hinge."""
-    near, far = (model.sensor_objid[sensor] for sensor in angle_sensors(model))
-    return int(near), int(far)
+    proximal, distal = (model.sensor_objid[sensor] for sensor in angle_sensors(model))
+    return int(proximal), int(distal)
 
 
 def _model(scene: str | os.PathLike[str] | mujoco.MjSpec) -> mujoco.MjModel:

@@ -34,7 +34,7 @@ from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress, Verdict
 from cc_mujoco.reproduce.rig import PRINTED
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable, replay
-from cc_mujoco.transmission.literal import Mesh
+from cc_mujoco.transmission.thesis_solver import Mesh
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -186,9 +186,9 @@ def in_time(seconds: float = 6.0) -> Run:
     """Motor and wearer pull and let go, with rests; the encoder is exact."""
     time = np.arange(0.0, seconds, DT)
     knots = [0.0, 1.0, 1.5, 2.5, 3.0, 4.0, 4.5, 5.5, 6.0]
-    near = -0.03 * np.interp(time, knots, [0, 1, 1, 0.2, 0.2, 1.2, 1.2, 0.3, 0.3])
-    far = -0.02 * np.interp(time, knots, [0, 0.7, 0.7, 0, 0, 1, 1, 0.2, 0.2])
-    true = replay(RUN_CABLE, DT, u_proximal=near, u_distal=far, profile=True)
+    proximal = -0.03 * np.interp(time, knots, [0, 1, 1, 0.2, 0.2, 1.2, 1.2, 0.3, 0.3])
+    distal = -0.02 * np.interp(time, knots, [0, 0.7, 0.7, 0, 0, 1, 1, 0.2, 0.2])
+    true = replay(RUN_CABLE, DT, u_proximal=proximal, u_distal=distal, profile=True)
     assert true.tension is not None and true.direction is not None
     random = np.random.default_rng(39)
     reading = true.tension + RUN_NOISE * random.normal(size=true.tension.shape)
@@ -205,7 +205,7 @@ def in_time(seconds: float = 6.0) -> Run:
         each = SensorConsensus(RUN_CABLE, sensors, choice=choice, threshold=threshold)
         rows = [
             (each.update(u, row).copy(), each.direction.copy())
-            for u, row in zip(near.tolist(), reading, strict=True)
+            for u, row in zip(proximal.tolist(), reading, strict=True)
         ]
         found = np.array([row[0] for row in rows])
         output[name] = found[:, -1]
@@ -215,7 +215,7 @@ def in_time(seconds: float = 6.0) -> Run:
         observer = CableObserver(RUN_CABLE, sensors, DT, agility=agility)
         seen = [
             (observer.update(u, row), observer.direction)
-            for u, row in zip(near.tolist(), reading, strict=True)
+            for u, row in zip(proximal.tolist(), reading, strict=True)
         ]
         name = observed(agility)
         found = np.array([row[0] for row in seen])

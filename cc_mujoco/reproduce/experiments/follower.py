@@ -79,9 +79,9 @@ def follow(cable: Cable, angle: FloatArray) -> FloatArray:
     reached = np.empty_like(angle)
     joint_radius = transmission.joint_radius
     for row, joint in enumerate(angle.tolist()):
-        pull, far = MOTOR_RADIUS * theta, joint_radius * joint
-        tightening.step(DT, u_proximal=-pull, u_distal=-far)
-        slackening.step(DT, u_proximal=pull, u_distal=far)
+        pull, distal = MOTOR_RADIUS * theta, joint_radius * joint
+        tightening.step(DT, u_proximal=-pull, u_distal=-distal)
+        slackening.step(DT, u_proximal=pull, u_distal=distal)
         load = tightening.tension_proximal - slackening.tension_proximal
         error = transmission.ratio * joint - theta
         integral += INTEGRAL * error * DT

@@ -17,7 +17,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.figures import BLUE, COLORS, GREY, ORANGE, figure
 from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress
 from cc_mujoco.reproduce.rig import PRINTED
-from cc_mujoco.transmission.literal import Constraint, Mesh, sign_patterns, solve
+from cc_mujoco.transmission.thesis_solver import Constraint, Mesh, sign_patterns, solve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -37,7 +37,7 @@ from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress, at_least
 from cc_mujoco.reproduce.rig import PRINTED
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Replay, replay
-from cc_mujoco.transmission.literal import Mesh
+from cc_mujoco.transmission.thesis_solver import Mesh
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -173,12 +173,12 @@ def on_a_motion(seconds: float = 80.0, seed: int = 43) -> tuple[float, float]:
     for told, direction in zip(reading, true.direction, strict=True):
         noise.update(told, direction)
     whole = np.all(true.direction == true.direction[:, :1], axis=1)
-    way = np.where(whole, true.direction[:, 0], 0)
-    bounds = np.flatnonzero(np.diff(way, prepend=0, append=0))
+    slip_direction = np.where(whole, true.direction[:, 0], 0)
+    bounds = np.flatnonzero(np.diff(slip_direction, prepend=0, append=0))
     found = []
     for first, last in itertools.pairwise(bounds.tolist()):
-        if way[first] != 0 and last - first > 400:
-            model = trend_model(_factors(float(way[first])))
+        if slip_direction[first] != 0 and last - first > 400:
+            model = trend_model(_factors(float(slip_direction[first])))
             innovation = innovations(model, reading[first:last])[4 * SETTLED :]
             found.append(autocovariance_least_squares(innovation, model).sensor)
     by_time = np.sqrt(np.mean(found, axis=0))
@@ -338,10 +338,10 @@ def _listed(values: FloatArray) -> str:
     return ", ".join(f"{value:.2g}" for value in values)
 
 
-def _factors(way: float) -> FloatArray:
+def _factors(slip_direction: float) -> FloatArray:
     """Tension at each sensor per output tension."""
     nodes = np.array(NODES)
-    return 1.0 / gains(Mesh.of(CABLE), np.full(SEGMENTS, way), nodes)[:, -1]
+    return 1.0 / gains(Mesh.of(CABLE), np.full(SEGMENTS, slip_direction), nodes)[:, -1]
 
 
 def _learn(deviation: FloatArray, seed: int) -> FloatArray:

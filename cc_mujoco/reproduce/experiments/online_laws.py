@@ -21,7 +21,7 @@ from cc_mujoco.reproduce.experiments.online_runs import (
     simulate,
     strokes,
 )
-from cc_mujoco.transmission.literal import Mesh
+from cc_mujoco.transmission.thesis_solver import Mesh
 
 GAINS = np.geomspace(1e-5, 1e-1, 13)
 """Of the printed law [1/N]."""

@@ -63,11 +63,13 @@ class Truth(NamedTuple):
     factor: FloatArray
 
 
-def strokes(duration: float, near: float = 0.03, far: float = 0.02) -> FloatArray:
+def strokes(
+    duration: float, proximal: float = 0.03, distal: float = 0.02
+) -> FloatArray:
     """Time and displacement of both ends, to and fro, (3, samples)."""
     time = np.arange(0.0, duration, DT)
     wave = -np.sin(2.0 * np.pi * time / PERIOD)
-    return np.array([time, near * wave, far * wave])
+    return np.array([time, proximal * wave, distal * wave])
 
 
 def pulls(duration: float, depth: float) -> FloatArray:
@@ -96,7 +98,7 @@ def simulate(
         factor: what it is multiplied by, (samples,) or a number.
         noise: of every sensor [N].
     """
-    time, near, far = motion
+    time, proximal, distal = motion
     n = cable.segments
     factors = np.broadcast_to(np.asarray(factor, dtype=float), time.shape)
     values = np.array(cable.scalars)
@@ -113,7 +115,7 @@ def simulate(
             now = values.copy()
             now[place] *= factors[row]
             kernel.pack(now, sections, n, prm)
-        kernel.advance(prm, n, state, near[row], far[row], DT, new, work)
+        kernel.advance(prm, n, state, proximal[row], distal[row], DT, new, work)
         state, new = new, state
         tension[row] = state[first : first + n + 1]
         direction[row] = np.sign(state[first + n + 1 : first + 2 * n + 1])
@@ -123,7 +125,7 @@ def simulate(
     random = np.random.default_rng(seed)
     clean = tension[:, list(sensors.nodes)]
     reading = clean + noise * random.normal(size=clean.shape)
-    return Truth(time, near, far, tension, direction, reading, sensors, factors)
+    return Truth(time, proximal, distal, tension, direction, reading, sensors, factors)
 
 
 def drift(duration: float, rest: float, gain: float) -> FloatArray:

@@ -74,7 +74,7 @@ def motion() -> FloatArray:
     return pull
 
 
-def models(near: FloatArray, recorded: Answer) -> list[Model]:
+def models(proximal: FloatArray, recorded: Answer) -> list[Model]:
     """Every model, ours last; Do's fitted to the first two seconds of a recording."""
     first = slice(0, round(2.0 / DT))
     seen = Answer(*(part[first] for part in recorded))
@@ -83,26 +83,26 @@ def models(near: FloatArray, recorded: Answer) -> list[Model]:
         LumpedMasses(CABLE),
         BristleChain(CABLE),
         LuGreChain(CABLE),
-        ModifiedBoucWen.fitted(CABLE, DT, near[first], SPRING, seen),
+        ModifiedBoucWen.fitted(CABLE, DT, proximal[first], SPRING, seen),
         PassiveDistributed(CABLE),
         Distributed(CABLE),
     ]
 
 
-def judge(model: Model, near: FloatArray, truth: Answer, unit: float) -> Judged:
+def judge(model: Model, proximal: FloatArray, truth: Answer, unit: float) -> Judged:
     """Ask, compare and time one model; `unit` is the time of our step [s]."""
-    answer = model.replay(DT, near, SPRING)
-    far = answer.tension_distal - truth.tension_distal
-    lost = answer.tension_proximal - truth.tension_proximal - far
+    answer = model.replay(DT, proximal, SPRING)
+    distal = answer.tension_distal - truth.tension_distal
+    lost = answer.tension_proximal - truth.tension_proximal - distal
     moves = np.abs(np.gradient(truth.u_distal)) > 1e-9
     return Judged(
         model,
         ask(model),
         answer,
-        _rms(far[moves]),
-        _rms(far[~moves]),
+        _rms(distal[moves]),
+        _rms(distal[~moves]),
         (_rms(lost[moves]), _rms(lost[~moves])),
-        cost(model, near) / unit,
+        cost(model, proximal) / unit,
     )
 
 
@@ -110,30 +110,30 @@ def _rms(error: FloatArray) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def cost(model: Model, near: FloatArray) -> float:
+def cost(model: Model, proximal: FloatArray) -> float:
     """Time of one step, best of five, compiled beforehand [s]."""
     best = np.inf
     for _ in range(5):
         begin = time.perf_counter()
-        model.replay(DT, near, SPRING)
+        model.replay(DT, proximal, SPRING)
         best = min(best, time.perf_counter() - begin)
-    return best / near.size
+    return best / proximal.size
 
 
 def run(progress: Progress) -> Outcome:
     """Ask every model."""
-    near = motion()
-    truth = Distributed(CABLE.replace(segments=FINE)).replay(DT, near, SPRING)
+    proximal = motion()
+    truth = Distributed(CABLE.replace(segments=FINE)).replay(DT, proximal, SPRING)
     ours = Distributed(CABLE)
-    ours.replay(DT, near, SPRING)
-    unit = cost(ours, near)
-    asked = models(near, truth)
+    ours.replay(DT, proximal, SPRING)
+    unit = cost(ours, proximal)
+    asked = models(proximal, truth)
     found = []
     for place, model in enumerate(asked):
-        found.append(judge(model, near, truth, unit))
+        found.append(judge(model, proximal, truth, unit))
         progress((place + 1) / len(asked))
     by_type = {type(judged.model): judged for judged in found}
-    tables = {"capabilities": _table(found), "motion": _motion(near, truth, found)}
+    tables = {"capabilities": _table(found), "motion": _motion(proximal, truth, found)}
     figures = {"capabilities": _draw_table(found), "motion": _draw_motion(found, truth)}
     return Outcome(_claims(by_type), figures, tables)
 
@@ -274,11 +274,11 @@ def _table(found: list[Judged]) -> dict[str, Any]:
     return columns
 
 
-def _motion(near: FloatArray, truth: Answer, found: list[Judged]) -> dict[str, Any]:
+def _motion(proximal: FloatArray, truth: Answer, found: list[Judged]) -> dict[str, Any]:
     every = slice(None, None, 10)
     columns = {
-        "time_s": (np.arange(near.size) * DT)[every],
-        "u_proximal_m": near[every],
+        "time_s": (np.arange(proximal.size) * DT)[every],
+        "u_proximal_m": proximal[every],
         "reference_tension_distal_n": truth.tension_distal[every],
     }
     for judged in found:

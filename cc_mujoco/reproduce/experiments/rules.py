@@ -1,8 +1,8 @@
 """The rules of 2.1 and 2.2 as printed, where they depend on the mesh or fail.
 
-The thesis's own solver (`transmission.literal`) plays motions for which its rules are
-in doubt. The reference is this package's kernel with many segments, which agrees with
-an independent solution of the continuum within 0.03 % at that fineness.
+The thesis's own solver (`transmission.thesis_solver`) plays motions for which its rules
+are in doubt. The reference is this package's kernel with many segments, which agrees
+with an independent solution of the continuum within 0.03 % at that fineness.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cc_mujoco.figures import BLUE, GREEN, ORANGE, PINK, figure, mark
 from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress
 from cc_mujoco.reproduce.rig import PRINTED
 from cc_mujoco.transmission import replay
-from cc_mujoco.transmission.literal import (
+from cc_mujoco.transmission.thesis_solver import (
     Constraint,
     Mesh,
     play,
@@ -44,13 +44,13 @@ class Opposed(NamedTuple):
     """Both ends pulled apart and let go, errors in percent of the largest tension.
 
     Attributes:
-        literal: RMS error of the worse end tension of the thesis's solver, per N.
+        thesis_solver: RMS error of the worse end tension of the thesis's solver, per N.
         kernel: of the kernel.
         contradicted: share of the steps that no sign pattern fits.
         fed: energy fed in by friction in those steps, share of what is dissipated.
     """
 
-    literal: FloatArray
+    thesis_solver: FloatArray
     kernel: FloatArray
     contradicted: FloatArray
     fed: FloatArray
@@ -64,14 +64,16 @@ def apart_and_back(samples: int) -> tuple[FloatArray, FloatArray]:
 
 def opposed(segments: tuple[int, ...] = SEGMENTS, samples: int = SAMPLES) -> Opposed:
     """How the rounding of the null point to a node shows (2.1.2, 2.3.2)."""
-    near, far = apart_and_back(samples)
-    fine = replay(CABLE.replace(segments=FINE), DT, u_proximal=near, u_distal=far)
+    proximal, distal = apart_and_back(samples)
+    fine = replay(
+        CABLE.replace(segments=FINE), DT, u_proximal=proximal, u_distal=distal
+    )
     exact = np.column_stack([fine.tension_proximal, fine.tension_distal])
     rows = []
     for n in segments:
         cable = CABLE.replace(segments=n)
-        theirs = play(cable, u_proximal=near, u_distal=far)
-        ours = replay(cable, DT, u_proximal=near, u_distal=far)
+        theirs = play(cable, u_proximal=proximal, u_distal=distal)
+        ours = replay(cable, DT, u_proximal=proximal, u_distal=distal)
         ends = np.column_stack([ours.tension_proximal, ours.tension_distal])
         work = friction_work(theirs.tension, theirs.displacement)
         rows.append(
@@ -105,12 +107,12 @@ class Static(NamedTuple):
     """Effect of static friction on the largest proximal tension, against N [N].
 
     Attributes:
-        literal: of the thesis's solver, by (2.17).
+        thesis_solver: of the thesis's solver, by (2.17).
         kernel: of the kernel, by the same rule.
         memory: of the kernel with break-away over `MEMORY` of slip.
     """
 
-    literal: FloatArray
+    thesis_solver: FloatArray
     kernel: FloatArray
     memory: FloatArray
 
@@ -123,7 +125,7 @@ def static_effect(segments: tuple[int, ...] = SEGMENTS) -> Static:
     for n in segments:
         plain = CABLE.replace(segments=n)
         rule = plain.replace(static_friction=STATIC)
-        slow = rule.replace(memory_length=MEMORY)
+        slow = rule.replace(critical_slip_distance=MEMORY)
         ours = [
             replay(cable, DT, u_proximal=pull, u_distal=still).tension_proximal
             for cable in (plain, rule, slow)
@@ -210,12 +212,14 @@ def run(progress: Progress) -> Outcome:
     speed = front_speed(12)
     pulls = np.geomspace(1.001, 1000.0, 200)
     passed = distal_rule_as_printed(pulls)
-    near, far = apart_and_back(SAMPLES)
+    proximal, distal = apart_and_back(SAMPLES)
     n = SEGMENTS[-1]
-    fall = static.literal[0] / static.literal[-1]
+    fall = static.thesis_solver[0] / static.thesis_solver[-1]
     cable = CABLE.replace(segments=n)
-    theirs = play(cable, u_proximal=near, u_distal=far).tension[:, 0]
-    fine = replay(CABLE.replace(segments=FINE), DT, u_proximal=near, u_distal=far)
+    theirs = play(cable, u_proximal=proximal, u_distal=distal).tension[:, 0]
+    fine = replay(
+        CABLE.replace(segments=FINE), DT, u_proximal=proximal, u_distal=distal
+    )
     claims = (
         Claim(
             "2.3.3",
@@ -229,10 +233,10 @@ def run(progress: Progress) -> Outcome:
         Claim(
             "2.1.2, 2.3.2",
             "motion from both ends is solved by the same patterns",
-            f"opposed pull, N = {n}: error {null.literal[-1]:.2g} % and not falling "
-            f"({null.literal[1]:.2g} % at N = {SEGMENTS[1]}); our kernel "
+            f"opposed pull, N = {n}: error {null.thesis_solver[-1]:.2g} % and not "
+            f"falling ({null.thesis_solver[1]:.2g} % at N = {SEGMENTS[1]}); our kernel "
             f"{null.kernel[-1]:.2g} %",
-            "disagrees" if null.literal[-1] > 5.0 * null.kernel[-1] else "agrees",
+            "disagrees" if null.thesis_solver[-1] > 5.0 * null.kernel[-1] else "agrees",
             "the null point is rounded to a segment; ours is a place inside it",
         ),
         Claim(
@@ -241,7 +245,8 @@ def run(progress: Progress) -> Outcome:
             f"effect of mu_s = 3 mu_d falls {fall:.0f} times from N = {SEGMENTS[0]} to "
             f"{n}; over 1 mm of slip it stays within {_spread(static.memory):.0%}",
             "disagrees" if fall > 3.0 else "agrees",
-            "one segment holds: the finer the mesh, the less; `memory_length` mends it",
+            "one segment holds: the finer the mesh, the less; "
+            "`critical_slip_distance` mends it",
         ),
         Claim(
             "2.2, (2.18)",
@@ -317,7 +322,7 @@ def _draw_motion(axes: Axes, theirs: FloatArray, exact: FloatArray) -> None:
 
 
 def _draw_errors(axes: Axes, null: Opposed) -> None:
-    axes.loglog(SEGMENTS, null.literal, "o-", color=BLUE, label="thesis's rules")
+    axes.loglog(SEGMENTS, null.thesis_solver, "o-", color=BLUE, label="thesis's rules")
     axes.loglog(SEGMENTS, null.kernel, "o-", color=GREEN, label="our kernel")
     mark(axes.xaxis, SEGMENTS)
     axes.set(
@@ -344,7 +349,7 @@ def _draw_share(axes: Axes, null: Opposed) -> None:
 
 def _draw_static(axes: Axes, static: Static) -> None:
     for values, label, color in (
-        (static.literal, "rule 2.17, thesis's solver", BLUE),
+        (static.thesis_solver, "rule 2.17, thesis's solver", BLUE),
         (static.kernel, "rule 2.17, our kernel", GREEN),
         (static.memory, "break-away over 1 mm of slip, our kernel", ORANGE),
     ):

@@ -19,7 +19,7 @@ from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress
 from cc_mujoco.reproduce.rig import PRINTED, RECONCILED
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable, replay
-from cc_mujoco.transmission.literal import Mesh
+from cc_mujoco.transmission.thesis_solver import Mesh
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,7 +19,7 @@ from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress, at_least
 from cc_mujoco.reproduce.rig import PRINTED
 from cc_mujoco.transmission import Cable, kernel, rest_state
 from cc_mujoco.transmission.conduit import packed
-from cc_mujoco.transmission.literal import (
+from cc_mujoco.transmission.thesis_solver import (
     Constraint,
     Mesh,
     by_fsolve,
@@ -66,17 +66,19 @@ def costs(segments: int, steps: int = 60, general_steps: int = 6) -> Costs:
     drag = np.linspace(0.0, 0.2, 500)
     before = play(cable, u_proximal=drag, u_distal=drag + np.minimum(drag, 0.03))
     at = np.arange(1, 100 * steps + 1) * DT
-    near = drag[-1] + 0.05 * at
-    far = drag[-1] + 0.03 + 0.05 * at + 0.002 * np.sin(6.0 * at)
+    proximal = drag[-1] + 0.05 * at
+    distal = drag[-1] + 0.03 + 0.05 * at + 0.002 * np.sin(6.0 * at)
     rest = cable.pretension * cable.length / cable.axial_stiffness
 
-    ours, ends = _time_kernel(cable, drag, near, far, steps)
+    ours, ends = _time_kernel(cable, drag, proximal, distal, steps)
 
     mesh, patterns = Mesh.of(cable), sign_patterns(segments)
     u = before.displacement[-1]
     begin = time.perf_counter()
     for row in range(steps):
-        found = solve(mesh, u, _ends(near[row], rest + far[row], segments), patterns)
+        found = solve(
+            mesh, u, _ends(proximal[row], rest + distal[row], segments), patterns
+        )
         u = found.displacement
     enumeration = (time.perf_counter() - begin) / steps
     apart = float(np.max(np.abs(found.tension[[0, -1]] / ends - 1.0)))
@@ -88,7 +90,7 @@ def costs(segments: int, steps: int = 60, general_steps: int = 6) -> Costs:
         tension, u, converged = by_fsolve(
             mesh,
             guess[segments + 1 :],
-            _ends(near[row], rest + far[row], segments),
+            _ends(proximal[row], rest + distal[row], segments),
             guess,
         )
         guess = np.concatenate([tension, u])
@@ -127,18 +129,18 @@ def _step_through(
     prm: FloatArray,
     n: int,
     state: FloatArray,
-    near: FloatArray,
-    far: FloatArray,
+    proximal: FloatArray,
+    distal: FloatArray,
     new: FloatArray,
     work: FloatArray,
 ) -> None:
-    for row in range(near.size):
-        kernel.advance(prm, n, state, near[row], far[row], DT, new, work)
+    for row in range(proximal.size):
+        kernel.advance(prm, n, state, proximal[row], distal[row], DT, new, work)
         state[:] = new
 
 
 def _time_kernel(
-    cable: Cable, drag: FloatArray, near: FloatArray, far: FloatArray, steps: int
+    cable: Cable, drag: FloatArray, proximal: FloatArray, distal: FloatArray, steps: int
 ) -> tuple[float, FloatArray]:
     """Time of a step, best of three, and both end tensions after `steps` steps."""
     n = cable.segments
@@ -146,18 +148,21 @@ def _time_kernel(
     new = state.copy()
     _step_through(prm, n, state, drag, drag + np.minimum(drag, 0.03), new, work)
     early = state.copy()
-    _step_through(prm, n, early, near[:steps], far[:steps], new, work)
+    _step_through(prm, n, early, proximal[:steps], distal[:steps], new, work)
     best = np.inf
     for _ in range(3):
         late = state.copy()
         begin = time.perf_counter()
-        _step_through(prm, n, late, near, far, new, work)
-        best = min(best, (time.perf_counter() - begin) / near.size)
+        _step_through(prm, n, late, proximal, distal, new, work)
+        best = min(best, (time.perf_counter() - begin) / proximal.size)
     return best, early[[kernel.STATE_HEADER, kernel.STATE_HEADER + n]]
 
 
-def _ends(near: float, far: float, n: int) -> list[Constraint]:
-    return [Constraint("displacement", 0, near), Constraint("displacement", n, far)]
+def _ends(proximal: float, distal: float, n: int) -> list[Constraint]:
+    return [
+        Constraint("displacement", 0, proximal),
+        Constraint("displacement", n, distal),
+    ]
 
 
 def _claims(found: dict[int, Costs]) -> tuple[Claim, ...]:

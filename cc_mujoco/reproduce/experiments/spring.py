@@ -15,13 +15,13 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control import (
+    CableDrive,
     Controller,
     Drive,
     Feedback,
     ModelBased,
     ProportionalIntegral,
     StictionCompensation,
-    Strand,
 )
 from cc_mujoco.figures import COLORS, DASH, GREY, figure
 from cc_mujoco.reproduce.experiments.tracking import GROWTH, PERIOD, cable
@@ -45,8 +45,8 @@ CLOSE = 0.01
 def drive() -> Drive:
     """The pull-pull transmission, ratio 1."""
     own = cable(GROWTH)
-    pair = (Strand(own, -RADIUS, -RADIUS), Strand(own, RADIUS, RADIUS))
-    return Drive(1.0, -20.0, 20.0, PERIOD, strands=(pair,))
+    pair = (CableDrive(own, -RADIUS, -RADIUS), CableDrive(own, RADIUS, RADIUS))
+    return Drive(1.0, -20.0, 20.0, PERIOD, cable_drives=(pair,))
 
 
 def motion() -> tuple[FloatArray, FloatArray]:

@@ -15,13 +15,13 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control import (
+    CableDrive,
     Controller,
     Drive,
     Feedback,
     FeedForward,
     ModelBased,
     ProportionalIntegral,
-    Strand,
 )
 from cc_mujoco.figures import COLORS, DASH, GREY, figure
 from cc_mujoco.recording.signals import lag
@@ -62,8 +62,8 @@ def cable(growth: float) -> Cable:
 
 def drive(growth: float) -> Drive:
     """One cable; with arms of 1 m torques are tensions and angles displacements."""
-    strand = Strand(cable(growth), -1.0, -1.0)
-    return Drive(1.0, 0.0, 1000.0, PERIOD, one_way=True, strands=((strand,),))
+    drive = CableDrive(cable(growth), -1.0, -1.0)
+    return Drive(1.0, 0.0, 1000.0, PERIOD, one_way=True, cable_drives=((drive,),))
 
 
 def schemes(device: Drive) -> dict[str, Controller]:

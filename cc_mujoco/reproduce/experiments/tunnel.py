@@ -39,7 +39,7 @@ RIG = COULOMB.replace(
     viscous_friction=VISCOUS,
     stribeck_friction=STRIBECK,
     stribeck_speed=SPEED,
-    memory_length=5e-4,
+    critical_slip_distance=5e-4,
 )
 CELL = 5e-4
 """Noise of the load cell, its resolution (2.4.1) [Nm]."""

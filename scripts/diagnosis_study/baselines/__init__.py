@@ -21,9 +21,9 @@ from baselines.binning import binned
 from baselines.guess import Guess
 from baselines.refits import bic
 from baselines.sparsity import sparse
-from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit
 
-METHODS: dict[str, Callable[[Tuning], Guess]] = {
+METHODS: dict[str, Callable[[BaselineFit], Guess]] = {
     "binned": binned,
     "sparse": sparse,
     "bic": bic,
@@ -31,7 +31,7 @@ METHODS: dict[str, Callable[[Tuning], Guess]] = {
 """Every way by its name."""
 
 
-def installed() -> dict[str, Callable[[Tuning], Guess]]:
+def installed() -> dict[str, Callable[[BaselineFit], Guess]]:
     """The ways that can run: `sparse` needs pysindy."""
     return {
         name: method

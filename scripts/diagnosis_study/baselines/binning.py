@@ -17,7 +17,7 @@ from baselines.guess import Guess, decided
 from baselines.signals import Signals, signals
 from baselines.stacking import column, errors, gathered, weights
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit
 
 BINS = 40
 """Bins with as many samples each."""
@@ -28,9 +28,9 @@ Development rigs without any effect reach half of it.
 """
 
 
-def binned(tuning: Tuning) -> Guess:
+def binned(baseline_fit: BaselineFit) -> Guess:
     """The effect whose formula runs best through the binned residual."""
-    return regressed(signals(tuning))
+    return regressed(signals(baseline_fit))
 
 
 def regressed(records: Sequence[Signals], least: float = LEAST) -> Guess:

@@ -91,9 +91,9 @@ def _wave(order: float) -> Term:
     )
 
 
-def _scales(name: str, knob: str) -> tuple[float, ...]:
+def _scales(name: str, parameter: str) -> tuple[float, ...]:
     """Scales from which the library starts too."""
-    return tuple(start[knob] for start in EFFECTS[name].starts)
+    return tuple(start[parameter] for start in EFFECTS[name].starts)
 
 
 def _every(
@@ -122,7 +122,7 @@ FAMILIES = (
     Family(
         "dwell_dependent_stiction",
         BOTH,
-        _every(_aged, _scales("dwell_dependent_stiction", "memory_length")),
+        _every(_aged, _scales("dwell_dependent_stiction", "critical_slip_distance")),
     ),
     Family(
         "configuration_dependent_wrap",
@@ -132,7 +132,7 @@ FAMILIES = (
     Family(
         "pretension_loss",
         BOTH,
-        _every(_relaxed, _scales("pretension_loss", "creep_time")),
+        _every(_relaxed, _scales("pretension_loss", "relaxation_time")),
     ),
     Family("friction_drift", BOTH, _plain(lambda s, _: s.direction * s.time)),
     Family("backlash", BOTH, _plain(lambda s, _: np.sign(s.torque[1]))),

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from baselines.guess import Guess
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS
-from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.screen import screen
 from cc_mujoco.errors import CableError
@@ -28,29 +28,29 @@ REFITTED = 6
 
 
 def bic(
-    tuning: Tuning,
+    baseline_fit: BaselineFit,
     evaluations: int = EVALUATIONS,
     ids: Sequence[str] = tuple(EFFECTS),
 ) -> Guess:
     """The effect with the lowest BIC, named if that is below the baseline's.
 
     Args:
-        tuning: the baseline and its fit.
+        baseline_fit: the baseline and its fit.
         evaluations: most of each refit.
         ids: of the effects to refit.
     """
-    problem, at = tuning.problem, tuning.whole.at
+    problem, x = baseline_fit.problem, baseline_fit.whole.x
     counts = [record.counts for record in problem.plant.records]
-    before, baseline = _scored(problem, at)
+    before, baseline = _scored(problem, x)
     scores, squares = {}, {}
-    for signature in screen(problem, at, counts, ids)[:REFITTED]:
+    for signature in screen(problem, x, counts, ids)[:REFITTED]:
         wider = problem.with_effect(signature.id, signature.start)
-        start = wider.placed(at, signature.start)
+        start = wider.placed(x, signature.start)
         try:
             found = fit(wider, start, counts, evaluations)
         except CableError:  # cannot be simulated, so it is no candidate
             continue
-        squares[signature.id], scores[signature.id] = _scored(wider, found.at)
+        squares[signature.id], scores[signature.id] = _scored(wider, found.x)
     ranking = tuple(sorted(scores, key=lambda name: scores[name]))
     if not ranking:
         return Guess(None, (), 0.0)
@@ -59,13 +59,13 @@ def bic(
     return Guess(named, ranking, 1.0 - squares[first] / before)
 
 
-def _scored(problem: Problem, at: FloatArray) -> tuple[float, float]:
+def _scored(problem: Problem, x: FloatArray) -> tuple[float, float]:
     """Sum of squared errors, and BIC."""
     kept = [
         error[:, record.counts].ravel()
-        for error, record in zip(problem.errors(at), problem.plant.records, strict=True)
+        for error, record in zip(problem.errors(x), problem.plant.records, strict=True)
     ]
     squares = float(sum(part @ part for part in kept))
     count = sum(part.size for part in kept)
-    score = count * math.log(squares / count) + at.size * math.log(count)
+    score = count * math.log(squares / count) + x.size * math.log(count)
     return squares, score

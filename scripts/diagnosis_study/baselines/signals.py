@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import acceleration
-from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit
 from cc_mujoco.diagnosis.inference.records import Record
 
 REST = 0.01
@@ -58,10 +58,10 @@ class Signals(NamedTuple):
     floor: FloatArray
 
 
-def signals(tuning: Tuning) -> tuple[Signals, ...]:
+def signals(baseline_fit: BaselineFit) -> tuple[Signals, ...]:
     """Signals of every record, about the tuned baseline."""
-    problem = tuning.problem
-    values = problem.values(tuning.whole.at)
+    problem = baseline_fit.problem
+    values = problem.values(baseline_fit.whole.at)
     radius, _ = problem.plant.radii(values)
     played = problem.plant.simulate(values, problem.effects)
     return tuple(

@@ -19,7 +19,7 @@ from baselines.guess import Guess
 from baselines.signals import Signals, signals
 from baselines.stacking import column, errors
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit
 
 THRESHOLD = 0.15
 """Coefficient that is dropped; columns and residual have unit length.
@@ -30,13 +30,13 @@ RIDGE = 0.05
 """Weight of squared coefficients, pysindy's own default."""
 
 
-def sparse(tuning: Tuning) -> Guess:
+def sparse(baseline_fit: BaselineFit) -> Guess:
     """The effect with the largest part of a sparse model of the residual.
 
     Raises:
         ImportError: pysindy is not installed.
     """
-    return selected(signals(tuning))
+    return selected(signals(baseline_fit))
 
 
 def selected(records: Sequence[Signals], threshold: float = THRESHOLD) -> Guess:

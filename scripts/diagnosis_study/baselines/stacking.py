@@ -13,7 +13,7 @@ import numpy as np
 from baselines.features import Signal
 from baselines.signals import Signals
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.fitting import tamed
+from cc_mujoco.diagnosis.inference.fitting import huber_residual
 from cc_mujoco.diagnosis.inference.records import low_passed
 
 
@@ -33,7 +33,7 @@ def weights(records: Sequence[Signals], channel: int) -> FloatArray:
 def errors(records: Sequence[Signals], channel: int) -> FloatArray:
     """Residual of a channel over its floor, without its offset (samples,)."""
     residual = gathered(records, lambda s: s.residual[channel] / s.floor[channel])
-    return _levelled(tamed(residual), weights(records, channel))
+    return _levelled(huber_residual(residual), weights(records, channel))
 
 
 def column(records: Sequence[Signals], of: Signal, channel: int) -> FloatArray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.data.findings import to_fix
+from cc_mujoco.diagnosis.data.findings import errors
 from diagnosis.bench import RATIO, loaded, one, recording
 
 
@@ -19,7 +19,7 @@ def test_clocks_that_drift_apart(tmp_path: Path, rate: float, seconds: float) ->
         now = columns["time_s"]
         for name in ("joint_angle_rad", "joint_torque_nm"):
             columns[name] = np.interp(now * rate, now, columns[name])
-        found = to_fix(loaded(tmp_path, columns)[1])
+        found = errors(loaded(tmp_path, columns)[1])
         told += any("two clocks" in finding.statement for finding in found)
     # A motion that is nearly periodic can hide a drift of a period.
     assert told >= 4
@@ -44,5 +44,5 @@ def test_a_sweep_is_not_a_drifting_clock(tmp_path: Path) -> None:
 def test_a_delay_that_no_rig_has(tmp_path: Path) -> None:
     columns = recording()
     columns["joint_angle_rad"] = np.roll(columns["joint_angle_rad"], 200)
-    found = to_fix(loaded(tmp_path, columns)[1])
+    found = errors(loaded(tmp_path, columns)[1])
     assert any("declare its delay" in finding.statement for finding in found)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cc_mujoco.diagnosis.data.channels import DRIVE
-from cc_mujoco.diagnosis.data.findings import to_fix
+from cc_mujoco.diagnosis.data.findings import errors
 from cc_mujoco.diagnosis.intake import load
 from diagnosis.bench import loaded, one, only_fix, recording, write
 
@@ -45,7 +45,7 @@ def test_no_kind_of_good_data_needs_repair(
 def test_constant_channels(tmp_path: Path, channel: str) -> None:
     columns = recording()
     columns[channel][:] = 0.3
-    found = [f for f in to_fix(loaded(tmp_path, columns)[1]) if f.channel == channel]
+    found = [f for f in errors(loaded(tmp_path, columns)[1]) if f.channel == channel]
     assert "is 0.3 in every row; check the sensor" in found[0].statement
 
 
@@ -115,4 +115,4 @@ def test_any_table_of_numbers_is_data_or_a_sentence(
             st.sampled_from((0.0, np.nan, np.inf, -1e300, 1e9, 1e-300))
         )
     dataset, findings = loaded(folder, columns)
-    assert dataset.trials or to_fix(findings)
+    assert dataset.trials or errors(findings)

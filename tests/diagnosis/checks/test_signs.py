@@ -10,7 +10,7 @@ import pytest
 
 from cc_mujoco.diagnosis.checks.checks import check_ratio
 from cc_mujoco.diagnosis.checks.mechanics import mechanics
-from cc_mujoco.diagnosis.data.findings import to_fix
+from cc_mujoco.diagnosis.data.findings import errors
 from cc_mujoco.diagnosis.intake import load
 from diagnosis.bench import RATIO, Columns, loaded, one, only_fix, recording, write
 
@@ -57,7 +57,7 @@ def test_several_trials_without_power_tell_an_inverted_torque(tmp_path: Path) ->
         half = {name: values[: len(values) // 3] for name, values in columns.items()}
         half["joint_torque_nm"] = -half["joint_torque_nm"]
         write(tmp_path / f"trial_{seed}.csv", half)
-    told = to_fix(load([tmp_path])[1])
+    told = errors(load([tmp_path])[1])
     assert told
     assert "motor torque falls where joint torque rises" in told[0].statement
 
@@ -84,7 +84,7 @@ def test_swapped_columns_of_one_kind_are_found(tmp_path: Path, kind: str) -> Non
     columns = recording()
     motor, joint = f"motor_{kind}", f"joint_{kind}"
     columns[motor], columns[joint] = columns[joint], columns[motor]
-    found = to_fix(loaded(tmp_path, columns)[1])
+    found = errors(loaded(tmp_path, columns)[1])
     assert found or mechanics_contradict_scene(tmp_path, columns)
 
 
@@ -112,7 +112,7 @@ def test_one_trial_in_millinewtonmetres_is_found(
         if seed == 1:
             columns |= {name: 1e3 * columns[name] for name in channels}
         write(tmp_path / f"trial_{seed}.csv", columns)
-    told = [finding.statement for finding in to_fix(load([tmp_path])[1])]
+    told = [finding.statement for finding in errors(load([tmp_path])[1])]
     for name in channels:
         says = f"trial_1.csv, column {name} is"
         assert any(says in text and "_mnm there" in text for text in told)
@@ -134,7 +134,7 @@ def test_degrees_on_one_side_are_found(tmp_path: Path, which: str) -> None:
     columns = recording()
     channel = f"{which}_angle_rad"
     columns[channel] = np.degrees(columns[channel])
-    found = to_fix(loaded(tmp_path, columns)[1])
+    found = errors(loaded(tmp_path, columns)[1])
     assert any("deg" in f.statement and channel in f.statement for f in found)
     trial = one(tmp_path, columns, f"[columns.{channel}]\nunit = 'deg'")
     assert trial.channel(channel) == pytest.approx(recording()[channel])
@@ -144,7 +144,7 @@ def test_degrees_on_both_sides_are_found(tmp_path: Path) -> None:
     columns = recording()
     for channel in ("motor_angle_rad", "joint_angle_rad"):
         columns[channel] = np.degrees(columns[channel])
-    found = to_fix(loaded(tmp_path, columns)[1])
+    found = errors(loaded(tmp_path, columns)[1])
     assert {f.channel for f in found} == {"motor_angle_rad", "joint_angle_rad"}
 
 
@@ -172,7 +172,7 @@ def test_one_trial_in_degrees_among_others(tmp_path: Path) -> None:
     columns["joint_angle_rad"] = np.degrees(columns["joint_angle_rad"]) * 0.1
     write(tmp_path / "run9.csv", columns)
     _, findings = load(tmp_path)
-    assert {finding.trial for finding in to_fix(findings)} == {"run9"}
+    assert {finding.trial for finding in errors(findings)} == {"run9"}
 
 
 def test_ratio_of_a_scene(tmp_path: Path) -> None:

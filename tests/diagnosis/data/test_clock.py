@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.data.findings import to_fix
+from cc_mujoco.diagnosis.data.findings import errors
 from cc_mujoco.diagnosis.intake import load
 from diagnosis.bench import loaded, one, only_fix, recording, write
 
@@ -27,7 +27,7 @@ def test_one_bad_file_does_not_hide_the_others(tmp_path: Path) -> None:
     (tmp_path / "c.csv").write_text("time,angle\n0,1\n")
     dataset, findings = load(tmp_path)
     assert [trial.name for trial in dataset.trials] == ["a"]
-    assert [finding.trial for finding in to_fix(findings)] == ["b", "c"]
+    assert [finding.trial for finding in errors(findings)] == ["b", "c"]
 
 
 def test_nothing_is_filled_in_where_readings_are_missing(tmp_path: Path) -> None:
@@ -43,7 +43,7 @@ def test_nothing_is_filled_in_where_readings_are_missing(tmp_path: Path) -> None
     assert "lacks 5000 of 10000" in only_fix(findings).statement
     columns["joint_angle_rad"][:] = np.nan
     dataset, findings = loaded(tmp_path, columns)
-    assert dataset.trials == () and to_fix(findings)
+    assert dataset.trials == () and errors(findings)
 
 
 def test_nothing_is_filled_in_across_gaps(tmp_path: Path) -> None:
@@ -59,7 +59,7 @@ def test_short_scraps_are_no_data(tmp_path: Path) -> None:
     columns["joint_angle_rad"][::30] = np.nan
     dataset, findings = loaded(tmp_path, columns)
     assert dataset.trials == ()
-    assert "no stretch of 0.2 s" in to_fix(findings)[-1].statement
+    assert "no stretch of 0.2 s" in errors(findings)[-1].statement
 
 
 def test_masks_and_declared_stretches(tmp_path: Path) -> None:
@@ -70,10 +70,10 @@ def test_masks_and_declared_stretches(tmp_path: Path) -> None:
     trial = one(tmp_path, columns, toml)
     assert trial.segments == (slice(1000, 5000), slice(6000, 7001))
     _, findings = loaded(tmp_path, columns, "[trials.run]\nvalid = [[50, 60]]")
-    assert "no sample in the stretches" in to_fix(findings)[0].statement
+    assert "no sample in the stretches" in errors(findings)[0].statement
     columns["valid"][:] = 0
     _, findings = loaded(tmp_path, columns)
-    assert "is 1 in no row" in to_fix(findings)[0].statement
+    assert "is 1 in no row" in errors(findings)[0].statement
     columns["valid"][:] = 1
     columns["valid"][5] = 7
     _, findings = loaded(tmp_path, columns)
@@ -84,7 +84,7 @@ def test_a_temperature_that_nobody_logged_costs_no_trial(tmp_path: Path) -> None
     columns = recording(5.0)
     columns["temperature_c"] = np.full_like(columns["time_s"], np.nan)
     dataset, findings = loaded(tmp_path, columns)
-    assert to_fix(findings) == []
+    assert errors(findings) == []
     assert "temperature_c" not in dataset.channels
     assert any("it is left out" in finding.statement for finding in findings)
 
@@ -118,7 +118,7 @@ def test_few_duplicates_are_dropped_many_are_told(tmp_path: Path) -> None:
     assert np.array_equal(trial.time, columns["time_s"])
     columns["time_s"] = np.round(columns["time_s"], 2)
     _, findings = loaded(tmp_path, columns)
-    assert "write times with more digits" in to_fix(findings)[0].statement
+    assert "write times with more digits" in errors(findings)[0].statement
 
 
 def test_times_that_are_missing(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_jitter_is_sampled_anew_and_wild_times_are_refused(tmp_path: Path) -> No
     assert any("off an even clock" in f.statement for f in findings)
     columns["time_s"] = np.sort(rng.uniform(0.0, 20.0, len(truth)))
     _, findings = loaded(tmp_path, columns)
-    assert any("not those of arrival" in f.statement for f in to_fix(findings))
+    assert any("not those of arrival" in f.statement for f in errors(findings))
 
 
 def test_times_in_other_units_and_with_an_offset(tmp_path: Path) -> None:
@@ -159,7 +159,7 @@ def test_a_second_clock_is_used_where_declared(tmp_path: Path) -> None:
     truth = columns["joint_angle_rad"].copy()
     columns["joint_time_s"] = now * 1.003 + 0.1
     columns["joint_angle_rad"] = np.interp(columns["joint_time_s"], now, truth)
-    found = to_fix(loaded(tmp_path, columns)[1])
+    found = errors(loaded(tmp_path, columns)[1])
     assert any("clock = 'joint_time_s'" in finding.statement for finding in found)
     toml = "[columns.joint_angle_rad]\nclock = 'joint_time_s'"
     trial = one(tmp_path, columns, toml)

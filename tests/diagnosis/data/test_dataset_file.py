@@ -182,7 +182,7 @@ def test_value_is_sign_times_reading_less_offset(
 @pytest.mark.shared
 def test_measured_data_load_and_their_signs_are_right() -> None:
     dataset, findings = load(DAVINCI, DAVINCI_TOML)
-    assert [f for f in findings if f.severity == "fix"] == []
+    assert [f for f in findings if f.severity == "error"] == []
     assert len(dataset.trials) == 15
     assert dataset.trial("tool4_freq0_load2").facts.split == "test"
     assert dataset.trial("tool4_freq2_load8").facts.split == "test"
@@ -198,6 +198,6 @@ def test_measured_data_load_and_their_signs_are_right() -> None:
 @pytest.mark.shared
 def test_measured_data_with_signs_as_recorded_are_found_out() -> None:
     _, findings = load(DAVINCI)
-    (found,) = [f for f in findings if f.severity == "fix"]
+    (found,) = [f for f in findings if f.severity == "error"]
     assert re.search("invert motor_torque_nm and joint_angle_rad", found.statement)
     assert "14 other files" in found.statement

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis.data.trials import Dataset
-from cc_mujoco.diagnosis.inference.baseline import Tuning, tune
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline
 from cc_mujoco.diagnosis.inference.per_trial import odd_trial, trial_errors
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
@@ -33,8 +33,8 @@ def recorded(odd: int = -1, changes: Mapping[str, float] | None = None) -> Datas
     return replace(dataset(duration=0.1), trials=tuple(trials[:COUNT]))
 
 
-def tuning(data: Dataset) -> Tuning:
-    return tune(data, BENCH, *prepare(data, BENCH), 0)
+def baseline_fit(data: Dataset) -> BaselineFit:
+    return fit_baseline(data, BENCH, *prepare(data, BENCH), 0)
 
 
 @pytest.mark.parametrize(
@@ -47,8 +47,8 @@ def tuning(data: Dataset) -> Tuning:
 def test_a_trial_with_other_cables_is_asked_about(
     odd: int, changes: dict[str, float], told: str
 ) -> None:
-    found = tuning(recorded(odd, changes))
-    asked = odd_trial(found.problem, found.whole.at)
+    found = baseline_fit(recorded(odd, changes))
+    asked = odd_trial(found.problem, found.whole.x)
     assert asked is not None
     assert asked.trial == f"run_{odd}"
     assert asked.misfit > 5.0 * asked.rest
@@ -58,13 +58,13 @@ def test_a_trial_with_other_cables_is_asked_about(
 
 
 @pytest.fixture(scope="module")
-def alike() -> Tuning:
+def alike() -> BaselineFit:
     """Of four trials of one rig."""
-    return tuning(recorded())
+    return baseline_fit(recorded())
 
 
-def test_trials_of_one_rig_are_not_asked_about(alike: Tuning) -> None:
-    assert odd_trial(alike.problem, alike.whole.at) is None
+def test_trials_of_one_rig_are_not_asked_about(alike: BaselineFit) -> None:
+    assert odd_trial(alike.problem, alike.whole.x) is None
 
 
 def test_what_all_trials_lack_is_no_trial_of_its_own() -> None:
@@ -73,23 +73,23 @@ def test_what_all_trials_lack_is_no_trial_of_its_own() -> None:
         replace(t, joint_torque=t.joint_torque + 0.3 * np.sin(9.0 * t.motor_angle) ** 3)
         for t in data.trials
     )
-    found = tuning(replace(data, trials=trials))
-    assert odd_trial(found.problem, found.whole.at) is None
+    found = baseline_fit(replace(data, trials=trials))
+    assert odd_trial(found.problem, found.whole.x) is None
 
 
-def test_errors_per_trial_add_up_to_those_of_all(alike: Tuning) -> None:
-    problem, at = alike.problem, alike.whole.at
-    played = problem.plant.simulate(problem.values(at), ())
+def test_errors_per_trial_add_up_to_those_of_all(alike: BaselineFit) -> None:
+    problem, x = alike.problem, alike.whole.x
+    played = problem.plant.simulate(problem.values(x), ())
     errors = trial_errors(problem, played, played)
     assert [each.trial for each in errors] == [f"run_{k}" for k in range(COUNT)]
     counts = [int(r.counts.sum()) for r in problem.plant.records]
-    squares = [each.misfit_before**2 for each in errors]
-    whole = np.average(squares, weights=counts)
+    held_out_mse = [each.misfit_before**2 for each in errors]
+    whole = np.average(held_out_mse, weights=counts)
     kept = [
         e[:, r.counts].ravel() ** 2
-        for e, r in zip(problem.errors(at), problem.plant.records, strict=True)
+        for e, r in zip(problem.errors(x), problem.plant.records, strict=True)
     ]
-    assert whole == pytest.approx(problem.raised**2 * np.mean(np.concatenate(kept)))
+    assert whole == pytest.approx(problem.inflation**2 * np.mean(np.concatenate(kept)))
     for each in errors:
         assert each.rmse_after == each.rmse_before
         for name, rmse in each.rmse_before.items():
@@ -111,5 +111,5 @@ def test_a_declared_pretension_is_no_contradiction() -> None:
     odd = data.trials[2]
     declared = replace(odd, facts=replace(odd.facts, pretension=80.0 * 40.0 / 82.0))
     trials = (*data.trials[:2], declared, *data.trials[3:])
-    found = tuning(replace(data, trials=trials))
-    assert odd_trial(found.problem, found.whole.at) is None
+    found = baseline_fit(replace(data, trials=trials))
+    assert odd_trial(found.problem, found.whole.x) is None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis.data.trials import Facts
-from cc_mujoco.diagnosis.inference.folds import trials as held_out
+from cc_mujoco.diagnosis.inference.folds import trial_folds as held_out
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.verdict import SCHEMA

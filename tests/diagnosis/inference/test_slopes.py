@@ -40,12 +40,12 @@ def problem(plant: Plant) -> Problem:
 
 def test_derivatives_are_differences_of_the_residual() -> None:
     one = problem(Plant(BENCH, RECORDS, 8))
-    at = np.zeros(len(FREE))
-    found = Slopes(one).jacobian(at, COUNTS)
-    here = one.residual(at, COUNTS)
+    x = np.zeros(len(FREE))
+    found = Slopes(one).jacobian(x, COUNTS)
+    here = one.residual(x, COUNTS)
     for index, parameter in enumerate(FREE):
         step = 1e-3 if parameter.factor else 0.02
-        moved = at.copy()
+        moved = x.copy()
         moved[index] += step
         column = (one.residual(moved, COUNTS) - here) / step
         # Friction's corners make differences depend on the step.
@@ -68,6 +68,6 @@ def test_fits_of_one_neighbourhood_share_their_derivatives() -> None:
     slopes = Slopes(one)
     first = fit(one, np.zeros(len(FREE)), COUNTS, slopes=slopes)
     alone = len(plant.played[0])
-    again = fit(one, first.at, COUNTS, slopes=slopes)
+    again = fit(one, first.x, COUNTS, slopes=slopes)
     assert len(plant.played[0]) - alone < 0.5 * alone
     assert again.cost == pytest.approx(first.cost, rel=1e-2)

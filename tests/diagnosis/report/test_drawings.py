@@ -15,7 +15,11 @@ from matplotlib.figure import Figure
 from cc_mujoco.diagnosis.evidence import Evidence, Isolability, Trace
 from cc_mujoco.diagnosis.report.drawings import STEMS, draw, draw_excerpt, shown_maps
 from cc_mujoco.diagnosis.report.excerpt import LONGEST, changed, ordinary, worst
-from cc_mujoco.diagnosis.report.likeness import alike_pairs, draw_isolability, invisible
+from cc_mujoco.diagnosis.report.isolability import (
+    confounded_pairs,
+    draw_isolability,
+    invisible,
+)
 from cc_mujoco.diagnosis.wording import Names
 from cc_mujoco.figures import style
 from diagnosis.report_examples import (
@@ -176,7 +180,7 @@ def test_alike_effects_stand_side_by_side() -> None:
 def test_pairs_and_invisible_effects_are_listed() -> None:
     alike = np.array([[1.0, 0.95, 0.2], [0.95, 1.0, 0.97], [0.2, 0.97, 1.0]])
     few = Isolability(("a", "b", "c"), alike, np.array([0.5, 3.0, np.nan]))
-    assert [pair[:2] for pair in alike_pairs(few)] == [("c", "b"), ("b", "a")]
+    assert [pair[:2] for pair in confounded_pairs(few)] == [("c", "b"), ("b", "a")]
     assert invisible(few) == ["a", "c"]
 
 
@@ -184,7 +188,7 @@ def test_pairs_and_invisible_effects_are_listed() -> None:
 def test_few_effects_can_be_drawn(count: int) -> None:
     whole = isolability()
     few = Isolability(
-        whole.ids[:count], whole.alike[:count, :count], whole.visible[:count]
+        whole.ids[:count], whole.cosines[:count, :count], whole.visible[:count]
     )
     with style():
         assert draw_isolability(few, NAMES, 7.0) is not None

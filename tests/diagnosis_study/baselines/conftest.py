@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from baselines.signals import Signals, observed
-from cc_mujoco.diagnosis.inference.baseline import Tuning
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
-from cc_mujoco.diagnosis.inference.folds import Crossed
+from cc_mujoco.diagnosis.inference.folds import CrossValidation
 from cc_mujoco.diagnosis.inference.plant import Plant, tuned
 from cc_mujoco.diagnosis.inference.records import Record
 from diagnosis.recorded import BENCH, motions
@@ -88,16 +88,20 @@ def there_and_back() -> Signals:
 
 
 @pytest.fixture(scope="session")
-def tuning() -> Callable[..., Tuning]:
+def baseline_fit() -> Callable[..., BaselineFit]:
     """The tuned baseline of a short trial of the bench that hides these effects."""
     return _tuning
 
 
-def _tuning(hidden: dict[str, dict[str, float]]) -> Tuning:
+def _tuning(hidden: dict[str, dict[str, float]]) -> BaselineFit:
     motor, joint = (angle - angle[0] for angle in motions(4.0, 0)[2])
     blank = record(motor, joint, np.zeros((2, motor.size)), run_in=100)
     plant = Plant(BENCH, (blank,), 4)
-    values = {name: value for knobs in hidden.values() for name, value in knobs.items()}
+    values = {
+        name: value
+        for parameters in hidden.values()
+        for name, value in parameters.items()
+    }
     measured = plant.simulate(values, tuple(hidden))[0]
     measured += NOISE * np.random.default_rng(1).standard_normal(measured.shape)
     seen = record(motor, joint, measured, run_in=100)
@@ -105,4 +109,4 @@ def _tuning(hidden: dict[str, dict[str, float]]) -> Tuning:
     free = tuned(BENCH, (seen,), {})
     problem = Problem(plant.limited([seen]), free, (), floor, floor)
     found = fit(problem, np.zeros(len(free)), [seen.counts])
-    return Tuning(problem, found, Crossed(problem, (found,), ()), 0.0)
+    return BaselineFit(problem, found, CrossValidation(problem, (found,), ()), 0.0)

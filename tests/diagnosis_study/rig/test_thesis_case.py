@@ -8,7 +8,7 @@ import pytest
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import to_fix
+from cc_mujoco.diagnosis.data.findings import errors
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.intake import load
 from rig.dataset import make_dataset
@@ -27,7 +27,7 @@ def test_one_of_both_comes_first_and_both_are_found(tmp_path: Path) -> None:
     trials = make_dataset(rig, amounts, "rich", 11)
     write_data(tmp_path / "data", trials, facts_of("rich", 11))
     dataset, findings = load([tmp_path / "data"])
-    assert not to_fix(findings)
+    assert not errors(findings)
     result = reason(dataset, Bench.of(scene_path("bench")), ids=SUSPECTS)
     found = result.diagnosis
     assert found.verdict == "named", found.statement

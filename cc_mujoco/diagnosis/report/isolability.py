@@ -24,14 +24,14 @@ VISIBLE = 1.0
 """Size over noise below which an effect is called too small to be seen."""
 
 
-def alike_pairs(isolability: Isolability) -> list[tuple[str, str, float]]:
-    """Pairs of ids whose signatures are alike, most alike first."""
-    ids, alike = isolability.ids, isolability.alike
+def confounded_pairs(isolability: Isolability) -> list[tuple[str, str, float]]:
+    """Pairs of ids whose signatures are cosines, most alike first."""
+    ids, cosines = isolability.ids, isolability.cosines
     pairs = [
-        (ids[row], ids[column], float(alike[row, column]))
+        (ids[row], ids[column], float(cosines[row, column]))
         for row in range(len(ids))
         for column in range(row)
-        if alike[row, column] > ALIKE
+        if cosines[row, column] > ALIKE
     ]
     return sorted(pairs, key=lambda pair: -pair[2])
 
@@ -54,14 +54,14 @@ def draw_isolability(
     count = len(isolability.ids)
     if not count:
         return None
-    order = _grouped(isolability.alike)
-    alike = isolability.alike[np.ix_(order, order)]
+    order = _grouped(isolability.cosines)
+    cosines = isolability.cosines[np.ix_(order, order)]
     labels = [names(isolability.ids[index]).replace("$", r"\$") for index in order]
     drawing = figure(width, 1.5 + 0.24 * count)
     heat, bars = drawing.subplots(1, 2, sharey=True, width_ratios=[3.2, 1])
     shades = LinearSegmentedColormap.from_list("likeness", ["white", BLUE])
-    picture = heat.imshow(alike, cmap=shades, vmin=0.0, vmax=1.0, aspect="auto")
-    _write_numbers(heat, alike)
+    picture = heat.imshow(cosines, cmap=shades, vmin=0.0, vmax=1.0, aspect="auto")
+    _write_numbers(heat, cosines)
     places = range(count)
     heat.set_xticks(places, [str(place + 1) for place in places])
     heat.tick_params(axis="x", labelsize=7)
@@ -75,25 +75,25 @@ def draw_isolability(
     return drawing
 
 
-def _grouped(alike: NDArray[np.float64]) -> NDArray[np.intp]:
+def _grouped(cosines: NDArray[np.float64]) -> NDArray[np.intp]:
     """Order in which what is alike stands side by side."""
-    if len(alike) < 3:
-        return np.arange(len(alike))
-    distance = 1.0 - np.clip(np.nan_to_num(alike), 0.0, 1.0)
+    if len(cosines) < 3:
+        return np.arange(len(cosines))
+    distance = 1.0 - np.clip(np.nan_to_num(cosines), 0.0, 1.0)
     distance = 0.5 * (distance + distance.T)
     np.fill_diagonal(distance, 0.0)
     tree = linkage(squareform(distance), "average", optimal_ordering=True)
     return np.asarray(leaves_list(tree), dtype=np.intp)
 
 
-def _write_numbers(axes: Axes, alike: NDArray[np.float64]) -> None:
+def _write_numbers(axes: Axes, cosines: NDArray[np.float64]) -> None:
     """Write the likeness into cells off the diagonal that matter."""
-    for row, column in np.argwhere(np.nan_to_num(alike) >= 0.7):
+    for row, column in np.argwhere(np.nan_to_num(cosines) >= 0.7):
         if row != column:
             axes.text(
                 column,
                 row,
-                f"{alike[row, column]:.2f}".lstrip("0"),
+                f"{cosines[row, column]:.2f}".lstrip("0"),
                 ha="center",
                 va="center",
                 fontsize=6,

@@ -193,15 +193,15 @@ def system(
     matrix[n + i, i] = mesh.compliance(pattern)
     matrix[n + i, n + 1 + i] = 1.0
     matrix[n + i, n + 2 + i] = -1.0
-    right = np.zeros(2 * n + 2)
+    distal = np.zeros(2 * n + 2)
     for row, (kind, node, value) in enumerate(constraints, start=2 * n):
         matrix[row, node + (n + 1 if kind == "displacement" else 0)] = 1.0
-        right[row] = value
+        distal[row] = value
     if standing is not None:
         half = 0.5 * standing.length / mesh.stiffness
         matrix[-1, [n, -1]] = half, 1.0
-        right[-1] = standing.displacement - standing.tension * half
-    return matrix, right
+        distal[-1] = standing.displacement - standing.tension * half
+    return matrix, distal
 
 
 def segment_motion(before: FloatArray, after: FloatArray) -> FloatArray:
@@ -314,7 +314,7 @@ class ThesisCable:
         self.last_moving = [0, 0]
         self.tried = self.contradicted = 0
         self._resolve = resolve
-        self._way = [0.0, 0.0]
+        self._slip_direction = [0.0, 0.0]
         self._patterns: dict[int, list[FloatArray]] = {}
 
     @property
@@ -343,10 +343,10 @@ class ThesisCable:
             CableError: not exactly one quantity an end, or tension at both (2.1.2).
         """
         n = self.mesh.segments
-        far_u = None if u_distal is None else self._rest + u_distal
+        distal_u = None if u_distal is None else self._rest + u_distal
         ends = (
             _measured(0, u_proximal, tension_proximal),
-            _measured(n, far_u, tension_distal),
+            _measured(n, distal_u, tension_distal),
         )
         if ends[0].kind == ends[1].kind == "tension":
             raise CableError(
@@ -361,7 +361,9 @@ class ThesisCable:
             found = self._solution(ends)
             if found.contradiction and self._moves_whole() and may_end:
                 may_end = False
-                self.last_moving = [int(way != 0.0) for way in asked]
+                self.last_moving = [
+                    int(slip_direction != 0.0) for slip_direction in asked
+                ]
             elif not self._advance(found) or not self._resolve:
                 break
         self.contradicted += found.contradiction > 0.0
@@ -382,16 +384,16 @@ class ThesisCable:
     def _begin(self, ends: Sequence[Constraint], asked: list[float]) -> None:
         """The check before the solution: what must stop, and what must move (2.2)."""
         for side, end in enumerate(ends):
-            if asked[side] * self._way[side] < 0.0:
+            if asked[side] * self._slip_direction[side] < 0.0:
                 # In mass motion a tension does not tell which way its end moves.
                 if self._moves_whole() and end.kind == "displacement":
                     self.last_moving = [0, 0]
                 elif not self._moves_whole():
                     self.last_moving[side] = 0
-        for side, way in enumerate(asked):
-            if way != 0.0:
+        for side, slip_direction in enumerate(asked):
+            if slip_direction != 0.0:
                 self.last_moving[side] = max(self.last_moving[side], 1)
-                self._way[side] = way
+                self._slip_direction[side] = slip_direction
 
     def _moves_whole(self) -> bool:
         """Whether no node stands still."""
@@ -405,20 +407,23 @@ class ThesisCable:
                 solve(self.mesh, self.displacement, ends, self._signs(n))
             )
         tension, displacement = self._tension.copy(), self.displacement.copy()  # 2.15
-        near, far = self.last_moving
+        proximal, distal = self.last_moving
         contradiction = 0.0
-        if near:
-            part = self._partial(self.mesh, tension, displacement, ends[0], near)
-            tension[:near], displacement[:near] = part.tension, part.displacement
+        if proximal:
+            part = self._partial(self.mesh, tension, displacement, ends[0], proximal)
+            tension[:proximal], displacement[:proximal] = (
+                part.tension,
+                part.displacement,
+            )
             contradiction += part.contradiction
-        if far:  # the proximal subcable of the mirrored cable
+        if distal:  # the proximal subcable of the mirrored cable
             kind, _, value = ends[1]
             end = Constraint(kind, 0, -value if kind == "displacement" else value)
             part = self._partial(
-                self.mesh.mirrored(), tension[::-1], -displacement[::-1], end, far
+                self.mesh.mirrored(), tension[::-1], -displacement[::-1], end, distal
             )
-            tension[-far:] = part.tension[::-1]
-            displacement[-far:] = -part.displacement[::-1]
+            tension[-distal:] = part.tension[::-1]
+            displacement[-distal:] = -part.displacement[::-1]
             contradiction += part.contradiction
         return Solution(tension, displacement, np.empty(0), 0, contradiction)
 
@@ -448,13 +453,13 @@ class ThesisCable:
         if self._moves_whole():
             return False
         tension, moved = found.tension, found.displacement - self.displacement
-        near, far = self.last_moving
+        proximal, distal = self.last_moving
         joins = (
-            near > 0 and _breaks_away(self.mesh, tension, moved, near),
-            far > 0
-            and _breaks_away(self.mesh.mirrored(), tension[::-1], -moved[::-1], far),
+            proximal > 0 and _breaks_away(self.mesh, tension, moved, proximal),
+            distal > 0
+            and _breaks_away(self.mesh.mirrored(), tension[::-1], -moved[::-1], distal),
         )
-        self.last_moving = [near + joins[0], far + joins[1]]
+        self.last_moving = [proximal + joins[0], distal + joins[1]]
         return any(joins)
 
     def _signs(self, n: int) -> list[FloatArray]:

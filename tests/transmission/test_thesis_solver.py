@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import TERMS, Cable, Section, replay
-from cc_mujoco.transmission.literal import (
+from cc_mujoco.transmission.thesis_solver import (
     Constraint,
     Mesh,
     ThesisCable,
@@ -26,10 +26,10 @@ CABLE = Cable(friction=0.1, conduit=(Section(1.2, 0.2), Section(0.8, 0.4)))
 STRETCH = CABLE.pretension * CABLE.length / CABLE.axial_stiffness
 
 
-def whole(u_near: float, u_far: float, n: int) -> list[Constraint]:
+def whole(u_proximal: float, u_distal: float, n: int) -> list[Constraint]:
     return [
-        Constraint("displacement", 0, u_near),
-        Constraint("displacement", n, u_far),
+        Constraint("displacement", 0, u_proximal),
+        Constraint("displacement", n, u_distal),
     ]
 
 
@@ -71,15 +71,17 @@ def test_rows_are_the_capstan_ratio_and_the_stretch() -> None:
 )
 @settings(max_examples=60, deadline=None)
 def test_one_pattern_at_most_is_consistent(
-    n: int, friction: float, near: float, far: float, way: float
+    n: int, friction: float, proximal: float, distal: float, slip_direction: float
 ) -> None:
     """Uniqueness, 2.3.3, from any state of mass motion."""
     mesh = Mesh.of(CABLE.replace(segments=n, friction=friction))
-    start = np.linalg.solve(*system(mesh, np.full(n, way), whole(0.0, 0.01, n)))
+    start = np.linalg.solve(
+        *system(mesh, np.full(n, slip_direction), whole(0.0, 0.01, n))
+    )
     before = start[n + 1 :]
     consistent = 0
     for pattern in sign_patterns(n):
-        ends = whole(1e-4 * near, 0.01 + 1e-4 * far, n)
+        ends = whole(1e-4 * proximal, 0.01 + 1e-4 * distal, n)
         after = np.linalg.solve(*system(mesh, pattern, ends))[n + 1 :]
         consistent += np.array_equal(np.sign(segment_motion(before, after)), pattern)
     assert consistent <= 1
@@ -116,29 +118,37 @@ def test_the_general_solver_agrees_in_mass_motion() -> None:
 @pytest.mark.parametrize("name", ["distal_locked", "proximal_locked"])
 def test_kernel_and_thesis_meet_as_the_mesh_is_refined(name: str) -> None:
     """Partial motion, reversals and mass motion with one end driven."""
-    near, far = motion(name, STRETCH, samples=500)
-    far = far - STRETCH
+    proximal, distal = motion(name, STRETCH, samples=500)
+    distal = distal - STRETCH
     apart = []
     for n in (10, 20, 40):
-        literal = play(CABLE.replace(segments=n), u_proximal=near, u_distal=far)
-        ours = replay(CABLE.replace(segments=n), 1e-3, u_proximal=near, u_distal=far)
-        assert literal.contradicted == 0
-        difference = literal.tension[:, 0] - ours.tension_proximal
+        thesis_solver = play(
+            CABLE.replace(segments=n), u_proximal=proximal, u_distal=distal
+        )
+        ours = replay(
+            CABLE.replace(segments=n), 1e-3, u_proximal=proximal, u_distal=distal
+        )
+        assert thesis_solver.contradicted == 0
+        difference = thesis_solver.tension[:, 0] - ours.tension_proximal
         apart.append(float(np.sqrt(np.mean(difference**2))))
-    assert apart[-1] < 1e-3 * literal.tension.max()
+    assert apart[-1] < 1e-3 * thesis_solver.tension.max()
     assert apart[0] / apart[1] > 2.0 and apart[1] / apart[2] > 2.0
 
 
-@pytest.mark.parametrize("way", [-1.0, 1.0])
-def test_in_mass_motion_both_give_the_same_end_tension_to_rounding(way: float) -> None:
+@pytest.mark.parametrize("slip_direction", [-1.0, 1.0])
+def test_in_mass_motion_both_give_the_same_end_tension_to_rounding(
+    slip_direction: float,
+) -> None:
     """The capstan ratio of a mesh is the product of its segments' in either."""
-    drag = way * np.linspace(0.0, 0.1, 400)
+    drag = slip_direction * np.linspace(0.0, 0.1, 400)
     pull = np.full(400, 12.0)
-    literal = play(CABLE.replace(segments=8), u_proximal=drag, tension_distal=pull)
+    thesis_solver = play(
+        CABLE.replace(segments=8), u_proximal=drag, tension_distal=pull
+    )
     ours = replay(CABLE.replace(segments=8), 1e-3, u_proximal=drag, tension_distal=pull)
-    ratio = np.exp(-way * CABLE.friction * CABLE.wrap)
+    ratio = np.exp(-slip_direction * CABLE.friction * CABLE.wrap)
     assert ours.moving_fraction[-1] == 1.0
-    assert literal.tension[-1, 0] == pytest.approx(12.0 * ratio, rel=1e-12)
+    assert thesis_solver.tension[-1, 0] == pytest.approx(12.0 * ratio, rel=1e-12)
     assert ours.tension_proximal[-1] == pytest.approx(12.0 * ratio, rel=1e-12)
 
 
@@ -149,24 +159,24 @@ def test_all_three_modes_tell_one_story() -> None:
     drag = 0.02 * np.sin(at)
     by_tension = play(cable, u_proximal=drag, tension_distal=np.full(400, 10.0))
     assert by_tension.contradicted == 0
-    far = by_tension.displacement[:, -1] - STRETCH
-    by_position = play(cable, u_proximal=drag, u_distal=far)
+    distal = by_tension.displacement[:, -1] - STRETCH
+    by_position = play(cable, u_proximal=drag, u_distal=distal)
     mirrored = cable.replace(conduit=cable.conduit[::-1])
     turned = play(mirrored, tension_proximal=np.full(400, 10.0), u_distal=-drag)
-    near = by_tension.tension[:, 0]
-    assert by_position.tension[:, 0] == pytest.approx(near, rel=0.02)
-    assert turned.tension[:, -1] == pytest.approx(near, rel=1e-9)
+    proximal = by_tension.tension[:, 0]
+    assert by_position.tension[:, 0] == pytest.approx(proximal, rel=0.02)
+    assert turned.tension[:, -1] == pytest.approx(proximal, rel=1e-9)
 
 
 def test_motion_enters_from_both_ends_and_leaves_the_middle_alone() -> None:
-    literal = ThesisCable(CABLE.replace(segments=20))
+    thesis_solver = ThesisCable(CABLE.replace(segments=20))
     for k in range(1, 11):
-        literal.step(u_proximal=-5e-5 * k, u_distal=5e-5 * k)
-    near, far = literal.last_moving
-    assert near > 1 and far > 1 and near + far < 21
-    assert np.all(literal.tension[near : 21 - far] == CABLE.pretension)
-    assert np.all(literal.tension[:near] > CABLE.pretension)
-    assert np.all(literal.tension[-far:] > CABLE.pretension)
+        thesis_solver.step(u_proximal=-5e-5 * k, u_distal=5e-5 * k)
+    proximal, distal = thesis_solver.last_moving
+    assert proximal > 1 and distal > 1 and proximal + distal < 21
+    assert np.all(thesis_solver.tension[proximal : 21 - distal] == CABLE.pretension)
+    assert np.all(thesis_solver.tension[:proximal] > CABLE.pretension)
+    assert np.all(thesis_solver.tension[-distal:] > CABLE.pretension)
 
 
 def test_without_solving_again_motion_advances_one_node_a_step() -> None:
@@ -180,19 +190,19 @@ def test_without_solving_again_motion_advances_one_node_a_step() -> None:
 
 
 def test_nothing_asked_changes_nothing() -> None:
-    literal = ThesisCable(CABLE.replace(segments=5))
-    literal.step(u_proximal=-0.01, u_distal=0.0)
-    tension, tried = literal.tension, literal.tried
-    literal.step(u_proximal=-0.01, u_distal=0.0)
-    assert np.array_equal(literal.tension, tension)
-    assert literal.tried == tried
+    thesis_solver = ThesisCable(CABLE.replace(segments=5))
+    thesis_solver.step(u_proximal=-0.01, u_distal=0.0)
+    tension, tried = thesis_solver.tension, thesis_solver.tried
+    thesis_solver.step(u_proximal=-0.01, u_distal=0.0)
+    assert np.array_equal(thesis_solver.tension, tension)
+    assert thesis_solver.tried == tried
 
 
 def test_a_slack_cable_shows_no_tension() -> None:
-    literal = ThesisCable(CABLE.replace(segments=5))
+    thesis_solver = ThesisCable(CABLE.replace(segments=5))
     for k in range(1, 30):
-        literal.step(u_proximal=0.001 * k, u_distal=0.0)
-    assert np.all(literal.tension == 0.0)
+        thesis_solver.step(u_proximal=0.001 * k, u_distal=0.0)
+    assert np.all(thesis_solver.tension == 0.0)
 
 
 @pytest.mark.parametrize(
@@ -222,6 +232,6 @@ def test_terms_that_chapter_2_does_not_know_are_refused(name: str) -> None:
 
 
 def test_static_friction_that_weakens_is_refused() -> None:
-    weakening = CABLE.replace(static_friction=0.5, memory_length=1e-3)
-    with pytest.raises(CableError, match="it or `memory_length` must be 0"):
+    weakening = CABLE.replace(static_friction=0.5, critical_slip_distance=1e-3)
+    with pytest.raises(CableError, match="it or `critical_slip_distance` must be 0"):
         Mesh.of(weakening)

@@ -156,7 +156,7 @@ class Sensing:
         deviation = max(self.tension_noise, 1e-6)
         sensors = tuple(
             Sensors((0, n // 2, n), (deviation,) * 3)
-            for n in (strand.cable.segments for strand in drive.cables)
+            for n in (cable_drive.cable.segments for cable_drive in drive.cables)
         )
         return dataclasses.replace(drive, sensors=sensors)
 

@@ -81,7 +81,7 @@ class Drive:
         }
         if len(shapes) > 1 or () in shapes:
             raise CableError(
-                "Drive.strands must have the same cables in every environment, at "
+                "Drive.cable_drives must have the same cables in every environment, at "
                 "least one, with equal arms and segments; only their other parameters "
                 "may differ."
             )

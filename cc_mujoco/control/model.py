@@ -59,7 +59,7 @@ class CableModel:
         if not drive.cable_drives:
             raise CableError(
                 "a controller with a model needs to know the cables; this Drive has "
-                "no strands."
+                "no cable drives."
             )
         self.drive = drive
         cables = drive.cables
@@ -146,8 +146,8 @@ class CableModel:
         known, cables = len(self.drive.cable_drives), self.segments.size
         if known not in (1, rows):
             raise CableError(
-                f"Drive.strands has cables for {known} environments; it must be 1 or "
-                f"as many as observed, {rows}."
+                f"Drive.cable_drives has cables for {known} environments; it must be 1 "
+                f"or as many as observed, {rows}."
             )
         self._rows = rows
         self.packed: FloatArray = np.zeros((rows, cables, self._size[0]))
@@ -175,15 +175,15 @@ class CableModel:
         self.joint[fresh], self.slip_direction[fresh], self.gain[fresh] = 0.0, 0.0, 1.0
         fresh[:] = False
 
-    def _strands(self, row: int) -> tuple[CableDrive, ...]:
+    def _cable_drives(self, row: int) -> tuple[CableDrive, ...]:
         return self.drive.cable_drives[row % len(self.drive.cable_drives)]
 
     def _pack(self, row: int, cable: int, factor: float) -> None:
-        strand = self._strands(row)[cable].cable
-        values = np.array(strand.scalars)
+        cable_drive = self._cable_drives(row)[cable].cable
+        values = np.array(cable_drive.scalars)
         values[_FRICTIONS] = np.minimum(factor * values[_FRICTIONS], _MOST_FRICTION)
         sections = self._sections[row % len(self._sections)][cable]
-        kernel.pack(values, sections, strand.segments, self.packed[row, cable])
+        kernel.pack(values, sections, cable_drive.segments, self.packed[row, cable])
         self.factor[row, cable] = factor
 
 

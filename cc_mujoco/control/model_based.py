@@ -4,7 +4,7 @@
 >>> from cc_mujoco.transmission import Cable, Section
 >>> cable = Cable(friction=0.1, conduit=(Section(2.0, 0.5),))
 >>> pair = (CableDrive(cable, -0.02, -0.1), CableDrive(cable, 0.02, 0.1))
->>> law = ModelBased(Drive(5.0, -1.0, 1.0, 0.001, strands=(pair,)))
+>>> law = ModelBased(Drive(5.0, -1.0, 1.0, 0.001, cable_drives=(pair,)))
 """
 
 from __future__ import annotations
@@ -78,10 +78,10 @@ class ModelBased(ProportionalIntegral):
         self.stiffness = np.array(
             [
                 sum(
-                    strand.distal**2
-                    * strand.cable.axial_stiffness
-                    / strand.cable.length
-                    for strand in row
+                    cable_drive.distal**2
+                    * cable_drive.cable.axial_stiffness
+                    / cable_drive.cable.length
+                    for cable_drive in row
                 )
                 for row in drive.cable_drives
             ]

@@ -98,13 +98,15 @@ class _Fused:
     def __init__(self, drive: Drive, cable: int) -> None:
         cable_drives = [row[cable] for row in drive.cable_drives]
         self.distal = cable_drives[0].distal
-        meshes = [Mesh.of(strand.cable) for strand in cable_drives]
+        meshes = [Mesh.of(cable_drive.cable) for cable_drive in cable_drives]
         self._mesh = dataclasses.replace(
             meshes[0], angle=np.stack([mesh.angle for mesh in meshes])
         )
         self._sensors = drive.sensors[cable]
         self._nodes = self._sensors.on(cable_drives[0].cable)
-        self._rest = np.array([strand.cable.pretension for strand in cable_drives])
+        self._rest = np.array(
+            [cable_drive.cable.pretension for cable_drive in cable_drives]
+        )
         self.reset(None)
 
     def reset(self, where: NDArray[np.bool_] | None) -> None:
@@ -183,7 +185,7 @@ class AdaptiveModel(StictionCompensation):
             for row in np.flatnonzero(due & slip.any(axis=1)):
                 self._estimators[row][k].update(told[row, k], slip[row])
         believed = [
-            [strand.cable.friction for strand in self._strands(row)]
+            [cable_drive.cable.friction for cable_drive in self._cable_drives(row)]
             for row in range(told.shape[0])
         ]
         factor = np.maximum(self.friction(), 1e-3) / np.array(believed)
@@ -193,11 +195,11 @@ class AdaptiveModel(StictionCompensation):
 
     def _row(self, row: int) -> list[FrictionEstimator]:
         return [
-            FrictionEstimator(strand.cable, sensors, memory=self._memory)
-            for strand, sensors in zip(
-                self._strands(row), self.drive.sensors, strict=True
+            FrictionEstimator(cable_drive.cable, sensors, memory=self._memory)
+            for cable_drive, sensors in zip(
+                self._cable_drives(row), self.drive.sensors, strict=True
             )
         ]
 
-    def _strands(self, row: int) -> Any:
+    def _cable_drives(self, row: int) -> Any:
         return self.drive.cable_drives[row % len(self.drive.cable_drives)]

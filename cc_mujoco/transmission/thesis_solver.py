@@ -1,9 +1,9 @@
 r"""The solver of the thesis, literally: chapter 2 of A. Borowski's thesis in NumPy.
 
     cable = Cable(friction=0.2, conduit=(Section(2.0, 0.28),), segments=10)
-    literal = ThesisCable(cable)
-    literal.step(u_proximal=-0.001, u_distal=0.0)
-    literal.tension  # every node, from the proximal end
+    solver = ThesisCable(cable)
+    solver.step(u_proximal=-0.001, u_distal=0.0)
+    solver.tension  # every node, from the proximal end
 
 To be read beside the thesis; every part names its equation. It is slow and has the
 faults of the printed rules, on purpose: it is what `kernel` is compared with. Tensions
@@ -508,14 +508,14 @@ def play(
     }
     names = [name for name, values in given.items() if values is not None]
     rows = np.column_stack([np.asarray(given[name], dtype=float) for name in names])
-    literal = ThesisCable(cable, resolve=resolve)
+    solver = ThesisCable(cable, resolve=resolve)
     tension, displacement, last = [], [], []
     for row in rows.tolist():
-        literal.step(**dict(zip(names, row, strict=True)))
-        tension.append(literal.tension)
-        displacement.append(literal.displacement)
-        last.append(list(literal.last_moving))
-    counts = literal.tried, literal.contradicted
+        solver.step(**dict(zip(names, row, strict=True)))
+        tension.append(solver.tension)
+        displacement.append(solver.displacement)
+        last.append(list(solver.last_moving))
+    counts = solver.tried, solver.contradicted
     return Played(np.array(tension), np.array(displacement), np.array(last), *counts)
 
 

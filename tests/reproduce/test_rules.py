@@ -10,13 +10,13 @@ from cc_mujoco.reproduce.experiments import rules
 def test_opposed_motion_has_steps_that_no_pattern_fits() -> None:
     found = rules.opposed((5, 10), samples=120)
     assert np.all(found.contradicted > 0.2)
-    assert np.all(found.literal > 2.0 * found.kernel)
+    assert np.all(found.thesis_solver > 2.0 * found.kernel)
     assert found.kernel[1] < 0.6 * found.kernel[0]
 
 
 def test_static_friction_of_2_17_fades_with_the_mesh_in_both_solvers() -> None:
     found = rules.static_effect((5, 20))
-    for effect in (found.literal, found.kernel):
+    for effect in (found.thesis_solver, found.kernel):
         assert effect[0] > 3.0 * effect[1]
     assert abs(found.memory[0] / found.memory[1] - 1.0) < 0.15
 

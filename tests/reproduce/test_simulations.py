@@ -15,10 +15,10 @@ from cc_mujoco.transmission import Transmission
 
 def test_plant_is_the_transmission_driven_by_torque_and_angle() -> None:
     drive = spring.drive()
-    strand = drive.cables[0]
+    cable_drive = drive.cables[0]
     time = np.arange(0.0, 1.0, tracking.PERIOD)
     torque, angle = np.sin(7.0 * time), 0.2 * np.sin(3.0 * time)
-    known = Transmission.pull_pull(strand.cable, 0.1, 0.1).replay(
+    known = Transmission.pull_pull(cable_drive.cable, 0.1, 0.1).replay(
         tracking.PERIOD, motor_torque=torque, joint_angle=angle
     )
     device = InertiaFree(drive)

@@ -63,7 +63,7 @@ def test_friction_after_a_rest_grows_with_the_logarithm_of_time(rest):
     assert broken_away(cable, rest, 1e-5) == pytest.approx(0.1 * cable.wrap, abs=1e-6)
 
 
-def test_the_excess_of_a_rest_fades_over_the_memory_length():
+def test_the_excess_of_a_rest_fades_over_the_critical_slip_distance():
     cable = BENT.replace(
         segments=1,
         axial_stiffness=4e6,
@@ -79,8 +79,8 @@ def test_the_excess_of_a_rest_fades_over_the_memory_length():
 
 
 @pytest.mark.parametrize("speed", [0.002, 0.05])
-def test_contacts_that_slide_keep_the_age_of_one_memory_length(speed):
-    """Ruina's steady state: age = memory length over speed."""
+def test_contacts_that_slide_keep_the_age_of_one_critical_slip_distance(speed):
+    """Ruina's steady state: age = critical slip distance over speed."""
     ageing = {
         "ageing_friction": 0.05,
         "ageing_time": 0.01,

@@ -297,7 +297,7 @@ def test_static_friction_across_one_segment_fades_with_the_mesh():
     assert peaks[1] / peaks[2] == pytest.approx(4.0, rel=0.1)
 
 
-def test_static_friction_with_a_memory_length_does_not_depend_on_the_mesh():
+def test_static_friction_with_a_critical_slip_distance_does_not_depend_on_the_mesh():
     cable = BENT.replace(static_friction=0.63, critical_slip_distance=5e-3)
     peaks = [break_away(cable.replace(segments=n)) for n in (50, 100, 200)]
     assert peaks[1] > 1.0

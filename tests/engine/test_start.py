@@ -197,20 +197,23 @@ def test_an_end_that_moves_nothing_has_no_limit() -> None:
 SAID = """
 import mujoco, sys
 import cc_mujoco
-m = mujoco.MjModel.from_xml_path(sys.argv[1])
-m.opt.timestep *= float(sys.argv[2])
-for _ in range(3):
-    d = mujoco.MjData(m)
-    mujoco.mj_step(m, d, 2)
-    mujoco.mj_resetData(m, d)
-    mujoco.mj_step(m, d, 2)
+for path, factor in zip(sys.argv[1::2], sys.argv[2::2]):
+    print("next", file=sys.stderr, flush=True)
+    m = mujoco.MjModel.from_xml_path(path)
+    m.opt.timestep *= float(factor)
+    for _ in range(3):
+        d = mujoco.MjData(m)
+        mujoco.mj_step(m, d, 2)
+        mujoco.mj_resetData(m, d)
+        mujoco.mj_step(m, d, 2)
 """
 
 
-def warnings(scene: Path, factor: float, folder: Path) -> list[str]:
-    """What MuJoCo says of a scene whose time step is changed by a factor."""
+def warnings(folder: Path, *scenes: tuple[Path, float]) -> list[list[str]]:
+    """What MuJoCo says of each scene, its time step changed by a factor."""
+    words = [str(word) for pair in scenes for word in pair]
     done = subprocess.run(
-        [sys.executable, "-c", SAID, str(scene), str(factor)],
+        [sys.executable, "-c", SAID, *words],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         cwd=folder,
         capture_output=True,
@@ -218,24 +221,23 @@ def warnings(scene: Path, factor: float, folder: Path) -> list[str]:
         timeout=300,
         check=True,
     )
-    return re.findall(r"WARNING: (.*)", done.stderr)
+    parts = done.stderr.split("next\n")[1:]
+    return [re.findall(r"WARNING: (.*)", part) for part in parts]
 
 
-def test_too_long_a_step_is_warned_of_once(tmp_path: Path) -> None:
+def test_too_long_a_step_is_warned_of_once_unless_it_is_mended_after_loading(
+    tmp_path: Path,
+) -> None:
     scene = tmp_path / "scene.xml"
     scene.write_text(loaded(0.02, 1e-4, 20, 0.0).replace("1e-5", "0.004"))
-    (said,) = warnings(scene, 1.0, tmp_path)
+    mended, (said,) = warnings(tmp_path, (scene, 0.5), (scene, 1.0))
+    assert not mended
     for part in ("'one'", "proximal end", "below 3.535 ms", "is 4.000 ms", "armature"):
         assert part in said
 
 
-def test_a_step_that_was_mended_after_loading_is_not_warned_of(tmp_path: Path) -> None:
-    scene = tmp_path / "scene.xml"
-    scene.write_text(loaded(0.02, 1e-4, 20, 0.0).replace("1e-5", "0.004"))
-    assert not warnings(scene, 0.5, tmp_path)
-
-
-@pytest.mark.parametrize("name", ["wrist", "ankle", "finger", "bench"])
-def test_the_scenes_are_not_warned_of(name: str, tmp_path: Path) -> None:
-    assert not warnings(scene_path(name), 1.0, tmp_path)
-    assert warnings(scene_path(name), 40.0, tmp_path)
+def test_the_scenes_are_not_warned_of(tmp_path: Path) -> None:
+    paths = [scene_path(name) for name in ("wrist", "ankle", "finger", "bench")]
+    usual = warnings(tmp_path, *((path, 1.0) for path in paths))
+    assert usual == [[]] * 4
+    assert all(warnings(tmp_path, *((path, 40.0) for path in paths)))

@@ -5,17 +5,11 @@ Each script runs in a process of its own, so that a crash fails one test.
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
-import cc_mujoco
+from engine.processes import Ended, processes
 from engine.scenes import pull_pull
 
-ROOT = Path(cc_mujoco.__file__).parents[1]
 SLEDGE = 'type="slide" axis="1 0 0" damping="1" stiffness="50"'
 LIMITED = pull_pull().replace(SLEDGE, SLEDGE + ' limited="true" range="-0.2 0.2"')
 ASLEEP = (
@@ -207,16 +201,11 @@ works(m, d)
 }
 
 
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ended]:
+    return processes(START, SCRIPTS, tmp_path_factory.mktemp("scripts"))
+
+
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_survives(name: str, tmp_path: Path) -> None:
-    script = tmp_path / "script.py"
-    script.write_text(START + SCRIPTS[name])
-    done = subprocess.run(
-        [sys.executable, str(script)],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+def test_survives(name: str, ended: dict[str, Ended]) -> None:
+    assert ended[name].code == 0, ended[name].said

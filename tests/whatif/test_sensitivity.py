@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
-from cc_mujoco.whatif import report
+from cc_mujoco import whatif
+from cc_mujoco.whatif.pareto import Objective, costs
 from cc_mujoco.whatif.plan import Plan, make_plan
-from cc_mujoco.whatif.report import sobol_table
-from cc_mujoco.whatif.sensitivity import sensitivity
+from cc_mujoco.whatif.report import markdown, sobol_table
+from cc_mujoco.whatif.sensitivity import Sensitivity, sensitivity
 
 VARY = {"friction": "0:0.4:5", "pretension": "10:50:6", "loops": [1, 2, 3, 4]}
 METRICS = ("efficiency",)
@@ -97,8 +99,7 @@ KNOWN = {
 }
 
 
-@pytest.mark.parametrize("samples", [40, 60, 120, 300])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("samples", "seed"), [(40, 1), (60, 0), (120, 1), (240, 0)])
 @pytest.mark.parametrize("function", KNOWN)
 def test_known_indices_lie_in_their_intervals_and_dummies_have_none(
     function: Callable[[np.ndarray], np.ndarray], seed: int, samples: int
@@ -121,7 +122,7 @@ def test_known_indices_lie_in_their_intervals_and_dummies_have_none(
         assert all(told[name] == 0.0 for name in list(DUMMIES)[3:])
     dummies = set(list(DUMMIES)[3:])
     assert not any(v for pair, v in found.pairs.items() if dummies & set(pair))
-    if function is _kinked or samples == 300:
+    if function is _kinked or samples == 240:
         assert found.surface is not None and found.surface.r_squared > 0.75
         assert min(found.total[name] for name in list(DUMMIES)[:2]) > 0.0
 
@@ -135,6 +136,16 @@ def test_noise_depends_on_nothing() -> None:
         assert found is None or not any((*found.first.values(), *found.total.values()))
 
 
+def _reported(plan: Plan, metric: pa.Table, found: Sensitivity) -> str:
+    """The ranking of a study that found this."""
+    count = len(plan.designs)
+    columns: dict[str, Any] = {"design": range(count), "failed": pa.nulls(count)}
+    columns |= {name: [d[name] for d in plan.designs] for name in plan.varied}
+    table = pa.table({**columns, "efficiency": metric["efficiency"]})
+    goals = (Objective("efficiency", whatif.METRICS["efficiency"].high),)
+    return markdown(plan, table, goals, False, costs(table, goals), [found])
+
+
 def test_an_index_is_written_with_its_error_or_as_none() -> None:
     plan = _plan(samples=60)
     a, b, c = _scaled(plan)
@@ -144,11 +155,12 @@ def test_an_index_is_written_with_its_error_or_as_none() -> None:
     rows = sobol_table([found]).to_pylist()
     assert all(r["error"] > 0.0 for r in rows)
     assert all(r["share"] == 0.0 or abs(r["share"]) > r["error"] for r in rows)
-    text = report._sensitivity(found)
+    text = _reported(plan, table, found)
     assert "| - ± 0." in text and f"{found.total['friction']:.3f} ± 0." in text
     grid = _plan()
-    exact = sensitivity(grid, pa.table({"efficiency": _scaled(grid)[0]}), "efficiency")
-    assert exact is not None and "±" not in report._sensitivity(exact)
+    table = pa.table({"efficiency": _scaled(grid)[0]})
+    exact = sensitivity(grid, table, "efficiency")
+    assert exact is not None and "±" not in _reported(grid, table, exact)
     assert all(r["error"] == 0.0 for r in sobol_table([exact]).to_pylist())
 
 

@@ -46,8 +46,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say how many tests the missing folder cost."""
-    skipped = terminalreporter.stats.get("skipped", ())
-    missed = sum(ABSENT in str(report.longrepr) for report in skipped)
-    if missed:
-        terminalreporter.write_line(f"{missed} tests skipped: {ABSENT}")
+    """Count the tests of the folder beside the checkout apart from all others."""
+    stats = terminalreporter.stats
+    of_shared = {
+        kind: sum("shared" in report.keywords for report in stats.get(kind, ()))
+        for kind in ("passed", "failed", "skipped")
+    }
+    if not any(of_shared.values()):
+        return
+    ran, skipped = of_shared["passed"] + of_shared["failed"], of_shared["skipped"]
+    terminalreporter.write_line(
+        f"shared: {ran} ran, {skipped} skipped"
+        if SHARED.is_dir()
+        else f"{skipped} tests of measured data skipped: {ABSENT}"
+    )

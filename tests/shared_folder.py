@@ -5,4 +5,4 @@ from __future__ import annotations
 from pathlib import Path
 
 SHARED = Path(__file__).parents[2] / "shared"
-ABSENT = f"{SHARED} is absent"
+ABSENT = "../shared is not here"

@@ -100,10 +100,24 @@ def test_every_picture_lies_beside_a_page_that_shows_it() -> None:
 
 
 @pytest.mark.parametrize("name", fill_readme.SHORT)
-def test_front_page_shows_the_beginning_of_a_generated_block(name: str) -> None:
-    text = fill_readme.between(fill_readme.PAGES[name].read_text("utf-8"), name)
-    short = fill_readme.shortened(name, text)
-    assert short and fill_readme.between(FRONT, name) == short
+def test_a_block_is_written_on_its_page_and_in_short_on_the_front_page(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = [fill_readme.PAGES[name].read_text("utf-8"), FRONT]
+    places = [tmp_path / "page.md", tmp_path / "front.md"]
+    for place, text in zip(places, before, strict=True):
+        place.write_text(text, "utf-8")
+    monkeypatch.setitem(fill_readme.PAGES, name, places[0])
+    monkeypatch.setattr(fill_readme, "FRONT", places[1])
+    parts = [r"1\0", "two\nlines", "three", "four"]
+    fill_readme.write(name, "\n\n".join(parts))
+    written = [place.read_text("utf-8") for place in places]
+    for text, old, count in zip(
+        written, before, (len(parts), fill_readme.SHORT[name]), strict=True
+    ):
+        assert fill_readme.between(text, name) == "\n\n".join(parts[:count])
+        again = fill_readme.filled(text, name, fill_readme.between(old, name))
+        assert again == old  # nothing else is touched
 
 
 def test_parameter_table_is_that_of_the_package() -> None:

@@ -12,6 +12,9 @@ from shared_folder import ABSENT, SHARED
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
+LONG = ("test_cli.py", "test_study.py")
+"""Files of no slow test that take long all the same."""
+
 
 def pytest_configure(config: pytest.Config) -> None:
     """Compile what is kept on disk once, before workers start that would each do it."""
@@ -36,13 +39,17 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip what needs the folder beside the checkout; begin with what takes longest.
 
-    A long test that begins last would leave the other workers idle.
+    A long file that begins last would leave the other workers idle.
     """
     if not SHARED.is_dir():
         for item in items:
             if item.get_closest_marker("shared"):
                 item.add_marker(pytest.mark.skip(reason=ABSENT))
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    items.sort(
+        key=lambda item: (
+            item.get_closest_marker("slow") is None and item.path.name not in LONG
+        )
+    )
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -41,53 +41,77 @@ class Cluster:
         with self.client() as client:
             self.address = client.scheduler.address
 
-    def work(self, home: Path = HOME) -> None:
-        """Start a worker that finds its modules in a folder first."""
-        self._start("dask_worker", home, "--nthreads", "1", "--no-nanny")
-
-    def wait(self, workers: int) -> None:
+    def work(self, *homes: Path) -> None:
+        """Start a worker that finds its modules in these folders, and await it."""
         with self.client() as client:
-            client.wait_for_workers(workers, timeout=90)
+            workers = len(client.nthreads())
+            self._start("dask_worker", *homes, "--nthreads", "1", "--no-nanny")
+            client.wait_for_workers(workers + 1, timeout=90)
+
+    def stop(self, first: int) -> None:
+        """Stop all processes from this one on, the scheduler being 0."""
+        for process in self.processes[first:]:
+            process.kill()
+            process.wait()
+        del self.processes[first:]
 
     def client(self) -> Any:
         return distributed.Client(scheduler_file=str(self._file), timeout="60s")
 
-    def _start(self, module: str, home: Path, *words: str) -> None:
-        command = [sys.executable, "-P", "-m", f"distributed.cli.{module}", *words]
+    def _start(self, module: str, *words: str | Path) -> None:
+        options = [word for word in words if isinstance(word, str)]
+        command = [sys.executable, "-P", "-m", f"distributed.cli.{module}", *options]
         command += ["--host", "127.0.0.1", "--no-dashboard"]
         command += ["--scheduler-file", str(self._file)]
+        homes = os.pathsep.join(str(word) for word in words if isinstance(word, Path))
         environment = {
-            **os.environ, "PYTHONPATH": str(home), "OPENBLAS_NUM_THREADS": "1",
+            **os.environ, "PYTHONPATH": homes, "OPENBLAS_NUM_THREADS": "1",
         }  # fmt: skip
         self.processes.append(
             subprocess.Popen(command, cwd=self._folder, env=environment, **QUIET)
         )
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    (tmp_path / "cluster").mkdir()
-    started = Cluster(tmp_path / "cluster")
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """With one worker, of the same code."""
+    laws = tmp_path_factory.mktemp("laws")
+    _write_law(laws, 0.1)
+    started = Cluster(tmp_path_factory.mktemp("cluster"))
+    started.work(HOME, laws)
     yield started
-    for process in started.processes:
-        process.kill()
-        process.wait()
+    started.stop(0)
+
+
+@pytest.fixture
+def cluster(served: Cluster) -> Iterator[Cluster]:
+    """The same, rid of what a test adds to it."""
+    yield served
+    served.stop(2)
+    with served.client() as client:
+        while len(client.nthreads()) > 1:
+            time.sleep(0.01)
+
+
+def _write_law(folder: Path, gain: float) -> None:
+    folder.mkdir(exist_ok=True)
+    (folder / "law_of_mine.py").write_text(
+        f"def make(drive):\n    return lambda seen: {gain} * seen['joint_angle_rad']\n"
+    )
 
 
 def _plan(controller: str = "pi") -> Plan:
     return make_plan(
         "wrist",
-        {"friction": "0.05:0.2:16", "loops": [1, 2]},
-        duration=1.0,
+        {"friction": "0.05:0.2:8", "loops": [1, 2]},
+        duration=0.4,
         controller=controller,
-        metrics=("efficiency", "tracking_error", "slack_margin"),
+        metrics=("tracking_error", "slack_margin"),
     )
 
 
 def test_a_killed_worker_loses_nothing(tmp_path: Path, cluster: Cluster) -> None:
-    cluster.work()
-    cluster.work()
-    cluster.wait(2)
+    cluster.work(HOME)
     plan = _plan()
     expected = carry_out(plan)
     killed: list[float] = []
@@ -160,22 +184,16 @@ def test_a_worker_of_other_code_is_refused(
     refusal: Asked,
     request: pytest.FixtureRequest,
 ) -> None:
-    cluster.work()
     cluster.work(request.getfixturevalue(home))
-    cluster.wait(2)
     assert why in refusal(cluster.address)
 
 
 def test_a_worker_that_joins_later_is_asked_too(
     tmp_path: Path, cluster: Cluster, other_code: Path
 ) -> None:
-    cluster.work()
-    cluster.wait(1)
-
     def join(done: float) -> None:
         if done and len(cluster.processes) == 2:
             cluster.work(other_code)
-            cluster.wait(2)
 
     with pytest.raises(ValueError, match="differs in the sources of cc_mujoco"):
         carry_out(_plan(), tmp_path / "s", scheduler=cluster.address, progress=join)
@@ -187,27 +205,26 @@ def test_the_controller_of_a_worker_is_that_of_the_client(
     refusal: Asked,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    text = "def make(drive):\n    return lambda seen: {} * seen['joint_angle_rad']\n"
-    for name, gain in (("here", 0.1), ("same", 0.1), ("other", 0.2)):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "law_of_mine.py").write_text(text.format(gain))
+    for name, gain in (("here", 0.1), ("other", 0.2)):
+        _write_law(tmp_path / name, gain)
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.setenv("PYTHONPATH", str(HOME))
-    cluster.work(Path(f"{HOME}{os.pathsep}{tmp_path / 'same'}"))
-    cluster.wait(1)
     plan = _plan("law_of_mine:make")
     assert carry_out(plan, scheduler=cluster.address).equals(carry_out(plan))
-    cluster.work(Path(f"{HOME}{os.pathsep}{tmp_path / 'other'}"))
-    cluster.wait(2)
+    cluster.work(HOME, tmp_path / "other")
     words = ("--controller", "law_of_mine:make")
     assert "differs in law_of_mine.py" in refusal(cluster.address, *words)
 
 
 def test_no_workers_are_not_waited_for_without_end(
-    cluster: Cluster, refusal: Asked
+    tmp_path: Path, refusal: Asked
 ) -> None:
+    empty = Cluster(tmp_path)
     started = time.monotonic()
-    said = refusal(cluster.address, "--worker-timeout", "1")
+    try:
+        said = refusal(empty.address, "--worker-timeout", "1")
+    finally:
+        empty.stop(0)
     assert "no worker for 1 s; start one with `dask worker tcp://" in said
     assert time.monotonic() - started < 15.0
 
@@ -243,8 +260,6 @@ def test_a_wrong_address_is_one_sentence(address: str, refusal: Asked) -> None:
 
 
 def test_a_worker_is_no_scheduler(cluster: Cluster, refusal: Asked) -> None:
-    cluster.work()
-    cluster.wait(1)
     with cluster.client() as client:
         (address,) = client.nthreads()
     assert "no Dask scheduler but a Worker" in refusal(address)

@@ -78,10 +78,10 @@ def test_rendering_shows_the_pose_and_does_not_touch_the_simulation(name: str) -
 
 
 def test_random_actions_stay_finite_and_inside_the_spaces(name: str) -> None:
-    env = gymnasium.make(name, duration=3.0)
+    env = gymnasium.make(name, duration=1.0)
     random = np.random.default_rng(2)
     env.reset(seed=0)
-    for _ in range(10_000):
+    for _ in range(3000):
         action = random.uniform(-1, 1, 1).astype(np.float32)
         observation, reward, terminated, truncated, info = env.step(action)
         assert observation in env.observation_space

@@ -54,7 +54,7 @@ def march(a: VectorEnv, b: VectorEnv, steps: int) -> int:
 
 @pytest.mark.parametrize(
     ("trajectory", "threads"),
-    [("multisine", 1), ("multisine", 2), ("multisine", 4), ("sweep", 4), ("walk", 2)],
+    [("multisine", 1), ("sweep", 4), ("walk", 2)],
 )
 def test_it_equals_sync_through_autoresets(
     name: str, trajectory: str, threads: int
@@ -70,7 +70,7 @@ def test_it_equals_sync_through_autoresets(
 
 @pytest.mark.parametrize(
     ("task", "duration"),
-    [("tunnel", 1.5), ("spring", 0.3), ("transparent", 0.3), ("assist", 0.3)],
+    [("tunnel", 0.9), ("spring", 0.15), ("transparent", 0.15), ("assist", 0.15)],
 )
 def test_it_equals_sync_for_every_task_and_over_a_long_episode(
     name: str, task: str, duration: float
@@ -105,7 +105,8 @@ def test_it_equals_sync_under_a_time_limit(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_it_equals_async_in_spawned_processes(name: str) -> None:
+def test_it_equals_async_in_spawned_processes() -> None:
+    name = "cc_mujoco/WristHandle-v0"
     a = gymnasium.make_vec(name, 2, trajectory="reach", duration=0.02)
     b = gymnasium.make_vec(
         name,

@@ -27,7 +27,7 @@ class CableDrive:
 
     def __post_init__(self) -> None:
         """Refuse an arm that transmits nothing."""
-        for name in ("near", "far"):
+        for name in ("proximal", "distal"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value != 0.0):
                 raise CableError(

@@ -19,10 +19,20 @@ FITTED, HELD_OUT = ("freq4_load0", "freq4_load8"), ("freq4_load2", "freq2_load6"
 SUSPECTS = ("end_compliance", "load_independent_friction", "viscous_friction")
 
 
+ROWS = 2000
+"""Ten seconds."""
+
+
 @pytest.mark.slow
 @pytest.mark.shared
-def test_compliance_and_friction_without_load_close_the_gap_on_other_loads() -> None:
-    files = [DATA / f"tool4_{name}.csv" for name in (*FITTED, *HELD_OUT)]
+def test_compliance_and_friction_without_load_close_the_gap_on_other_loads(
+    tmp_path: Path,
+) -> None:
+    for name in (*FITTED, *HELD_OUT):
+        file = f"tool4_{name}.csv"
+        lines = (DATA / file).read_text(encoding="utf-8").splitlines(keepends=True)
+        (tmp_path / file).write_text("".join(lines[: 1 + ROWS]), encoding="utf-8")
+    files = sorted(tmp_path.iterdir())
     dataset, findings = load(files, STUDY / "davinci.toml")
     assert not errors(findings)
     found = reason(dataset, Bench.of(scene_path("bench")), ids=SUSPECTS).diagnosis

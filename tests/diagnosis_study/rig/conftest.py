@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -33,11 +34,16 @@ def cut(trial: Trial, seconds: float) -> Trial:
 
 
 @pytest.fixture
-def few_and_short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three rich trials of 4 s instead of eight of 8 s."""
+def shortened() -> Callable[[Trial, float], Trial]:
+    return cut
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rich trials of 4 s instead of 8 s."""
     rich = SETS["rich"]
     monkeypatch.setitem(
-        SETS, "rich", lambda rng: [cut(rich(rng)[k], 4.0) for k in (0, 2, 4)]
+        SETS, "rich", lambda rng: [cut(trial, 4.0) for trial in rich(rng)]
     )
 
 

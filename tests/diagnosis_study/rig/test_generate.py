@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +13,19 @@ import pytest
 
 from rig import dataset, generate, strength
 from rig.effects import EFFECTS
-from rig.trials import SETS, ramps
+from rig.trials import SETS, Trial, ramps
 
 OPTIONS = ["--trials", "ramps", "--seed", "4"]
 
 
 @pytest.fixture(autouse=True)
-def two_trials(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two trials instead of eight, which is quicker."""
-    monkeypatch.setitem(SETS, "ramps", lambda rng: ramps(rng)[1:3])
+def two_trials(
+    monkeypatch: pytest.MonkeyPatch, shortened: Callable[[Trial, float], Trial]
+) -> None:
+    """Two trials of 4 s instead of eight of 8 s, which is quicker."""
+    monkeypatch.setitem(
+        SETS, "ramps", lambda rng: [shortened(each, 4.0) for each in ramps(rng)[1:3]]
+    )
     monkeypatch.setitem(strength.LOOKED_AT, "ramps", (0,))
     strength.forget()
 
@@ -44,7 +49,7 @@ def test_data_betray_nothing_but_their_numbers(tmp_path: Path) -> None:
             (folder / name).read_text().splitlines() for folder in (plain, hidden)
         )
         assert one[0] == other[0]
-        assert len(one) == len(other) == 4001
+        assert len(one) == len(other) == 2001
         for left, right in zip(one[1:50], other[1:50], strict=True):
             shape = [len(text.split(".")[-1]) for text in left.split(",")]
             assert shape == [len(text.split(".")[-1]) for text in right.split(",")]

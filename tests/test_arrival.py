@@ -18,12 +18,10 @@ assert mujoco.MjModel.from_xml_path(str(scene_path("wrist"))).nplugin
 """
 KNOWS = 'assert "cc_mujoco/AnkleExo-v0" in gymnasium.registry'
 SCRIPTS = {
-    "MuJoCo first": f"import mujoco, cc_mujoco{LOADS}",
-    "MuJoCo second": f"import cc_mujoco, mujoco{LOADS}",
+    "both first": f"import gymnasium, mujoco, cc_mujoco{LOADS}{KNOWS}",
+    "both second": f"import cc_mujoco, mujoco, gymnasium{LOADS}{KNOWS}",
     "a part of MuJoCo": f"import cc_mujoco, mujoco.introspect, mujoco{LOADS}",
     "the engine first": f"import cc_mujoco.engine, mujoco{LOADS}",
-    "Gymnasium first": f"import gymnasium, cc_mujoco; {KNOWS}",
-    "Gymnasium second": f"import cc_mujoco, gymnasium; {KNOWS}",
     "the environments first": f"import cc_mujoco.envs, gymnasium; {KNOWS}",
     "nothing else": (
         "import sys, cc_mujoco\n"

@@ -76,28 +76,24 @@ def test_play_has_the_sensors_that_its_controllers_need(
 def test_a_task_beyond_the_motor_is_played_with_a_warning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["play", "wrist", "--trajectory", "walk", "--duration", "1"]
-    assert cli.main([*words, "--task", "assist", "--out", str(tmp_path / "a")]) == 0
+    words = ["play", "wrist", "--trajectory", "walk", "--duration"]
+    beyond = ["1", "--task", "assist", "--out", str(tmp_path / "a")]
+    assert cli.main([*words, *beyond]) == 0
     (warning,) = capsys.readouterr().err.splitlines()
     assert warning.startswith("warning: assist: the task asks for -11.48 to 0 Nm ")
     assert warning.endswith("the motor gives -5.2 to 5.2 Nm even without friction.")
-    assert cli.main([*words, "--task", "spring", "--out", str(tmp_path / "b")]) == 0
+    within = ["0.1", "--task", "spring", "--out", str(tmp_path / "b")]
+    assert cli.main([*words, *within]) == 0
     assert capsys.readouterr().err == ""
 
 
 def test_equal_seeds_give_equal_logs(tmp_path: Path) -> None:
-    words = ["play", "wrist", "--trajectory", "multisine", "--duration", "0.2"]
+    words = ["play", "wrist", "--trajectory", "multisine", "--duration", "0.1"]
     for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
         assert cli.main([*words, "--seed", seed, "--out", name]) == 0
     logs = [EpisodeLog.read(tmp_path / name / "log.parquet") for name in "abc"]
     assert logs[0] == logs[1]
     assert logs[0] != logs[2]
-    compare = [sys.executable, "-m", "rerun", "rrd", "compare", "--unordered"]
-    for other, differs in (("b", False), ("c", True)):
-        files = [tmp_path / name / "recording.rrd" for name in ("a", other)]
-        options = ["--ignore-chunks-without-components", *map(str, files)]
-        done = subprocess.run([*compare, *options], capture_output=True, check=False)
-        assert (done.returncode != 0) == differs
 
 
 def test_a_recorded_motion_can_be_played(tmp_path: Path) -> None:
@@ -261,22 +257,18 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"cc-mujoco {cc_mujoco.__version__}\n"
 
 
-@pytest.mark.parametrize("words", [["--help"], ["list"]])
-def test_a_reader_that_has_enough_ends_the_command_without_a_word(
-    words: list[str],
-) -> None:
+def test_a_reader_that_has_enough_ends_the_command_without_a_word() -> None:
     reader, writer = os.pipe()
     os.close(reader)
-    done = command(*words, capture_output=False, stdout=writer, stderr=subprocess.PIPE)
+    done = command("--help", capture_output=False, stdout=writer, stderr=-1)
     os.close(writer)
     assert (done.returncode, done.stderr) == (141, "")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device is full here")
-@pytest.mark.parametrize("words", [["--help"], ["list"]])
-def test_output_that_cannot_be_printed_is_one_sentence(words: list[str]) -> None:
+def test_output_that_cannot_be_printed_is_one_sentence() -> None:
     with open("/dev/full", "w") as full:
-        done = command(*words, capture_output=False, stdout=full, stderr=-1)
+        done = command("list", capture_output=False, stdout=full, stderr=-1)
     assert done.returncode == 2
     assert done.stderr == (
         "cc-mujoco: cannot write standard output: no space is left.\n"
@@ -302,7 +294,7 @@ def test_an_interrupted_import_is_an_interruption(
     assert said == "cc-mujoco: interrupted, nothing was written.\n"
 
 
-@pytest.mark.parametrize("seconds", [0.15, 0.3, 0.5, 0.8, 1.2])
+@pytest.mark.parametrize("seconds", [0.15, 0.8])
 def test_an_interruption_at_the_start_is_one_sentence(
     seconds: float, tmp_path: Path
 ) -> None:
@@ -357,7 +349,7 @@ def test_no_command_replaces_files_that_it_did_not_write(
     assert [p for p in tmp_path.rglob("*") if p.is_file()] == [path]
 
 
-@pytest.mark.parametrize("name", ["play", "benchmark", "whatif"])
+@pytest.mark.parametrize("name", ["benchmark", "whatif"])
 def test_a_command_runs_again_into_its_own_folder(name: str, tmp_path: Path) -> None:
     for _ in range(2):
         assert cli.main([*RUNS[name][0], "--out", "runs"]) == 0
@@ -369,28 +361,26 @@ from cc_mujoco import cli
 from cc_mujoco.recording import episode
 write = episode.write_episode
 def limited(*arguments):
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), -1))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, -1))
     return write(*arguments)
 episode.write_episode = limited
 import cc_mujoco.recording
 cc_mujoco.recording.write_episode = limited
-sys.exit(cli.main(["play", "wrist", "--duration", "0.3", "--out", "out"]))
+for most in (1000, 400_000):
+    code = cli.main(["play", "wrist", "--duration", "0.3", "--out", "out"])
+    assert code == 2, code
 """
 
 
-@pytest.mark.parametrize(
-    ("most", "file"),
-    [(1000, "log.parquet"), (400_000, "recording.rrd")],
-)
-def test_a_file_that_cannot_grow_is_named(most: int, file: str, tmp_path: Path) -> None:
+def test_a_file_that_cannot_grow_is_named(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(most)],
-        capture_output=True,
-        text=True,
-        env=ENVIRONMENT,
+        [sys.executable, "-c", LIMITED], capture_output=True, text=True, env=ENVIRONMENT
     )
-    assert done.returncode == 2
-    assert f"cannot write {tmp_path}/out/{file}: " in done.stderr
+    assert done.returncode == 0, done.stderr
+    said = done.stderr.splitlines()
+    assert len(said) == 2
+    for line, file in zip(said, ("log.parquet", "recording.rrd"), strict=True):
+        assert f"cannot write {tmp_path}/out/{file}: " in line
     assert list(tmp_path.iterdir()) == []
 
 

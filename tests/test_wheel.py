@@ -136,11 +136,10 @@ def test_installed_wheel_makes_both_environments(
 
 
 @pytest.mark.wheel
-@pytest.mark.parametrize("scene", ["wrist", "ankle"])
-def test_installed_wheel_plays(installed: Path, tmp_path: Path, scene: str) -> None:
+def test_installed_wheel_plays(installed: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     run(
-        *(installed / "cc-mujoco", "play", scene, "--duration", "0.2", "--out", out),
+        *(installed / "cc-mujoco", "play", "ankle", "--duration", "0.1", "--out", out),
         cwd=tmp_path,
     )
     made = {path.name for path in out.iterdir()}

@@ -33,7 +33,7 @@ def errors(drive: Drive, law: Controller, angle: Any, desired: Any) -> Any:
 
 
 @given(friction=st.floats(0.02, 0.4), level=st.floats(15.0, 60.0))
-@settings(max_examples=6)
+@settings(max_examples=3)
 def test_feed_forward_alone_is_right_once_the_cable_moves(
     friction: float, level: float
 ) -> None:

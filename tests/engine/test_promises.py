@@ -259,7 +259,7 @@ def test_batch_may_give_each_simulation_its_own_model() -> None:
         assert np.array_equal(mixed[1], own[1])
 
 
-def test_a_million_steps_of_random_excitation_stay_finite() -> None:
+def test_a_hundred_thousand_steps_of_random_excitation_stay_finite() -> None:
     m = mujoco.MjModel.from_xml_string(
         model(
             instance("flexor", CONFIG | {"segments": "5"}),
@@ -273,7 +273,7 @@ def test_a_million_steps_of_random_excitation_stay_finite() -> None:
     qpos = batch.bind("qpos")
     rng = np.random.default_rng(0)
     largest = 0.0
-    for _ in range(1_000_000 // count // chunk):
+    for _ in range(100_000 // count // chunk):
         ctrl[:, 0] = rng.uniform(-3.0, 3.0, count)
         batch.step(nstep=chunk)
         assert np.isfinite(plugin_state).all()

@@ -53,7 +53,7 @@ def test_autocovariances_of_a_filter_that_is_simulated() -> None:
         np.array([[0.9]]), np.array([[1.0]]), np.array([[1.0]]), np.array([[0.3]])
     )
     random = np.random.default_rng(8)
-    count = 200_000
+    count = 60_000
     push, noise = 0.5 * random.normal(size=count), 2.0 * random.normal(size=count)
     state = np.zeros(count)
     for i in range(1, count):
@@ -61,7 +61,7 @@ def test_autocovariances_of_a_filter_that_is_simulated() -> None:
     seen = innovations(model, (state + noise)[:, None])[100:, 0]
     measured = [np.mean(seen[lag:] * seen[: seen.size - lag]) for lag in range(5)]
     expected = autocovariances(model) @ np.array([0.25, 4.0])
-    assert measured == pytest.approx(expected, abs=0.05)
+    assert measured == pytest.approx(expected, abs=0.1)
 
 
 def test_unbiased_without_bounds_and_recovers_unequal_sensors() -> None:
@@ -71,9 +71,9 @@ def test_unbiased_without_bounds_and_recovers_unequal_sensors() -> None:
 
 
 def test_scatter_falls_with_the_root_of_the_length() -> None:
-    short = estimates(300, 40, nonnegative=False).std(axis=0)
-    long = estimates(2700, 40, nonnegative=False).std(axis=0)
-    assert np.mean((short / long)[1:]) == pytest.approx(3.0, rel=0.3)
+    short = estimates(300, 30, nonnegative=False).std(axis=0)
+    long = estimates(1200, 30, nonnegative=False).std(axis=0)
+    assert np.mean((short / long)[1:]) == pytest.approx(2.0, rel=0.3)
 
 
 def test_bounded_variances_are_nonnegative_where_free_ones_are_not() -> None:

@@ -6,10 +6,8 @@ from cc_mujoco.reproduce.experiments.solver import costs
 
 
 def test_kernel_is_faster_than_enumeration_and_that_than_fsolve() -> None:
-    found = costs(12, steps=20, general_steps=3)
+    found = costs(24, steps=20, general_steps=2)
     assert 20.0 * found.kernel < found.enumeration
     assert 3.0 * found.enumeration < found.fsolve
-
-
-def test_kernel_and_enumeration_agree_on_the_motion_that_is_timed() -> None:
-    assert costs(40, steps=20, general_steps=1).apart < 1e-3
+    # And says the same of the motion that is timed.
+    assert found.apart < 1e-3

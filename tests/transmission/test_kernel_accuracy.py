@@ -69,14 +69,14 @@ def case(cable: Cable, name: str, seed: int, samples: int):
 @pytest.mark.parametrize("which", CABLES)
 def test_50_segments_are_within_0_3_percent_of_the_continuum(which, name):
     cable = CABLES[which]
-    ends = case(cable, name, 7, 2000)
+    ends = case(cable, name, 7, 1000)
     assert rms_error(cable, 50, ends, continuum(cable, ends)) < 3e-3
 
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_error_falls_with_at_least_first_order_in_segments(name):
     cable = CABLES["one bend"]
-    ends = case(cable, name, 3, 4000)
+    ends = case(cable, name, 3, 2000)
     tensions = continuum(cable, ends)
     errors = [rms_error(cable, n, ends, tensions) for n in (25, 50, 100, 200)]
     assert errors[3] < errors[0] / 8.0

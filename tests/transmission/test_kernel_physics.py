@@ -104,7 +104,7 @@ def test_work_is_stored_or_dissipated_to_an_error_that_falls_with_the_step(terms
 
 @pytest.mark.parametrize("terms", TERMS_ON.values(), ids=TERMS_ON)
 @given(seed=st.integers(0, 2**31))
-@settings(max_examples=15)
+@settings(max_examples=8)
 def test_a_closed_cycle_returns_no_more_energy_than_it_took(terms, seed):
     rng = np.random.default_rng(seed)
     cable = BENT.replace(segments=15, **terms)
@@ -149,7 +149,7 @@ def extremes():
     size=st.sampled_from([1e-12, 1e-4, 1e-2, 1.0, 1e4]),
     dt=st.sampled_from([1e-9, 1e-3, 10.0]),
 )
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_tension_is_finite_and_never_negative(values, static, seed, size, dt):
     extra = values["friction"] * static
     if static > 0.5:
@@ -229,7 +229,7 @@ def test_viscous_friction_in_steady_sliding():
     assert high == pytest.approx(expected, rel=2e-3)
 
 
-@pytest.mark.parametrize("speed", [0.005, 0.02, 0.1])
+@pytest.mark.parametrize("speed", [0.01, 0.1])
 def test_stribeck_friction_in_steady_sliding(speed):
     cable = BENT.replace(
         stribeck_friction=0.15, stribeck_speed=0.02, critical_slip_distance=1e-3

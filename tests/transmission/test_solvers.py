@@ -45,7 +45,7 @@ def by_sweep(n, tension, stiffness, growth, drag, proximal, distal):
 @given(
     seed=st.integers(0, 2**31), n=st.integers(1, 40), drag=st.sampled_from([0.0, 0.3])
 )
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_marching_and_sweeping_agree(seed, n, drag):
     rng = np.random.default_rng(seed)
     tension, stiffness, growth, drags, (du, dv) = chain(rng, n, drag)
@@ -60,7 +60,7 @@ def test_marching_and_sweeping_agree(seed, n, drag):
 
 
 @given(seed=st.integers(0, 2**31), n=st.integers(1, 30))
-@settings(max_examples=200)
+@settings(max_examples=100)
 def test_the_sweep_solves_any_state(seed, n):
     """Equations and friction limits hold, also from far outside the friction cone."""
     rng = np.random.default_rng(seed)

@@ -77,10 +77,9 @@ def test_an_ankle_is_shown_as_it_was_measured(tmp_path: Path) -> None:
 
 def test_the_table_is_the_same_on_any_number_of_threads() -> None:
     vary = {"friction": "0.05:0.2:3", "segments": [5, 20], "loops": [1, 2]}
-    tables = [study("wrist", vary, threads=n, **SHORT) for n in (1, 2, 3)]
+    tables = [study("wrist", vary, threads=n, **SHORT) for n in (1, 3)]
     assert len(tables[0]) == 12
     assert tables[1].equals(tables[0], check_metadata=True)
-    assert tables[2].equals(tables[0])
 
 
 def test_a_design_is_the_same_in_any_company() -> None:
@@ -309,7 +308,7 @@ def test_a_saved_policy_drives_designs_as_their_environments(
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
 def test_every_controller_drives_different_designs_as_each_alone(name: str) -> None:
-    vary = {"motor_radius": [0.02, 0.03], "motor_torque": [0.05, 1.0]}
+    vary = {"motor_radius": [0.02, 0.03]}
     plan = make_plan("wrist", vary, controller=name, **SHORT)
     together = evaluate(plan.trial, plan.designs)
     for design, result in zip(plan.designs, together, strict=True):
@@ -323,7 +322,7 @@ def test_every_controller_drives_different_designs_as_each_alone(name: str) -> N
 @pytest.mark.parametrize(
     "vary",
     [
-        {"motor_radius": [0.02, 0.025, 0.03]},  # no two designs have one controller
+        {"motor_radius": [0.02, 0.03]},  # no two designs have one controller
         {"rotor_inertia": [0.005, 0.008]},  # all designs have one controller
     ],
     ids=["own", "common"],
@@ -331,7 +330,7 @@ def test_every_controller_drives_different_designs_as_each_alone(name: str) -> N
 def test_a_task_of_the_phase_alone_is_asked_of_every_design(
     name: str, vary: dict[str, Any]
 ) -> None:
-    plan = make_plan("ankle", vary, controller=name, duration=0.2, task="assist",
+    plan = make_plan("ankle", vary, controller=name, duration=0.1, task="assist",
                      metrics=("tracking_error", "peak_motor_power"))  # fmt: skip
     together = evaluate(plan.trial, plan.designs)
     alone = [evaluate(plan.trial, [design])[0] for design in plan.designs]

@@ -193,12 +193,15 @@ class Measuring:
         """
         self._sensing = sensing
         sensors = zip(cables, drive.sensors, strict=True) if drive.sensors else ()
-        self._taps = [(f"tension_{name}_nodes_n", list(s.nodes)) for name, s in sensors]
+        self._taps = [
+            (f"tension_{name}_nodes_n", _index(s.nodes)) for name, s in sensors
+        ]
+        self._shape = len(self._taps), len(drive.sensors[0].nodes) if self._taps else 0
         self._period = drive.period
         self._share = -math.expm1(-2.0 * math.pi * sensing.cutoff * drive.period)
         self._noise: NDArray[np.float64] | None = None
         if sensing.torque_noise or sensing.tension_noise:
-            width = 1 + sum(len(nodes) for _, nodes in self._taps)
+            width = 1 + math.prod(self._shape)
             draws = [
                 np.random.default_rng([seed, 1]).normal(size=(steps + 1, width))
                 for seed in np.atleast_1d(seeds)
@@ -213,8 +216,8 @@ class Measuring:
 
         Args:
             columns: `MEASURED` and, where the drive has tension sensors, the tensions
-                of the nodes of every cable: numbers and (nodes,), or of n environments
-                (n,) and (n, nodes).
+                of the nodes of every cable, which may be below 0 where it is slack:
+                numbers and (nodes,), or of n environments (n,) and (n, nodes).
 
         Returns:
             `MEASURED` and, where there are such sensors, `TENSIONS`; nothing in it is
@@ -230,12 +233,13 @@ class Measuring:
         self._encode("motor", sensing.motor_steps, seen)
         self._encode("joint", sensing.joint_steps, seen)
         if self._taps:
-            told = np.stack([columns[name][..., nodes] for name, nodes in self._taps],
-                            axis=-2)  # fmt: skip
+            # `np.stack` takes several times as long for small arrays.
+            told = np.empty((*np.shape(seen["joint_angle_rad"]), *self._shape))
+            for place, (name, nodes) in enumerate(self._taps):
+                told[..., place, :] = columns[name][..., nodes]
             if noise is not None:
                 told += sensing.tension_noise * noise[..., 1:].reshape(told.shape)
-                np.maximum(told, 0.0, out=told)
-            seen[TENSIONS] = told
+            seen[TENSIONS] = np.maximum(told, 0.0, out=told)
         self._last, self._step = seen, self._step + 1
         self._late.append(seen)
         # Before the first measurement arrives there is the one at rest.
@@ -245,6 +249,8 @@ class Measuring:
 
     def _encode(self, side: str, steps: float, seen: dict[str, Any]) -> None:
         """Round an angle to steps of an encoder, and take the velocity from it."""
+        if not steps and self._share == 1.0:
+            return
         angle, rate = f"{side}_angle_rad", f"{side}_velocity_rad_s"
         if steps:
             unit = 2.0 * math.pi / steps
@@ -258,4 +264,12 @@ class Measuring:
 
 def _own(value: Any) -> Any:
     """An array that nobody else holds; a number as it is."""
-    return np.array(value) if np.ndim(value) else value
+    return value.copy() if isinstance(value, np.ndarray) else value
+
+
+def _index(nodes: Sequence[int]) -> Any:
+    """Of nodes in an array: a slice, which is faster, where they are equally apart."""
+    apart = set(np.diff(nodes).tolist())
+    if len(apart) == 1 and (step := apart.pop()) > 0:
+        return slice(nodes[0], nodes[-1] + 1, step)
+    return np.array(nodes)

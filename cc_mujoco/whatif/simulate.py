@@ -180,7 +180,9 @@ class Fleet:
         self._limit = np.array([device.torque_limit for device in devices])
         readers = [Reader(models[0], name) for name in self.cables]
         self._nodes = [reader.nodes for reader in readers]
-        self._energies = [reader.energy for reader in readers]
+        self._tensions = [f"tension_{name}_nodes_n" for name in self.cables]
+        self._energies = np.array([reader.energy for reader in readers])
+        self._outputs = np.array(exo.device.cable_outputs)
         self._batch = Batch(models[0], count, threads, persistent=True)
         self._batch.set_models(models)
         self._bound = Physics(*(self._batch.bind(name) for name in Physics._fields))
@@ -231,23 +233,23 @@ class Fleet:
 
     def _columns(self, now: Physics) -> Columns:
         """What can be measured now, and what is kept of it beside."""
-        state, device = now.plugin_state, self._exo.device
-        columns: dict[str, Any] = device.read_motion(now)
+        state = now.plugin_state
+        columns: dict[str, Any] = self._exo.device.read_motion(now)
         _, phase, sine, cosine = self._script.marks[self._step]
-        shape = self.going.shape
-        desired = self._exo.task.torque(
+        count = self.going.size
+        told = np.empty((3, count))
+        told[0] = self._exo.task.torque(
             columns["joint_angle_rad"], columns["joint_velocity_rad_s"], phase
         )
-        columns["desired_torque_nm"] = np.broadcast_to(desired, shape)
-        columns["phase_sine"] = np.broadcast_to(sine, shape)
-        columns["phase_cosine"] = np.broadcast_to(cosine, shape)
-        least = np.empty((*shape, len(self.cables)))
-        for place, name in enumerate(self.cables):
-            nodes = state[:, self._nodes[place]]
+        told[1], told[2] = sine, cosine
+        columns["desired_torque_nm"] = told[0]
+        columns["phase_sine"], columns["phase_cosine"] = told[1], told[2]
+        least = np.empty((count, len(self.cables)))
+        for place, name in enumerate(self._tensions):
+            columns[name] = nodes = state[:, self._nodes[place]]
             nodes.min(axis=1, out=least[:, place])
-            columns[f"tension_{name}_nodes_n"] = np.maximum(nodes, 0.0)
         columns["least_tension_n"] = least
-        columns["tension_n"] = np.abs(now.actuator_force[:, device.cable_outputs])
+        columns["tension_n"] = np.abs(now.actuator_force[:, self._outputs])
         columns["dissipated_j"] = state[:, self._energies]
         return columns
 

@@ -24,7 +24,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import rows, wrap_angles
-from cc_mujoco.estimation.slope import SlopeFit
+from cc_mujoco.estimation.slope import SlopeEstimator, SlopeFit
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.parameters import Cable
 
@@ -41,7 +41,7 @@ class Bend(NamedTuple):
     deviation: FloatArray
 
 
-class BendEstimator:
+class BendEstimator(SlopeEstimator):
     """mu/R along the cable as a spline, followed while the cable runs."""
 
     def __init__(
@@ -97,25 +97,7 @@ class BendEstimator:
         wanted = guess[(share * n).astype(int)]
         first = np.linalg.lstsq(self._basis(share * length), wanted, rcond=None)[0]
         fit = RecursiveLeastSquares(first, np.full(size, width), memory, drift)
-        self._slope = SlopeFit(cable, sensors, design, fit, memory)
-
-    def reset(self) -> None:
-        """Return to the guess; the noise stays."""
-        self._slope.reset()
-
-    @property
-    def misfit(self) -> float:
-        """RMS residual over the stated noise; near 1 where spline and noise suffice."""
-        return self._slope.misfit
-
-    @property
-    def noise(self) -> FloatArray:
-        """Standard deviation of the sensors (m,) [N]; may be set at any time."""
-        return self._slope.noise
-
-    @noise.setter
-    def noise(self, deviation: ArrayLike) -> None:
-        self._slope.noise = deviation
+        super().__init__(SlopeFit(cable, sensors, design, fit, memory))
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> None:
         """Take the readings of the next instant.

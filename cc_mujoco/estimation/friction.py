@@ -20,18 +20,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import Track, checked_sample, rows, wrap_angles
-from cc_mujoco.estimation.slope import SlopeFit, require_slope
+from cc_mujoco.estimation.slope import SlopeEstimator, SlopeFit, require_slope
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.parameters import PARAMETERS, Cable
 
 _BOUNDS = next(p for p in PARAMETERS if p.name == "friction")
 
 
-class FrictionEstimator:
+class FrictionEstimator(SlopeEstimator):
     """Kinetic friction coefficient mu_d, followed while the cable runs."""
 
     def __init__(
@@ -71,11 +70,7 @@ class FrictionEstimator:
                 "where it bends"
             )
         fit = RecursiveLeastSquares([guess], [spread], memory, [drift])
-        self._slope = SlopeFit(cable, sensors, angle[:, None], fit, memory)
-
-    def reset(self) -> None:
-        """Return to the guess; the noise stays."""
-        self._slope.reset()
+        super().__init__(SlopeFit(cable, sensors, angle[:, None], fit, memory))
 
     @property
     def friction(self) -> float:
@@ -86,20 +81,6 @@ class FrictionEstimator:
     def deviation(self) -> float:
         """Standard deviation of its error, by noise and by lag behind the drift."""
         return float(self._slope.fit.deviation[0])
-
-    @property
-    def misfit(self) -> float:
-        """RMS residual over the stated noise; near 1 where law and noise are right."""
-        return self._slope.misfit
-
-    @property
-    def noise(self) -> FloatArray:
-        """Standard deviation of the sensors (m,) [N]; may be set at any time."""
-        return self._slope.noise
-
-    @noise.setter
-    def noise(self, deviation: ArrayLike) -> None:
-        self._slope.noise = deviation
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
         """Take the readings of the next instant.

@@ -218,3 +218,29 @@ class SlopeFit:
         total = float(np.sum(weight))
         rows = clear[:, None] * (rows - weight @ rows / total)
         return rows, clear * (right - float(weight @ right) / total)
+
+
+class SlopeEstimator:
+    """What estimators that rest on a `SlopeFit` have in common."""
+
+    def __init__(self, slope: SlopeFit) -> None:
+        """Start from the fit's guess."""
+        self._slope = slope
+
+    def reset(self) -> None:
+        """Return to the guess; the noise stays."""
+        self._slope.reset()
+
+    @property
+    def misfit(self) -> float:
+        """RMS residual over the stated noise; near 1 where law and noise are right."""
+        return self._slope.misfit
+
+    @property
+    def noise(self) -> FloatArray:
+        """Standard deviation of the sensors (m,) [N]; may be set at any time."""
+        return self._slope.noise
+
+    @noise.setter
+    def noise(self, deviation: ArrayLike) -> None:
+        self._slope.noise = deviation

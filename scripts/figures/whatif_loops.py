@@ -8,23 +8,19 @@ three loops, with liners from slippery to dry. Draws the chart and prints what i
 
 from __future__ import annotations
 
-import argparse
-import sys
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
+from whatif_study import studied
 
 from cc_mujoco.figures import (
     BLACK,
     COLORS,
     TENSION_COLORS,
     figure,
-    figure_path,
     save,
     style,
 )
-from cc_mujoco.whatif import study
 
 FRICTION = np.array([0.015, 0.03, 0.05, 0.075, 0.1, 0.125, 0.15])
 LOOPS = np.linspace(0.25, 3.0, 12)
@@ -35,22 +31,17 @@ LINES = (1.0, 2.0, 3.0, 5.0)
 
 def main() -> None:
     """Run the study, draw, conclude."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=figure_path, default="runs/whatif_loops.png")
-    parser.add_argument("--threads", type=int, default=0)
-    arguments = parser.parse_args()
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    with tqdm(total=FRICTION.size * LOOPS.size, disable=not sys.stderr.isatty()) as bar:
-        table = study(
-            "wrist",
-            {"friction": FRICTION, "loops": LOOPS, "static_friction": 0.0},
-            metrics=["backlash_width"],
-            threads=arguments.threads,
-            progress=lambda done: bar.update(done - bar.n),
-        )
+    table, out = studied(
+        __doc__,
+        "whatif_loops",
+        FRICTION.size * LOOPS.size,
+        scene="wrist",
+        vary={"friction": FRICTION, "loops": LOOPS, "static_friction": 0.0},
+        metrics=["backlash_width"],
+    )
     width = table["backlash_width"].to_numpy(zero_copy_only=False)
     backlash = np.degrees(width).reshape(FRICTION.size, LOOPS.size)
-    draw(backlash, arguments.out)
+    draw(backlash, out)
     print(conclusion(backlash))
 
 

@@ -9,16 +9,13 @@ from going slack, and makes everything rub harder. Draws both and prints what th
 
 from __future__ import annotations
 
-import argparse
-import sys
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-from tqdm import tqdm
+from whatif_study import studied
 
-from cc_mujoco.figures import COLORS, DASH, GREY, figure, figure_path, mark, save, style
-from cc_mujoco.whatif import study
+from cc_mujoco.figures import COLORS, DASH, GREY, figure, mark, save, style
 
 FRICTION = (0.015, 0.05, 0.1)
 PRETENSION = np.geomspace(1.0, 60.0, 14)
@@ -28,32 +25,26 @@ RESERVE = 1.0
 
 def main() -> None:
     """Run the study, draw, conclude."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=figure_path, default="runs/whatif_pretension.png")
-    parser.add_argument("--threads", type=int, default=0)
-    arguments = parser.parse_args()
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    total = len(FRICTION) * PRETENSION.size
-    with tqdm(total=total, disable=not sys.stderr.isatty()) as bar:
-        table = study(
-            "wrist",
-            {
-                "friction": FRICTION,
-                "pretension": PRETENSION,
-                "static_friction": 0.0,
-                "loops": 1,
-            },
-            trajectory="sine",
-            task="spring",
-            controller="none",
-            duration=6.0,
-            metrics=["reflected_torque", "slack_margin"],
-            threads=arguments.threads,
-            progress=lambda done: bar.update(done - bar.n),
-        )
+    table, out = studied(
+        __doc__,
+        "whatif_pretension",
+        len(FRICTION) * PRETENSION.size,
+        scene="wrist",
+        vary={
+            "friction": FRICTION,
+            "pretension": PRETENSION,
+            "static_friction": 0.0,
+            "loops": 1,
+        },
+        trajectory="sine",
+        task="spring",
+        controller="none",
+        duration=6.0,
+        metrics=["reflected_torque", "slack_margin"],
+    )
     reflected, margin = (_grid(table, n) for n in ("reflected_torque", "slack_margin"))
     least = [_least(row) for row in margin]
-    draw(reflected, margin, least, arguments.out)
+    draw(reflected, margin, least, out)
     print(conclusion(reflected, least))
 
 

@@ -8,18 +8,16 @@ compensation of friction. Draws what the motor must give and prints what that sa
 
 from __future__ import annotations
 
-import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from scipy.stats import spearmanr
-from tqdm import tqdm
+from whatif_study import studied
 
-from cc_mujoco.figures import BLACK, TENSION_COLORS, figure, figure_path, save, style
-from cc_mujoco.whatif import make_plan, study
+from cc_mujoco.figures import BLACK, TENSION_COLORS, figure, save, style
+from cc_mujoco.whatif import make_plan
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import episodes
 from cc_mujoco.whatif.simulate import play
@@ -40,20 +38,15 @@ HOW: dict[str, Any] = {
 
 def main() -> None:
     """Run the study, draw, conclude."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=figure_path, default="runs/whatif_ratio.png")
-    parser.add_argument("--threads", type=int, default=0)
-    arguments = parser.parse_args()
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    with tqdm(total=DRUM.size * LEVER.size, disable=not sys.stderr.isatty()) as bar:
-        table = study(
-            "ankle",
-            {"joint_radius": LEVER, "motor_radius": DRUM},
-            **HOW,
-            threads=arguments.threads,
-            progress=lambda done: bar.update(done - bar.n),
-        )
-    draw(table, arguments.out)
+    table, out = studied(
+        __doc__,
+        "whatif_ratio",
+        DRUM.size * LEVER.size,
+        scene="ankle",
+        vary={"joint_radius": LEVER, "motor_radius": DRUM},
+        **HOW,
+    )
+    draw(table, out)
     print(conclusion(table))
 
 

@@ -9,18 +9,15 @@ costs and prints what that says.
 
 from __future__ import annotations
 
-import argparse
 import math
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from tqdm import tqdm
+from whatif_study import studied
 
-from cc_mujoco.figures import BLUE, GREY, ORANGE, figure, figure_path, save, style
-from cc_mujoco.whatif import study
+from cc_mujoco.figures import BLUE, GREY, ORANGE, figure, save, style
 
 
 class Route(NamedTuple):
@@ -52,27 +49,22 @@ PANELS = {
 
 def main() -> None:
     """Run the study, draw, conclude."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=figure_path, default="runs/whatif_route.png")
-    parser.add_argument("--threads", type=int, default=0)
-    arguments = parser.parse_args()
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
     designs = [
         {"conduit": f"{r.length!r}:{r.length / r.wrap!r}", "friction": friction}
         for r in ROUTES
         for friction in FRICTION
     ]
-    with tqdm(total=len(designs), disable=not sys.stderr.isatty()) as bar:
-        table = study(
-            "ankle",
-            designs=designs,
-            controller="pi",
-            duration=5.0,
-            metrics=tuple(PANELS),
-            threads=arguments.threads,
-            progress=lambda done: bar.update(done - bar.n),
-        )
-    draw(table, arguments.out)
+    table, out = studied(
+        __doc__,
+        "whatif_route",
+        len(designs),
+        scene="ankle",
+        designs=designs,
+        controller="pi",
+        duration=5.0,
+        metrics=tuple(PANELS),
+    )
+    draw(table, out)
     print(conclusion(table))
 
 

@@ -1,0 +1,39 @@
+"""Play the study of a what-if script, with its options and its progress."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+from tqdm import tqdm
+
+from cc_mujoco.figures import figure_path
+from cc_mujoco.whatif import study
+
+
+def studied(
+    doc: str | None, name: str, number: int, **how: Any
+) -> tuple[pa.Table, Path]:
+    """The table of a study, and where its figure is to go.
+
+    Args:
+        doc: docstring of the script.
+        name: of the figure, unless another is given.
+        number: of designs.
+        how: arguments of `study`.
+    """
+    parser = argparse.ArgumentParser(description=(doc or "").splitlines()[0])
+    parser.add_argument("--out", type=figure_path, default=f"runs/{name}.png")
+    parser.add_argument("--threads", type=int, default=0)
+    given = parser.parse_args()
+    given.out.parent.mkdir(parents=True, exist_ok=True)
+    with tqdm(total=number, disable=not sys.stderr.isatty()) as bar:
+        table = study(
+            **how,
+            threads=given.threads,
+            progress=lambda done: bar.update(done - bar.n),
+        )
+    return table, given.out

@@ -1,0 +1,27 @@
+"""The table of devices: what a row names is there."""
+
+from __future__ import annotations
+
+import mujoco
+import pytest
+
+from cc_mujoco.assets import scene_path
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.human import TASKS, TRAJECTORIES
+from cc_mujoco.sensing import MEASURED
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_a_row_names_what_is_in_the_scene_and_what_can_be_played(name: str) -> None:
+    device = DEVICES[name]
+    assert device.scene == name
+    spec = mujoco.MjSpec.from_file(str(scene_path(name)))
+    for joint in (device.joint, *device.companions):
+        assert spec.joint(joint) is not None
+    for actuator in ("wearer", "motor", *device.companions.values()):
+        assert spec.actuator(actuator) is not None
+    for site in device.lever:
+        assert spec.site(site) is not None
+    assert {device.trajectory, *device.trajectories} <= set(TRAJECTORIES)
+    assert {device.task, *device.tasks} <= set(TASKS)
+    assert set(device.bounds) <= set(MEASURED)

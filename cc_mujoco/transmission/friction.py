@@ -25,7 +25,7 @@ INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
 
 _FRICTION = INDEX["friction"]
 _STATIC = INDEX["static_friction"]
-_MEMORY = INDEX["critical_slip_distance"]
+_CRITICAL_SLIP = INDEX["critical_slip_distance"]
 _VISCOUS = INDEX["viscous_friction"]
 _STRIBECK = INDEX["stribeck_friction"]
 _STRIBECK_SPEED = INDEX["stribeck_speed"]
@@ -138,9 +138,9 @@ def kinetic_coefficient(values: FloatArray, slip: float, speed: float) -> float:
         speed: remembered slip speed [m/s], >= 0.
     """
     coefficient: float = values[_FRICTION]
-    if values[_STATIC] > 0.0 and values[_MEMORY] > 0.0:
+    if values[_STATIC] > 0.0 and values[_CRITICAL_SLIP] > 0.0:
         excess = values[_STATIC] - values[_FRICTION]
-        coefficient += excess * math.exp(-slip / values[_MEMORY])
+        coefficient += excess * math.exp(-slip / values[_CRITICAL_SLIP])
     if values[_STRIBECK] > 0.0:
         decay = (speed / values[_STRIBECK_SPEED]) ** values[_STRIBECK_EXPONENT]
         coefficient += values[_STRIBECK] * math.exp(-decay)
@@ -166,9 +166,9 @@ def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -
     if slip == 0.0:
         return 0.0
     now: float = abs(slip) / dt
-    if values[_MEMORY] == 0.0:
+    if values[_CRITICAL_SLIP] == 0.0:
         return now
-    return now + (speed - now) * math.exp(-abs(slip) / values[_MEMORY])
+    return now + (speed - now) * math.exp(-abs(slip) / values[_CRITICAL_SLIP])
 
 
 @compiled
@@ -238,9 +238,9 @@ def aged(values: FloatArray, age: float, slip: float, dt: float) -> float:
     scale = values[_AGEING_TIME]
     if slip == 0.0:
         return math.log(math.exp(age) + dt / scale)
-    if values[_MEMORY] == 0.0:
+    if values[_CRITICAL_SLIP] == 0.0:
         return 0.0
-    ways = abs(slip) / values[_MEMORY]
+    ways = abs(slip) / values[_CRITICAL_SLIP]
     kept = math.exp(-ways)
     gained = dt * (-math.expm1(-ways) / ways)
     return math.log1p(math.expm1(age) * kept + gained / scale)

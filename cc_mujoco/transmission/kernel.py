@@ -60,7 +60,7 @@ _ASYMMETRY = law.INDEX["friction_asymmetry"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
 _BRISTLE = law.INDEX["bristle_length"]
 _AGEING = law.INDEX["ageing_friction"]
-_MEMORY = law.INDEX["critical_slip_distance"]
+_CRITICAL_SLIP = law.INDEX["critical_slip_distance"]
 _STIFFENING = law.INDEX["stiffening"]
 _STRESS_RELAXATION = law.INDEX["stress_relaxation"]
 _RELAXATION_TIME = law.INDEX["relaxation_time"]
@@ -647,7 +647,7 @@ def _coefficients(
                 extra = values[_AGEING] * ages[j]
                 holding = factor * (holding + extra)
                 # Without memory the first slip renews the contacts.
-                extra = extra if values[_MEMORY] > 0.0 else 0.0
+                extra = extra if values[_CRITICAL_SLIP] > 0.0 else 0.0
                 coefficient = factor * (coefficient + extra)
                 distal_hold = proximal_hold = law.ratio(holding, angle)
             growth[j] = growth_proximal[j] = law.ratio(coefficient, angle)

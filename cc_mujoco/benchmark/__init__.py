@@ -11,7 +11,7 @@ pairs.
 
 from __future__ import annotations
 
-from cc_mujoco.benchmark.cell import Cell, Played, play
+from cc_mujoco.benchmark.cell import Cell, CellResult, play
 from cc_mujoco.benchmark.report import Interval, interval, markdown
 from cc_mujoco.benchmark.runner import Plan, run
 from cc_mujoco.benchmark.scores import SCORES, Score
@@ -19,9 +19,9 @@ from cc_mujoco.benchmark.scores import SCORES, Score
 __all__ = [
     "SCORES",
     "Cell",
+    "CellResult",
     "Interval",
     "Plan",
-    "Played",
     "Score",
     "interval",
     "markdown",

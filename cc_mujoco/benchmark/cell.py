@@ -72,7 +72,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Played:
+class CellResult:
     """What a cell gave.
 
     Attributes:
@@ -86,7 +86,7 @@ class Played:
     log: EpisodeLog | None
 
 
-def play(cell: Cell, *, record: bool = False) -> Played:
+def play(cell: Cell, *, record: bool = False) -> CellResult:
     """Play a cell.
 
     Args:
@@ -111,7 +111,7 @@ def play(cell: Cell, *, record: bool = False) -> Played:
         env.close()
 
 
-def _play(cell: Cell, env: Any, record: bool) -> Played:
+def _play(cell: Cell, env: Any, record: bool) -> CellResult:
     device, count = DEVICES[cell.scene], len(cell.seeds)
     sensing = cell.sensing or device.sensing
     drive = cell.mismatch.believed(sensing.equip(env.drive), cell.seeds)
@@ -144,7 +144,7 @@ def _play(cell: Cell, env: Any, record: bool) -> Played:
         )
         for name, value in scored.items():
             found[name].append(value)
-    return Played(
+    return CellResult(
         {name: np.array(values) for name, values in found.items()},
         {name: rows[name][::10, 0] for name in TRACE},
         recorder.log() if record else None,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from cc_mujoco.benchmark.cell import Cell, Played
+from cc_mujoco.benchmark.cell import Cell, CellResult
 from cc_mujoco.benchmark.scores import SCORES
 from cc_mujoco.markdown import table
 
@@ -23,7 +23,7 @@ OVERVIEW = (
 )
 """Of `overview_table`."""
 
-Results = Sequence[tuple[Cell, Played]]
+Results = Sequence[tuple[Cell, CellResult]]
 
 
 class Interval(NamedTuple):

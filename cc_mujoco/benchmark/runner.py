@@ -21,7 +21,7 @@ import gymnasium
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cc_mujoco.benchmark.cell import Cell, Played, play
+from cc_mujoco.benchmark.cell import Cell, CellResult, play
 from cc_mujoco.benchmark.mismatch import Mismatch
 from cc_mujoco.control import controller
 from cc_mujoco.devices import DEVICES
@@ -147,7 +147,7 @@ def run(
     again: bool = False,
     finished: Callable[[Cell, bool], None] = lambda cell, fresh: None,
     say: Callable[[str], None] = lambda sentence: None,
-) -> list[tuple[Cell, Played]]:
+) -> list[tuple[Cell, CellResult]]:
     """Run every cell that is not done and return all, in the order of the plan.
 
     Args:
@@ -209,7 +209,7 @@ def run(
 
 
 def write_scores(
-    path: str | os.PathLike[str], played: Sequence[tuple[Cell, Played]]
+    path: str | os.PathLike[str], played: Sequence[tuple[Cell, CellResult]]
 ) -> None:
     """Write the scores of all episodes as Parquet, a row each."""
     columns: dict[str, list[Any]] = {}
@@ -227,7 +227,7 @@ def write_scores(
         pq.write_table(pa.table(columns), partial)
 
 
-def _work(cell: Cell) -> tuple[Played, dict[str, Any]]:
+def _work(cell: Cell) -> tuple[CellResult, dict[str, Any]]:
     """Play a cell; also what made it, in the process that did."""
     played = play(cell)
     return played, _about(cell)
@@ -239,14 +239,14 @@ def _about(cell: Cell) -> dict[str, Any]:
     return {"cell": json.loads(json.dumps(dataclasses.asdict(cell))), "made_by": makers}
 
 
-def _write(folder: Path, cell: Cell, played: Played, about: dict[str, Any]) -> None:
+def _write(folder: Path, cell: Cell, played: CellResult, about: dict[str, Any]) -> None:
     for stem, columns in (("trace", played.trace), ("scores", played.scores)):
         table = sealed(pa.table(columns), about)
         with replacing(folder / f"{cell.name}.{stem}.parquet") as partial:
             pq.write_table(table, partial)
 
 
-def _read(folder: Path, cell: Cell) -> tuple[Played | None, list[str]]:
+def _read(folder: Path, cell: Cell) -> tuple[CellResult | None, list[str]]:
     """A finished cell; None, and how it differs, if it is not of this code."""
     found: list[dict[str, Any]] = []
     now = _about(cell)
@@ -262,4 +262,4 @@ def _read(folder: Path, cell: Cell) -> tuple[Played | None, list[str]]:
                 return None, ["their settings"]
             return None, differences(then.get("made_by"), now["made_by"])
         found.append({name: table[name].to_numpy() for name in table.column_names})
-    return Played(found[0], found[1], None), []
+    return CellResult(found[0], found[1], None), []

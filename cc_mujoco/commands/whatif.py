@@ -87,7 +87,7 @@ class WhatIf:
             timestep=self.timestep,
             metrics=self.metric,
         )
-        objectives = read_objectives(self.objective, plan.trial.metrics)
+        objectives = read_objectives(self.objective, plan.protocol.metrics)
         require_ours(folder, FILES)
         with tqdm(
             total=len(plan.designs),

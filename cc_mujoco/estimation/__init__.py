@@ -6,7 +6,7 @@ track = estimator.over(measured, directions)                    # of a recording
 """
 
 from cc_mujoco.estimation.bend import BendEstimator
-from cc_mujoco.estimation.calibration import Calibration, Trial, calibrate
+from cc_mujoco.estimation.calibration import Calibration, Measurement, calibrate
 from cc_mujoco.estimation.consensus import SensorConsensus
 from cc_mujoco.estimation.friction import FrictionEstimator, SlopeLaw
 from cc_mujoco.estimation.fusion import Fused, TensionFusion, fuse
@@ -25,13 +25,13 @@ __all__ = [
     "Estimate",
     "FrictionEstimator",
     "Fused",
+    "Measurement",
     "SensorConsensus",
     "SensorNoise",
     "SlopeLaw",
     "StiffnessEstimator",
     "TensionFusion",
     "Track",
-    "Trial",
     "UnscentedEstimator",
     "autocovariance_least_squares",
     "calibrate",

@@ -1,6 +1,6 @@
 """Parameters of a transmission from recorded trials, with intervals (thesis 2.4.2).
 
-    trial = Trial(
+    trial = Measurement(
         dt=0.005,
         inputs={"motor_torque": torque, "joint_angle": angle},
         outputs={"joint_torque": measured},
@@ -47,7 +47,7 @@ _UNTOLD = 0.5
 
 
 @dataclass(frozen=True)
-class Trial:
+class Measurement:
     """One recorded motion, from rest.
 
     Attributes:
@@ -128,7 +128,7 @@ class Calibration:
 
 
 def calibrate(
-    trials: Sequence[Trial],
+    trials: Sequence[Measurement],
     transmission: Transmission,
     free: Sequence[str],
     *,
@@ -192,7 +192,7 @@ def _tuned(name: str, transmission: Transmission) -> Tuned:
 class _Model:
     """Simulated outputs as a function of the logarithms of the free parameters."""
 
-    trials: Sequence[Trial]
+    trials: Sequence[Measurement]
     transmission: Transmission
     free: Sequence[Tuned]
 

@@ -472,7 +472,7 @@ class ThesisCable:
         return found
 
 
-class Played(NamedTuple):
+class ThesisReplay(NamedTuple):
     """A motion played through `ThesisCable`; arrays have one row per sample.
 
     Attributes:
@@ -498,7 +498,7 @@ def play(
     u_distal: ArrayLike | None = None,
     tension_distal: ArrayLike | None = None,
     resolve: bool = True,
-) -> Played:
+) -> ThesisReplay:
     """Play a motion of both ends, (samples,) each; arguments as in `ThesisCable`."""
     given = {
         "u_proximal": u_proximal,
@@ -516,7 +516,9 @@ def play(
         displacement.append(solver.displacement)
         last.append(list(solver.last_moving))
     counts = solver.tried, solver.contradicted
-    return Played(np.array(tension), np.array(displacement), np.array(last), *counts)
+    return ThesisReplay(
+        np.array(tension), np.array(displacement), np.array(last), *counts
+    )
 
 
 def _opposed(n: int, first: int, second: int) -> FloatArray:

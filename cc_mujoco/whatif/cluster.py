@@ -66,8 +66,8 @@ def run_on_cluster(
             "--scheduler needs Dask: pip install 'cc_mujoco[dask]'."
         ) from None
     _require_scheduler(distributed, scheduler)
-    makers = pickle.dumps(made_by(plan.trial.controller))
-    trial = pickle.dumps(plan.trial)
+    makers = pickle.dumps(made_by(plan.protocol.controller))
+    protocol = pickle.dumps(plan.protocol)
     ask = _portable()
     lost = (distributed.KilledWorker, CancelledError, asyncio.CancelledError, OSError)
     done = 0
@@ -78,7 +78,7 @@ def run_on_cluster(
             watch = _Watch(client, scheduler, worker_timeout)
             while not client.nthreads():
                 watch.look()
-            found = client.run(ask, makers, trial, (), on_error="return")
+            found = client.run(ask, makers, protocol, (), on_error="return")
             for worker, answer in found.items():
                 if not isinstance(answer, OSError):  # it has left
                     _accepted(answer, worker)
@@ -86,7 +86,7 @@ def run_on_cluster(
             for number in batches:
                 designs = [plan.designs[i] for i in plan.batches[number]]
                 # Not pure: Dask must not take it for an earlier study's batch.
-                future = client.submit(ask, makers, trial, designs, pure=False)
+                future = client.submit(ask, makers, protocol, designs, pure=False)
                 numbers[future] = number
             completed = distributed.as_completed(list(numbers), loop=client.loop)
             while numbers:
@@ -106,26 +106,26 @@ def run_on_cluster(
         ) from None
 
 
-def answer(makers: bytes, trial: bytes, designs: Sequence[Design]) -> Answer:
+def answer(makers: bytes, protocol: bytes, designs: Sequence[Design]) -> Answer:
     """Try designs on a worker, if its code is that of the client.
 
     Args:
         makers: what makes the table, by the client; pickled.
-        trial: pickled.
+        protocol: pickled.
         designs: maybe none.
     """
-    if why := _refusal(makers, trial):
+    if why := _refusal(makers, protocol):
         return [], why
-    return evaluate(pickle.loads(trial), designs) if designs else [], ""
+    return evaluate(pickle.loads(protocol), designs) if designs else [], ""
 
 
 @lru_cache(maxsize=8)
-def _refusal(makers: bytes, trial: bytes) -> str:
+def _refusal(makers: bytes, protocol: bytes) -> str:
     """Why this process cannot take part; empty if it can."""
     theirs = pickle.loads(makers)
     other = differences({**theirs, "files": {}}, made_by())
     if not other:
-        found = pickle.loads(trial)
+        found = pickle.loads(protocol)
         try:
             rehearse(found, Builder(found.scene, found.timestep))
         except CableError as error:

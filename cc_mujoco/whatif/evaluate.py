@@ -22,18 +22,18 @@ from cc_mujoco.whatif.metrics import (
     measure_bandwidth,
     measure_episode,
 )
-from cc_mujoco.whatif.simulate import Episode, Played, Tick, play
-from cc_mujoco.whatif.trial import (
+from cc_mujoco.whatif.protocol import (
     CHIRP_SHARE,
     CHIRP_TIME,
     CONTROL_PERIOD,
     SWING_TIME,
     SWINGS,
     Chirp,
+    EpisodeProtocol,
     Hold,
     Swing,
-    Trial,
 )
+from cc_mujoco.whatif.simulate import Episode, Rollout, Tick, play
 from cc_mujoco.whatif.variables import Value
 
 Design = dict[str, Value]
@@ -49,23 +49,25 @@ class Result(NamedTuple):
 
 
 def evaluate(
-    trial: Trial, designs: Sequence[Design], tick: Tick = lambda share: None
+    protocol: EpisodeProtocol,
+    designs: Sequence[Design],
+    tick: Tick = lambda share: None,
 ) -> list[Result]:
     """Try designs of equal layout (numbers of segments) together.
 
     Args:
-        trial: how they are tried.
+        protocol: how they are tried.
         designs: as `Builder.check` returns them.
         tick: called now and then with the share that is done; may raise to stop.
 
     Returns:
         One result per design, whatever becomes of the others.
     """
-    builder = Builder(trial.scene, trial.timestep)
+    builder = Builder(protocol.scene, protocol.timestep)
     models = [builder.model(design) for design in designs]
     found: list[dict[str, float]] = [{} for _ in designs]
     failed = [""] * len(designs)
-    tests = episodes(trial, builder)
+    tests = episodes(protocol, builder)
     total = sum(episode.duration for episode in tests.values())
     done = 0.0
     for test, episode in tests.items():
@@ -80,28 +82,29 @@ def evaluate(
         done += episode.duration
     return [
         Result(
-            {n: math.nan if why else row.get(n, math.nan) for n in trial.metrics}, why
+            {n: math.nan if why else row.get(n, math.nan) for n in protocol.metrics},
+            why,
         )
         for row, why in zip(found, failed, strict=True)
     ]
 
 
-def episodes(trial: Trial, builder: Builder) -> dict[str, Episode]:
-    """What has to be played for the metrics of a trial, by test.
+def episodes(protocol: EpisodeProtocol, builder: Builder) -> dict[str, Episode]:
+    """What has to be played for the metrics of a protocol, by test.
 
     Raises:
         CableError: the trajectory or the task cannot be played.
     """
     main = Episode(
         builder.device,
-        trial.trajectory,
-        trial.task,
-        trial.duration,
-        trial.frame_skip,
-        trial.seed,
-        trial.controller,
+        protocol.trajectory,
+        protocol.task,
+        protocol.duration,
+        protocol.frame_skip,
+        protocol.seed,
+        protocol.controller,
     )
-    needed = {METRICS[name].test for name in trial.metrics}
+    needed = {METRICS[name].test for name in protocol.metrics}
     found: dict[str, Episode] = {}
     if "episode" in needed:
         found["episode"] = main
@@ -127,17 +130,17 @@ def episodes(trial: Trial, builder: Builder) -> dict[str, Episode]:
     return found
 
 
-def rehearse(trial: Trial, builder: Builder) -> None:
-    """Make all that a trial needs, and play nothing.
+def rehearse(protocol: EpisodeProtocol, builder: Builder) -> None:
+    """Make all that a protocol needs, and play nothing.
 
     Raises:
         CableError: trajectory, task or controller cannot be used.
     """
     model = builder.model({})
-    for episode in episodes(trial, builder).values():
+    for episode in episodes(protocol, builder).values():
         exo = episode.exo(model)
-        exo.author.write(np.random.default_rng(trial.seed))
-        controller(trial.controller, PERFECT.equip(exo.drive))
+        exo.author.write(np.random.default_rng(protocol.seed))
+        controller(protocol.controller, PERFECT.equip(exo.drive))
 
 
 def _held(main: Episode, model: mujoco.MjModel) -> tuple[Episode, float, bool]:
@@ -158,7 +161,7 @@ def _held(main: Episode, model: mujoco.MjModel) -> tuple[Episode, float, bool]:
 
 
 def _measure(
-    test: str, played: Played, index: int, builder: Builder, design: Design
+    test: str, played: Rollout, index: int, builder: Builder, design: Design
 ) -> dict[str, float]:
     row = Row(played, index, tuple(builder.cables))
     if test == "backdrive":

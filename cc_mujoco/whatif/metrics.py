@@ -19,8 +19,8 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.recording.columns import RATIO
 from cc_mujoco.recording.metrics import EFFICIENCY, Samples, efficiency
 from cc_mujoco.recording.signals import loop_width
-from cc_mujoco.whatif.simulate import Played
-from cc_mujoco.whatif.trial import CHIRP_HIGH, CHIRP_LOW, SWINGS
+from cc_mujoco.whatif.protocol import CHIRP_HIGH, CHIRP_LOW, SWINGS
+from cc_mujoco.whatif.simulate import Rollout
 
 Array = NDArray[np.float64]
 Test = Literal["episode", "backdrive", "backlash", "bandwidth"]
@@ -76,7 +76,7 @@ METRICS: dict[str, Metric] = {
 class Row:
     """One design of a batch, in the shape of an episode log."""
 
-    played: Played
+    played: Rollout
     index: int
     cables: tuple[str, ...]
 

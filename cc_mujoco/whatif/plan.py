@@ -30,7 +30,7 @@ from cc_mujoco.whatif.designs import (
 )
 from cc_mujoco.whatif.evaluate import Design, rehearse
 from cc_mujoco.whatif.metrics import METRICS
-from cc_mujoco.whatif.trial import CHIRP_TIME, CONTROL_PERIOD, Trial
+from cc_mujoco.whatif.protocol import CHIRP_TIME, CONTROL_PERIOD, EpisodeProtocol
 
 BATCH = 96
 """Most designs that are simulated together: enough that Python's share is small, few
@@ -46,7 +46,7 @@ SAMPLINGS = ("grid", "lhs")
 class Plan:
     """A study that can be run."""
 
-    trial: Trial
+    protocol: EpisodeProtocol
     designs: tuple[Design, ...]
     ranges: Mapping[str, Range]
     """Of each variable; of a list of designs, the values that occur."""
@@ -68,14 +68,14 @@ class Plan:
 
     def describe(self) -> dict[str, Any]:
         """What the study is, as plain JSON: equal where the same is asked."""
-        trial = {
-            field.name: getattr(self.trial, field.name)
-            for field in dataclasses.fields(self.trial)
+        protocol = {
+            field.name: getattr(self.protocol, field.name)
+            for field in dataclasses.fields(self.protocol)
         }
-        trial |= {"trajectory": self.source, "metrics": list(self.trial.metrics)}
+        protocol |= {"trajectory": self.source, "metrics": list(self.protocol.metrics)}
         text = json.dumps(self.designs)
         return {
-            "trial": trial,
+            "protocol": protocol,
             "variables": list(self.ranges),
             "designs": len(self.designs),
             "batches": len(self.batches),
@@ -84,7 +84,7 @@ class Plan:
 
     def made_by(self) -> dict[str, Any]:
         """What makes the table besides, see `identity`."""
-        return made_by(self.trial.controller, self.source)
+        return made_by(self.protocol.controller, self.source)
 
 
 def make_plan(
@@ -107,7 +107,7 @@ def make_plan(
     Raises:
         CableError: what is wrong, in one sentence.
     """
-    trial, builder = _trial(
+    protocol, builder = _trial(
         scene, trajectory, task, controller, duration, seed, timestep, metrics
     )
     if (vary is None or not vary) == (designs is None):
@@ -137,7 +137,7 @@ def make_plan(
     full = designs is None and samples is None
     source = builder.device.trajectory if trajectory is None else trajectory
     batches = _batches(builder, checked, max(duration, CHIRP_TIME))
-    return Plan(trial, tuple(checked), ranges, full, batches, source)
+    return Plan(protocol, tuple(checked), ranges, full, batches, source)
 
 
 def _trial(
@@ -149,7 +149,7 @@ def _trial(
     seed: int,
     timestep: float | None,
     metrics: Sequence[str],
-) -> tuple[Trial, Builder]:
+) -> tuple[EpisodeProtocol, Builder]:
     """How designs are tried, and the builder of the scene."""
     builder = Builder(scene, timestep)
     step = float(builder.spec.option.timestep)
@@ -166,7 +166,7 @@ def _trial(
         raise CableError(f"seed must be an integer >= 0, not {seed!r}.")
     home = builder.device
     source = home.trajectory if trajectory is None else trajectory
-    trial = Trial(
+    protocol = EpisodeProtocol(
         scene,
         from_csv(source) if source.lower().endswith(".csv") else source,
         home.task if task is None else task,
@@ -176,8 +176,8 @@ def _trial(
         step,
         tuple(dict.fromkeys(metrics)) or tuple(METRICS),
     )
-    rehearse(trial, builder)
-    return trial, builder
+    rehearse(protocol, builder)
+    return protocol, builder
 
 
 def _check(builder: Builder, rows: Sequence[Mapping[str, object]]) -> list[Design]:

@@ -51,11 +51,11 @@ def write_report(
     """
     found = [
         one
-        for name in plan.trial.metrics
+        for name in plan.protocol.metrics
         if (one := sensitivity(plan, table, name)) is not None
     ]
     goals = tuple(objectives) or tuple(
-        Objective(name, METRICS[name].high) for name in plan.trial.metrics
+        Objective(name, METRICS[name].high) for name in plan.protocol.metrics
     )
     cost = costs(table, goals)
     best = pareto(cost)
@@ -91,13 +91,13 @@ def markdown(
     found: Sequence[Sensitivity],
 ) -> str:
     """The ranking as Markdown, with effects and indices below."""
-    trial = plan.trial
+    protocol = plan.protocol
     failed = [text for text in table["failed"].to_pylist() if text]
     parts = [
-        f"# What if: {trial.scene}, {len(table)} designs",
-        f"Trajectory {plan.source}, task {trial.task}, controller {trial.controller}, "
-        f"{trial.duration:g} s, seed {trial.seed}, time step "
-        f"{1e3 * trial.timestep:g} ms.",
+        f"# What if: {protocol.scene}, {len(table)} designs",
+        f"Trajectory {plan.source}, task {protocol.task}, "
+        f"controller {protocol.controller}, {protocol.duration:g} s, "
+        f"seed {protocol.seed}, time step {1e3 * protocol.timestep:g} ms.",
     ]
     if failed:
         parts.append(
@@ -120,7 +120,7 @@ def markdown(
     parts.append("## What each metric depends on")
     parts += [_sensitivity(one) for one in found]
     known = {one.metric for one in found}
-    if unknown := [name for name in trial.metrics if name not in known]:
+    if unknown := [name for name in protocol.metrics if name not in known]:
         parts.append(
             f"Nothing can be said of {', '.join(unknown)}: no variation, too few "
             "designs, or designs left out are not foretold by the others."
@@ -129,7 +129,7 @@ def markdown(
     parts.append(
         table_of(
             ("metric", "unit", "meaning"),
-            ((m, METRICS[m].unit, METRICS[m].meaning) for m in trial.metrics),
+            ((m, METRICS[m].unit, METRICS[m].meaning) for m in protocol.metrics),
         )
     )
     return "\n\n".join(parts) + "\n"
@@ -184,7 +184,7 @@ def _ranking(
     places = order(cost)[:LISTED]
     best = pareto(cost) if chosen else np.zeros(len(cost), dtype=np.bool_)
     metrics = [goal.name for goal in goals]
-    metrics += [name for name in plan.trial.metrics if name not in metrics]
+    metrics += [name for name in plan.protocol.metrics if name not in metrics]
     columns = ["design", *plan.varied, *metrics]
     head = [_headed(name) for name in columns]
     rows = []

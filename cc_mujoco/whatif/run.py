@@ -54,7 +54,7 @@ def run_here(
                 shares[number] = share * len(members)
                 progress(sum(shares.values()))
 
-        return evaluate(plan.trial, [plan.designs[i] for i in members], tick)
+        return evaluate(plan.protocol, [plan.designs[i] for i in members], tick)
 
     # Never more in the queue than is under way, so that an end comes soon.
     pool = ThreadPoolExecutor(count)

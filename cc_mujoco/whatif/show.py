@@ -17,8 +17,8 @@ from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.sensing import PERFECT
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import Design
+from cc_mujoco.whatif.protocol import CONTROL_PERIOD
 from cc_mujoco.whatif.store import read_study, read_table
-from cc_mujoco.whatif.trial import CONTROL_PERIOD
 
 
 def show(
@@ -44,21 +44,21 @@ def show(
     folder = Path(folder)
     about = read_study(folder)
     design = _design(folder, row, about["variables"])
-    trial = about["trial"]
-    builder = Builder(trial["scene"], trial["timestep"])
+    protocol = about["protocol"]
+    builder = Builder(protocol["scene"], protocol["timestep"])
     model = builder.model(design, whole=True)
     env: Any = gymnasium.make(
         builder.device.environment,
         disable_env_checker=True,
         model=model,
-        trajectory=trial["trajectory"],
-        task=trial["task"],
-        duration=trial["duration"],
-        frame_skip=round(CONTROL_PERIOD / trial["timestep"]),
+        trajectory=protocol["trajectory"],
+        task=protocol["task"],
+        duration=protocol["duration"],
+        frame_skip=round(CONTROL_PERIOD / protocol["timestep"]),
     )
-    names = {key: trial[key] for key in ("trajectory", "task", "controller")}
-    law = controller(trial["controller"], PERFECT.equip(env.unwrapped.drive))
-    makers = made_by(trial["controller"], trial["trajectory"])
+    names = {key: protocol[key] for key in ("trajectory", "task", "controller")}
+    law = controller(protocol["controller"], PERFECT.equip(env.unwrapped.drive))
+    makers = made_by(protocol["controller"], protocol["trajectory"])
     if changed := differences(seal(read_table(folder)), makers):
         raise CableError(
             f"design {row} would not be the one in the table of {folder}, which was "
@@ -69,7 +69,7 @@ def show(
         env,
         law,
         sensing=PERFECT,
-        seed=trial["seed"],
+        seed=protocol["seed"],
         about={**names, "design": row, "variables": design},
         progress=progress,
     )

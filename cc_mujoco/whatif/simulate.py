@@ -90,7 +90,7 @@ class Episode:
 
 
 @dataclass(frozen=True, eq=False)
-class Played:
+class Rollout:
     """An episode of n designs at T control steps, the reset included.
 
     Attributes:
@@ -111,7 +111,7 @@ def play(
     models: Sequence[mujoco.MjModel],
     threads: int = 1,
     tick: Tick = lambda share: None,
-) -> Played:
+) -> Rollout:
     """Play an episode on each of several models of equal layout.
 
     Args:
@@ -151,7 +151,7 @@ def play(
     columns["reference_angle_rad"] = np.broadcast_to(reference, shape)
     tick(1.0)
     ratio = np.array([1.0 / drive.ratio for drive in drives])
-    return Played(columns, ratio, tuple(fleet.failed))
+    return Rollout(columns, ratio, tuple(fleet.failed))
 
 
 class Fleet:

@@ -72,7 +72,7 @@ class Store:
                 if other := differences(seal(part), self._makers):
                     changed = other
                 else:
-                    results = _read_part(part, plan.trial.metrics)
+                    results = _read_part(part, plan.protocol.metrics)
                     self._found[int(path.stem)] = results
         # Parts of this code beside a table of other code: it was asked for anew.
         if not self._found and (folder / TABLE).exists():
@@ -105,7 +105,7 @@ class Store:
             return
         parts = self._folder / PARTS
         parts.mkdir(exist_ok=True)
-        columns = _columns(results, self._plan.trial.metrics)
+        columns = _columns(results, self._plan.protocol.metrics)
         with replacing(parts / f"{batch:06d}.parquet") as partial:
             pq.write_table(sealed(pa.table(columns), self._makers), partial)
 
@@ -130,7 +130,7 @@ class Store:
         columns: dict[str, pa.Array] = {"design": pa.array(range(len(results)))}
         for name in plan.ranges:
             columns[name] = pa.array([design[name] for design in plan.designs])
-        columns |= _columns(results, plan.trial.metrics)
+        columns |= _columns(results, plan.protocol.metrics)
         fields = [_field(name, array.type) for name, array in columns.items()]
         return pa.Table.from_arrays(list(columns.values()), schema=pa.schema(fields))
 
@@ -153,7 +153,7 @@ def _has_study(folder: Path) -> bool:
         found = json.loads((folder / STUDY).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return isinstance(found, dict) and found.keys() >= {"trial", "variables"}
+    return isinstance(found, dict) and found.keys() >= {"protocol", "variables"}
 
 
 def _parts(folder: Path) -> list[Path]:
@@ -175,7 +175,7 @@ def read_study(folder: Path) -> dict[str, Any]:
     """
     try:
         found = dict(json.loads((folder / STUDY).read_text(encoding="utf-8")))
-        _ = found["variables"], found["trial"]["duration"]
+        _ = found["variables"], found["protocol"]["duration"]
     except (OSError, ValueError, TypeError, KeyError):
         raise CableError(
             f"{folder} holds no study; give the folder of `cc-mujoco whatif --out`."

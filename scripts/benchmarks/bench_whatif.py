@@ -94,23 +94,23 @@ def rates(count: int, play: Callable[[], object]) -> tuple[float, float]:
 
 def loop(plan: Plan) -> None:
     """Play designs in single environments, one after another."""
-    trial = plan.trial
-    builder = Builder(trial.scene, trial.timestep)
+    protocol = plan.protocol
+    builder = Builder(protocol.scene, protocol.timestep)
     for design in plan.designs[:LOOPED]:
         model = builder.model(design, whole=True)
         env: Any = gymnasium.make(
             builder.device.environment,
             disable_env_checker=True,
             model=model,
-            trajectory=trial.trajectory,
-            task=trial.task,
-            duration=trial.duration,
-            frame_skip=trial.frame_skip,
+            trajectory=protocol.trajectory,
+            task=protocol.task,
+            duration=protocol.duration,
+            frame_skip=protocol.frame_skip,
         ).unwrapped
-        law = controller(trial.controller, env.drive)
+        law = controller(protocol.controller, env.drive)
         cables = engine.cables(model)
-        measuring = Measuring(PERFECT, law.drive, cables, trial.seed, env.exo.steps)
-        run(Single(env, trial.seed), law, measure=measuring.measure)
+        measuring = Measuring(PERFECT, law.drive, cables, protocol.seed, env.exo.steps)
+        run(Single(env, protocol.seed), law, measure=measuring.measure)
 
 
 if __name__ == "__main__":

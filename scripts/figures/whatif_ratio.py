@@ -114,7 +114,7 @@ def racing(lever: float, drum: float) -> float:
     design = {"joint_radius": float(lever), "motor_radius": float(drum)}
     plan = make_plan("ankle", designs=[design], **HOW)
     builder = Builder("ankle")
-    episode = episodes(plan.trial, builder)["episode"]
+    episode = episodes(plan.protocol, builder)["episode"]
     columns = play(episode, [builder.model(design)]).columns
     power = columns["motor_torque_nm"][0] * columns["motor_velocity_rad_s"][0]
     slack = columns["least_tension_n"][0, 0] <= 0.0

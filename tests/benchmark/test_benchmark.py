@@ -17,8 +17,8 @@ import cc_mujoco  # noqa: F401
 from cc_mujoco.benchmark import (
     SCORES,
     Cell,
+    CellResult,
     Plan,
-    Played,
     interval,
     markdown,
     play,
@@ -288,11 +288,11 @@ def test_a_cell_of_other_code_is_played_again_and_told(
 
 
 def test_table_pairs_seeds_with_the_baseline(tmp_path: Path) -> None:
-    def fake(law: str, errors: list[float]) -> tuple[Cell, Played]:
+    def fake(law: str, errors: list[float]) -> tuple[Cell, CellResult]:
         cell = dataclasses.replace(SHORT, controller=law)
         scores = {s.name: np.full(2, math.nan) for s in SCORES}
         scores |= {"rms_error": np.array(errors), "failed": np.zeros(2)}
-        return cell, Played(scores, {}, None)
+        return cell, CellResult(scores, {}, None)
 
     results = [fake("pi", [1.0, 2.0]), fake("model", [0.5, 1.5])]
     text = markdown(results)
@@ -308,11 +308,11 @@ def test_table_pairs_seeds_with_the_baseline(tmp_path: Path) -> None:
 
 
 def test_diverging_where_it_is_hard_makes_no_mean_better() -> None:
-    def fake(law: str, trajectory: str, errors: list[float]) -> tuple[Cell, Played]:
+    def fake(law: str, trajectory: str, errors: list[float]) -> tuple[Cell, CellResult]:
         cell = dataclasses.replace(SHORT, controller=law, trajectory=trajectory)
         scores = {s.name: np.full(2, math.nan) for s in SCORES}
         scores |= {"rms_error": np.array(errors), "failed": np.isnan(errors) + 0.0}
-        return cell, Played(scores, {}, None)
+        return cell, CellResult(scores, {}, None)
 
     results = [
         fake("pi", "sine", [1.0, 1.0]),

@@ -14,8 +14,8 @@ from cc_mujoco import cli
 from cc_mujoco.benchmark import (
     SCORES,
     Cell,
+    CellResult,
     Plan,
-    Played,
     interval,
     play,
 )
@@ -66,7 +66,10 @@ def block() -> str:
 
     return fill_readme.tables(
         [
-            (cell, Played({s.name: values() for s in SCORES} | NONE_FAILED, {}, None))
+            (
+                cell,
+                CellResult({s.name: values() for s in SCORES} | NONE_FAILED, {}, None),
+            )
             for plan in plans
             for cell in plan.cells()
         ]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.calibration import Trial, calibrate
+from cc_mujoco.estimation.calibration import Measurement, calibrate
 from cc_mujoco.transmission import Cable, Section, Transmission
 
 CABLE = Cable(friction=0.05, pretension=20.0, conduit=(Section(1.0, 0.3),), segments=12)
@@ -20,7 +20,7 @@ def rig(cable: Cable) -> Transmission:
     return Transmission.pull_pull(cable, 0.02, 0.05)
 
 
-def trial(seed: int, memory: float = 0.0, cable: Cable = CABLE) -> Trial:
+def trial(seed: int, memory: float = 0.0, cable: Cable = CABLE) -> Measurement:
     """A wearer moves the joint against a motor that pulls; noise of given memory."""
     inputs = {
         "motor_torque": 0.25 * np.sin(5.0 * TIME),
@@ -36,7 +36,7 @@ def trial(seed: int, memory: float = 0.0, cable: Cable = CABLE) -> Trial:
         "motor_angle": found.motor_angle + NOISE * noise[1],
     }
     sigma = {"joint_torque": 4.0 * NOISE, "motor_angle": NOISE}
-    return Trial(0.01, inputs, outputs, sigma)
+    return Measurement(0.01, inputs, outputs, sigma)
 
 
 def test_a_fit_from_wrong_values_finds_the_truth() -> None:
@@ -65,7 +65,7 @@ def test_intervals_cover_also_where_noise_has_a_memory(memory: float) -> None:
     assert np.all(held >= 8)
 
 
-def torque_trial() -> Trial:
+def torque_trial() -> Measurement:
     """Both angles are led, the motor's torque is measured."""
     inputs = {
         "motor_angle": 0.4 * np.sin(5.0 * TIME),
@@ -73,11 +73,13 @@ def torque_trial() -> Trial:
     }
     noise = NOISE * np.random.default_rng(0).standard_normal(TIME.size)
     torque = rig(CABLE).replay(0.01, **inputs).motor_torque + noise
-    return Trial(0.01, inputs, {"motor_torque": torque}, {"motor_torque": NOISE})
+    return Measurement(0.01, inputs, {"motor_torque": torque}, {"motor_torque": NOISE})
 
 
 @pytest.mark.parametrize("recorded", [trial(0), torque_trial()])
-def test_friction_and_wrap_are_known_as_their_product_alone(recorded: Trial) -> None:
+def test_friction_and_wrap_are_known_as_their_product_alone(
+    recorded: Measurement,
+) -> None:
     guess = CABLE.replace(friction=0.1)
     found = calibrate([recorded], rig(guess), ("friction", "wrap"))
     product = found["friction"].value * found["wrap"].value

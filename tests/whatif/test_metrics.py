@@ -20,7 +20,7 @@ from cc_mujoco.whatif.metrics import (
     measure_episode,
     response,
 )
-from cc_mujoco.whatif.trial import (
+from cc_mujoco.whatif.protocol import (
     CHIRP_HIGH,
     CHIRP_LOW,
     CHIRP_TIME,

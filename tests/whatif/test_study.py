@@ -84,9 +84,9 @@ def test_the_table_is_the_same_on_any_number_of_threads() -> None:
 
 def test_a_design_is_the_same_in_any_company() -> None:
     plan = make_plan("wrist", VARY, **SHORT)
-    together = evaluate(plan.trial, plan.designs)
+    together = evaluate(plan.protocol, plan.designs)
     for index in (0, 7):
-        alone = evaluate(plan.trial, [plan.designs[index]])
+        alone = evaluate(plan.protocol, [plan.designs[index]])
         assert np.array_equal(
             list(alone[0].metrics.values()),
             list(together[index].metrics.values()),
@@ -310,9 +310,9 @@ def test_a_saved_policy_drives_designs_as_their_environments(
 def test_every_controller_drives_different_designs_as_each_alone(name: str) -> None:
     vary = {"motor_radius": [0.02, 0.03]}
     plan = make_plan("wrist", vary, controller=name, **SHORT)
-    together = evaluate(plan.trial, plan.designs)
+    together = evaluate(plan.protocol, plan.designs)
     for design, result in zip(plan.designs, together, strict=True):
-        (alone,) = evaluate(plan.trial, [design])
+        (alone,) = evaluate(plan.protocol, [design])
         assert np.array_equal(
             list(alone.metrics.values()), list(result.metrics.values()), equal_nan=True
         )
@@ -332,8 +332,8 @@ def test_a_task_of_the_phase_alone_is_asked_of_every_design(
 ) -> None:
     plan = make_plan("ankle", vary, controller=name, duration=0.1, task="assist",
                      metrics=("tracking_error", "peak_motor_power"))  # fmt: skip
-    together = evaluate(plan.trial, plan.designs)
-    alone = [evaluate(plan.trial, [design])[0] for design in plan.designs]
+    together = evaluate(plan.protocol, plan.designs)
+    alone = [evaluate(plan.protocol, [design])[0] for design in plan.designs]
     assert together == alone
 
 

@@ -16,7 +16,12 @@ from scipy.signal import correlate
 
 from cc_mujoco.diagnosis.data.channels import MOTOR_ANGLE
 from cc_mujoco.diagnosis.data.findings import Finding, error
-from cc_mujoco.diagnosis.data.trials import Dataset, FloatArray, Floor, Trial
+from cc_mujoco.diagnosis.data.trials import (
+    Dataset,
+    FloatArray,
+    RepeatabilityFloor,
+    Trial,
+)
 
 _PERIODIC = 0.98  # correlation of a periodic motion with the next period
 _SAME = 0.03  # share of its spread by which a motion may differ from period to period
@@ -27,7 +32,7 @@ Pair = dict[str, FloatArray]
 """Differences between two repetitions, by channel."""
 
 
-def floor_of(dataset: Dataset) -> tuple[dict[str, Floor], list[Finding]]:
+def floor_of(dataset: Dataset) -> tuple[dict[str, RepeatabilityFloor], list[Finding]]:
     """What no model can explain, by channel, and declared repeats that are none.
 
     It comes from trials declared as repeats, else from the periods of periodic trials.
@@ -60,9 +65,9 @@ def floor_of(dataset: Dataset) -> tuple[dict[str, Floor], list[Finding]]:
         if pairs:
             squares = [_scatter(pair, channel) ** 2 for pair in pairs]
             found = math.sqrt(float(np.mean(squares)) / 2.0)
-            floor[channel] = Floor(max(found, noise), source)
+            floor[channel] = RepeatabilityFloor(max(found, noise), source)
         else:
-            floor[channel] = Floor(noise, "noise")
+            floor[channel] = RepeatabilityFloor(noise, "noise")
     return floor, findings
 
 

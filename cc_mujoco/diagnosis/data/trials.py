@@ -50,7 +50,7 @@ class Noise(NamedTuple):
     source: Literal["declared", "holds", "differences"]
 
 
-class Floor(NamedTuple):
+class RepeatabilityFloor(NamedTuple):
     """What no model can explain of a channel, in its SI unit.
 
     Attributes:
@@ -186,7 +186,7 @@ class Dataset:
     trials: tuple[Trial, ...]
     constants: Mapping[str, Constant] = field(default_factory=dict)
     noise: Mapping[str, Noise] = field(default_factory=dict)
-    floor: Mapping[str, Floor] = field(default_factory=dict)
+    floor: Mapping[str, RepeatabilityFloor] = field(default_factory=dict)
     name: str = ""
     notes: str = ""
     path: str = ""

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
+from cc_mujoco.diagnosis.inference.jacobian import HUBER_DELTA, Jacobian
 from cc_mujoco.diagnosis.inference.plant import Plant
-from cc_mujoco.diagnosis.inference.slopes import HUBER_DELTA, Slopes
 from cc_mujoco.estimation import least_squares
 from cc_mujoco.estimation.least_squares import Fit, Tuned, autocorrelation
 
@@ -52,7 +52,7 @@ class Problem:
         tuned: every free parameter, baseline first.
         effects: ids that are present.
         noise: (2, samples) of every record, what no model explains [Nm].
-        floor: the same, by which errors are divided, see `floor.Floor` [Nm].
+        floor: the same, by which errors are divided, see `floor.NoiseFloor` [Nm].
         weight: of a residual over its floor; below 1 where neighbours are not
             independent or where the model is known not to reach the floor.
         inflation: factor of the floor where the baseline is far off, see
@@ -194,7 +194,7 @@ def fit(
     start: FloatArray,
     masks: Masks,
     evaluations: int = _EVALUATIONS,
-    slopes: Slopes | None = None,
+    slopes: Jacobian | None = None,
 ) -> Fit:
     """Least squares from a start.
 
@@ -205,7 +205,7 @@ def fit(
         evaluations: most of them.
         slopes: of this problem, to share what other fits have taken.
     """
-    slopes = slopes or Slopes(problem)
+    slopes = slopes or Jacobian(problem)
     return least_squares.fit(
         lambda x: problem.weighted(
             [huber_residual(error) for error in slopes.errors(x)], x, masks

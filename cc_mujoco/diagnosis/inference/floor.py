@@ -43,7 +43,7 @@ LEAST = 1e-3
 _QUIET = Noise(0.0, 0.0, "declared")
 
 
-class Floor(NamedTuple):
+class NoiseFloor(NamedTuple):
     """Standard deviations (2, samples) of every record [Nm].
 
     Attributes:
@@ -62,7 +62,7 @@ def noise_floor(
     values: Values,
     effects: tuple[str, ...] = (),
     seed: int = 0,
-) -> Floor:
+) -> NoiseFloor:
     """Noise in both torques of every record, as the simulated rig passes it on."""
     random = np.random.default_rng(seed)
     noise = {n: dataset.noise.get(n, _QUIET) for n in (MOTOR_ANGLE, JOINT_ANGLE)}
@@ -90,7 +90,7 @@ def noise_floor(
     base = np.maximum(np.array(own), least)[:, None]
     alone = [total + base for total in plain]
     short = _repeated(dataset, filtering) - np.concatenate(alone, axis=1).mean(axis=1)
-    return Floor(
+    return NoiseFloor(
         tuple(np.sqrt(each + np.maximum(short, 0.0)[:, None]) for each in alone),
         tuple(
             np.sqrt(_near(total, record.dt) + base)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit, huber_residual
+from cc_mujoco.diagnosis.inference.jacobian import Jacobian
 from cc_mujoco.diagnosis.inference.records import Record
-from cc_mujoco.diagnosis.inference.slopes import Slopes
 from cc_mujoco.estimation.least_squares import Fit
 
 BLOCK = 1.0
@@ -114,7 +114,7 @@ def cross_validate(
         starts: one per fold.
         evaluations: most of each fit.
     """
-    fits, slopes = [], Slopes(problem)
+    fits, slopes = [], Jacobian(problem)
     errors = [np.full(r.measured.shape, np.nan) for r in problem.plant.records]
     for fold, start in zip(division, starts, strict=True):
         found = fit(problem, start, fold.train, evaluations, slopes)

@@ -17,7 +17,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.evidence import CHANNELS, Trace
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.folds import BLOCK, Fold
-from cc_mujoco.diagnosis.inference.slopes import Slopes
+from cc_mujoco.diagnosis.inference.jacobian import Jacobian
 from cc_mujoco.diagnosis.verdict import Gap
 
 DRAWS = 400
@@ -46,7 +46,7 @@ def predicted(
     """
     records = problem.plant.records
     found = [np.zeros(record.measured.shape) for record in records]
-    slopes, places = Slopes(problem), []
+    slopes, places = Jacobian(problem), []
     for fold in division:
         x = fit(problem, start, fold.train, 6, slopes).x
         places.append(x)

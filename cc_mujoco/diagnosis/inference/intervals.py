@@ -9,7 +9,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
-from cc_mujoco.diagnosis.inference.slopes import Slopes
+from cc_mujoco.diagnosis.inference.jacobian import Jacobian
 from cc_mujoco.estimation.least_squares import Estimate, covariance, estimate, untold
 
 UNTOLD = 1.0
@@ -33,7 +33,7 @@ def estimates(
             how much: the jackknife does.
     """
     # The weights of the errors already count what is independent.
-    variance = np.diag(covariance(Slopes(problem).jacobian(x, masks)))
+    variance = np.diag(covariance(Jacobian(problem).jacobian(x, masks)))
     if len(places) > 1:
         apart = np.array(places) - np.mean(places, axis=0)
         variance = variance + (1.0 - 1.0 / len(places)) * np.sum(apart**2, axis=0)
@@ -48,7 +48,7 @@ def estimates(
 def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ...]:
     """A sentence for each combination of parameters that only priors determine."""
     found = []
-    whole = Slopes(problem).jacobian(x, masks)
+    whole = Jacobian(problem).jacobian(x, masks)
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
     data = whole[: whole.shape[0] - priors]
     for shares in untold(covariance(data), UNTOLD):

@@ -17,7 +17,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
-from cc_mujoco.diagnosis.inference.slopes import Slopes
+from cc_mujoco.diagnosis.inference.jacobian import Jacobian
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.least_squares import THREADS
 
@@ -56,7 +56,7 @@ def screen(
         ids: of the effects to try.
     """
     error = problem.residual(x, masks)
-    jacobian = Slopes(problem).jacobian(x, masks)
+    jacobian = Jacobian(problem).jacobian(x, masks)
     size = np.linalg.norm(jacobian, axis=0)
     # Parameters without any influence stay out, and those that stand at a bound: they
     # cannot do more than they have done.

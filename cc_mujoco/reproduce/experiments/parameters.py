@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.estimation.calibration import Calibration, Trial, calibrate
+from cc_mujoco.estimation.calibration import Calibration, Measurement, calibrate
 from cc_mujoco.figures import BLUE, GREY, ORANGE, figure
 from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress
 from cc_mujoco.reproduce.rig import LENGTH, MOTOR_RADIUS, RECONCILED, STIFFNESS, drive
@@ -29,7 +29,7 @@ GUESS = CABLE.replace(friction=0.05, axial_stiffness=2500.0)
 REPEATS = 40
 
 
-def blocked_trial(cable: Cable, seed: int, peak: float = 0.125) -> Trial:
+def blocked_trial(cable: Cable, seed: int, peak: float = 0.125) -> Measurement:
     """Output blocked, the motor's torque a slow wave of growing height."""
     time = np.arange(0.0, DURATION, DT)
     torque = peak * np.sin(2.0 * np.pi * 0.4 * time) * np.minimum(1.0, time / 5.0)
@@ -40,7 +40,7 @@ def blocked_trial(cable: Cable, seed: int, peak: float = 0.125) -> Trial:
     dither = COUNT * rng.uniform(-0.5, 0.5, time.size)
     angle = COUNT * np.round((found.motor_angle + dither) / COUNT)
     cell = found.joint_torque + CELL * rng.standard_normal(time.size)
-    return Trial(
+    return Measurement(
         dt=DT,
         inputs={"motor_torque": torque, "joint_angle": still},
         outputs={"motor_angle": angle, "joint_torque": cell},
@@ -48,7 +48,7 @@ def blocked_trial(cable: Cable, seed: int, peak: float = 0.125) -> Trial:
     )
 
 
-def by_slope(trial: Trial) -> float:
+def by_slope(trial: Measurement) -> float:
     """Stiffness of a cable from the slope of torque over angle [N/m].
 
     Two cables pull against each other, so the slope is 2 K r^2, if friction is
@@ -72,7 +72,9 @@ def coverage(repeats: int = REPEATS) -> tuple[float, float, int]:
     return float(hits[0] / repeats), float(hits[1] / repeats), repeats
 
 
-def valley(trial: Trial, frictions: FloatArray, pretensions: FloatArray) -> FloatArray:
+def valley(
+    trial: Measurement, frictions: FloatArray, pretensions: FloatArray
+) -> FloatArray:
     """RMS misfit over noise for every pair (pretensions, frictions)."""
     found = np.empty((pretensions.size, frictions.size))
     for row, pretension in enumerate(pretensions):

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.estimation.calibration import Calibration, Trial, calibrate
+from cc_mujoco.estimation.calibration import Calibration, Measurement, calibrate
 from cc_mujoco.figures import BLUE, DASH, GREEN, GREY, ORANGE, figure
 from cc_mujoco.human import task, trajectory
 from cc_mujoco.recording.signals import lag
@@ -123,7 +123,7 @@ def residual(recording: Recording, cable: Cable = COULOMB) -> Residual:
 def refit(recording: Recording, free: tuple[str, ...], start: Cable) -> Calibration:
     """Fit terms inside the model instead of to its residual, on the first 6 s."""
     part = slice(0, round(6.0 / DT))
-    trial = Trial(
+    trial = Measurement(
         dt=DT,
         inputs={
             "motor_torque": recording.motor_torque[part],

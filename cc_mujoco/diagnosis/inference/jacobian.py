@@ -28,7 +28,7 @@ _NEAR_FACTOR, _NEAR = 0.05, 0.3
 """Change of a parameter over which derivatives hold: of its logarithm, in scales."""
 
 
-class Slopes:
+class Jacobian:
     """Derivatives of a problem's torques, kept where they were taken."""
 
     def __init__(self, problem: Problem) -> None:

@@ -10,9 +10,9 @@ import pytest
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
+from cc_mujoco.diagnosis.inference.jacobian import Jacobian
 from cc_mujoco.diagnosis.inference.plant import OFFSETS, Plant, Values, tuned
 from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.slopes import Slopes
 from diagnosis.recorded import BENCH, dataset
 
 RECORDS, _ = prepare(dataset(duration=3.0), BENCH)
@@ -41,7 +41,7 @@ def problem(plant: Plant) -> Problem:
 def test_derivatives_are_differences_of_the_residual() -> None:
     one = problem(Plant(BENCH, RECORDS, 8))
     x = np.zeros(len(FREE))
-    found = Slopes(one).jacobian(x, COUNTS)
+    found = Jacobian(one).jacobian(x, COUNTS)
     here = one.residual(x, COUNTS)
     for index, parameter in enumerate(FREE):
         step = 1e-3 if parameter.factor else 0.02
@@ -56,7 +56,7 @@ def test_derivatives_are_differences_of_the_residual() -> None:
 
 def test_what_only_a_torque_sensor_shows_needs_no_simulation() -> None:
     plant = Counted(BENCH, RECORDS, 8, 1, ([],))
-    Slopes(problem(plant)).jacobian(np.zeros(len(FREE)), COUNTS)
+    Jacobian(problem(plant)).jacobian(np.zeros(len(FREE)), COUNTS)
     sensors = sum("torque" in parameter.name for parameter in FREE)
     assert sensors == 4
     assert len(plant.played[0]) == 1 + len(FREE) - sensors
@@ -65,7 +65,7 @@ def test_what_only_a_torque_sensor_shows_needs_no_simulation() -> None:
 def test_fits_of_one_neighbourhood_share_their_derivatives() -> None:
     plant = Counted(BENCH, RECORDS, 8, 1, ([],))
     one = problem(plant)
-    slopes = Slopes(one)
+    slopes = Jacobian(one)
     first = fit(one, np.zeros(len(FREE)), COUNTS, slopes=slopes)
     alone = len(plant.played[0])
     again = fit(one, first.x, COUNTS, slopes=slopes)

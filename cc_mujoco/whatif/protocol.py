@@ -1,7 +1,7 @@
 """What every design is put through, and the cue cards of a run: tests and their parts.
 
-A trial is the episode that a study asks for and, where a metric needs them, two tests
-that say more of the hardware alone:
+A protocol is the episode that a study asks for and, where a metric needs them, two
+tests that say more of the hardware alone:
 
 - `backdrive`: the wearer moves along the same trajectory and the motor gives no torque;
 - `backlash`: the joint is held, and the motor's torque swings slowly to and fro, as in
@@ -39,7 +39,7 @@ with, as a part of the largest torque of the scene's own motor at the joint."""
 
 
 @dataclass(frozen=True)
-class Trial:
+class EpisodeProtocol:
     """How each design of a study is tried."""
 
     scene: str

@@ -100,11 +100,11 @@ def _write_law(folder: Path, gain: float) -> None:
     )
 
 
-def _plan(controller: str = "pi") -> Plan:
+def _plan(controller: str = "pi", duration: float = 0.4) -> Plan:
     return make_plan(
         "wrist",
         {"friction": "0.05:0.2:8", "loops": [1, 2]},
-        duration=0.4,
+        duration=duration,
         controller=controller,
         metrics=("tracking_error", "slack_margin"),
     )
@@ -195,8 +195,10 @@ def test_a_worker_that_joins_later_is_asked_too(
         if done and len(cluster.processes) == 2:
             cluster.work(other_code)
 
+    # Far too long for the first worker to be done before the other has joined.
+    plan = _plan(duration=6.0)
     with pytest.raises(ValueError, match="differs in the sources of cc_mujoco"):
-        carry_out(_plan(), tmp_path / "s", scheduler=cluster.address, progress=join)
+        carry_out(plan, tmp_path / "s", scheduler=cluster.address, progress=join)
 
 
 def test_the_controller_of_a_worker_is_that_of_the_client(

@@ -39,7 +39,7 @@ class WhatIfShow:
         out = self.out or self.folder / f"design-{self.row}"
         about = read_study(self.folder)
         duration, row = (
-            float(about["trial"]["duration"]),
+            float(about["protocol"]["duration"]),
             read_row(self.folder, self.row),
         )
         require_ours(out)
@@ -57,7 +57,7 @@ class WhatIfShow:
             unit = VARIABLES[name.rpartition(".")[2]].unit
             print(_line(name, row[name], unit))
         # Those of the table: the episode's own have some names in common with them.
-        for name in about["trial"]["metrics"]:
+        for name in about["protocol"]["metrics"]:
             print(_line(name, row[name], METRICS[name].unit))
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
 

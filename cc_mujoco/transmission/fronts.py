@@ -102,13 +102,18 @@ def _null_slip(
         low = p + q * slip
         high = distal_p - distal_q * slip
         # At the segment's edge the null point passes to its neighbour, for which the
-        # tension of the node between them counts; inside, the segment's mean.
-        mean = 0.5 * (low - proximal + high - distal)
-        side = low - proximal if share * slip_direction > 0.0 else high - distal
+        # tension of the node between them counts; inside, their harmonic mean: where
+        # one side rests, friction holds the segment as if that end were locked.
+        behind, ahead = low - proximal, high - distal
+        mean = 0.0
+        if behind * ahead > 0.0:
+            mean = 2.0 * behind * ahead / (behind + ahead)
+        side = behind if share * slip_direction > 0.0 else ahead
         change = mean + (side - mean) * share**2
         reach = slip_direction * change / end_stiffness
         if reach <= 0.0:
-            return 0.0
+            slip = 0.0
+            break
         limit = per_tension * max(low + high, 0.0) + constant
         share = (distal_p - p) / ((q + distal_q) * reach + limit)
         share = min(max(share, -1.0), 1.0)

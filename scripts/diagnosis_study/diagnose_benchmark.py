@@ -185,7 +185,9 @@ def misfit(result: Result) -> float:
     baseline_fit = result.baseline_fit
     if baseline_fit is None:
         return float("nan")
-    return baseline_fit.problem.raised * float(np.sqrt(baseline_fit.crossed.squares))
+    return baseline_fit.problem.inflation * float(
+        np.sqrt(baseline_fit.crossed.held_out_mse)
+    )
 
 
 def guesses(baseline_fit: BaselineFit, methods: Sequence[str]) -> dict[str, Any]:

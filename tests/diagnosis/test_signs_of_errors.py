@@ -15,7 +15,7 @@ from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.inference.residual_maps import maps, sentence
 from cc_mujoco.diagnosis.report import sections
 from cc_mujoco.diagnosis.wording import SIGN
-from cc_mujoco.estimation.calibration import Trial
+from cc_mujoco.estimation.calibration import Measurement
 from cc_mujoco.transmission import Cable, Section, Transmission
 from diagnosis.recorded import BENCH, dataset
 
@@ -53,7 +53,7 @@ def test_the_residual_of_a_trial_is_positive_where_the_rig_shows_more() -> None:
     angle = 0.2 * np.sin(np.linspace(0.0, 6.0, 200))
     inputs = {"motor_angle": 2.0 * angle, "joint_angle": angle}
     torque = drive.replay(0.01, **inputs).joint_torque + MORE
-    trial = Trial(0.01, inputs, {"joint_torque": torque}, {"joint_torque": 0.05})
+    trial = Measurement(0.01, inputs, {"joint_torque": torque}, {"joint_torque": 0.05})
     found = trial.residual(drive)["joint_torque"]
     np.testing.assert_allclose(found, MORE / 0.05)
 

@@ -114,7 +114,7 @@ BENT = """
   <tendon><spatial name="path">
     <site site="a"/><geom geom="post" sidesite="outside"/><site site="b"/>
   </spatial></tendon>
-  <actuator>{near}{far}</actuator>
+  <actuator>{proximal}{distal}</actuator>
 </mujoco>"""
 
 

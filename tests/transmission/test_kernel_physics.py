@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 
 import numpy as np
@@ -331,3 +332,25 @@ def test_uneven_initial_tension_is_kept_and_checked():
         ValueError, match="jumps from 10 N to 60 N between nodes 9 and 10"
     ):
         Conduit(BENT, tension=np.where(np.arange(51) < 10, 10.0, 60.0))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_an_end_at_rest_may_tremble(seed):
+    """Which way an end moves by next to nothing changes next to nothing."""
+    rng = np.random.default_rng(seed)
+    cable = BENT.replace(
+        friction=rng.uniform(0.02, 0.3),
+        pretension=rng.uniform(20.0, 60.0),
+        segments=int(rng.integers(4, 25)),
+    )
+    conduit = Conduit(cable)
+    speeds = np.repeat(rng.normal(size=(15, 2)), 10, axis=0)
+    for proximal, distal in 3e-4 * np.cumsum(speeds, axis=0):
+        found = []
+        for tremor in (-1e-12, 1e-12):
+            other = copy.deepcopy(conduit)
+            rest = conduit.u_distal + tremor
+            other.step(1e-3, u_proximal=proximal, u_distal=rest)
+            found.append([other.tension_proximal, other.tension_distal])
+        assert np.ptp(found, axis=0).max() < 1e-6 * cable.pretension
+        conduit.step(1e-3, u_proximal=proximal, u_distal=distal)

@@ -29,7 +29,14 @@ ROWS_OF_STATE = (
 @pytest.mark.parametrize("n", [1, 7])
 def test_parameters_fill_their_vector_once(n: int) -> None:
     prm = np.arange(float(packing.parameter_size(n)))
-    flags = prm[[packing.CHANGES, packing.SCALED, packing.PLAIN, packing.LENGTH]]
+    flags = prm[
+        [
+            packing.CHANGES,
+            packing.STATE_DEPENDENT,
+            packing.CONSTANT_COULOMB,
+            packing.LENGTH,
+        ]
+    ]
     rows = [packing.scalars(prm), flags, *(row(prm, n) for row in ROWS_OF_PARAMETERS)]
     assert sorted(np.concatenate(rows)) == list(prm)
 

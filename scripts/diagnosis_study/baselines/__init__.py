@@ -5,7 +5,7 @@ Every way starts from the same tuned baseline and differs only in how it names:
     from baselines import METHODS
 
     for method, guess in METHODS.items():
-        print(method, guess(result.tuning).named)
+        print(method, guess(result.baseline_fit).named)
 
 `binned` regresses the binned residual on what an effect would look like, `sparse` does
 a sparse regression of the residual on all of them at once, `bic` refits every effect to

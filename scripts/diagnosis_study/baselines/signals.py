@@ -61,7 +61,7 @@ class Signals(NamedTuple):
 def signals(baseline_fit: BaselineFit) -> tuple[Signals, ...]:
     """Signals of every record, about the tuned baseline."""
     problem = baseline_fit.problem
-    values = problem.values(baseline_fit.whole.at)
+    values = problem.values(baseline_fit.whole.x)
     radius, _ = problem.plant.radii(values)
     played = problem.plant.simulate(values, problem.effects)
     return tuple(

@@ -257,6 +257,26 @@ EFFECTS: dict[str, Effect] = {
             cables=_on_both("viscous_friction"),
         ),
         Effect(
+            id="grease_drag",
+            title="drag of a grease that thins as it is sheared",
+            equation="dT/dx += s g |v|^n",
+            where="conduit",
+            parameters=(
+                EffectParameter("grease_drag", "N/m", 5.0, 0.0, 1e4),
+                EffectParameter("grease_exponent", "1", 0.5, 0.2, 0.9),
+            ),
+            starts=({"grease_drag": 5.0, "grease_exponent": 0.5},),
+            required_excitation="speeds over two decades",
+            confounded_with=(
+                "viscous_friction",
+                "load_independent_friction",
+                "stribeck_friction",
+            ),
+            mujoco=_PLUGIN,
+            source="Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926",
+            cables=_on_both("grease_drag", "grease_exponent"),
+        ),
+        Effect(
             id="stribeck_friction",
             title="Stribeck friction: more friction at low speed",
             equation="mu += mu_b exp(-|v|/v_b)",

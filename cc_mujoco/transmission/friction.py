@@ -44,9 +44,14 @@ _WRAP_REACH = INDEX["wrap_reach"]
 _DRIFT = INDEX["friction_drift"]
 _HEATING = INDEX["friction_heating"]
 _COOLING = INDEX["cooling_time"]
+_GREASE = INDEX["grease_drag"]
+_GREASE_EXPONENT = INDEX["grease_exponent"]
 
 MAX_EXPONENT = 30.0
 """Largest mu times wrap angle of one segment; beyond it (a ratio of 1e13) it is cut."""
+
+SLOWEST = 1e-6
+"""Slip speed [m/s] below which the drag of grease is in proportion to it."""
 
 SHORTEST_BRISTLE = 1e-9
 """Length [m] that shorter bristles have, too; they are Coulomb friction by then."""
@@ -120,9 +125,36 @@ def drag(values: FloatArray, length: float, growth: float, j: int, n: int) -> fl
 
 
 @compiled
-def viscosity(values: FloatArray, length: float, growth: float, dt: float) -> float:
-    """C of a segment per displacement in one step of `dt` [N/m]."""
-    viscous: float = values[_VISCOUS]
+def grease_viscosity(values: FloatArray, speed: float) -> float:
+    """Drag of grease per conduit length and slip speed, at that speed [N s/m^2].
+
+    Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926: g |v|^n = (g |v|^(n-1)) |v|,
+    constant below `SLOWEST`.
+    """
+    if values[_GREASE] == 0.0:
+        return 0.0
+    power = values[_GREASE_EXPONENT] - 1.0
+    return float(values[_GREASE] * max(speed, SLOWEST) ** power)
+
+
+@compiled
+def next_guess(values: FloatArray, guess: float, speed: float) -> float:
+    """Slip speed to take the viscosity of grease at, after a round gave `speed` [m/s].
+
+    Of an error in ln v a round leaves 1 - n where drag is all that resists, and nothing
+    where the slip is given. A step 2/(1 + n) as long leaves (1 - n)/(1 + n) of it,
+    either way.
+    """
+    further = 2.0 / (1.0 + values[_GREASE_EXPONENT])
+    return float(max(guess * (max(speed, SLOWEST) / guess) ** further, SLOWEST))
+
+
+@compiled
+def viscosity(
+    values: FloatArray, length: float, growth: float, speed: float, dt: float
+) -> float:
+    """C of a segment per displacement in one step of `dt` [N/m], at a slip speed."""
+    viscous: float = values[_VISCOUS] + grease_viscosity(values, speed)
     if viscous == 0.0:
         return 0.0
     return viscous * _grown(length, growth) / dt
@@ -159,6 +191,8 @@ def holding_coefficient(values: FloatArray) -> float:
 @compiled
 def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -> float:
     """Slip speed that the Stribeck term sees in the next step [m/s]; 0 at rest.
+
+    For grease it is only where the search for the speed of that step begins.
 
     The memory follows the slip speed over `critical_slip_distance` of slip, or at once
     when that is 0; a segment that sticks forgets.

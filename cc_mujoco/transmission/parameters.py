@@ -397,6 +397,28 @@ class Cable:
         default=0.0,
         meaning="twice an angle of largest radius",
     )
+    grease_drag: float = parameter(
+        unit="N/m",
+        bounds=(0.0, 1e6),
+        default=0.0,
+        meaning="g: drag of grease per conduit length at a slip of 1 m/s; 0 is off",
+        term=Term(
+            equation="dT/dx = s g |v|^n",
+            source=(
+                "Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926; its yield stress "
+                "is `load_independent_friction`"
+            ),
+            acts_on="drag",
+            depends_on=("rate",),
+        ),
+    )
+    grease_exponent: float = parameter(
+        unit="1",
+        bounds=(0.0, 1.0),
+        default=0.5,
+        low_open=True,
+        meaning="n: power of the slip speed in m/s that it grows with; 1 is viscous",
+    )
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""

@@ -12,12 +12,12 @@ from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
 from cc_mujoco.transmission import TERMS, Cable
 from diagnosis.recorded import BENCH, dataset
 
-IDS = """viscous_friction stribeck_friction presliding load_independent_friction
-asymmetric_friction tension_dependent_friction dwell_dependent_stiction
-configuration_dependent_wrap pretension_loss friction_drift backlash
-pulley_eccentricity motor_cogging cable_stiffening end_compliance joint_gravity
-joint_stiffness joint_inertia motor_inertia torque_sensor_gain torque_sensor_offset
-sensor_delay""".split()
+IDS = """viscous_friction grease_drag stribeck_friction presliding
+load_independent_friction asymmetric_friction tension_dependent_friction
+dwell_dependent_stiction configuration_dependent_wrap pretension_loss friction_drift
+backlash pulley_eccentricity motor_cogging cable_stiffening end_compliance
+joint_gravity joint_stiffness joint_inertia motor_inertia torque_sensor_gain
+torque_sensor_offset sensor_delay""".split()
 
 RECORDS, _ = prepare(dataset(duration=2.0), BENCH)
 PLANT = Plant(BENCH, RECORDS, 8)

@@ -21,6 +21,7 @@ EFFECTS = {
     "heating": {"friction_heating": "5", "cooling_time": "0.2"},
     "stiffening": {"stiffening": "0.05"},
     "stress_relaxation": {"stress_relaxation": "0.5", "relaxation_time": "0.1"},
+    "grease": {"grease_drag": "4", "grease_exponent": "0.4"},
     "seals": {"seal_proximal": "1", "seal_distal": "0.5"},
     "wrap near the joint": {"wrap_growth": "-8", "wrap_reach": "0.3"},
     "eccentric": {"eccentricity": "2e-3", "eccentricity_phase": "0.6"},

@@ -21,6 +21,10 @@ CABLES = {
         "critical_slip_distance": 10 ** r.uniform(-4, -2),
     },
     "viscous": lambda r: {"viscous_friction": 10 ** r.uniform(0, 4)},
+    "grease": lambda r: {
+        "grease_drag": 10 ** r.uniform(-1, 2),
+        "grease_exponent": r.uniform(0.2, 1.0),
+    },
     "stribeck": lambda r: {
         "stribeck_friction": r.uniform(0.01, 0.15),
         "stribeck_speed": 10 ** r.uniform(-3, -1),

@@ -7,6 +7,7 @@ TERMS_ON: dict[str, dict[str, float]] = {
     "static": {"static_friction": 0.4},
     "weakening": {"static_friction": 0.4, "critical_slip_distance": 2e-3},
     "viscous": {"viscous_friction": 30.0},
+    "grease": {"grease_drag": 5.0},
     "stribeck": {"stribeck_friction": 0.1, "critical_slip_distance": 1e-3},
     "load_independent": {"load_independent_friction": 2.0},
     "proximal seal": {"seal_proximal": 1.5},
@@ -47,5 +48,7 @@ TERMS_ON: dict[str, dict[str, float]] = {
         "stiffening": 0.01,
         "stress_relaxation": 0.2,
         "relaxation_time": 5.0,
+        "grease_drag": 2.0,
+        "grease_exponent": 0.3,
     },
 }

@@ -104,6 +104,78 @@ def test_end_spring_is_that_of_a_cable_whose_end_moves_less(seed, terms):
         assert np.mean(error) < 3e-4
 
 
+@pytest.mark.parametrize("exponent", [0.3, 0.7])
+@pytest.mark.parametrize("speed", [0.005, 0.5])
+def test_grease_in_steady_sliding(exponent, speed):
+    grease = {"grease_drag": 5.0, "grease_exponent": exponent, "segments": 20}
+    drag = 5.0 * speed**exponent
+    dt = 2e-4 / speed
+    low, high = sliding(BENT.replace(**grease), speed, dt)
+    # dT/dx = kappa T + g v^n from distal to proximal, kappa = mu / R.
+    kappa = 0.21 / 0.28
+    expected = (low + drag / kappa) * math.exp(kappa * 2.0) - drag / kappa
+    assert high == pytest.approx(expected, rel=1e-4)
+    low, high = sliding(STRAIGHT.replace(friction=0.0, **grease), speed, dt)
+    assert high - low == pytest.approx(drag * 2.0, abs=1e-5 * high)
+
+
+def crept(steps):
+    """Tension across one segment in grease, from a jump of both ends, over 0.2 s."""
+    cable = STRAIGHT.replace(
+        friction=0.0, segments=1, grease_drag=10.0, grease_exponent=0.5
+    )
+    conduit = Conduit(cable)
+    found = []
+    for _ in range(steps):
+        conduit.step(0.2 / steps, u_proximal=2e-3, u_distal=2e-3)
+        found.append(conduit.tension_distal - conduit.tension_proximal)
+    return np.array(found)
+
+
+def test_a_cable_creeps_through_grease_as_its_closed_form_to_first_order():
+    # Both half cables pull: 2 k x = g L sqrt(-dx/dt), so x = x_0 / (1 + a^2 x_0 t).
+    stiffness = 2.0 * 4000.0 / 1.0
+    a = stiffness / (10.0 * 2.0)
+    errors = []
+    for steps in (100, 200, 400):
+        time = 0.2 * np.arange(1, steps + 1) / steps
+        wanted = stiffness * 2e-3 / (1.0 + a**2 * 2e-3 * time)
+        errors.append(np.max(np.abs(crept(steps) - wanted)[steps // 10 :]))
+    assert errors[2] < 0.01 * stiffness * 2e-3
+    assert errors[1] < 0.6 * errors[0]
+    assert errors[2] < 0.6 * errors[1]
+
+
+@pytest.mark.parametrize("other", [{}, {"bristle_length": 1e-4}], ids=str)
+def test_grease_hardly_depends_on_the_time_step(other):
+    cable = BENT.replace(segments=20, grease_drag=8.0, grease_exponent=0.3, **other)
+    found = []
+    for samples in (501, 8001):
+        time = np.linspace(0.0, 2.0, samples)
+        motion = replay(
+            cable.replace(pretension=30.0),
+            2.0 / (samples - 1),
+            u_proximal=8e-3 * np.sin(3.0 * time),
+            u_distal=1e-2 * np.sin(4.4 * time),
+        )
+        found.append(motion.tension_distal[:: (samples - 1) // 500])
+    error = np.sqrt(np.mean((found[0] - found[1]) ** 2))
+    assert error < 1e-3 * found[1].max()
+
+
+def test_grease_of_exponent_one_is_viscous_bit_for_bit():
+    proximal, distal = ends(7)
+    found = [
+        replay(BENT.replace(**on), 1e-3, u_proximal=proximal, u_distal=distal)
+        for on in (
+            {"viscous_friction": 30.0},
+            {"grease_drag": 30.0, "grease_exponent": 1.0},
+        )
+    ]
+    assert np.array_equal(found[0].tension_distal, found[1].tension_distal)
+    assert np.array_equal(found[0].tension_proximal, found[1].tension_proximal)
+
+
 def pulled_to_and_fro(travel, samples=4000):
     """Both ends move alike, so that the mean tension of one segment stays."""
     legs = wander(np.random.default_rng(6), samples, travel, knots=20)

@@ -60,6 +60,10 @@ def _speed(s: Signals, _: int) -> FloatArray:
     return s.speed
 
 
+def _greased(power: float) -> Term:
+    return Term(_speed, (lambda s, _: s.direction * abs(s.speed) ** power,))
+
+
 def _stribeck(scale: float) -> Term:
     return Term(_speed, (lambda s, _: s.direction * np.exp(-abs(s.speed) / scale),))
 
@@ -104,6 +108,11 @@ def _every(
 
 FAMILIES = (
     Family("viscous_friction", BOTH, _plain(_speed)),
+    Family(
+        "grease_drag",
+        BOTH,
+        tuple(map(_greased, _scales("grease_drag", "grease_exponent"))),
+    ),
     Family(
         "stribeck_friction",
         BOTH,

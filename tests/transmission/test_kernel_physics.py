@@ -198,11 +198,9 @@ def test_a_term_that_is_off_changes_nothing(name):
     proximal, distal = wander(rng, 2000, 0.02), wander(rng, 2000, 0.02)
     plain = replay(BENT, 1e-3, u_proximal=proximal, u_distal=distal)
     shape = {
-        "critical_slip_distance": 3e-3,
-        "stribeck_speed": 0.2,
-        "stribeck_exponent": 2.0,
-        "ageing_time": 3.0,
-        "relaxation_time": 2.0,
+        p.name: 0.3 * p.default or 3e-3
+        for p in PARAMETERS
+        if p.term is None and p.name not in ("axial_stiffness", "pretension")
     }
     off = replay(BENT.replace(**shape), 1e-3, u_proximal=proximal, u_distal=distal)
     on = replay(

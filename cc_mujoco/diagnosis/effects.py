@@ -93,6 +93,8 @@ class Effect:
             depends on a scale that the data must tell.
         required_excitation: what a recording needs to show it.
         confounded_with: ids that it is easily confused with.
+        generalises: ids that are special cases of it; where one of them does as well,
+            this one is no rival.
         mujoco: how a scene has it.
         source: publication.
         cables: the cables with the effect, agonist first.
@@ -113,6 +115,7 @@ class Effect:
     cables: Callable[[tuple[Cable, ...], Values, Rig], tuple[Cable, ...]] | None = None
     torques: Callable[[Torques, Values], Torques] | None = None
     sensor: bool = False
+    generalises: tuple[str, ...] = ()
 
 
 def _on_both(*names: str, **fixed: float) -> Callable[..., tuple[Cable, ...]]:
@@ -263,7 +266,7 @@ EFFECTS: dict[str, Effect] = {
             where="conduit",
             parameters=(
                 EffectParameter("grease_drag", "N/m", 5.0, 0.0, 1e4),
-                EffectParameter("grease_exponent", "1", 0.5, 0.2, 0.9),
+                EffectParameter("grease_exponent", "1", 0.5, 0.3, 0.7),
             ),
             starts=({"grease_drag": 5.0, "grease_exponent": 0.5},),
             required_excitation="speeds over two decades",
@@ -275,6 +278,7 @@ EFFECTS: dict[str, Effect] = {
             mujoco=_PLUGIN,
             source="Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926",
             cables=_on_both("grease_drag", "grease_exponent"),
+            generalises=("viscous_friction", "load_independent_friction"),
         ),
         Effect(
             id="stribeck_friction",

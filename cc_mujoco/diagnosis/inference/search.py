@@ -265,6 +265,9 @@ def _decided(
     # Where the data do not tell, the one with fewer parameters comes first.
     rivals.sort(key=lambda rival: len(EFFECTS[rival.id].parameters))
     leader = rivals[0].id
+    wider = {c.id for c in rivals if leader in EFFECTS[c.id].generalises}
+    rivals = [rival for rival in rivals if rival.id not in wider]
+    sums = {name: own for name, own in sums.items() if name not in wider}
     names = tuple(rival.id for rival in rivals)
     return Round(tuple(candidates), leader, names, confidence(sums, leader))
 

@@ -61,6 +61,23 @@ def test_the_missing_effect_is_named_and_the_gap_closes(
     assert text["effects"][0]["id"] == name
 
 
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("viscous_friction", {"viscous_friction": 60.0}),
+        ("grease_drag", {"grease_drag": 15.0, "grease_exponent": 0.4}),
+    ],
+)
+def test_a_law_is_no_rival_of_its_special_case_and_is_named_where_that_fails(
+    name: str, values: dict[str, float]
+) -> None:
+    data = dataset({name: values}, 4.0, seed=3, changes=TUNED)
+    ids = ("viscous_friction", "grease_drag")
+    found = reason(data, BENCH, ids=ids).diagnosis
+    assert found.verdict == "named", found.statement
+    assert [effect.id for effect in found.effects] == [name]
+
+
 def test_an_effect_outside_the_library_is_unknown() -> None:
     data = dataset(changes=TUNED, seed=4, duration=4.0)
     trials = []

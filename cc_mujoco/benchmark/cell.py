@@ -121,11 +121,13 @@ def _play(cell: Cell, env: Any, record: bool) -> CellResult:
     measuring = Measuring(sensing, drive, cables, cell.seeds, plant.steps)
     slack = [f"slack_{name}_m" for name in cables]
     trace = Trace((*KEPT, *slack), plant.steps, plant.going)
-    about = describe(env, sensing, cell.seeds[0], _about(cell))
-    recorder = Recorder(cables, about)
+    recorder = None
+    if record:
+        about = describe(env, sensing, cell.seeds[0], _about(cell))
+        recorder = Recorder(cables, about)
 
     def observe(step: int, columns: Columns, _: object) -> None:
-        if record and plant.going[0]:
+        if recorder is not None and plant.going[0]:
             recorder.record({name: values[0] for name, values in columns.items()})
 
     measure, name = measuring.measure, cell.controller
@@ -147,7 +149,7 @@ def _play(cell: Cell, env: Any, record: bool) -> CellResult:
     return CellResult(
         {name: np.array(values) for name, values in found.items()},
         {name: rows[name][::10, 0] for name in TRACE},
-        recorder.log() if record else None,
+        None if recorder is None else recorder.log(),
     )
 
 

@@ -6,8 +6,8 @@ differences over steps that are large enough to cross many pieces.
 
     free = (Tuned("friction", "1", 0.1, 1.0, -5.0, 3.0, True),)
     found = fit(residual, jacobian, free, [0.0])
-    spread = np.sqrt(np.diag(covariance(jacobian(found.at))))
-    estimate(free[0], found.at[0], spread[0]).ci95
+    spread = np.sqrt(np.diag(covariance(jacobian(found.x))))
+    estimate(free[0], found.x[0], spread[0]).ci95
 """
 
 from __future__ import annotations

@@ -126,17 +126,9 @@ def _settle(
     for s in range(n):
         free[s] = 1.0 if drag[s] == 0.0 and viscosity[s] == 0.0 else 0.0
     lay_slack(
-        n,
-        free,
-        tension,
-        stiffness,
-        slack,
-        proximal_p,
-        proximal_q,
-        distal_p,
-        distal_q,
-        shift,
-    )
+        n, free, tension, stiffness, slack,
+        proximal_p, proximal_q, distal_p, distal_q, shift,
+    )  # fmt: skip
 
 
 @compiled

@@ -99,17 +99,9 @@ def preslide(
         for s in range(n):
             free[s] = 1.0 if own[s] == 0.0 else 0.0
         lay_slack(
-            n,
-            free,
-            tension,
-            stiffness,
-            slack,
-            proximal_p,
-            proximal_q,
-            distal_p,
-            distal_q,
-            shift,
-        )
+            n, free, tension, stiffness, slack,
+            proximal_p, proximal_q, distal_p, distal_q, shift,
+        )  # fmt: skip
         largest = 0.0
         for i in range(n + 1):
             largest = max(largest, abs(node[i]))

@@ -170,7 +170,9 @@ def torque(
 @compiled
 def _is_direct(cables: Cables, distal: bool, load: Load) -> bool:
     """Whether the load is nothing but the tension of one cable's end."""
-    if cables.n.size > 1 or load.stiffness > 0.0 or not np.isinf(load.high - load.low):
+    if cables.n.size > 1 or load.stiffness > 0.0:
+        return False
+    if not (np.isinf(load.low) and np.isinf(load.high)):
         return False
     prm = scalars(cables.prm[0])
     return distal or (prm[_E] == 0.0 and prm[_OVALITY] == 0.0)
@@ -209,11 +211,11 @@ def balance(
         Angle of this side [rad].
     """
     arm = cables.distal if distal else cables.proximal
-    wanted = load.torque
+    wanted, pull = load.torque, max(-load.torque / arm[0], 0.0)
     if cables.n.size == 1 and load.stiffness == 0.0:
-        wanted = -arm[0] * max(-wanted / arm[0], 0.0)
+        wanted = -arm[0] * pull
     if _is_direct(cables, distal, load):
-        prm, n, pull = cables.prm[0], cables.n[0], max(-wanted / arm[0], 0.0)
+        prm, n = cables.prm[0], cables.n[0]
         if distal:
             u_proximal, _ = proximal(cables, 0, fixed)
             kernel.step(

@@ -153,8 +153,8 @@ def settled(
         if proposed.description.startswith(motion.description)
     )
     time = np.arange(0.0, DT * (motion.motor.size - 1), 1e-3)
-    x = DT * np.arange(motion.motor.size)
-    motor, joint = np.interp(time, x, motion.motor), np.interp(time, x, motion.joint)
+    known = DT * np.arange(motion.motor.size)
+    motor, joint = (np.interp(time, known, s) for s in (motion.motor, motion.joint))
     kind = {"joint free": "free", "joint locked": "locked", "motor locked": "human"}
     trial = asked(
         motor, joint, kind[motion.description.split(",")[0]], motion.pretension

@@ -77,7 +77,7 @@ def test_a_policy_scores_as_in_its_environment_where_sensors_are_perfect(
 ) -> None:
     name = DEVICES[scene].environment
     env = gymnasium.make(name, trajectory=trajectory, task=task, duration=1.2)
-    most = env.observation_space.high  # type: ignore[attr-defined]
+    most = env.observation_space.high
     weights = np.array([0.3, -0.5, 0.2, -0.1, -4.0, 4.0, 0.1, -0.1])[: most.size]
     policy = Linear(env.observation_space, weights / most)
     errors = []
@@ -120,7 +120,7 @@ def test_a_seed_is_the_same_noise_in_any_company() -> None:
 
 def test_models_are_wrong_by_seed_and_without_error_right() -> None:
     env = gymnasium.make("cc_mujoco/WristHandle-v0", disable_env_checker=True)
-    drive = env.unwrapped.drive  # type: ignore[attr-defined]
+    drive = env.unwrapped.drive
     right = Mismatch(0.0, 0.0, 0.0).believed(drive, (3,))
     assert right.cable_drives == drive.cable_drives
     wrong = Mismatch().believed(drive, (3, 5))
@@ -224,7 +224,7 @@ def test_a_cell_whose_model_is_right_is_the_episode_that_is_recorded(law: str) -
     device = DEVICES[cell.scene]
     about = {"trajectory": cell.trajectory, "task": cell.task}
     env = gymnasium.make(device.environment, duration=cell.duration, **about)
-    drive = env.unwrapped.drive  # type: ignore[attr-defined]
+    drive = env.unwrapped.drive
     known = record(env, controller(law, drive), seed=3)
     assert found.columns.keys() == known.columns.keys()
     for name, column in known.columns.items():

@@ -66,6 +66,7 @@ def test_entries_are_complete(name: str) -> None:
     ):
         assert text
     assert set(effect.confounded_with) <= set(EFFECTS) - {name}
+    assert set(effect.generalises) <= set(effect.confounded_with)
     assert any(
         parameter.low <= 0.0 <= parameter.high for parameter in effect.parameters
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import Cable, Section, Transmission, replay
+from cc_mujoco.transmission import Cable, Section, Transmission, replay, stepper
 
 CABLE = Cable(friction=0.05, pretension=20.0, conduit=(Section(2.0, 0.28),))
 DRIVE = Transmission.pull_pull(CABLE, motor_radius=0.02, joint_radius=0.104)
@@ -198,3 +198,13 @@ def test_backlash_needs_both_angles():
         loose.replay(1e-3, motor_torque=np.zeros(3), joint_angle=np.zeros(3))
     with pytest.raises(CableError, match="0 or more"):
         dataclasses.replace(drive, backlash=-1.0)
+
+
+def test_a_single_stop_holds_the_side_that_one_cable_pulls():
+    cables = stepper.between((CABLE,), (-0.02,), (-0.1,))
+    state = stepper.at_rest(cables, 0.0, 0.0)
+    new, work = state.copy(), stepper.scratch(cables)
+    stop = stepper.FREE._replace(high=0.01)
+    found = stepper.balance(cables, state, True, 1.0, 0.0, stop, 1e-3, new, work)
+    assert found == stop.high
+    assert stepper.torque(cables, new, True, 1.0)[0] > 0.0

@@ -111,15 +111,20 @@ def _grown(length: float, growth: float) -> float:
 
 
 @compiled
-def drag(values: FloatArray, length: float, growth: float, j: int, n: int) -> float:
-    """B of segment j of n, of `length` [m] and with E = `growth` [N]."""
+def drag(
+    values: FloatArray, length: float, growth: float, j: int, guided: int
+) -> float:
+    """B of segment j, which rubs over `length` [m] and has E = `growth` [N].
+
+    The first `guided` segments are in a conduit, which may have a seal at either end.
+    """
     load_independent: float = values[_LOAD_INDEPENDENT]
     total = 0.0
     if load_independent != 0.0:
         total = load_independent * _grown(length, growth)
-    if j == 0:
+    if j == 0 and guided > 0:
         total += values[_SEAL_PROXIMAL]
-    if j == n - 1:
+    if j == guided - 1:
         total += values[_SEAL_DISTAL]
     return total
 

@@ -136,6 +136,7 @@ def march(
     n: int,
     tension: FloatArray,
     compliance: FloatArray,
+    half: FloatArray,
     growth: FloatArray,
     hold_distal: FloatArray,
     hold_proximal: FloatArray,
@@ -152,6 +153,7 @@ def march(
         n: number of segments.
         tension: node tensions before the step (n+1,) [N], negative where slack.
         compliance: of the nodes, 1/k (n+1,) [m/N].
+        half: compliance of half of every segment (n,) [m/N].
         growth: E of each segment (n,), see `friction.py`.
         hold_distal: ratio a segment holds against motion towards distal (n,).
         hold_proximal: ratio a segment holds against motion towards proximal (n,).
@@ -295,7 +297,7 @@ def march(
                 proximal_e[i] / proximal_c[i], 1.0 / proximal_c[i],
                 distal_e[j] / distal_c[j], 1.0 / distal_c[j],
                 1.0 if distal > 0.0 else -1.0,
-                tension[i], tension[j], growth[i], drag[i], 1.0 / compliance[0],
+                tension[i], tension[j], growth[i], drag[i], 1.0 / half[i],
             )  # fmt: skip
             # A neighbour that would slip against its front has the null point.
             beyond = 0

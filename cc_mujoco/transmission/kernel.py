@@ -86,19 +86,12 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
         n: number of segments.
         out: packed vector, `parameter_size(n)`.
     """
-    for i in range(at.SCALARS):
-        out[i] = values[i]
-    out[at.CHANGES] = 0.0
-    if out[_STIFFENING] < _LEAST_STIFFENING:
-        out[_STIFFENING] = 0.0
     total = 0.0
     for s in range(sections.shape[0]):
         total += sections[s, 0]
     step = total / n
-    out[at.LENGTH] = total
-    out[at.CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(values) else 0.0
-    out[at.STATE_DEPENDENT] = 1.0 if law.is_state_dependent(values) else 0.0
-    angles = segment_angles(out, n)
+    angles, contacts = segment_angles(out, n), at.contact_length(out, n)
+    lengths = at.node_length(out, n)
     for j in range(n):
         # Wrap angle of the segment: the curvature of the sections that it covers.
         begin, end = j * step, (j + 1) * step
@@ -109,13 +102,34 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
             if shared > 0.0:
                 angle += shared / sections[s, 1]
             start = stop
-        angles[j] = angle
-    _follow_angles(out, n)
-    stiffness, compliance = node_stiffness(out, n), at.node_compliance(out, n)
+        angles[j], contacts[j] = angle, step
     for i in range(n + 1):
         # The end nodes stand for half a segment.
-        share = 2.0 if i in (0, n) else 1.0
-        stiffness[i] = share * values[_EA] / step
+        lengths[i] = 0.5 * step if i in (0, n) else step
+    out[at.LENGTH], out[at.GUIDED] = total, n
+    pack_mesh(values, n, out)
+
+
+@compiled
+def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
+    """Prepare the parameters of a cable whose mesh stands in `out` already.
+
+    That is `segment_angles`, `node_length` and `contact_length` of `packing.py`, and
+    the entries `LENGTH`, the sum of the nodes, and `GUIDED`.
+    """
+    for i in range(at.SCALARS):
+        out[i] = values[i]
+    out[at.CHANGES] = out[at.LENGTHENS] = 0.0
+    if out[_STIFFENING] < _LEAST_STIFFENING:
+        out[_STIFFENING] = 0.0
+    out[at.CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(values) else 0.0
+    out[at.STATE_DEPENDENT] = 1.0 if law.is_state_dependent(values) else 0.0
+    _follow_angles(out, n)
+    stiffness, compliance = node_stiffness(out, n), at.node_compliance(out, n)
+    lengths = at.node_length(out, n)
+    at.lengthening(out, n)[:] = 0.0
+    for i in range(n + 1):
+        stiffness[i] = values[_EA] / lengths[i]
         if i == n and values[_END_COMPLIANCE] > 0.0:
             stiffness[i] = 1.0 / (1.0 / stiffness[i] + values[_END_COMPLIANCE])
         compliance[i] = 1.0 / stiffness[i]
@@ -126,14 +140,17 @@ def _follow_angles(prm: FloatArray, n: int) -> None:
     """Pack what depends on the wrap angles of the segments."""
     values = at.scalars(prm)
     hold = law.holding_coefficient(values)
-    length = prm[at.LENGTH] / n
+    guided = int(prm[at.GUIDED])
+    length = at.contact_length(prm, n)
     angle, drag = segment_angles(prm, n), at.constant_drag(prm, n)
     growth, holding = at.constant_growth(prm, n), at.constant_hold(prm, n)
+    half = at.half_compliance(prm, n)
     for j in range(n):
         growth[j] = holding[j] = law.ratio(values[_FRICTION], angle[j])
         if hold != values[_FRICTION]:
             holding[j] = law.ratio(hold, angle[j])
-        drag[j] = law.drag(values, length, growth[j], j, n)
+        drag[j] = law.drag(values, length[j], growth[j], j, guided)
+        half[j] = 1.0 / (values[_EA] / (0.5 * length[j])) if length[j] > 0.0 else 0.0
 
 
 @compiled
@@ -153,6 +170,16 @@ def expect_change(prm: FloatArray) -> None:
     Tensions may then lie beyond what friction holds, so slip may begin anywhere.
     """
     prm[at.CHANGES] = 1.0
+
+
+@compiled
+def expect_lengthening(prm: FloatArray) -> None:
+    """Have every step of a packed cable take up what its path gained in length before.
+
+    That is `packing.lengthening` [m] at every node, for that step alone. Call
+    `expect_change` too.
+    """
+    prm[at.LENGTHENS] = 1.0
 
 
 @compiled
@@ -188,9 +215,7 @@ def _rest_stretch(prm: FloatArray, tension: float) -> float:
 @compiled
 def _piece(prm: FloatArray, n: int, i: int) -> tuple[float, float, float, float]:
     """Node i for `elasticity.py`: length, stiffness EA, stiffening, end spring."""
-    length = prm[at.LENGTH] / n
-    if i in (0, n):
-        length *= 0.5
+    length = at.node_length(prm, n)[i]
     spring = prm[_END_COMPLIANCE] if i == n else 0.0
     return length, prm[_EA], prm[_STIFFENING], spring
 
@@ -317,7 +342,7 @@ def step(
     by_position = proximal_kind == POSITION and distal_kind == POSITION
     proximal_moved, distal_moved = proximal_value - state[0], distal_value - state[1]
     still = by_position and proximal_moved == 0.0 and distal_moved == 0.0
-    changes = prm[at.CHANGES] != 0.0
+    changes, lengthens = prm[at.CHANGES] != 0.0, prm[at.LENGTHENS] != 0.0
     if is_constant_coulomb and still and not changes:
         _rest(n, new_state)
         return OK
@@ -327,6 +352,8 @@ def step(
     tension = at.tensions(state, n)
     if prm[_STRESS_RELAXATION] > 0.0:
         tension = _relax_stress(prm, n, state, dt, new_state, work)
+    if lengthens:
+        tension = _lengthen(prm, n, tension, new_state, work)
     node = at.tensions(new_state, n)
     shift = _row(work, n, _SHIFT)
     greased = prm[_GREASE] > 0.0
@@ -348,11 +375,11 @@ def step(
     if quick and changes:
         # The fronts presume that friction holds the tensions before the step.
         quick = _held(n, tension, hold_distal, hold_proximal, drag)
-        if quick and still:
+        if quick and still and not lengthens:
             _rest(n, new_state)
             return OK
     if quick:
-        stretch = state[3] + distal_moved - proximal_moved
+        stretch = new_state[3] + distal_moved - proximal_moved
         dragged = prm[_LOAD_INDEPENDENT] + prm[_SEALS[0]] + prm[_SEALS[1]] > 0.0
         if stretch <= 0.0 and not dragged:
             lay(
@@ -363,8 +390,9 @@ def step(
             solved = True
         else:
             solved = march(
-                n, tension, compliance, growth, hold_distal, hold_proximal, drag,
-                proximal_moved, distal_moved, shift, node, work,
+                n, tension, compliance, at.half_compliance(prm, n), growth,
+                hold_distal, hold_proximal, drag, proximal_moved, distal_moved, shift,
+                node, work,
             )  # fmt: skip
             solved = solved and node[0] >= 0.0 and node[n] >= 0.0
     if not solved:
@@ -458,6 +486,19 @@ def _relax_stress(
     lost = _elastic_energy(prm, n, old) - _elastic_energy(prm, n, tension)
     new_state[2] += max(lost, 0.0)
     new_state[3] -= grown
+    return tension
+
+
+@compiled
+def _lengthen(
+    prm: FloatArray, n: int, old: FloatArray, new_state: FloatArray, work: FloatArray
+) -> FloatArray:
+    """Stretch every node by what its path gained; return the tension of the nodes."""
+    start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n
+    tension, gained = work[start : start + n + 1], at.lengthening(prm, n)
+    for i in range(n + 1):
+        tension[i] = _pulled(prm, n, i, old[i], gained[i])
+        new_state[3] += gained[i]
     return tension
 
 
@@ -556,7 +597,7 @@ def _sheared(
     """
     values = at.scalars(prm)
     shift, guess = _row(work, n, _SHIFT), _row(work, n, _SPEED)
-    length, largest = prm[at.LENGTH] / n, 0.0
+    length, largest = at.contact_length(prm, n), 0.0
     for i in range(n + 1):
         largest = max(largest, node[i])
     error = 0.0
@@ -564,7 +605,7 @@ def _sheared(
         speed = abs(shift[j]) / dt
         taken = law.grease_viscosity(values, guess[j])
         right = law.grease_viscosity(values, speed)
-        error += abs(right - taken) * speed * length
+        error += abs(right - taken) * speed * length[j]
         guess[j] = law.next_guess(values, guess[j], speed)
     return error <= _CURVED * largest
 
@@ -648,7 +689,7 @@ def _coefficients(
     is_constant_coulomb = prm[at.CONSTANT_COULOMB] != 0.0
     is_state_dependent = prm[at.STATE_DEPENDENT] != 0.0
     asymmetry = values[_ASYMMETRY]
-    length = prm[at.LENGTH] / n
+    guided, length = int(prm[at.GUIDED]), at.contact_length(prm, n)
     growth, growth_proximal = _row(work, n, _GROWTH), _row(work, n, _GROWTH_PROXIMAL)
     hold_distal, hold_proximal = (
         _row(work, n, _HOLD_DISTAL),
@@ -689,9 +730,9 @@ def _coefficients(
                 coefficient = factor * (coefficient + extra)
                 distal_hold = proximal_hold = law.ratio(holding, angle)
             growth[j] = growth_proximal[j] = law.ratio(coefficient, angle)
-            drag[j] = law.drag(values, length, growth[j], j, n)
+            drag[j] = law.drag(values, length[j], growth[j], j, guided)
             viscosity[j] = law.viscosity(
-                values, length, growth[j], _row(work, n, _SPEED)[j], dt
+                values, length[j], growth[j], _row(work, n, _SPEED)[j], dt
             )
             if asymmetry != 0.0:
                 distal, proximal = 1.0 - asymmetry, 1.0 + asymmetry

@@ -30,9 +30,12 @@ from cc_mujoco.transmission.parameters import PARAMETERS
 
 SCALARS = len(PARAMETERS)
 """Numbers that a packed cable begins with, in the order of `PARAMETERS`."""
-CHANGES, STATE_DEPENDENT, CONSTANT_COULOMB, LENGTH = range(SCALARS, SCALARS + 4)
-"""Behind them: whether bends may change, the two questions of `friction.py`, length."""
-_ROWS = SCALARS + 4
+CHANGES, STATE_DEPENDENT, CONSTANT_COULOMB, LENGTH, GUIDED, LENGTHENS = range(
+    SCALARS, SCALARS + 6
+)
+"""Behind them: whether bends may change, the two questions of `friction.py`, length,
+number of segments inside a conduit, whether the path itself may lengthen."""
+_ROWS = SCALARS + 6
 
 STATE_HEADER = 7
 """Numbers before the tensions."""
@@ -49,7 +52,7 @@ def state_size(n: int) -> int:
 @compiled
 def parameter_size(n: int) -> int:
     """Length of the packed parameter vector of a cable of n segments."""
-    return _ROWS + 6 * n + 2
+    return _ROWS + 10 * n + 4
 
 
 @compiled
@@ -92,6 +95,30 @@ def node_compliance(prm: FloatArray, n: int) -> FloatArray:
 def node_stiffness(prm: FloatArray, n: int) -> FloatArray:
     """Stiffness of every node (n + 1,) [N/m]."""
     return prm[_ROWS + 5 * n + 1 : _ROWS + 6 * n + 2]
+
+
+@compiled
+def node_length(prm: FloatArray, n: int) -> FloatArray:
+    """Length of cable that every node stands for (n + 1,) [m]."""
+    return prm[_ROWS + 6 * n + 2 : _ROWS + 7 * n + 3]
+
+
+@compiled
+def contact_length(prm: FloatArray, n: int) -> FloatArray:
+    """Length over which every segment rubs (n,) [m]."""
+    return prm[_ROWS + 7 * n + 3 : _ROWS + 8 * n + 3]
+
+
+@compiled
+def lengthening(prm: FloatArray, n: int) -> FloatArray:
+    """What the path at every node gains in length in the next step (n + 1,) [m]."""
+    return prm[_ROWS + 8 * n + 3 : _ROWS + 9 * n + 4]
+
+
+@compiled
+def half_compliance(prm: FloatArray, n: int) -> FloatArray:
+    """Compliance of half of what every segment rubs over (n,) [m/N]."""
+    return prm[_ROWS + 9 * n + 4 : _ROWS + 10 * n + 4]
 
 
 @compiled

@@ -15,6 +15,10 @@ ROWS_OF_PARAMETERS = (
     packing.constant_drag,
     packing.node_compliance,
     packing.node_stiffness,
+    packing.node_length,
+    packing.contact_length,
+    packing.lengthening,
+    packing.half_compliance,
 )
 ROWS_OF_STATE = (
     packing.tensions,
@@ -35,6 +39,8 @@ def test_parameters_fill_their_vector_once(n: int) -> None:
             packing.STATE_DEPENDENT,
             packing.CONSTANT_COULOMB,
             packing.LENGTH,
+            packing.GUIDED,
+            packing.LENGTHENS,
         ]
     ]
     rows = [packing.scalars(prm), flags, *(row(prm, n) for row in ROWS_OF_PARAMETERS)]

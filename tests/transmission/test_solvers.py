@@ -25,8 +25,8 @@ def chain(rng, n, drag):
 def by_march(n, tension, stiffness, growth, drag, proximal, distal):
     shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(10 * (n + 1))
     ok = march(
-        n, tension, 1.0 / stiffness, growth, growth, growth, drag, proximal, distal,
-        shift, node, work,
+        n, tension, 1.0 / stiffness, np.full(n, 1.0 / stiffness[0]), growth, growth,
+        growth, drag, proximal, distal, shift, node, work,
     )  # fmt: skip
     return ok, shift, node
 

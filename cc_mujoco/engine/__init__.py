@@ -17,6 +17,7 @@ from cc_mujoco.engine.reading import (
     route_tendon,
     route_wrap,
     segment_wrap,
+    stored,
 )
 from cc_mujoco.engine.start import StepLimits, settle, step_limits
 
@@ -39,5 +40,6 @@ __all__ = [
     "segment_wrap",
     "settle",
     "step_limits",
+    "stored",
     "to_mjcf",
 ]

@@ -5,23 +5,35 @@ It is made when MuJoCo initialises a simulation and freed with it.
 
 from __future__ import annotations
 
-from cc_mujoco.engine import config, ends, fields
-from cc_mujoco.engine.memory import internal, load_real, load_word
+import numpy as np
+import numpy.typing as npt
+
+from cc_mujoco.engine import config, ends, fields, pieces
+from cc_mujoco.engine.memory import floats, internal, load_real, load_word
 from cc_mujoco.transmission import eccentric, kernel
 
 # Byte offsets in the memory block of an instance; after the header follow the packed
 # parameters, scratch, the state before and after the last evaluation, a copy of the
-# configuration text, and the bends of the route: now, and at the last four evaluations
-# under RK4.
+# configuration text, what is known of the path: now, at the last four evaluations under
+# RK4, and in the pose `qpos0`; and the forces of an open cable's pieces.
 SEGMENTS = 0
 PROXIMAL = 8
 DISTAL = 16
-TEXT_SIZE = 24
-KNOWN = 32
-ROUTE = 40  # the tendon that bends the conduit, or -1
-INPUTS = 48  # u_proximal, u_distal, dt
-CHECKED = 72  # the time step of the model when it was last held against the limits
-STAGES = 80  # u_proximal, u_distal, dt, time of the last four evaluations under RK4
+TIED = 24  # for each end, whether it is tied to a site of an open cable's tendon
+TEXT_SIZE = 40
+KNOWN = 48
+ROUTE = 56  # the tendon that bends or leads the cable, or -1
+FOLLOWS = 64  # whether it bends the conduit
+GUIDED = 72  # number of segments in the conduit
+MOUTH = 80  # place of the conduit's mouth in the path of that tendon, 0: none
+REFERRED = 88  # whether the path in the pose `qpos0` is known
+FRESH = 96  # whether `qfrc_passive` has been evaluated since the cable pulled
+SHAPE = 104  # bytes of what is known of the path at one position
+INPUTS = 112  # u_proximal, u_distal, dt
+CHECKED = 136  # the time step of the model when it was last held against the limits
+INSTANCE = 144
+SCRATCH = 152  # a force, and no torque
+STAGES = 200  # u_proximal, u_distal, dt, time of the last four evaluations under RK4
 STAGE = 32
 HEADER = STAGES + 4 * STAGE
 TEXT_CAPACITY = 4096
@@ -57,16 +69,45 @@ def text_at(block: int, n: int) -> int:
     return new_at(block, n) + 8 * kernel.state_size(n)
 
 
+REFERENCE = 5
+
+
 @internal
-def bends_at(block: int, n: int, stage: int) -> int:
-    """Address of the wrap angles of the route: 0 is now, 1 to 4 the stages of RK4."""
-    return text_at(block, n) + TEXT_CAPACITY + 8 * n * stage
+def shape_at(block: int, n: int, stage: int) -> int:
+    """Address of a path: 0 is now, 1 to 4 the stages of RK4, `REFERENCE` in `qpos0`.
+
+    A path is the wrap angles of the segments and, of an open cable, what
+    `pieces.survey` finds.
+    """
+    return text_at(block, n) + TEXT_CAPACITY + load_word(block + SHAPE) * stage
+
+
+@internal
+def pulls_at(block: int, n: int) -> int:
+    """Address of the forces that an open cable added to `qfrc_passive` last."""
+    return shape_at(block, n, REFERENCE + 1)
+
+
+@internal
+def opens(block: int) -> bool:
+    """Whether the cable leaves its conduit or has none."""
+    return load_word(block + GUIDED) < load_word(block + SEGMENTS)
 
 
 @internal
 def displacement(data: int, block: int, end: int) -> float:
     """Displacement of an end at the last evaluated position [m]."""
+    if load_word(block + TIED + end - PROXIMAL) != 0:
+        return 0.0
     return fields.real(data, fields.LENGTH, load_word(block + end))
+
+
+@internal
+def rest_displacement(model: int, block: int, end: int) -> float:
+    """Displacement of an end in the pose `qpos0` [m]."""
+    if load_word(block + TIED + end - PROXIMAL) != 0:
+        return 0.0
+    return fields.real(model, fields.LENGTH0, load_word(block + end))
 
 
 @internal
@@ -91,3 +132,9 @@ def wound(model: int, block: int, length: float) -> tuple[float, float]:
 def committed_time(state: int, n: int) -> int:
     """Address of the time of the committed configuration."""
     return state + 8 * kernel.state_size(n)
+
+
+@internal
+def memory(state: int, n: int) -> npt.NDArray[np.float64]:
+    """What a committed state of an open cable remembers of its path."""
+    return floats(committed_time(state, n) + 8, pieces.memory_size(n))

@@ -14,7 +14,11 @@ state nor force.
 
 A conduit that follows its route takes its bends, at every evaluation, from the path of
 the tendon at that position; like the displacements of the ends they are an input of the
-evaluation and no state.
+evaluation and no state. So does the open part of a cable, with the lengths of its
+pieces; as friction depends on what these gain from step to step, those of the committed
+configuration are in `plugin_state`. Its pieces pull by `qfrc_passive`: MuJoCo evaluates
+that before the actuators, so `compute` adds to it when it is asked for the actuator,
+once for each time that it was evaluated.
 
 Under RK4 the four stages are evaluated from the committed state too. The first stage is
 at the configuration where the step begins, one time step after the committed one; the
@@ -28,27 +32,43 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
+from mujoco.introspect.enums import ENUMS
 from numba import cfunc
 
-from cc_mujoco.engine import config, ends, fields, path, steps
+from cc_mujoco.engine import config, ends, fields, path, pieces, steps
 from cc_mujoco.engine.block import (
     CHECKED,
     DISTAL,
+    FOLLOWS,
+    FRESH,
+    GUIDED,
     INPUTS,
+    INSTANCE,
     KNOWN,
+    MOUTH,
     PROXIMAL,
+    REFERENCE,
+    REFERRED,
     ROUTE,
+    SCRATCH,
     SEGMENTS,
+    SHAPE,
     STAGE,
     STAGES,
     TEXT_CAPACITY,
     TEXT_SIZE,
-    bends_at,
+    TIED,
     committed_time,
     displacement,
+    memory,
     new_at,
     old_at,
+    opens,
     parameters_at,
+    pulls_at,
+    rest_displacement,
+    shape_at,
     text_at,
     work_at,
     wound,
@@ -56,10 +76,15 @@ from cc_mujoco.engine.block import (
 from cc_mujoco.engine.config import PLUGIN, constant
 from cc_mujoco.engine.memory import (
     CAPACITY,
+    Bytes,
     allocate,
     append,
+    append_integer,
+    append_millimetres,
     clear,
     copy,
+    evaluate_bodies,
+    evaluate_tendons,
     export,
     floats,
     internal,
@@ -74,14 +99,28 @@ from cc_mujoco.engine.memory import (
     types,
     warn,
 )
-from cc_mujoco.transmission import kernel
+from cc_mujoco.transmission import kernel, packing
 from cc_mujoco.transmission.parameters import MAX_SECTIONS
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+_NO_SPRING = int(mujoco.mjtDisableBit.mjDSBL_SPRING)
+_NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
+_PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
+
+_ARC = 4
+"""Segments that the arc around a geom gets on a mixed path, if there are enough."""
+_NEAR = 0.02
+"""Part by which the length of `conduit` may differ from that of the path it is."""
 
 _START = constant(f"plugin `{PLUGIN}`, instance ")
 _START_END = constant(": ")
+_FEW = constant("key `segments` is too small: its path needs at least ")
+_LENGTH = constant("key `conduit` has the wrong length: the path of its tendon is ")
+_LENGTH_END = constant(" long in the pose `qpos0`")
+_NO_PASSIVE = constant(
+    "an open path pulls by passive forces; enable `spring` or `damper` in <flag>"
+)
 
 
 # The large functions are compiled once each and called by name; as Numba functions they
@@ -89,12 +128,21 @@ _START_END = constant(": ")
 _REFUSED = types.int32(types.intp, types.int32)
 _PACK = types.int32(types.intp, types.intp, types.int32)
 _ADVANCE = types.int32(types.intp, types.float64, types.float64, types.float64)
-_BEND = types.void(types.intp, types.intp, types.int32, types.int32, types.intp)
-_LAY = types.void(types.intp, types.intp)
+_FOLLOW = types.void(types.intp, types.intp, types.intp, types.intp)
+_LAY = types.void(types.intp, types.intp, types.intp)
 _refused = types.ExternalFunction("cc_mujoco_refused", _REFUSED)
 _pack = types.ExternalFunction("cc_mujoco_pack", _PACK)
 _advance = types.ExternalFunction("cc_mujoco_advance", _ADVANCE)
-_bend = types.ExternalFunction("cc_mujoco_bend", _BEND)
+_REFER = types.void(types.intp, types.intp, types.intp)
+_refer = types.ExternalFunction("cc_mujoco_refer", _REFER)
+_follow = types.ExternalFunction("cc_mujoco_follow", _FOLLOW)
+_PULL = types.void(types.intp, types.intp, types.intp)
+_pull = types.ExternalFunction("cc_mujoco_pull", _PULL)
+_TURN = types.float64(types.intp, types.intp, types.int32)
+_WRAP = types.void(types.intp, types.intp, types.int32, types.intp)
+_limits = types.ExternalFunction("cc_mujoco_limits", _WRAP)
+_SURVEY = types.void(types.intp, types.intp, types.intp, types.intp, types.intp)
+_survey = types.ExternalFunction("cc_mujoco_survey", _SURVEY)
 _lay = types.ExternalFunction("cc_mujoco_lay", _LAY)
 _CHECK = types.void(types.intp, types.intp, types.int32)
 _check = types.ExternalFunction("cc_mujoco_check", _CHECK)
@@ -122,25 +170,90 @@ def _up_to_date(block: int, model: int, instance: int) -> bool:
 
 
 @internal
-def _follow(block: int, model: int, data: int) -> None:
-    """Bend a conduit that follows its route as that is at the last position."""
-    tendon = load_word(block + ROUTE)
-    if tendon >= 0:
-        n = load_word(block + SEGMENTS)
-        now = bends_at(block, n, 0)
-        _bend(model, data, tendon, n, now)
-        _lay(block, now)
-
-
-@internal
 def _bent_as_last(block: int) -> bool:
-    """Whether the route bends now as it did at the last stage of RK4."""
+    """Whether the path is now what it was at the last stage of RK4."""
     n = load_word(block + SEGMENTS)
-    now, last = bends_at(block, n, 0), bends_at(block, n, 4)
-    for i in range(0, 8 * n if load_word(block + ROUTE) >= 0 else 0, 8):
+    now, last = shape_at(block, n, 0), shape_at(block, n, 4)
+    for i in range(0, load_word(block + SHAPE), 8):
         if load_word(now + i) != load_word(last + i):
             return False
     return True
+
+
+@internal
+def _equal(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> bool:
+    """Whether two arrays hold the same numbers."""
+    for i in range(a.size):
+        if a[i] != b[i]:
+            return False
+    return True
+
+
+@internal
+def _exchange_mocap(
+    model: int, data: int, held: npt.NDArray[np.float64], back: bool
+) -> None:
+    """Put mocap bodies where they are at the start, or back from `held`."""
+    for body in range(fields.bodies(model)):
+        place = fields.integer(model, fields.BODY_MOCAP, body)
+        if place < 0:
+            continue
+        position = floats(load_word(data + fields.MOCAP_POS) + 24 * place, 3)
+        turn = floats(load_word(data + fields.MOCAP_QUAT) + 32 * place, 4)
+        if back:
+            position[:] = held[body, :3]
+            turn[:] = held[body, 3:]
+            continue
+        held[body, :3] = position
+        held[body, 3:] = turn
+        position[:] = floats(load_word(model + fields.BODY_POS) + 24 * body, 3)
+        turn[:] = floats(load_word(model + fields.BODY_QUAT) + 32 * body, 4)
+
+
+@internal
+def _open_refused(
+    message: Bytes, start: int, model: int, instance: int, tendon: int
+) -> tuple[int, int]:
+    """Why a cable cannot lie open along a tendon.
+
+    Returns:
+        The key that cannot be used or `VALID`, and the length of the message, in which
+        is what `config.explain` cannot tell.
+    """
+    if path.branches(model, tendon):
+        return config.PATH, start
+    attributes = fields.attributes(model, instance)
+    mouth = 0
+    if config.mixed(attributes):
+        name = config.value(attributes, config.MOUTH)
+        mouth = ends.find_mouth(model, instance, tendon, name)
+        if mouth < 0:
+            return config.MOUTH, start
+    least = pieces.needed(model, tendon, mouth) + (1 if mouth > 0 else 0)
+    if config.segments(attributes) < max(least, 1):
+        used = append(message, start, _FEW)
+        return config.VALID, append_integer(message, used, max(least, 1))
+    if mouth == 0:
+        length = config.length(attributes)
+        true = fields.real(model, fields.TENDON_LENGTH0, tendon)
+        if abs(length - true) > _NEAR * true:
+            used = append(message, start, _LENGTH)
+            used = append_millimetres(message, used, true)
+            return config.VALID, append(message, used, _LENGTH_END)
+    if fields.disabled(model, _NO_SPRING) and fields.disabled(model, _NO_DAMPER):
+        return config.VALID, append(message, start, _NO_PASSIVE)
+    return config.VALID, start
+
+
+@internal
+def _follow_all(model: int, data: int, instance: int) -> None:
+    """Lead all open cables along their paths, so that their meshes are known."""
+    for other in range(fields.plugins(model)):
+        kind = fields.integer(model, fields.PLUGIN, other)
+        if kind == fields.integer(model, fields.PLUGIN, instance):
+            block = fields.block(data, other)
+            if block != 0 and opens(block):
+                _follow(block, model, data, fields.state(model, data, other))
 
 
 @internal
@@ -217,6 +330,8 @@ def _begin(
     store_real(
         committed_time(state, n), before if fields.integrator(model) == _RK4 else 0.0
     )
+    if opens(block):
+        memory(state, n)[:] = 0.0
 
 
 def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
@@ -255,11 +370,15 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                     key = config.ROUTE
                 elif config.moves(attributes) and path.branches(model, tendon):
                     key = config.BEND
+                elif config.opens(attributes):
+                    key, used = _open_refused(message, start, model, instance, tendon)
             if key != config.VALID:
                 used = config.explain(message, start, attributes, key)
         if used > start:
             warn(message, used)
         return used > start
+
+    export("cc_mujoco_refused", refused.address)
 
     @cfunc(_PACK, **options)
     def pack(block: int, model: int, instance: int) -> int:
@@ -280,19 +399,38 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             return 0
         prm = floats(parameters_at(block), kernel.parameter_size(n))
         kernel.pack(values, sections[:count], n, prm)
-        tendon = -1
-        if config.moves(attributes):
+        tendon, mouth, guided = -1, 0, n
+        follows, free = config.moves(attributes), config.opens(attributes)
+        if follows or free:
             route = config.value(attributes, config.ROUTE)
             tendon = ends.find_route(model, instance, route)
             if tendon < 0 or path.branches(model, tendon):
                 return 0
             kernel.expect_change(prm)
+        if free:
+            kernel.expect_lengthening(prm)
+            guided = 0
+            if config.mixed(attributes):
+                name = config.value(attributes, config.MOUTH)
+                mouth = ends.find_mouth(model, instance, tendon, name)
+                if mouth < 0:
+                    return 0
+                guided = n - pieces.wanted(model, tendon, mouth, _ARC)
+                guided = max(guided, 1)
+            if n - guided < pieces.needed(model, tendon, mouth):
+                return 0
         store_word(block + ROUTE, tendon)
+        store_word(block + FOLLOWS, 1 if follows and guided > 0 else 0)
+        store_word(block + MOUTH, mouth)
+        store_word(block + GUIDED, guided)
+        store_word(block + REFERRED, 0)
         size = config.block_size(attributes)
         if size <= TEXT_CAPACITY:
             copy(attributes, text_at(block, n), size)
             store_word(block + TEXT_SIZE, size)
         return 1
+
+    export("cc_mujoco_pack", pack.address)
 
     @cfunc(_ADVANCE, **options)
     def step(block: int, u_proximal: float, u_distal: float, dt: float) -> int:
@@ -311,37 +449,228 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             floats(work_at(block, n), kernel.work_size(n)),
         )
 
-    @cfunc(_BEND, **options)
-    def bend(model: int, data: int, tendon: int, n: int, angles: int) -> None:
-        """Wrap angles of n segments along a tendon, to an address."""
+    export("cc_mujoco_advance", step.address)
+
+    @cfunc(_SURVEY, **options)
+    def survey(block: int, model: int, data: int, state: int, shape: int) -> None:
+        """Measure the open path at the last position, as seen from a state.
+
+        `state` is 0 where the path is that of `qpos0` itself, which is not known yet.
+        """
         _ = stamp
-        path.bend(model, data, tendon, floats(angles, n))
+        n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
+        tendon, size = load_word(block + ROUTE), pieces.shape_size(n)
+        seen = floats(shape, size)
+        reference = floats(shape_at(block, n, REFERENCE), size)
+        before = np.zeros(pieces.memory_size(n))
+        if state != 0:
+            before[:] = memory(state, n)
+        points, reach = pieces.survey(
+            model, data, tendon, load_word(block + MOUTH), guided, n, before, reference,
+            seen,
+        )  # fmt: skip
+        if state == 0:
+            return
+        pieces.angles(seen, n)[:guided] = pieces.angles(reference, n)[:guided]
+        pieces.contacts(seen, n)[:guided] = pieces.contacts(reference, n)[:guided]
+        if load_word(block + FOLLOWS) == 1:
+            length = fields.real(data, fields.TEN_LENGTH, tendon) - reach
+            path.bend(model, data, tendon, points, length, floats(shape, guided))
+
+    export("cc_mujoco_survey", survey.address)
+
+    @cfunc(_REFER, **options)
+    def refer(block: int, model: int, data: int) -> None:
+        """Measure the open path in the pose `qpos0` and make its mesh."""
+        _ = stamp
+        n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
+        nq = fields.positions(model)
+        present, rest = (
+            load_word(data + fields.POSITION),
+            load_word(model + fields.REST),
+        )
+        kept = floats(present, nq).copy()
+        floats(present, nq)[:] = floats(rest, nq)
+        held = np.empty((fields.bodies(model), 7))
+        _exchange_mocap(model, data, held, False)
+        evaluate_bodies(model, data)
+        evaluate_tendons(model, data)
+        size = pieces.shape_size(n)
+        reference = floats(shape_at(block, n, REFERENCE), size)
+        reference[:] = 0.0
+        _survey(block, model, data, 0, shape_at(block, n, REFERENCE))
+        floats(present, nq)[:] = kept
+        _exchange_mocap(model, data, held, True)
+        evaluate_bodies(model, data)
+        evaluate_tendons(model, data)
+
+        values = np.empty(config.SCALARS)
+        sections = np.empty((MAX_SECTIONS, 2))
+        attributes = fields.attributes(model, load_word(block + INSTANCE))
+        _, count = config.read(attributes, values, sections)
+        prm = floats(parameters_at(block), kernel.parameter_size(n))
+        angles, contacts = kernel.segment_angles(prm, n), packing.contact_length(prm, n)
+        lengths = packing.node_length(prm, n)
+        lengths[:] = 0.0
+        if guided > 0:
+            inside = np.empty(kernel.parameter_size(guided))
+            kernel.pack(values, sections[:count], guided, inside)
+            pieces.angles(reference, n)[:guided] = kernel.segment_angles(inside, guided)
+            pieces.contacts(reference, n)[:guided] = packing.contact_length(
+                inside, guided
+            )
+            lengths[: guided + 1] = packing.node_length(inside, guided)
+        outside = pieces.lengths(reference, n)
+        for i in range(guided + 1 if guided > 0 else 0, n + 1):
+            lengths[i] = max(outside[i], pieces.SHORTEST)
+        angles[:] = pieces.angles(reference, n)
+        contacts[:] = pieces.contacts(reference, n)
+        prm[packing.LENGTH] = lengths.sum()
+        prm[packing.GUIDED] = guided
+        kernel.pack_mesh(values, n, prm)
+        kernel.expect_change(prm)
+        kernel.expect_lengthening(prm)
+        store_word(block + KNOWN, 0)
+        store_word(block + REFERRED, 1)
+
+    export("cc_mujoco_refer", refer.address)
 
     @cfunc(_LAY, **options)
-    def lay(block: int, angles: int) -> None:
-        """Give the packed segments the wrap angles at an address."""
+    def lay(block: int, shape: int, state: int) -> None:
+        """Give the packed segments the path at an address, as seen from a state."""
         _ = stamp
         n = load_word(block + SEGMENTS)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
-        wanted, present = floats(angles, n), kernel.segment_angles(prm, n)
-        for j in range(n):
-            if wanted[j] != present[j]:
-                kernel.rebend(prm, n, wanted)
+        wanted, present = floats(shape, n), kernel.segment_angles(prm, n)
+        differs = not _equal(wanted, present)
+        if opens(block):
+            size = pieces.shape_size(n)
+            path_now = floats(shape, size)
+            reference = floats(shape_at(block, n, REFERENCE), size)
+            gained, contacts = np.empty(n + 1), packing.contact_length(prm, n)
+            pieces.lengthen(path_now, reference, memory(state, n), n, gained)
+            if not _equal(gained, packing.lengthening(prm, n)):
+                packing.lengthening(prm, n)[:] = gained
                 store_word(block + KNOWN, 0)
-                break
+            if not _equal(pieces.contacts(path_now, n), contacts):
+                contacts[:] = pieces.contacts(path_now, n)
+                differs = True
+        if differs:
+            kernel.rebend(prm, n, wanted)
+            store_word(block + KNOWN, 0)
 
-    @cfunc(types.void(types.intp, types.intp, types.int32, types.intp), **options)
+    export("cc_mujoco_lay", lay.address)
+
+    @cfunc(_FOLLOW, **options)
+    def follow(block: int, model: int, data: int, state: int) -> None:
+        """Lead the cable along its path at the last position, from a state."""
+        _ = stamp
+        tendon = load_word(block + ROUTE)
+        if tendon < 0:
+            return
+        n = load_word(block + SEGMENTS)
+        now = shape_at(block, n, 0)
+        if opens(block):
+            if load_word(block + REFERRED) == 0:
+                _refer(block, model, data)
+            _survey(block, model, data, state, now)
+        else:
+            points = fields.integer(data, fields.TEN_WRAPNUM, tendon)
+            length = fields.real(data, fields.TEN_LENGTH, tendon)
+            path.bend(model, data, tendon, points, length, floats(now, n))
+        _lay(block, now, state)
+
+    export("cc_mujoco_follow", follow.address)
+
+    @cfunc(_PULL, **options)
+    def pull(block: int, model: int, data: int) -> None:
+        """Pull with the pieces of an open cable, as last evaluated."""
+        _ = stamp
+        n, nv = load_word(block + SEGMENTS), fields.dofs(model)
+        target = load_word(data + fields.PASSIVE)
+        last = floats(pulls_at(block, n), nv)
+        forces = np.zeros(nv)
+        tied = 0.0
+        for end in (PROXIMAL, DISTAL):
+            if load_word(block + TIED + end - PROXIMAL) != 0:
+                output = load_word(block + end)
+                tied += fields.force(data, output) * ends.gear(model, output)
+        node = new_at(block, n) + 8 * kernel.STATE_HEADER
+        pieces.pull(
+            model, data, load_word(block + ROUTE), load_word(block + MOUTH),
+            floats(shape_at(block, n, 0), pieces.shape_size(n)), n,
+            load_word(block + GUIDED), floats(node, n + 1), tied, block + SCRATCH,
+            forces.ctypes.data,
+        )  # fmt: skip
+        passive = floats(target, nv)
+        if load_word(block + FRESH) == 0:
+            # MuJoCo evaluates the actuators again, alone.
+            passive -= last
+        passive += forces
+        last[:] = forces
+        store_word(block + FRESH, 0)
+
+    export("cc_mujoco_pull", pull.address)
+
+    @cfunc(_TURN, **options)
+    def turn(model: int, data: int, tendon: int) -> float:
+        """Sum of the turning angles of a tendon's path at the last position [rad]."""
+        _ = stamp
+        total = np.empty(1)
+        points = fields.integer(data, fields.TEN_WRAPNUM, tendon)
+        length = fields.real(data, fields.TEN_LENGTH, tendon)
+        path.bend(model, data, tendon, points, length, total)
+        return float(total[0])
+
+    export("cc_mujoco_turn", turn.address)
+
+    @cfunc(_WRAP, **options)
+    def wrap(model: int, data: int, instance: int, out: int) -> None:
+        """Wrap angles of the segments of an instance at the last position."""
+        _ = stamp
+        block = fields.block(data, instance)
+        if block == 0 or not _up_to_date(block, model, instance):
+            return
+        _follow(block, model, data, fields.state(model, data, instance))
+        n = load_word(block + SEGMENTS)
+        prm = floats(parameters_at(block), kernel.parameter_size(n))
+        floats(out, n)[:] = kernel.segment_angles(prm, n)
+
+    export("cc_mujoco_wrap", wrap.address)
+
+    @cfunc(_WRAP, **options)
+    def compliance(model: int, data: int, instance: int, out: int) -> None:
+        """Compliance of the nodes of an instance [m/N], then its elastic energy [J]."""
+        _ = stamp
+        block = fields.block(data, instance)
+        if block == 0 or not _up_to_date(block, model, instance):
+            return
+        if opens(block) and load_word(block + REFERRED) == 0:
+            _refer(block, model, data)
+        n = load_word(block + SEGMENTS)
+        prm = floats(parameters_at(block), kernel.parameter_size(n))
+        state = fields.state(model, data, instance)
+        found = floats(out, n + 2)
+        found[: n + 1] = packing.node_compliance(prm, n)
+        found[n + 1] = kernel.stored(prm, n, floats(state, kernel.state_size(n)))
+
+    export("cc_mujoco_compliance", compliance.address)
+
+    @cfunc(_WRAP, **options)
     def limits(model: int, data: int, instance: int, out: int) -> None:
         """Longest stable time steps of both ends of an instance [s], to an address."""
         _ = stamp
+        _follow_all(model, data, instance)
         steps.limits(model, data, instance, floats(out, 2))
+
+    export("cc_mujoco_limits", limits.address)
 
     @cfunc(_CHECK, **options)
     def check(model: int, data: int, instance: int) -> None:
         """Warn if the time step is too long for an end of the instance."""
         _ = stamp
         longest = np.empty(2)
-        steps.limits(model, data, instance, longest)
+        _limits(model, data, instance, longest.ctypes.data)
         step = fields.timestep(model)
         distal = longest[1] < longest[0]
         limit = longest[1 if distal else 0]
@@ -355,13 +684,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         if not said_before(message, used, fields.signature(model)):
             warn(message, used)
 
-    export("cc_mujoco_limits", limits.address)
     export("cc_mujoco_check", check.address)
-    export("cc_mujoco_refused", refused.address)
-    export("cc_mujoco_pack", pack.address)
-    export("cc_mujoco_advance", step.address)
-    export("cc_mujoco_bend", bend.address)
-    export("cc_mujoco_lay", lay.address)
 
     @cfunc(types.void(types.intp, types.intp, types.int32), **options)
     def settle(model: int, data: int, instance: int) -> None:
@@ -374,16 +697,24 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         distal_length = displacement(data, block, DISTAL)
         state = fields.state(model, data, instance)
         _begin(block, model, state, proximal_length, distal_length, fields.time(data))
+        if opens(block):
+            n = load_word(block + SEGMENTS)
+            _follow(block, model, data, state)
+            shape = floats(shape_at(block, n, 0), pieces.shape_size(n))
+            pieces.remember(shape, n, memory(state, n))
 
     export("cc_mujoco_settle", settle.address)
+
     address = types.intp
     integer = types.int32
 
     @cfunc(integer(address, integer), **options)
     def nstate(model: int, instance: int) -> int:
         _ = stamp
-        n = max(config.segments(fields.attributes(model, instance)), 1)
-        return kernel.state_size(n) + 1
+        attributes = fields.attributes(model, instance)
+        n = max(config.segments(attributes), 1)
+        more = pieces.memory_size(n) if config.opens(attributes) else 0
+        return kernel.state_size(n) + 1 + more
 
     @cfunc(integer(address, address, integer), **options)
     def init(model: int, data: int, instance: int) -> int:
@@ -393,13 +724,24 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             return -1
         attributes = fields.attributes(model, instance)
         n = config.segments(attributes)
-        size = bends_at(0, n, 5)
+        free = config.opens(attributes)
+        shape = 8 * (pieces.shape_size(n) if free else n)
+        pulls = 8 * fields.dofs(model) if free else 0
+        # Its parts follow each other from the header on, whatever is in it.
+        size = text_at(0, n) + TEXT_CAPACITY + (REFERENCE + 1) * shape + pulls
         block = allocate(size)
         clear(block, size)
         _, first, second = ends.find(model, instance)
         store_word(block + SEGMENTS, n)
+        store_word(block + SHAPE, shape)
+        store_word(block + INSTANCE, instance)
         store_word(block + PROXIMAL, ends.output(model, first))
         store_word(block + DISTAL, ends.output(model, second))
+        if free:
+            route = config.value(attributes, config.ROUTE)
+            tendon = ends.find_route(model, instance, route)
+            store_word(block + TIED, 1 if ends.tied(model, first, tendon) else 0)
+            store_word(block + TIED + 8, 1 if ends.tied(model, second, tendon) else 0)
         _pack(block, model, instance)
         fields.set_block(data, instance, block)
         return 0
@@ -417,10 +759,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         _ = stamp
         if block == 0 or not _up_to_date(block, model, instance):
             return
-        proximal_length = fields.real(
-            model, fields.LENGTH0, load_word(block + PROXIMAL)
-        )
-        distal_length = fields.real(model, fields.LENGTH0, load_word(block + DISTAL))
+        proximal_length = rest_displacement(model, block, PROXIMAL)
+        distal_length = rest_displacement(model, block, DISTAL)
         _begin(block, model, state, proximal_length, distal_length, 0.0)
 
     @cfunc(types.void(address, address, integer, integer), **options)
@@ -428,6 +768,9 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         _ = stamp
         block = fields.block(data, instance)
         if block == 0:
+            return
+        if capability == _PASSIVE:
+            store_word(block + FRESH, 1)
             return
         state = fields.state(model, data, instance)
         n = load_word(block + SEGMENTS)
@@ -437,7 +780,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         dt = 0.0
         if fits:
             dt = _elapsed(model, data, load_real(committed_time(state, n)))
-            _follow(block, model, data)
+            _follow(block, model, data, state)
             if load_real(block + CHECKED) != fields.timestep(model):
                 store_real(block + CHECKED, fields.timestep(model))
                 _check(model, data, instance)
@@ -450,6 +793,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             proximal, distal = np.nan, np.nan
         fields.set_force(data, load_word(block + PROXIMAL), proximal)
         fields.set_force(data, load_word(block + DISTAL), -distal)
+        if opens(block):
+            _pull(block, model, data)
         if fields.integrator(model) == _RK4:
             stages = block + STAGES
             copy(stages + STAGE, stages, 3 * STAGE)
@@ -458,9 +803,9 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             store_real(stages + 3 * STAGE + 16, dt)
             store_real(stages + 3 * STAGE + 24, fields.time(data))
             if load_word(block + ROUTE) >= 0:
-                size = 8 * n
-                copy(bends_at(block, n, 2), bends_at(block, n, 1), 3 * size)
-                copy(bends_at(block, n, 0), bends_at(block, n, 4), size)
+                size = load_word(block + SHAPE)
+                copy(shape_at(block, n, 2), shape_at(block, n, 1), 3 * size)
+                copy(shape_at(block, n, 0), shape_at(block, n, 4), size)
 
     @cfunc(types.void(address, address, integer), **options)
     def advance(model: int, data: int, instance: int) -> None:
@@ -476,7 +821,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         time = 0.0
         if fields.disabled(model, _NO_ACTUATION):
             # Nothing has evaluated the last position.
-            _follow(block, model, data)
+            _follow(block, model, data, state)
+        shape = shape_at(block, n, 0)
         if fields.integrator(model) == _RK4:
             # A step makes four evaluations; the first of them is committed. With
             # actuation disabled there are none, and the last position counts.
@@ -492,12 +838,16 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 dt = load_real(stages + 16)
                 time = load_real(stages + 24)
                 if load_word(block + ROUTE) >= 0:
-                    _lay(block, bends_at(block, n, 1))
+                    shape = shape_at(block, n, 1)
+                    _lay(block, shape, state)
         if _evaluate(block, state, u_proximal, u_distal, dt):
             new = new_at(block, n)
             for i in range(0, 8 * kernel.state_size(n), 8):
                 store_word(state + i, load_word(new + i))
             store_real(committed_time(state, n), time)
+            if opens(block):
+                seen = floats(shape, pieces.shape_size(n))
+                pieces.remember(seen, n, memory(state, n))
 
     return {
         "nstate": nstate,

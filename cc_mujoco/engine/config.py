@@ -22,7 +22,10 @@ from cc_mujoco.transmission.parameters import (
     KEYS,
     MAX_SECTIONS,
     MAX_SEGMENTS,
+    MOUTH_ALLOWED,
     PARAMETERS,
+    PATH_ALLOWED,
+    PATHS,
     SEGMENTS_ALLOWED,
     Cable,
 )
@@ -41,6 +44,9 @@ SEGMENTS = KEYS.index("segments")
 CONDUIT = KEYS.index("conduit")
 ROUTE = KEYS.index("route")
 BEND = KEYS.index("bend")
+PATH = KEYS.index("path")
+MOUTH = KEYS.index("mouth")
+_SEALS = KEYS.index("seal_proximal"), KEYS.index("seal_distal")
 _FRICTION = KEYS.index("friction")
 _STATIC = KEYS.index("static_friction")
 _PRETENSION = KEYS.index("pretension")
@@ -62,6 +68,9 @@ def constant(content: str) -> Bytes:
     return np.frombuffer(content.encode(), np.uint8)
 
 
+_NO_SEAL = ", and 0 (off) where `path` is `open`"
+
+
 def _allowed(key: str) -> str:
     special = {
         "static_friction": "0 (off) or at least `friction`, and "
@@ -76,6 +85,10 @@ def _allowed(key: str) -> str:
         "conduit": CONDUIT_ALLOWED,
         "route": "the name of a spatial tendon of the model",
         "bend": BEND_ALLOWED,
+        "path": PATH_ALLOWED,
+        "mouth": MOUTH_ALLOWED,
+        "seal_proximal": PARAMETERS[_SEALS[0]].allowed + _NO_SEAL,
+        "seal_distal": PARAMETERS[_SEALS[1]].allowed + _NO_SEAL,
     }
     return special.get(key) or PARAMETERS[KEYS.index(key)].allowed
 
@@ -85,6 +98,7 @@ _TEXT = constant("".join(line.replace("\n", "\0") + "\0" for line in _LINES))
 _MISSING = constant("missing or empty")
 _INF = constant("inf")
 _FIXED, _ROUTED = (constant(bend) for bend in BENDS)
+_GUIDED, _OPEN, _MIXED = (constant(path) for path in PATHS)
 
 
 @internal
@@ -125,6 +139,19 @@ def moves(block: int) -> bool:
 
 
 @internal
+def opens(block: int) -> bool:
+    """Whether the cable leaves its conduit, or has none: `path` is open or mixed."""
+    written = value(block, PATH)
+    return same(written, _OPEN) or same(written, _MIXED)
+
+
+@internal
+def mixed(block: int) -> bool:
+    """Whether the cable leaves its conduit: `path` is mixed."""
+    return same(value(block, PATH), _MIXED)
+
+
+@internal
 def read(
     block: int, values: npt.NDArray[np.float64], sections: npt.NDArray[np.float64]
 ) -> tuple[int, int]:
@@ -160,8 +187,27 @@ def read(
     follows = moves(block) and value(block, ROUTE).size > 0
     if not (bend.size == 0 or same(bend, _FIXED) or follows):
         return BEND, 0
+    path = value(block, PATH)
+    free = opens(block)
+    if not (path.size == 0 or same(path, _GUIDED) or free):
+        return PATH, 0
+    if free and value(block, ROUTE).size == 0:
+        return PATH, 0
+    if (value(block, MOUTH).size > 0) != mixed(block):
+        return MOUTH, 0
+    for seal in _SEALS:
+        if values[seal] != 0.0 and same(path, _OPEN):
+            return seal, 0
     count = _sections(value(block, CONDUIT), sections)
     return (VALID if count > 0 else CONDUIT), count
+
+
+@internal
+def length(block: int) -> float:
+    """Length of the conduit [m]; the configuration must be valid."""
+    sections = np.empty((MAX_SECTIONS, 2))
+    count = _sections(value(block, CONDUIT), sections)
+    return float(sections[:count, 0].sum())
 
 
 @internal

@@ -16,6 +16,7 @@ _TRN_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
 _TRN_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+_SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
 _FIXED_TENDON = int(mujoco.mjtWrap.mjWRAP_JOINT)
 
 _COUNT = constant("it is used by ")
@@ -99,25 +100,58 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
 
 
 @internal
-def find_route(model: int, instance: int, route: Bytes) -> int:
-    """Index of the spatial tendon that an instance names as its route, or -1.
+def _means(candidate: Bytes, wanted: Bytes, name: Bytes) -> bool:
+    """Whether an element is meant by a name in the configuration of an instance.
 
-    The rule is that of `reading.route_tendon`.
+    The rule is that of `reading.means`.
     """
+    extra = candidate.size - wanted.size
+    if extra < 0 or extra > name.size:
+        return False
+    for prefix in range(extra + 1):
+        suffix = extra - prefix
+        if (
+            same(candidate[prefix : prefix + wanted.size], wanted)
+            and same(candidate[:prefix], name[:prefix])
+            and same(candidate[prefix + wanted.size :], name[name.size - suffix :])
+        ):
+            return True
+    return False
+
+
+@internal
+def find_route(model: int, instance: int, route: Bytes) -> int:
+    """Index of the spatial tendon that an instance names as its route, or -1."""
     name = fields.plugin_name(model, instance)
     best, longest = -1, -1
     for tendon in range(fields.tendons(model)):
         candidate = fields.tendon_name(model, tendon)
-        extra = candidate.size - route.size
-        if extra < 0 or extra > name.size or candidate.size <= longest:
-            continue
-        for prefix in range(extra + 1):
-            suffix = extra - prefix
-            if (
-                same(candidate[prefix : prefix + route.size], route)
-                and same(candidate[:prefix], name[:prefix])
-                and same(candidate[prefix + route.size :], name[name.size - suffix :])
-            ):
-                best, longest = tendon, candidate.size
-                break
+        if candidate.size > longest and _means(candidate, route, name):
+            best, longest = tendon, candidate.size
     return best if best >= 0 and spatial(model, best) else -1
+
+
+@internal
+def find_mouth(model: int, instance: int, tendon: int, mouth: Bytes) -> int:
+    """Place in the path of a tendon of the site that an instance names, or -1.
+
+    The first site and the last one are no mouths.
+    """
+    name = fields.plugin_name(model, instance)
+    start = fields.integer(model, fields.TENDON_ADR, tendon)
+    best, longest = -1, -1
+    for i in range(1, fields.integer(model, fields.TENDON_NUM, tendon) - 1):
+        if fields.integer(model, fields.WRAP_TYPE, start + i) == _SITE:
+            site = fields.integer(model, fields.WRAP_OBJID, start + i)
+            candidate = fields.site_name(model, site)
+            if candidate.size > longest and _means(candidate, mouth, name):
+                best, longest = i, candidate.size
+    return best
+
+
+@internal
+def tied(model: int, actuator: int, tendon: int) -> bool:
+    """Whether an end is tied to a site of the cable's own tendon: that moves it."""
+    kind = fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator)
+    target = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
+    return kind == _TRN_TENDON and target == tendon

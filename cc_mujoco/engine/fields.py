@@ -28,13 +28,16 @@ _TIMESTEP = _OPTION + structure("mjOption").timestep.offset
 _INTEGRATOR = _OPTION + structure("mjOption").integrator.offset
 _DISABLED = _OPTION + structure("mjOption").disableflags.offset
 _SIGNATURE = _model("signature")
+_NQ = _model("nq")
 _NV = _model("nv")
+_NBODY = _model("nbody")
 _NPLUGIN = _model("nplugin")
 _NACTUATOR = _model("nactuator")
 _NTENDON = _model("ntendon")
 _NAMES = _model("names")
 _PLUGIN_NAME = _model("name_pluginadr")
 _ACTUATOR_NAME = _model("name_actuatoradr")
+_SITE_NAME = _model("name_siteadr")
 _TENDON_NAME = _model("name_tendonadr")
 _PLUGIN_ATTR = _model("plugin_attr")
 _PLUGIN_ATTRADR = _model("plugin_attradr")
@@ -53,7 +56,19 @@ LENGTH0 = _model("actuator_length0")
 JNT_TYPE = _model("jnt_type")
 TENDON_ADR = _model("tendon_adr")
 TENDON_NUM = _model("tendon_num")
+TENDON_LENGTH0 = _model("tendon_length0")
 WRAP_TYPE = _model("wrap_type")
+WRAP_OBJID = _model("wrap_objid")
+GEOM_BODY = _model("geom_bodyid")
+SITE_BODY = _model("site_bodyid")
+REST = _model("qpos0")
+BODY_POS = _model("body_pos")
+BODY_QUAT = _model("body_quat")
+BODY_MOCAP = _model("body_mocapid")
+POSITION = _data("qpos")
+MOCAP_POS = _data("mocap_pos")
+MOCAP_QUAT = _data("mocap_quat")
+PASSIVE = _data("qfrc_passive")
 GEOM_TYPE = _model("geom_type")
 GEOM_XPOS = _data("geom_xpos")
 GEOM_XMAT = _data("geom_xmat")
@@ -125,6 +140,18 @@ def dofs(model: int) -> int:
 
 
 @internal
+def positions(model: int) -> int:
+    """Number of generalised coordinates."""
+    return load_word(model + _NQ)
+
+
+@internal
+def bodies(model: int) -> int:
+    """Number of bodies."""
+    return load_word(model + _NBODY)
+
+
+@internal
 def plugins(model: int) -> int:
     """Number of plugin instances, of this plugin and of others."""
     return load_word(model + _NPLUGIN)
@@ -163,6 +190,18 @@ def actuator_name(model: int, actuator: int) -> Bytes:
 def tendon_name(model: int, tendon: int) -> Bytes:
     """Name of a tendon."""
     return _name(model, _TENDON_NAME, tendon)
+
+
+@internal
+def site_name(model: int, site: int) -> Bytes:
+    """Name of a site."""
+    return _name(model, _SITE_NAME, site)
+
+
+@internal
+def force(data: int, output: int) -> float:
+    """An element of `actuator_force`."""
+    return real(data, _FORCE, output)
 
 
 @internal

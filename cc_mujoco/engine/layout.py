@@ -68,6 +68,7 @@ _PROBE = """
   </extension>
   <worldbody>
     <site name="a"/>
+    <body mocap="true"/>
     <body><joint name="j"/><geom size=".1"/><site name="b" pos="0 0 1"/></body>
   </worldbody>
   <tendon><spatial name="t"><site site="a"/><site site="b"/></spatial></tendon>
@@ -76,14 +77,16 @@ _PROBE = """
 </mujoco>
 """
 _MODEL_ARRAYS = (
-    "qpos0", "jnt_type", "geom_type", "tendon_adr", "tendon_num", "wrap_type",
-    "actuator_trntype",
+    "qpos0", "jnt_type", "geom_type", "geom_bodyid", "site_bodyid", "tendon_adr",
+    "tendon_num", "tendon_length0", "wrap_type", "wrap_objid", "body_pos", "body_quat",
+    "body_mocapid", "actuator_trntype",
     "actuator_trnid", "actuator_outadr", "actuator_gear", "actuator_length0",
     "actuator_plugin", "plugin", "plugin_attr", "plugin_attradr", "plugin_stateadr",
-    "name_actuatoradr", "name_pluginadr", "name_tendonadr",
+    "name_actuatoradr", "name_pluginadr", "name_tendonadr", "name_siteadr",
 )  # fmt: skip
 _DATA_ARRAYS = (
-    "qvel", "qacc_warmstart", "ctrl", "sensordata", "xpos", "geom_xpos", "geom_xmat",
+    "qpos", "mocap_pos", "mocap_quat", "qfrc_passive", "qvel", "qacc_warmstart",
+    "ctrl", "sensordata", "xpos", "geom_xpos", "geom_xmat",
     "ten_wrapadr", "ten_wrapnum", "ten_length", "wrap_obj", "wrap_xpos",
     "actuator_length", "actuator_force", "actuator_moment", "moment_rownnz",
     "moment_rowadr", "moment_colind",
@@ -107,7 +110,16 @@ def verify() -> None:
     seen |= {f"mjData.{name}": getattr(d, name) for name in _DATA_ARRAYS}
     true = {name: getattr(model, name).ctypes.data for name in _MODEL_ARRAYS}
     true |= {f"mjData.{name}": getattr(data, name).ctypes.data for name in _DATA_ARRAYS}
-    for name in ("signature", "nv", "nactuator", "ntendon", "nplugin", "npluginstate"):
+    for name in (
+        "signature",
+        "nq",
+        "nv",
+        "nbody",
+        "nactuator",
+        "ntendon",
+        "nplugin",
+        "npluginstate",
+    ):
         seen[name], true[name] = getattr(m, name), getattr(model, name)
     seen["names"] = ctypes.string_at(m.names, len(model.names))
     true["names"] = model.names

@@ -52,7 +52,10 @@ def export(name: str, address: int | None) -> None:
     llvmlite.binding.add_symbol(name, address)
 
 
-for _name in ("mju_malloc", "mju_free", "mju_message", "mj_solveM"):
+for _name in (
+    "mju_malloc", "mju_free", "mju_message", "mj_solveM", "mj_applyFT", "mj_kinematics",
+    "mj_tendon",
+):  # fmt: skip
     _function = ctypes.cast(getattr(LIBRARY, _name), ctypes.c_void_p)
     export(_name, _function.value)
 
@@ -61,6 +64,16 @@ release = types.ExternalFunction("mju_free", types.void(types.intp))
 solve_inertia = types.ExternalFunction(
     "mj_solveM", types.void(types.intp, types.intp, types.intp, types.intp, types.int32)
 )
+_at_position = types.void(types.intp, types.intp)
+evaluate_bodies = types.ExternalFunction("mj_kinematics", _at_position)
+evaluate_tendons = types.ExternalFunction("mj_tendon", _at_position)
+_apply = types.ExternalFunction(
+    "mj_applyFT",
+    types.void(
+        types.intp, types.intp, types.intp, types.intp, types.intp, types.int32,
+        types.intp,
+    ),
+)  # fmt: skip
 _send = types.ExternalFunction("mju_message", types.void(types.intp))
 
 _MESSAGE_SIZE = ctypes.sizeof(structure("mjLogMessage"))
@@ -76,6 +89,7 @@ _MARK = np.frombuffer(b"'", np.uint8)
 _DOTS = np.frombuffer(b"...", np.uint8)
 _POINT = np.frombuffer(b".", np.uint8)
 _MILLISECONDS = np.frombuffer(b" ms", np.uint8)
+_MILLIMETRES = np.frombuffer(b" mm", np.uint8)
 
 _SAID = 256  # digests of messages that are remembered, a power of 2
 LIBRARY.mju_malloc.restype = ctypes.c_void_p
@@ -147,6 +161,28 @@ load_word, store_word = _access(types.int64)
 load_real: Callable[[int], float]
 store_real: Callable[[int, float], None]
 load_real, store_real = _access(types.float64)
+
+
+@internal
+def apply_force(
+    model: int,
+    data: int,
+    scratch: int,
+    point: int,
+    body: int,
+    target: int,
+    x: float,
+    y: float,
+    z: float,
+) -> None:
+    """Add a force on a point of a body to the forces on the degrees of freedom.
+
+    `scratch` holds six numbers, of which the last three are 0.
+    """
+    store_real(scratch, x)
+    store_real(scratch + 8, y)
+    store_real(scratch + 16, z)
+    _apply(model, data, scratch, scratch + 24, point, body, target)
 
 
 @internal
@@ -232,18 +268,30 @@ def append_integer(message: Bytes, used: int, value: int) -> int:
 
 
 @internal
-def append_milliseconds(message: Bytes, used: int, seconds: float) -> int:
-    """Add a time >= 0 in milliseconds, rounded down to a microsecond.
+def append_thousandths(message: Bytes, used: int, value: float, unit: Bytes) -> int:
+    """Add a number >= 0 of a base unit in its thousandth, rounded down to three digits.
 
     Returns:
         The new length.
     """
-    microseconds = int(1e6 * seconds * (1.0 + 1e-12))
-    used = append_integer(message, used, microseconds // 1000)
+    millionths = int(1e6 * value * (1.0 + 1e-12))
+    used = append_integer(message, used, millionths // 1000)
     used = append(message, used, _POINT)
     for digit in (100, 10, 1):
-        used = append_integer(message, used, microseconds // digit % 10)
-    return append(message, used, _MILLISECONDS)
+        used = append_integer(message, used, millionths // digit % 10)
+    return append(message, used, unit)
+
+
+@internal
+def append_milliseconds(message: Bytes, used: int, seconds: float) -> int:
+    """Add a time >= 0 in milliseconds, rounded down to a microsecond."""
+    return append_thousandths(message, used, seconds, _MILLISECONDS)
+
+
+@internal
+def append_millimetres(message: Bytes, used: int, metres: float) -> int:
+    """Add a length >= 0 in millimetres, rounded down to a micrometre."""
+    return append_thousandths(message, used, metres, _MILLIMETRES)
 
 
 @internal

@@ -68,7 +68,7 @@ def _spread(
 
 
 @internal
-def _arc(
+def arc(
     model: int,
     data: int,
     geom: int,
@@ -117,22 +117,29 @@ def _arc(
 
 
 @internal
-def bend(model: int, data: int, tendon: int, out: npt.NDArray[np.float64]) -> None:
+def bend(
+    model: int,
+    data: int,
+    tendon: int,
+    count: int,
+    total: float,
+    out: npt.NDArray[np.float64],
+) -> None:
     """Wrap angle of each of `out.size` equal segments of a conduit along a path.
 
     Args:
         model: address of the model.
         data: address of the data; the path is that of its last evaluated position.
         tendon: index of a spatial tendon without pulleys.
-        out: out, wrap angles from the first site of the tendon to the last (n,) [rad].
+        count: number of points of its path that the conduit follows, from the first.
+        total: length of the path up to there [m].
+        out: out, wrap angles from the first point to the last (n,) [rad].
     """
     out[:] = 0.0
-    total = fields.real(data, fields.TEN_LENGTH, tendon)
     if not total > 0.0:
         return
     scale = out.size / total
     start = fields.integer(data, fields.TEN_WRAPADR, tendon)
-    count = fields.integer(data, fields.TEN_WRAPNUM, tendon)
     points = load_word(data + fields.WRAP_XPOS) + 24 * start
     p = load_real(points), load_real(points + 8), load_real(points + 16)
     d, directed = (0.0, 0.0, 0.0), False  # in which the path arrives at p
@@ -154,7 +161,7 @@ def bend(model: int, data: int, tendon: int, out: npt.NDArray[np.float64]) -> No
         if length <= SHORT:
             continue
         if leaves and directed:
-            length, turned = _arc(model, data, geom, p, q, d)
+            length, turned = arc(model, data, geom, p, q, d)
             _spread(out, scale, reached, reached + length, turned)
             directed = False
         else:

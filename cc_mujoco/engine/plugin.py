@@ -9,6 +9,7 @@ import threading
 from pathlib import Path
 
 import mujoco
+from mujoco.introspect.enums import ENUMS
 
 from cc_mujoco.engine import layout
 from cc_mujoco.engine.callbacks import compile_callbacks
@@ -33,6 +34,9 @@ def _stamp() -> str:
     return digest.hexdigest()
 
 
+_CAPABILITIES = ENUMS["mjtPluginCapabilityBit"].values
+_ACTUATOR = int(_CAPABILITIES["mjPLUGIN_ACTUATOR"])
+_PASSIVE = int(_CAPABILITIES["mjPLUGIN_PASSIVE"])
 _CALLBACKS = (
     "nstate", "nsensordata", "init", "destroy", "copy", "reset", "compute", "advance",
     "visualize", "actuator_act_dot", "sdf_distance", "sdf_gradient",
@@ -87,7 +91,7 @@ def register() -> None:
     plugin.name = PLUGIN.encode()
     plugin.nattribute = len(KEYS)
     plugin.attributes = (ctypes.c_char_p * len(KEYS))(*(k.encode() for k in KEYS))
-    plugin.capabilityflags = 1  # mjPLUGIN_ACTUATOR
+    plugin.capabilityflags = _ACTUATOR | _PASSIVE
     plugin.needstage = int(mujoco.mjtStage.mjSTAGE_ACC)
     for name, callback in callbacks.items():
         setattr(plugin, name, callback.address)

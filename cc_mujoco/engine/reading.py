@@ -23,9 +23,10 @@ from cc_mujoco.engine.mjcf import cable_of, instances
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import kernel
 from cc_mujoco.transmission.conduit import packed
-from cc_mujoco.transmission.parameters import Cable
+from cc_mujoco.transmission.parameters import BENDS, PATHS, Cable
 
 Floats = NDArray[np.float64]
+_ADDRESS, _INTEGER = ctypes.c_ssize_t, ctypes.c_int32
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def read(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> CableReading:
     Raises:
         CableError: the model has no cable of that name.
     """
-    reading = read_state(model, name, data.plugin_state)
+    reading = Reader(model, name, data).read(data.plugin_state)
     return CableReading(
         reading.tension,
         reading.slip,
@@ -95,8 +96,15 @@ class Reader:
     bits in both.
     """
 
-    def __init__(self, model: mujoco.MjModel, name: str) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, name: str, data: mujoco.MjData | None = None
+    ) -> None:
         """Look the cable up.
+
+        Args:
+            model: the model.
+            name: the cable.
+            data: a simulation of it, which saves making one for an open path.
 
         Raises:
             CableError: the model has no cable of that name.
@@ -112,7 +120,13 @@ class Reader:
         self.energy = self.start + 2
         """Where the energy dissipated since reset is [J]."""
         self._segments = cable.segments
-        self._compliance = _compliance(cable)
+        self._compliance = (
+            _compliance(cable)
+            if cable.path == PATHS[0]
+            else _measured(model, data or mujoco.MjData(model), index, cable.segments)[
+                :-1
+            ]
+        )
         self._total = int(model.npluginstate)
 
     def read(self, plugin_state: Floats) -> CableReading:
@@ -166,34 +180,53 @@ def route_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
     Raises:
         CableError: the model has no such cable, or the cable no route.
     """
-    return float(_turning(model, data, route_tendon(model, name), 1)[0])
+    call = ctypes.CFUNCTYPE(ctypes.c_double, _ADDRESS, _ADDRESS, _INTEGER)(
+        llvmlite.binding.address_of_symbol("cc_mujoco_turn")
+    )
+    return float(call(model._address, data._address, route_tendon(model, name)))
 
 
 def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
     """Wrap angle of each segment of a cable (segments,) [rad], proximal to distal.
 
-    That of its sections, or of its route at the last evaluated position where the key
-    `bend` says so. Needs `mj_tendon` (part of `mj_forward`).
+    That of its sections, or of its route at the last evaluated position where the keys
+    `bend` or `path` say so. Needs `mj_tendon` (part of `mj_forward`).
 
     Raises:
         CableError: the model has no cable of that name.
     """
-    cable = cable_of(model, _instance(model, name), name)
-    if cable.bend == "route":
-        return _turning(model, data, route_tendon(model, name), cable.segments)
-    return np.array(kernel.segment_angles(packed(cable), cable.segments))
-
-
-def _turning(
-    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, segments: int
-) -> Floats:
-    """What `path.bend` gives, by the function that the plugin calls."""
-    address, integer = ctypes.c_ssize_t, ctypes.c_int32
-    call = ctypes.CFUNCTYPE(None, address, address, integer, integer, address)(
-        llvmlite.binding.address_of_symbol("cc_mujoco_bend")
+    instance = _instance(model, name)
+    cable = cable_of(model, instance, name)
+    if cable.bend == BENDS[0] and cable.path == PATHS[0]:
+        return np.array(kernel.segment_angles(packed(cable), cable.segments))
+    call = ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS)(
+        llvmlite.binding.address_of_symbol("cc_mujoco_wrap")
     )
-    out = np.empty(segments)
-    call(model._address, data._address, tendon, segments, out.ctypes.data)
+    out = np.empty(cable.segments)
+    call(model._address, data._address, instance, out.ctypes.data)
+    return out
+
+
+def stored(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
+    """Elastic energy of a cable, and of the bristles on it, in its state now [J].
+
+    Raises:
+        CableError: the model has no cable of that name.
+    """
+    index = _instance(model, name)
+    segments = cable_of(model, index, name).segments
+    return float(_measured(model, data, index, segments)[-1])
+
+
+def _measured(
+    model: mujoco.MjModel, data: mujoco.MjData, instance: int, segments: int
+) -> Floats:
+    """Compliance of the nodes [m/N], and at the end the elastic energy [J]."""
+    call = ctypes.CFUNCTYPE(None, _ADDRESS, _ADDRESS, _INTEGER, _ADDRESS)(
+        llvmlite.binding.address_of_symbol("cc_mujoco_compliance")
+    )
+    out = np.empty(segments + 2)
+    call(model._address, data._address, instance, out.ctypes.data)
     return out
 
 
@@ -226,14 +259,19 @@ def route_tendon(model: mujoco.MjModel, name: str) -> int:
     best, length = -1, -1
     for tendon in range(model.ntendon):
         candidate = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon) or ""
-        if _means(candidate, wanted, name) and len(candidate) > length:
+        if means(candidate, wanted, name) and len(candidate) > length:
             best, length = tendon, len(candidate)
     if best < 0:
         raise CableError(f"cable {name!r}: the model has no tendon {wanted!r}")
     return best
 
 
-def _means(candidate: str, wanted: str, name: str) -> bool:
+def means(candidate: str, wanted: str, name: str) -> bool:
+    """Whether an element is meant by a name in the configuration of instance `name`.
+
+    It has that name, before or behind it a part that the instance's name begins or ends
+    with, as `attach` adds it to both.
+    """
     extra = len(candidate) - len(wanted)
     return 0 <= extra <= len(name) and any(
         candidate[cut : cut + len(wanted)] == wanted

@@ -8,7 +8,8 @@ moments J_i on the joints, have with the inertia M of the model
     G_ij = sqrt(k_i k_j) J_i M^-1 J_j^T
 
 whose largest eigenvalue is the square of the highest frequency w; steps below 2 / w are
-stable. Instead of w the rows give a bound for every end,
+stable. An open path has such a spring in every node of its pieces. Instead of w the
+rows give a bound for every spring,
 
     w_i^2 = sum_j |G_ij| sqrt(G_jj / G_ii),
 
@@ -23,13 +24,20 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from cc_mujoco.engine import fields
+from cc_mujoco.engine import fields, pieces
 from cc_mujoco.engine.block import (
     DISTAL,
+    GUIDED,
+    MOUTH,
     PROXIMAL,
+    ROUTE,
+    SCRATCH,
     SEGMENTS,
+    TIED,
     displacement,
+    opens,
     parameters_at,
+    shape_at,
     wound,
 )
 from cc_mujoco.engine.config import constant
@@ -61,29 +69,49 @@ _ADVICE = constant(
 def limits(model: int, data: int, instance: int, out: Floats) -> None:
     """Longest stable time step of both ends of a cable (2,) [s].
 
-    Infinite for an end that moves nothing. Needs the inertia and the actuators of the
+    Infinite for an end that moves nothing. The pieces of an open path count as its
+    distal end. Needs the inertia and the actuators of the
     present position (part of `mj_fwdPosition`).
     """
-    nv, count = fields.dofs(model), 2 * fields.plugins(model)
+    nv, count = fields.dofs(model), 0
+    kind = fields.integer(model, fields.PLUGIN, instance)
+    for other in range(fields.plugins(model)):
+        if fields.integer(model, fields.PLUGIN, other) == kind:
+            count += _rows(fields.block(data, other))
     moment, solved = np.zeros((count, nv)), np.zeros((count, nv))
     square = np.zeros(count)
-    kind = fields.integer(model, fields.PLUGIN, instance)
-    for other in range(count // 2):
-        same = fields.integer(model, fields.PLUGIN, other) == kind
-        block = fields.block(data, other) if same else 0
-        if block != 0 and nv > 0:
-            _ends(model, data, block, moment[2 * other : 2 * other + 2])
+    begin = end = row = 0  # of the rows of this instance
+    for other in range(fields.plugins(model)):
+        if fields.integer(model, fields.PLUGIN, other) == kind:
+            block = fields.block(data, other)
+            rows = _rows(block)
+            if rows > 0 and nv > 0:
+                _ends(model, data, block, moment[row : row + 2])
+                _pieces(model, data, block, moment[row + 2 : row + rows])
+            if other == instance:
+                begin, end = row, row + rows
+            row += rows
     for i in range(count):
         if np.any(moment[i] != 0.0):
             solve_inertia(model, data, solved[i].ctypes.data, moment[i].ctypes.data, 1)
             square[i] = max((moment[i] * solved[i]).sum(), 0.0)
-    for end in range(2):
-        i = 2 * instance + end
+    out[:] = math.inf
+    for i in range(begin, end):
         total = 0.0
         for j in range(count if square[i] > 0.0 else 0):
             shared = abs((moment[i] * solved[j]).sum())
             total += shared * math.sqrt(square[j] / square[i])
-        out[end] = 2.0 / math.sqrt(total) if total > 0.0 else math.inf
+        if total > 0.0:
+            near = 0 if i == begin else 1
+            out[near] = min(out[near], 2.0 / math.sqrt(total))
+
+
+@internal
+def _rows(block: int) -> int:
+    """Number of springs of a cable: its ends, and the nodes of an open path."""
+    if block == 0:
+        return 0
+    return 2 + (load_word(block + SEGMENTS) + 1 if opens(block) else 0)
 
 
 @internal
@@ -92,6 +120,8 @@ def _ends(model: int, data: int, block: int, out: Floats) -> None:
     n = load_word(block + SEGMENTS)
     prm = floats(parameters_at(block), kernel.parameter_size(n))
     for end in range(2):
+        if load_word(block + TIED + 8 * end) != 0:
+            continue
         output = load_word(block + (DISTAL if end else PROXIMAL))
         scale = math.sqrt(kernel.end_stiffness(prm, n, end == 1))
         if end == 0:
@@ -103,6 +133,25 @@ def _ends(model: int, data: int, block: int, out: Floats) -> None:
         values = load_word(data + fields.MOMENT) + 8 * start
         for i in range(fields.integer(data, fields.MOMENT_ROWNNZ, output)):
             out[end, load_integer(columns + 4 * i)] = scale * load_real(values + 8 * i)
+
+
+@internal
+def _pieces(model: int, data: int, block: int, out: Floats) -> None:
+    """Moments of the nodes of an open path, times sqrt(k) (n + 1, nv)."""
+    if not opens(block):
+        return
+    n = load_word(block + SEGMENTS)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    stiffness = kernel.node_stiffness(prm, n)
+    shape = floats(shape_at(block, n, 0), pieces.shape_size(n))
+    node = np.zeros(n + 1)
+    for i in range(n + 1):
+        node[i] = math.sqrt(stiffness[i])
+        pieces.pull(
+            model, data, load_word(block + ROUTE), load_word(block + MOUTH), shape, n,
+            load_word(block + GUIDED), node, 0.0, block + SCRATCH, out[i].ctypes.data,
+        )  # fmt: skip
+        node[i] = 0.0
 
 
 @internal

@@ -195,6 +195,8 @@ def initialize(
     state[3] = stretch + prm[_PRETENSION] * prm[_END_COMPLIANCE]
     if prm[_STIFFENING] > 0.0:
         state[3] = _rest_stretch(prm, prm[_PRETENSION])
+    if prm[at.LENGTHENS] != 0.0:
+        state[3] = 0.0
     at.tensions(state, n)[:] = prm[_PRETENSION]
 
 
@@ -353,7 +355,7 @@ def step(
     if prm[_STRESS_RELAXATION] > 0.0:
         tension = _relax_stress(prm, n, state, dt, new_state, work)
     if lengthens:
-        tension = _lengthen(prm, n, tension, new_state, work)
+        tension = _lengthen(prm, n, tension, work)
     node = at.tensions(new_state, n)
     shift = _row(work, n, _SHIFT)
     greased = prm[_GREASE] > 0.0
@@ -379,7 +381,12 @@ def step(
             _rest(n, new_state)
             return OK
     if quick:
-        stretch = new_state[3] + distal_moved - proximal_moved
+        stretch = new_state[3]
+        if lengthens:
+            stretch = 0.0
+            for i in range(n + 1):
+                stretch += tension[i] * compliance[i]
+        stretch += distal_moved - proximal_moved
         dragged = prm[_LOAD_INDEPENDENT] + prm[_SEALS[0]] + prm[_SEALS[1]] > 0.0
         if stretch <= 0.0 and not dragged:
             lay(
@@ -490,15 +497,12 @@ def _relax_stress(
 
 
 @compiled
-def _lengthen(
-    prm: FloatArray, n: int, old: FloatArray, new_state: FloatArray, work: FloatArray
-) -> FloatArray:
+def _lengthen(prm: FloatArray, n: int, old: FloatArray, work: FloatArray) -> FloatArray:
     """Stretch every node by what its path gained; return the tension of the nodes."""
     start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n
     tension, gained = work[start : start + n + 1], at.lengthening(prm, n)
     for i in range(n + 1):
         tension[i] = _pulled(prm, n, i, old[i], gained[i])
-        new_state[3] += gained[i]
     return tension
 
 
@@ -805,6 +809,9 @@ def _commit(
     remembers = prm[_STRIBECK] > 0.0 or prm[_GREASE] > 0.0
     ages = prm[_AGEING] > 0.0
     before_slip, slip = at.slips(state, n), at.slips(new_state, n)
+    if prm[at.LENGTHENS] != 0.0:
+        # While the path lengthens the cable slips, so friction was that of before.
+        tension = at.tensions(state, n)
     low, low_before = max(node[0], 0.0), max(tension[0], 0.0)
     for j in range(n):
         moved = slipped[j]
@@ -830,6 +837,8 @@ def _commit(
         new_state[at.TRAVEL] = state[at.TRAVEL] + (new_state[1] - state[1])
         new_state[at.HEAT] = law.warmed(at.scalars(prm), state[at.HEAT], lost, dt)
     new_state[2] += lost
+    if prm[at.LENGTHENS] != 0.0:
+        return
     new_state[3] = new_state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])
 
 

@@ -11,7 +11,8 @@ State vector:
 
     0, 1               displacement of the proximal and the distal end [m]
     2                  energy dissipated so far [J]
-    3                  stretch of the cable, negative where it is slack [m]
+    3                  stretch of the cable, negative where it is slack [m]; 0 where its
+                       path may lengthen, which makes it differ from what the ends tell
     4                  time since the start [s], while a term depends on the state
     5                  way of the distal end since the start [m], likewise
     6                  heat of friction in the conduit [J], while friction depends on it

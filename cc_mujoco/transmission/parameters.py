@@ -37,6 +37,18 @@ BEND_ALLOWED = (
     "`route` (that spatial tendon does, as it moves)"
 )
 
+PATHS = ("guided", "open", "mixed")
+"""What leads the cable: a conduit, its tendon's sites and geoms, or one, then these."""
+PATH_ALLOWED = (
+    "`guided` (a conduit leads the cable from end to end) or, with a `route` of one "
+    "branch, `open` (only the sites and geoms of that spatial tendon do) or `mixed` (a "
+    "conduit as far as the site `mouth` of the route, then the tendon)"
+)
+MOUTH_ALLOWED = (
+    "with `path` = `mixed`, and only then, the name of a site of the route between its "
+    "first and its last one"
+)
+
 
 class Section(NamedTuple):
     """Conduit of constant bend: length [m] and bend radius [m], inf where straight."""
@@ -54,6 +66,11 @@ class Cable:
     `route` the name of the MuJoCo spatial tendon that draws it (empty: none). With
     `bend` `"route"` the conduit bends in MuJoCo as that tendon does at the moment; its
     length stays that of the sections, which also bend it wherever there is no MuJoCo.
+
+    `path` tells what leads the cable in MuJoCo, see `PATHS`, and `mouth` at which site
+    of its route the conduit of a `"mixed"` one ends. Where there is no MuJoCo, a
+    conduit of the sections stands for an `"open"` path, and for a `"mixed"` one up to
+    there.
 
     Raises:
         CableError: a value is outside its range.
@@ -423,6 +440,8 @@ class Cable:
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""
     bend: str = BENDS[0]
+    path: str = PATHS[0]
+    mouth: str = ""
 
     def __post_init__(self) -> None:
         for p in PARAMETERS:
@@ -468,6 +487,25 @@ class Cable:
             raise CableError(
                 "cable parameter `bend` is 'route' but `route` is empty; it must name "
                 "the spatial tendon that the conduit follows"
+            )
+        if self.path not in PATHS:
+            raise CableError(
+                f"cable parameter `path` is {self.path!r}; it must be {PATH_ALLOWED}"
+            )
+        if self.path != PATHS[0] and not self.route:
+            raise CableError(
+                f"cable parameter `path` is {self.path!r} but `route` is empty; it "
+                "must name the spatial tendon that leads the cable"
+            )
+        if bool(self.mouth) != (self.path == "mixed"):
+            raise CableError(
+                f"cable parameter `mouth` is {self.mouth!r} where `path` is "
+                f"{self.path!r}; it must be {MOUTH_ALLOWED}"
+            )
+        if self.path == "open" and (self.seal_proximal or self.seal_distal):
+            raise CableError(
+                "cable parameters `seal_proximal` and `seal_distal` are those of a "
+                "conduit; they must be 0 (off) where `path` is 'open'"
             )
 
     @property
@@ -555,6 +593,8 @@ class Cable:
             values["conduit"] = _sections(config["conduit"], where)
         values["route"] = config.get("route", "")
         values["bend"] = config.get("bend", BENDS[0])
+        values["path"] = config.get("path", PATHS[0])
+        values["mouth"] = config.get("mouth", "")
         try:
             return cls(**values)  # type: ignore[arg-type]
         except CableError as error:
@@ -569,6 +609,10 @@ class Cable:
             config["route"] = self.route
         if self.bend != BENDS[0]:
             config["bend"] = self.bend
+        if self.path != PATHS[0]:
+            config["path"] = self.path
+        if self.mouth:
+            config["mouth"] = self.mouth
         return config
 
     def replace(self, **changes: object) -> Cable:

@@ -1,0 +1,180 @@
+"""What MuJoCo may do with a simulation whose cables leave their conduits."""
+
+from __future__ import annotations
+
+import copy
+
+import mujoco
+import mujoco.batch
+import mujoco.rollout
+import numpy as np
+import pytest
+
+from cc_mujoco.engine import cables, read, settle
+from engine.open_scenes import winch
+from engine.test_moving_route import INTEGRATORS, LIMB, RATES, drive, run
+
+FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
+OPEN = '<config key="path" value="open"/>'
+MIXED = '<config key="path" value="mixed"/><config key="mouth" value="b"/>'
+SAME = '<config key="pretension" value="20"/>'
+
+
+def limb(path: str, integrator: str = "Euler", more: str = "") -> mujoco.MjModel:
+    """A cable past an elbow to the wrist behind it, partly or wholly in the open."""
+    text = LIMB.format(integrator=integrator, more=more + path)
+    if path == OPEN:
+        length = tendon_length(text.replace(OPEN, ""))
+        text = text.replace('"0.9:1"', f'"{length}:1"')
+    return mujoco.MjModel.from_xml_string(text)
+
+
+def tendon_length(text: str) -> float:
+    return float(mujoco.MjModel.from_xml_string(text).tendon_length0[0])
+
+
+@pytest.fixture(params=[OPEN, MIXED], ids=["open", "mixed"])
+def path(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_repeats_resets_copies_and_goes_on_from_a_saved_state(
+    path: str, integrator: str
+) -> None:
+    m = limb(path, integrator, RATES)
+    controls = drive(160)
+    d = mujoco.MjData(m)
+    whole = run(m, d, controls)
+    assert np.all(np.isfinite(whole))
+    assert np.ptp(whole[:, -m.npluginstate + 8]) > 5.0
+    mujoco.mj_resetData(m, d)
+    run(m, d, controls[:80])
+    twin = copy.copy(d)
+    fresh = mujoco.MjData(m)
+    state = np.empty(mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_INTEGRATION))
+    mujoco.mj_getState(m, d, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    mujoco.mj_setState(m, fresh, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    for other in (d, twin, fresh):
+        assert np.array_equal(run(m, other, controls[80:]), whole[80:])
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_forward_in_between_changes_no_step(path: str, integrator: str) -> None:
+    m = limb(path, integrator)
+    plain, looked = mujoco.MjData(m), mujoco.MjData(m)
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    kept = np.empty(mujoco.mj_stateSize(m, kind))
+    for control in drive(60):
+        plain.ctrl[:2] = looked.ctrl[:2] = control
+        mujoco.mj_step(m, plain)
+        mujoco.mj_step(m, looked)
+        mujoco.mj_getState(m, looked, kept, kind)
+        looked.qpos[:] += 0.3
+        mujoco.mj_forward(m, looked)
+        mujoco.mj_setState(m, looked, kept, kind)
+    assert np.array_equal(plain.qpos, looked.qpos)
+    assert np.array_equal(plain.plugin_state, looked.plugin_state)
+    mujoco.mj_forward(m, plain)
+    before = plain.qfrc_passive.copy()
+    mujoco.mj_forward(m, plain)
+    assert np.array_equal(plain.qfrc_passive, before)
+
+
+def test_actuators_alone_evaluated_again_pull_once(path: str) -> None:
+    """As the derivatives by finite differences do, which skip what cannot change."""
+    m = limb(path)
+    d = mujoco.MjData(m)
+    run(m, d, drive(100))
+    mujoco.mj_forward(m, d)
+    before = d.qfrc_passive.copy()
+    for _ in range(3):
+        mujoco.mj_forwardSkip(m, d, mujoco.mjtStage.mjSTAGE_VEL, 0)
+    assert d.qfrc_passive == pytest.approx(before, rel=1e-12, abs=1e-12)
+    assert np.abs(before).max() > 0.0
+
+
+def test_batch_and_rollout_step_as_mujoco_does(path: str) -> None:
+    m = limb(path)
+    controls = np.zeros((3, 40, m.nu))
+    for i in range(3):
+        controls[i, :, :2] = drive(40, seed=i)
+    d = mujoco.MjData(m)
+    start = np.empty(mujoco.mj_stateSize(m, FULL))
+    mujoco.mj_getState(m, d, start, FULL)
+    rolled, _ = mujoco.rollout.rollout(
+        m, [mujoco.MjData(m) for _ in range(2)], np.tile(start, (3, 1)), controls
+    )
+    for i in range(3):
+        mujoco.mj_resetData(m, d)
+        assert np.array_equal(run(m, d, controls[i, :, :2]), rolled[i])
+
+
+def test_attached_twice_each_cable_finds_its_own_tendon_and_mouth() -> None:
+    text = LIMB.format(integrator="Euler", more=MIXED)
+    parent = mujoco.MjSpec()
+    parent.option.timestep = 5e-4
+    for place, side in enumerate(("left_", "right_")):
+        child = mujoco.MjSpec.from_string(text)
+        frame = parent.worldbody.add_frame(pos=[0, 3 * place, 0])
+        parent.attach(child, prefix=side, frame=frame)
+    m = parent.compile()
+    d = mujoco.MjData(m)
+    alone = limb(MIXED)
+    e = mujoco.MjData(alone)
+    assert cables(m) == ("left_bowden", "right_bowden")
+    for control in drive(12):
+        d.ctrl[:2], e.ctrl[:2] = control, control
+        mujoco.mj_step(m, d)
+        mujoco.mj_step(alone, e)
+    one, same = read(m, d, "left_bowden"), read(alone, e, "bowden")
+    assert one.tension == pytest.approx(same.tension, rel=1e-9)
+    assert not np.allclose(read(m, d, "right_bowden").tension, one.tension)
+
+
+def test_settled_in_another_pose_nothing_pulls_but_the_pretension(path: str) -> None:
+    m = limb(path)
+    d = mujoco.MjData(m)
+    d.qpos[:] = [0.3, 0.5, -0.4]
+    settle(m, d)
+    assert read(m, d, "bowden").tension == pytest.approx(20.0)
+    mujoco.mj_step(m, d)
+    assert read(m, d, "bowden").tension == pytest.approx(20.0, rel=1e-9)
+
+
+def test_without_friction_an_open_tendon_pulls_with_mujocos_moment_arms() -> None:
+    text = LIMB.format(integrator="Euler", more=OPEN)
+    length = tendon_length(text.replace(OPEN, ""))
+    text = text.replace('"0.9:1"', f'"{length}:1"')
+    text = text.replace('key="friction" value="0.2"', 'key="friction" value="0"')
+    m = mujoco.MjModel.from_xml_string(text)
+    d = mujoco.MjData(m)
+    run(m, d, drive(200))
+    mujoco.mj_forward(m, d)
+    arms = np.zeros((1, m.nv))
+    mujoco.mju_sparse2dense(
+        arms, d.ten_J.ravel(), m.ten_J_rownnz, m.ten_J_rowadr, m.ten_J_colind.ravel()
+    )
+    pulled = d.qfrc_passive.copy()
+    mujoco.mj_passive(m, d)
+    pulled -= d.qfrc_passive
+    tension = d.actuator("near").force[0]
+    assert tension > 1.0
+    assert pulled == pytest.approx(-tension * arms[0], rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("segments", 2), "key `segments` is too small: its path needs at least 5"),
+        (("conduit", "0.5:inf"), "key `conduit` has the wrong length: the path of its"),
+        (("mouth", "a"), "key `mouth` is 'a'; it must be with `path` = `mixed`, and"),
+        (("path", "free"), "key `path` is 'free'; it must be `guided`"),
+        (("seal_distal", "1"), "key `seal_distal` is '1'; it must be"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_sentence(
+    change: tuple[str, object], said: str
+) -> None:
+    with pytest.raises(ValueError, match=said):
+        winch(0.1, 1.0, **dict([change]))

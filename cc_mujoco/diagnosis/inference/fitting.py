@@ -126,14 +126,20 @@ class Problem:
         """Measured minus simulated over the floor by Huber, (2, samples) per record."""
         return [huber_residual(error) for error in self.plainly(x)]
 
-    def plainly(self, x: FloatArray) -> list[FloatArray]:
-        """Measured minus simulated over the floor; (2, samples) per record."""
-        played = self.plant.simulate(self.values(x), self.effects)
+    def plainly(
+        self, x: FloatArray, only: Sequence[int] | None = None
+    ) -> list[FloatArray]:
+        """Measured minus simulated over the floor; (2, samples) per record.
+
+        Args:
+            x: place of the parameters.
+            only: indices of the records that are wanted; default all.
+        """
+        chosen = range(len(self.floor)) if only is None else only
+        played = self.plant.simulate(self.values(x), self.effects, chosen)
         return [
-            (record.measured - torque) / floor
-            for torque, record, floor in zip(
-                played, self.plant.records, self.floor, strict=True
-            )
+            (self.plant.records[k].measured - torque) / self.floor[k]
+            for k, torque in zip(chosen, played, strict=True)
         ]
 
     def residual(self, x: FloatArray, masks: Masks) -> FloatArray:
@@ -208,7 +214,7 @@ def fit(
     slopes = slopes or Jacobian(problem)
     return least_squares.fit(
         lambda x: problem.weighted(
-            [huber_residual(error) for error in slopes.errors(x)], x, masks
+            [huber_residual(error) for error in slopes.errors(x, masks)], x, masks
         ),
         lambda x: slopes.jacobian(x, masks),
         problem.tuned,

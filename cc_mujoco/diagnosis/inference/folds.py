@@ -120,7 +120,7 @@ def cross_validate(
         found = fit(problem, start, fold.train, evaluations, slopes)
         fits.append(found)
         for kept, error, mask in zip(
-            errors, slopes.errors(found.x), fold.test, strict=True
+            errors, slopes.errors(found.x, fold.test), fold.test, strict=True
         ):
             kept[:, mask] = huber_residual(error[:, mask])
     return CrossValidation(problem, tuple(fits), tuple(errors))

@@ -2,7 +2,8 @@
 
 They hardly change over a few percent of a parameter. So fits that pass the same
 neighbourhood, like those of the folds of one model, share them. What a torque sensor's
-offset or lateness does needs no simulation.
+offset or lateness does needs no simulation, nor does a record of which no sample is
+looked at, say one that is reserved.
 """
 
 from __future__ import annotations
@@ -11,14 +12,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.plant import LATE, OFFSETS, shifted
 from cc_mujoco.estimation.least_squares import FACTOR_STEP, Tuned, differences
 
 if TYPE_CHECKING:
-    from cc_mujoco.diagnosis.inference.fitting import Problem
+    from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
 
 HUBER_DELTA = 3.0
 """Errors beyond this many deviations of noise count less than their squares."""
@@ -34,24 +34,28 @@ class Jacobian:
     def __init__(self, problem: Problem) -> None:
         """Start without any."""
         self._problem = problem
-        self._taken: list[tuple[FloatArray, list[FloatArray]]] = []
-        self._last: tuple[bytes, list[FloatArray]] = (b"", [])
+        self._taken: list[tuple[FloatArray, dict[int, FloatArray]]] = []
+        self._last: tuple[bytes, dict[int, FloatArray]] = (b"", {})
         self._reach = np.array([_reach(p) for p in problem.tuned])
 
-    def errors(self, x: FloatArray) -> list[FloatArray]:
-        """Errors over the floor, see `Problem.plainly`; the last ones are kept."""
-        key = x.tobytes()
-        if self._last[0] != key:
-            self._last = (key, self._problem.plainly(x))
-        return self._last[1]
+    def errors(self, x: FloatArray, masks: Masks) -> list[FloatArray]:
+        """Errors over the floor, see `Problem.plainly`; the last ones are kept.
 
-    def jacobian(self, x: FloatArray, masks: Sequence[NDArray[np.bool_]]) -> FloatArray:
+        They are NaN in records of which no sample is set.
+        """
+        found = self._errors(x, _seen(masks))
+        return [
+            found[k] if k in found else np.full(floor.shape, np.nan)
+            for k, floor in enumerate(self._problem.floor)
+        ]
+
+    def jacobian(self, x: FloatArray, masks: Masks) -> FloatArray:
         """Derivative of `Problem.residual` (residuals, parameters)."""
-        problem = self._problem
+        problem, seen = self._problem, _seen(masks)
+        slopes, errors = self._near(x, seen), self._errors(x, seen)
         parts = []
-        for slope, error, floor, mask in zip(
-            self._near(x), self.errors(x), problem.floor, masks, strict=True
-        ):
+        for k in seen:
+            error = errors[k]
             size = np.abs(error)
             root = np.sqrt(
                 np.maximum(2.0 * HUBER_DELTA * size - HUBER_DELTA**2, HUBER_DELTA**2)
@@ -59,29 +63,42 @@ class Jacobian:
             steep = (
                 problem.weight
                 * np.where(size <= HUBER_DELTA, 1.0, HUBER_DELTA / root)
-                / floor
+                / problem.floor[k]
             )
-            parts.append((slope * -steep)[:, :, mask].reshape(x.size, -1))
+            parts.append((slopes[k] * -steep)[:, :, masks[k]].reshape(x.size, -1))
         priors = np.diag([-1.0 / p.prior for p in problem.tuned])
         priors = priors[:, [np.isfinite(p.prior) for p in problem.tuned]]
         return np.concatenate([*parts, priors], axis=1).T
 
-    def _near(self, x: FloatArray) -> list[FloatArray]:
-        for place, slopes in self._taken:
-            if np.all(np.abs(x - place) <= self._reach):
-                return slopes
-        self._taken.append((x.copy(), self._take(x)))
-        return self._taken[-1][1]
+    def _errors(self, x: FloatArray, seen: Sequence[int]) -> dict[int, FloatArray]:
+        """Errors over the floor, by the index of the record, of these at least."""
+        key = x.tobytes()
+        if self._last[0] != key:
+            self._last = (key, {})
+        known = self._last[1]
+        if new := [k for k in seen if k not in known]:
+            known.update(zip(new, self._problem.plainly(x, new), strict=True))
+        return known
 
-    def _take(self, x: FloatArray) -> list[FloatArray]:
-        """(parameters, 2, samples) of every record."""
+    def _near(self, x: FloatArray, seen: Sequence[int]) -> dict[int, FloatArray]:
+        """Derivatives by the index of the record, of these at least."""
+        near = [t for t in self._taken if np.all(np.abs(x - t[0]) <= self._reach)]
+        if not near:
+            near = [(x.copy(), {})]
+            self._taken += near
+        place, slopes = near[0]
+        if new := [k for k in seen if k not in slopes]:
+            slopes.update(zip(new, self._take(place, new), strict=True))
+        return slopes
+
+    def _take(self, x: FloatArray, chosen: Sequence[int]) -> list[FloatArray]:
+        """(parameters, 2, samples) of these records."""
         problem = self._problem
-        records = problem.plant.records
+        records = [problem.plant.records[k] for k in chosen]
+        errors = self._errors(x, chosen)
         here = [
-            record.measured - error * floor
-            for error, floor, record in zip(
-                self.errors(x), problem.floor, records, strict=True
-            )
+            record.measured - errors[k] * problem.floor[k]
+            for k, record in zip(chosen, records, strict=True)
         ]
         steps = {
             index: _step(parameter, place)
@@ -91,7 +108,7 @@ class Jacobian:
         }
         columns = differences(
             lambda place: problem.plant.simulate(
-                problem.values(place), problem.effects
+                problem.values(place), problem.effects, chosen
             ),
             x,
             {k: step for k, step in steps.items() if not _sensed(problem.tuned[k])},
@@ -106,6 +123,11 @@ class Jacobian:
             np.array(record)
             for record in zip(*(columns[k] for k in steps), strict=True)
         ]
+
+
+def _seen(masks: Masks) -> list[int]:
+    """Indices of the records of which samples are set."""
+    return [k for k, mask in enumerate(masks) if mask.any()]
 
 
 def _sensed(parameter: Tuned) -> bool:

@@ -127,17 +127,27 @@ class Plant:
     substeps: int = 1
 
     def simulate(
-        self, values: Values, effects: Sequence[str] = (), only: int | None = None
+        self,
+        values: Values,
+        effects: Sequence[str] = (),
+        only: Sequence[int] | None = None,
     ) -> list[FloatArray]:
         """Motor and joint torque (2, samples) of every record, as sensors show them.
 
         Args:
             values: baseline and effect parameters by name.
             effects: ids of the effects that are present.
-            only: index of a single record.
+            only: indices of the records that are wanted; default all.
         """
-        chosen = self.records if only is None else self.records[only : only + 1]
-        return [self._one(record, values, effects) for record in chosen]
+        chosen = self.records if only is None else [self.records[k] for k in only]
+        cables = {
+            pretension: self.cables(values, effects, pretension)
+            for pretension in {record.pretension for record in chosen}
+        }
+        return [
+            self._one(record, cables[record.pretension], values, effects)
+            for record in chosen
+        ]
 
     def cables(
         self, values: Values, effects: Sequence[str], pretension: float | None = None
@@ -181,11 +191,15 @@ class Plant:
         )
 
     def _one(
-        self, record: Record, values: Values, effects: Sequence[str]
+        self,
+        record: Record,
+        cables: tuple[Cable, ...],
+        values: Values,
+        effects: Sequence[str],
     ) -> FloatArray:
         proximal, distal = self.radii(values)
         transmission = Transmission(
-            self.cables(values, effects, record.pretension),
+            cables,
             proximal,
             distal,
             backlash=values.get("backlash", 0.0) if "backlash" in effects else 0.0,

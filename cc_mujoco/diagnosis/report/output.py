@@ -152,7 +152,7 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
         "joint_torque_offset": 0.0,
         **dict.fromkeys(CLOCKS, 0.0),
     }
-    played: FloatArray = problem.plant.simulate(quiet, problem.effects, only=0)[0]
+    played: FloatArray = problem.plant.simulate(quiet, problem.effects, only=(0,))[0]
     edge = round(1.0 / record.band / record.dt)
     passed = low_passed(shown, record.band, 1.0 / record.dt)
     error = (passed - played[:, :short])[:, edge:-edge]

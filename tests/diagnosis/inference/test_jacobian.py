@@ -27,7 +27,10 @@ class Counted(Plant):
     played: tuple[list[Values], ...] = ([],)
 
     def simulate(
-        self, values: Values, effects: Sequence[str] = (), only: int | None = None
+        self,
+        values: Values,
+        effects: Sequence[str] = (),
+        only: Sequence[int] | None = None,
     ) -> list[FloatArray]:
         self.played[0].append(values)
         return super().simulate(values, effects, only)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import mujoco
 import numpy as np
@@ -47,10 +47,8 @@ class Builder:
             timestep: of the physics [s]; that of the scene by default.
         """
         self.device = look_up("scene", name, DEVICES)
-        self.spec = mujoco.MjSpec.from_file(str(scene_path(name)))
-        if timestep is not None:
-            self.spec.option.timestep = timestep
-        self._bare: dict[tuple[str, ...], mujoco.MjSpec] = {}
+        self.spec = _scene(name, timestep)
+        self._read = name, timestep
         self.cables = engine.from_mjcf(self.spec)
         """The cables as they stand in the scene."""
 
@@ -221,10 +219,7 @@ class Builder:
         """The scene that a design changes: whole, or what the design needs of it."""
         if whole:
             return self.spec
-        routes = self._routes(design)
-        if routes not in self._bare:
-            self._bare[routes] = strip(self.spec, routes)
-        return self._bare[routes]
+        return _bare(*self._read, self._routes(design))
 
     def _apply(
         self, spec: mujoco.MjSpec, design: Mapping[str, Value], whole: bool
@@ -262,6 +257,19 @@ class Builder:
         for name in self.device.lever:
             site = spec.site(name)
             site.pos = [math.copysign(radius, site.pos[0]), *site.pos[1:]]
+
+
+def _scene(name: str, timestep: float | None) -> mujoco.MjSpec:
+    spec = mujoco.MjSpec.from_file(str(scene_path(name)))
+    if timestep is not None:
+        spec.option.timestep = timestep
+    return spec
+
+
+@lru_cache(maxsize=32)
+def _bare(name: str, timestep: float | None, routes: tuple[str, ...]) -> mujoco.MjSpec:
+    """The scene stripped, to be copied; stripping it takes a tenth of a second."""
+    return strip(_scene(name, timestep), routes)
 
 
 def _own(design: Mapping[str, Value], cable: str) -> dict[str, Value]:

@@ -71,7 +71,7 @@ def test_the_missing_effect_is_named_and_the_gap_closes(
 def test_a_law_is_no_rival_of_its_special_case_and_is_named_where_that_fails(
     name: str, values: dict[str, float]
 ) -> None:
-    data = dataset({name: values}, 2.0, seed=3, changes=TUNED)
+    data = dataset({name: values}, 1.4, seed=3, changes=TUNED)
     ids = ("viscous_friction", "grease_drag")
     found = reason(data, BENCH, ids=ids).diagnosis
     assert found.verdict == "named", found.statement

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,14 +16,26 @@ from rig.dataset import make_dataset
 from rig.effects import EFFECTS
 from rig.generate import facts_of, write_data
 from rig.nominal import make_rig
+from rig.trials import SETS, Trial
 
 BOTH = {"viscous_friction", "stribeck_friction"}
 SUSPECTS = (*sorted(BOTH), "presliding")
+TRIALS, SECONDS = 5, 2.5
+"""Enough of the rich trials to tell the two from one."""
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("short")
-def test_one_of_both_comes_first_and_both_are_found(tmp_path: Path) -> None:
+def test_one_of_both_comes_first_and_both_are_found(
+    tmp_path: Path,
+    shortened: Callable[[Trial, float], Trial],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rich = SETS["rich"]
+    monkeypatch.setitem(
+        SETS,
+        "rich",
+        lambda rng: [shortened(trial, SECONDS) for trial in rich(rng)[:TRIALS]],
+    )
     rig = make_rig(11)
     amounts = {name: 1.5 * EFFECTS[name].typical for name in BOTH}
     trials = make_dataset(rig, amounts, "rich", 11)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 
 import mujoco
 import numpy as np
@@ -219,7 +219,8 @@ class Builder:
         """The scene that a design changes: whole, or what the design needs of it."""
         if whole:
             return self.spec
-        return _bare(*self._read, self._routes(design))
+        bare, _ = _stripped(*self._read, self._routes(design))
+        return bare
 
     def _apply(
         self, spec: mujoco.MjSpec, design: Mapping[str, Value], whole: bool
@@ -266,10 +267,16 @@ def _scene(name: str, timestep: float | None) -> mujoco.MjSpec:
     return spec
 
 
-@lru_cache(maxsize=32)
-def _bare(name: str, timestep: float | None, routes: tuple[str, ...]) -> mujoco.MjSpec:
-    """The scene stripped, to be copied; stripping it takes a tenth of a second."""
-    return strip(_scene(name, timestep), routes)
+@cache
+def _stripped(
+    name: str, timestep: float | None, routes: tuple[str, ...]
+) -> tuple[mujoco.MjSpec, mujoco.MjSpec]:
+    """The scene stripped, to be copied; stripping it takes a tenth of a second.
+
+    Behind it stands the scene: MuJoCo's copies point into what they are copies of.
+    """
+    whole = _scene(name, timestep)
+    return strip(whole, routes), whole
 
 
 def _own(design: Mapping[str, Value], cable: str) -> dict[str, Value]:

@@ -5,6 +5,8 @@
 # A user's own search paths (ROS sets one for Python) are not to be mixed in.
 unset CDPATH PYTHONHOME PYTHONPATH
 export PYTHONNOUSERSITE=1
+# Else every process compiles all that it imports anew, the tests' hundred ones, too.
+unset PYTHONDONTWRITEBYTECODE
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 

@@ -100,12 +100,11 @@ def _write_law(folder: Path, gain: float) -> None:
     )
 
 
-def _plan(controller: str = "pi", duration: float = 0.4) -> Plan:
+def _plan(duration: float = 0.4) -> Plan:
     return make_plan(
         "wrist",
         {"friction": "0.05:0.2:8", "loops": [1, 2]},
         duration=duration,
-        controller=controller,
         metrics=("tracking_error", "slack_margin"),
     )
 
@@ -211,7 +210,8 @@ def test_the_controller_of_a_worker_is_that_of_the_client(
         _write_law(tmp_path / name, gain)
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.setenv("PYTHONPATH", str(HOME))
-    plan = _plan("law_of_mine:make")
+    plan = make_plan("wrist", {"loops": [1, 2]}, duration=0.2,
+                     controller="law_of_mine:make", metrics=["tracking_error"])  # fmt: skip
     assert carry_out(plan, scheduler=cluster.address).equals(carry_out(plan))
     cluster.work(HOME, tmp_path / "other")
     words = ("--controller", "law_of_mine:make")

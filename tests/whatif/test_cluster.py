@@ -210,8 +210,13 @@ def test_the_controller_of_a_worker_is_that_of_the_client(
         _write_law(tmp_path / name, gain)
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.setenv("PYTHONPATH", str(HOME))
-    plan = make_plan("wrist", {"loops": [1, 2]}, duration=0.2,
-                     controller="law_of_mine:make", metrics=["tracking_error"])  # fmt: skip
+    plan = make_plan(
+        "wrist",
+        {"loops": [1, 2]},
+        duration=0.2,
+        controller="law_of_mine:make",
+        metrics=["tracking_error"],
+    )
     assert carry_out(plan, scheduler=cluster.address).equals(carry_out(plan))
     cluster.work(HOME, tmp_path / "other")
     words = ("--controller", "law_of_mine:make")

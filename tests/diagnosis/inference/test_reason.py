@@ -20,7 +20,7 @@ TUNED = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
 
 
 def test_nothing_is_named_where_nothing_is_missing() -> None:
-    result = reason(dataset(changes=TUNED, duration=4.0), BENCH, ids=FEW)
+    result = reason(dataset(changes=TUNED, duration=2.5), BENCH, ids=FEW)
     found = result.diagnosis
     assert found.verdict == "none"
     assert found.effects == ()
@@ -44,7 +44,7 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
 def test_the_missing_effect_is_named_and_the_gap_closes(
     name: str, values: dict[str, float]
 ) -> None:
-    data = dataset({name: values}, 4.0, seed=3, changes=TUNED)
+    data = dataset({name: values}, 2.5, seed=3, changes=TUNED)
     result = reason(data, BENCH, ids=FEW)
     found = result.diagnosis
     assert found.verdict == "named", found.statement
@@ -79,7 +79,7 @@ def test_a_law_is_no_rival_of_its_special_case_and_is_named_where_that_fails(
 
 
 def test_an_effect_outside_the_library_is_unknown() -> None:
-    data = dataset(changes=TUNED, seed=4, duration=4.0)
+    data = dataset(changes=TUNED, seed=4, duration=2.5)
     trials = []
     for trial in data.trials:
         torque = trial.joint_torque + 0.3 * np.sin(9.0 * trial.joint_angle) ** 3

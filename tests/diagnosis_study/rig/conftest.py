@@ -10,7 +10,7 @@ import pytest
 
 from rig.dataset import make_trials
 from rig.nominal import Rig, make_rig
-from rig.trials import SETS, Trial
+from rig.trials import Trial
 
 SCRIPTS = Path(__file__).parents[3] / "scripts" / "diagnosis_study"
 
@@ -36,15 +36,6 @@ def cut(trial: Trial, seconds: float) -> Trial:
 @pytest.fixture
 def shortened() -> Callable[[Trial, float], Trial]:
     return cut
-
-
-@pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rich trials of 4 s instead of 8 s."""
-    rich = SETS["rich"]
-    monkeypatch.setitem(
-        SETS, "rich", lambda rng: [cut(trial, 4.0) for trial in rich(rng)]
-    )
 
 
 @pytest.fixture

@@ -97,8 +97,10 @@ class Sensors:
                 raise CableError(
                     f"a sensor is at {position:g} m; the cable has {cable.length:g} m"
                 )
-        step = cable.length / cable.segments
-        nodes = tuple(round(position / step) for position in positions)
+        from cc_mujoco.transmission.conduit import node_places
+
+        index = np.interp(positions, node_places(cable), np.arange(cable.segments + 1))
+        nodes = tuple(round(i) for i in index.tolist())
         return cls(nodes, tuple(np.broadcast_to(deviation, len(nodes)).tolist()))
 
     @classmethod
@@ -155,8 +157,8 @@ class Sensing:
         """A drive with tension sensors at both ends and the middle of every cable."""
         deviation = max(self.tension_noise, 1e-6)
         sensors = tuple(
-            Sensors((0, n // 2, n), (deviation,) * 3)
-            for n in (cable_drive.cable.segments for cable_drive in drive.cables)
+            Sensors((0, _middle(cable), cable.segments), (deviation,) * 3)
+            for cable in (cable_drive.cable for cable_drive in drive.cables)
         )
         return dataclasses.replace(drive, sensors=sensors)
 
@@ -164,6 +166,14 @@ class Sensing:
         """The fields as plain JSON; an infinite `cutoff` is null."""
         fields = dataclasses.asdict(self)
         return {n: v if math.isfinite(v) else None for n, v in fields.items()}
+
+
+def _middle(cable: Cable) -> int:
+    """The last node of the proximal half."""
+    from cc_mujoco.transmission.conduit import node_places
+
+    half = 0.5 * cable.length * (1.0 + 1e-9)
+    return int(np.searchsorted(node_places(cable), half, side="right")) - 1
 
 
 PERFECT = Sensing(0.0, 0.0, 0.0, 0.0, cutoff=math.inf, delay=0)

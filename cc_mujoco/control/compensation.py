@@ -15,10 +15,10 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.transmission import PARAMETERS, kernel
 from cc_mujoco.transmission import friction as law
+from cc_mujoco.transmission.packing import contact_length
 from cc_mujoco.transmission.stepper import Counts
 
 _SCALARS = len(PARAMETERS)
-_EA = law.INDEX["axial_stiffness"]
 _FRICTION = law.INDEX["friction"]
 _PRETENSION = law.INDEX["pretension"]
 
@@ -181,8 +181,7 @@ def _breakaway(
     values = prm[:_SCALARS]
     angle = kernel.segment_angles(prm, n)
     holding = law.holding_coefficient(values)
-    step = 1.0 / kernel.node_stiffness(prm, n)[1] if n > 1 else 0.0
-    length = step * values[_EA]
+    length = contact_length(prm, n)
     need = wanted
     for i in range(n):
         j = n - 1 - i
@@ -190,7 +189,7 @@ def _breakaway(
         moving = slip * sense > 0.0
         slipped = abs(slip) if moving else 0.0
         growth = law.ratio(law.kinetic_coefficient(values, slipped, speed), angle[j])
-        drag = law.drag(values, length, growth, j, n)
+        drag = law.drag(values, length[j], growth, j, n)
         held = max(state[t + j + 1], 0.0)
         hold = law.ratio(holding, angle[j])
         if sense < 0.0:

@@ -475,7 +475,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         pieces.contacts(seen, n)[:guided] = pieces.contacts(reference, n)[:guided]
         if load_word(block + FOLLOWS) == 1:
             length = fields.real(data, fields.TEN_LENGTH, tendon) - reach
-            path.bend(model, data, tendon, points, length, floats(shape, guided))
+            inside = pieces.contacts(reference, n)[:guided]
+            path.bend(model, data, tendon, points, length, inside, seen[:guided])
 
     export("cc_mujoco_survey", survey.address)
 
@@ -577,7 +578,9 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         else:
             points = fields.integer(data, fields.TEN_WRAPNUM, tendon)
             length = fields.real(data, fields.TEN_LENGTH, tendon)
-            path.bend(model, data, tendon, points, length, floats(now, n))
+            prm = floats(parameters_at(block), kernel.parameter_size(n))
+            inside = packing.contact_length(prm, n)
+            path.bend(model, data, tendon, points, length, inside, floats(now, n))
         _lay(block, now, state)
 
     export("cc_mujoco_follow", follow.address)
@@ -616,10 +619,10 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     def turn(model: int, data: int, tendon: int) -> float:
         """Sum of the turning angles of a tendon's path at the last position [rad]."""
         _ = stamp
-        total = np.empty(1)
+        whole, total = np.ones(1), np.empty(1)
         points = fields.integer(data, fields.TEN_WRAPNUM, tendon)
         length = fields.real(data, fields.TEN_LENGTH, tendon)
-        path.bend(model, data, tendon, points, length, total)
+        path.bend(model, data, tendon, points, length, whole, total)
         return float(total[0])
 
     export("cc_mujoco_turn", turn.address)

@@ -25,6 +25,8 @@ import numpy.typing as npt
 from cc_mujoco.engine import fields
 from cc_mujoco.engine.memory import internal, load_real, load_word
 
+Floats = npt.NDArray[np.float64]
+
 _SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 _PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
 
@@ -46,25 +48,27 @@ def branches(model: int, tendon: int) -> bool:
 
 @internal
 def _spread(
-    out: npt.NDArray[np.float64], scale: float, begin: float, end: float, angle: float
+    out: Floats, length: Floats, scale: float, begin: float, end: float, angle: float
 ) -> None:
     """Add an angle evenly over the path from `begin` to `end` [m].
 
-    `scale` is segments per metre of path; what lies outside goes to the nearest end.
+    `scale` is metres of segments, of `length` each, per metre of path; what lies
+    outside goes to the nearest end.
     """
-    n = out.size
-    a = min(max(begin * scale, 0.0), float(n))
-    b = min(max(end * scale, a), float(n))
-    first = min(int(a), n - 1)
-    last = min(int(b), n - 1)
-    if first == last:
-        out[first] += angle
-        return
-    rate = angle / (b - a)
-    out[first] += rate * (first + 1 - a)
-    for j in range(first + 1, last):
-        out[j] += rate
-    out[last] += rate * (b - last)
+    last = out.size - 1
+    a = max(begin * scale, 0.0)
+    b = max(end * scale, a)
+    j, stop = 0, length[0]
+    while j < last and stop <= a:
+        j += 1
+        stop += length[j]
+    while j < last and stop < b:
+        part = angle * (stop - a) / (b - a)
+        out[j] += part
+        angle, a = angle - part, stop
+        j += 1
+        stop += length[j]
+    out[j] += angle
 
 
 @internal
@@ -123,9 +127,10 @@ def bend(
     tendon: int,
     count: int,
     total: float,
-    out: npt.NDArray[np.float64],
+    segments: Floats,
+    out: Floats,
 ) -> None:
-    """Wrap angle of each of `out.size` equal segments of a conduit along a path.
+    """Wrap angle of each segment of a conduit along a path.
 
     Args:
         model: address of the model.
@@ -133,12 +138,13 @@ def bend(
         tendon: index of a spatial tendon without pulleys.
         count: number of points of its path that the conduit follows, from the first.
         total: length of the path up to there [m].
+        segments: length of each segment (n,) [m].
         out: out, wrap angles from the first point to the last (n,) [rad].
     """
     out[:] = 0.0
     if not total > 0.0:
         return
-    scale = out.size / total
+    scale = segments.sum() / total
     start = fields.integer(data, fields.TEN_WRAPADR, tendon)
     points = load_word(data + fields.WRAP_XPOS) + 24 * start
     p = load_real(points), load_real(points + 8), load_real(points + 16)
@@ -162,13 +168,13 @@ def bend(
             continue
         if leaves and directed:
             length, turned = arc(model, data, geom, p, q, d)
-            _spread(out, scale, reached, reached + length, turned)
+            _spread(out, segments, scale, reached, reached + length, turned)
             directed = False
         else:
             x, y, z = x / length, y / length, z / length
             if directed:
                 middle = 0.5 * (corner + reached)
-                _spread(out, scale, begin, middle, angle)
+                _spread(out, segments, scale, begin, middle, angle)
                 u = d[1] * z - d[2] * y
                 v = d[2] * x - d[0] * z
                 w = d[0] * y - d[1] * x
@@ -178,4 +184,4 @@ def bend(
             d, directed = (x, y, z), True
         p = q
         reached += length
-    _spread(out, scale, begin, 0.5 * (corner + reached), angle)
+    _spread(out, segments, scale, begin, 0.5 * (corner + reached), angle)

@@ -26,6 +26,7 @@ from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import rows, wrap_angles
 from cc_mujoco.estimation.slope import SlopeEstimator, SlopeFit
 from cc_mujoco.sensing import Sensors
+from cc_mujoco.transmission.conduit import node_places
 from cc_mujoco.transmission.parameters import Cable
 
 
@@ -82,7 +83,8 @@ class BendEstimator(SlopeEstimator):
                 "it needs at least 1 and 0"
             )
         n, length = cable.segments, cable.length
-        guess = cable.friction * np.diff(wrap_angles(cable)) * n / length
+        places = node_places(cable)
+        guess = cable.friction * np.diff(wrap_angles(cable)) / np.diff(places)
         if start is not None:
             guess = _guess(start, n)
         width = float(np.max(np.abs(guess))) if spread is None else spread
@@ -92,10 +94,11 @@ class BendEstimator(SlopeEstimator):
         size = pieces + degree
         self._basis = BSpline(knots, np.eye(size), degree)
         integral = self._basis.antiderivative()
-        design = np.asarray(integral(np.linspace(0.0, length, n + 1)) - integral(0.0))
-        share = (np.arange(20 * size) + 0.5) / (20 * size)  # dense in every piece
-        wanted = guess[(share * n).astype(int)]
-        first = np.linalg.lstsq(self._basis(share * length), wanted, rcond=None)[0]
+        design = np.asarray(integral(places) - integral(0.0))
+        dense = (np.arange(20 * size) + 0.5) / (20 * size) * length  # in every piece
+        segment = np.searchsorted(places, dense, side="right") - 1
+        wanted = guess[np.clip(segment, 0, n - 1)]
+        first = np.linalg.lstsq(self._basis(dense), wanted, rcond=None)[0]
         fit = RecursiveLeastSquares(first, np.full(size, width), memory, drift)
         super().__init__(SlopeFit(cable, sensors, design, fit, memory))
 

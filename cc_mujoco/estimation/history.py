@@ -22,7 +22,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.samples import wrap_angles
-from cc_mujoco.transmission.conduit import Replay, replay
+from cc_mujoco.transmission.conduit import Replay, node_lengths, replay
 from cc_mujoco.transmission.parameters import Cable
 
 ENDS = ("u_proximal", "tension_proximal", "u_distal", "tension_distal")
@@ -67,10 +67,8 @@ class History:
         _check_ends(inputs, outputs)
         self.inputs, self.outputs = inputs, tuple(outputs)
         self._dt, self._limit = dt, limit
-        n = cable.segments
         self._angle = wrap_angles(cable)
-        self._share = np.full(n + 1, cable.length / n)
-        self._share[[0, n]] *= 0.5
+        self._share = node_lengths(cable)
         self.reset()
 
     def reset(self) -> None:

@@ -38,6 +38,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import Track, checked_noise, checked_sample, rows
 from cc_mujoco.sensing import Sensors
+from cc_mujoco.transmission.conduit import node_places
 from cc_mujoco.transmission.parameter import Term
 from cc_mujoco.transmission.parameters import Cable
 
@@ -95,7 +96,7 @@ class StiffnessEstimator:
             )
         self._segments, self._sensors = cable.segments, nodes.size
         self._reach = (int(inner[least]), int(inner[-1]))
-        gap = np.diff(inner) * cable.length / cable.segments
+        gap = np.diff(node_places(cable)[inner])
         self._share = np.zeros(inner.size)
         self._share[:-1] += 0.5 * gap
         self._share[1:] += 0.5 * gap

@@ -23,7 +23,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.predecessors.model import Answer, Model, Motion
 from cc_mujoco.transmission import Cable
-from cc_mujoco.transmission.conduit import packed
+from cc_mujoco.transmission.conduit import node_lengths, packed
 from cc_mujoco.transmission.kernel import segment_angles
 
 _ROUNDS = 200
@@ -77,7 +77,7 @@ class BristleChain(Model):
                 motion.moved,
                 motion.stiffness,
                 cable.friction * segment,
-                cable.axial_stiffness * n / cable.length,
+                cable.axial_stiffness / node_lengths(cable),
                 motion.start,
                 np.array(
                     [
@@ -110,7 +110,7 @@ def _play(
     moved: FloatArray,
     load: float,
     grip: FloatArray,
-    stiffness: float,
+    stiffness: FloatArray,
     tension: FloatArray,
     shape: FloatArray,
     factor: FloatArray,
@@ -119,14 +119,13 @@ def _play(
     """Tension of both ends and place of the distal one, (3, samples).
 
     Friction acts at the middle of every segment (displacement x_j); springs of the
-    cable lie between, half as long at the ends. `load` is infinite where the distal
+    cable lie between, of `stiffness` (n + 1,). `load` is infinite where the distal
     end is held or moved.
     """
     n = grip.size
     held = np.isinf(load)
     rest = tension[n]
-    spring = np.full(n + 1, stiffness)
-    spring[0] = spring[n] = 2.0 * stiffness
+    spring = stiffness.copy()
     if not held:
         spring[n] = spring[n] * load / (spring[n] + load)
     start = tension.copy()

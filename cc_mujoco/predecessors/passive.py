@@ -17,7 +17,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.predecessors.model import Answer, Asked, Model, Motion
-from cc_mujoco.transmission.conduit import packed
+from cc_mujoco.transmission.conduit import node_lengths, packed
 from cc_mujoco.transmission.kernel import segment_angles
 
 
@@ -35,8 +35,7 @@ class PassiveDistributed(Model):
         n = cable.segments
         angle = np.zeros(n + 1)
         angle[1:] = np.cumsum(segment_angles(packed(cable), n))
-        share = np.full(n + 1, cable.length / (n * cable.axial_stiffness))
-        share[[0, n]] *= 0.5
+        share = node_lengths(cable) / cable.axial_stiffness
         compliance = 1.0 / motion.stiffness
         share[n] += compliance  # the spring follows the last node
         return Answer(

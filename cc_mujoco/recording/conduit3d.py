@@ -15,34 +15,36 @@ Array = NDArray[np.float64]
 SLACK_COLOR = np.array([150, 150, 150, 255], dtype=np.uint8)
 
 
-def conduit_points(model: mujoco.MjModel, cable: str, qpos: Array, nodes: int) -> Array:
-    """Return where the nodes of a cable lie in space.
+def conduit_points(
+    model: mujoco.MjModel, cable: str, qpos: Array, shares: Array
+) -> Array:
+    """Return where places along a cable, as its nodes, lie in space.
 
     Args:
         model: Compiled model.
         cable: Name of a cable that has a route.
         qpos: Generalized coordinates of the frames (T, nq).
-        nodes: Number of nodes, spread evenly over the length of the route.
+        shares: Of the length of the route, from the motor end, 0 to 1 (P,).
 
     Returns:
-        Points (T, nodes, 3) in metres, from the motor end to the joint end.
+        Points (T, P, 3) in metres, from the motor end to the joint end.
     """
-    points = np.empty((len(qpos), nodes, 3))
+    points = np.empty((len(qpos), len(shares), 3))
     data = mujoco.MjData(model)
     for frame, coordinates in enumerate(qpos):
         data.qpos[:] = coordinates
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_tendon(model, data)
-        points[frame] = resample(engine.route(model, data, cable), nodes)
+        points[frame] = resample(engine.route(model, data, cable), shares)
     return points
 
 
-def resample(polyline: Array, count: int) -> Array:
-    """Return points evenly spaced along a polyline (P, 3), as (count, 3)."""
+def resample(polyline: Array, shares: Array) -> Array:
+    """Return points at shares (P,) of the length of a polyline, as (P, 3)."""
     steps = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
-    wanted = np.linspace(0.0, along[-1], count)
+    wanted = shares * along[-1]
     axes = [np.interp(wanted, along, polyline[:, axis]) for axis in range(3)]
     return np.stack(axes, axis=1)
 

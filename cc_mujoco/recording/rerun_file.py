@@ -35,6 +35,7 @@ from cc_mujoco.recording.scene3d import (
     viewpoint,
 )
 from cc_mujoco.recording.tendon3d import log_tendons
+from cc_mujoco.transmission.conduit import node_places
 
 APPLICATION = "cc_mujoco"
 FRAMES_PER_SECOND = 60.0
@@ -202,7 +203,8 @@ def _log_scene(
     log_tendons(rec, model, time, qpos, routes.values())
     for cable, tendon in routes.items():
         tension = tensions[cable]
-        points = conduit_points(model, cable, qpos, tension.shape[1])
+        shares = node_places(cables[cable]) / cables[cable].length
+        points = conduit_points(model, cable, qpos, shares)
         radius = float(model.tendon_width[tendon])
         log_conduit(rec, cable, time, points, tension, highest, radius)
 

@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.figures import (
     BLUE,
@@ -20,6 +21,8 @@ from cc_mujoco.figures import (
 )
 from cc_mujoco.recording.columns import RATIO
 from cc_mujoco.recording.log import EpisodeLog
+from cc_mujoco.transmission import Cable
+from cc_mujoco.transmission.conduit import node_places
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
 
 MAX_COLUMNS = 600
 """Columns of a heat map; of more samples, means are shown."""
+ROWS = 501
+"""Its rows, each of the nearest node."""
 
 
 def write_summary(path: str | os.PathLike[str], log: EpisodeLog) -> None:
@@ -122,6 +127,17 @@ def _draw_loop(axes: Axes, log: EpisodeLog) -> None:
     axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98))
 
 
+def _nearest_nodes(log: EpisodeLog, cable: str) -> NDArray[np.intp]:
+    """Return the node nearest to each of many even steps along a cable."""
+    shares = np.linspace(0.0, 1.0, log[f"tension_{cable}_nodes_n"].shape[1])
+    config = log.metadata.get("cables", {}).get(cable)
+    if config is not None:
+        described = Cable.from_config(config)
+        shares = node_places(described) / described.length
+    along = np.linspace(0.0, 1.0, ROWS)
+    return np.rint(np.interp(along, shares, np.arange(shares.size))).astype(np.intp)
+
+
 def _draw_tensions(part: Any, log: EpisodeLog) -> None:
     """Draw one heat map per cable, place on the cable upwards, time to the right."""
     import matplotlib
@@ -135,7 +151,8 @@ def _draw_tensions(part: Any, log: EpisodeLog) -> None:
     for axes, (cable, values) in zip(panels, nodes.items(), strict=True):
         whole = len(values) // every * every
         means = values[:whole].reshape(-1, every, values.shape[1]).mean(axis=1)
-        shown = np.ma.masked_less_equal(means.T, 0.0)
+        rows = _nearest_nodes(log, cable)
+        shown = np.ma.masked_less_equal(means.T[rows], 0.0)
         image = axes.imshow(
             shown,
             aspect="auto",

@@ -20,8 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import kernel
+from cc_mujoco.transmission import kernel, packing
 from cc_mujoco.transmission.friction import drag, holding_coefficient, ratio
+from cc_mujoco.transmission.mesh import divide, turn
 from cc_mujoco.transmission.parameters import PARAMETERS, Cable, Section
 
 
@@ -35,6 +36,35 @@ def packed(cable: Cable) -> FloatArray:
         prm,
     )
     return prm
+
+
+def node_places(cable: Cable) -> FloatArray:
+    """Where the nodes of a cable lie, from the proximal end (segments + 1,) [m].
+
+    Denser where the conduit bends more, see `mesh.py`.
+    """
+    places = np.empty(cable.segments + 1)
+    divide(np.array(cable.conduit, dtype=np.float64), cable.segments, places)
+    return places
+
+
+def node_lengths(cable: Cable) -> FloatArray:
+    """Length of cable that every node stands for (segments + 1,) [m]."""
+    return np.array(packing.node_length(packed(cable), cable.segments))
+
+
+def end_stiffness(cable: Cable) -> tuple[float, float]:
+    """Stiffness of both ends where only the outermost segment moves [N/m]."""
+    length = node_lengths(cable)
+    return (
+        cable.axial_stiffness / float(length[0]),
+        cable.axial_stiffness / float(length[-1]),
+    )
+
+
+def segment_lengths(cable: Cable) -> FloatArray:
+    """Length of every segment (segments,) [m]."""
+    return np.array(packing.contact_length(packed(cable), cable.segments))
 
 
 def rest_state(cable: Cable, tension: ArrayLike | None = None) -> FloatArray:
@@ -72,9 +102,10 @@ def _require_held(cable: Cable, node: FloatArray) -> None:
     n = cable.segments
     prm = packed(cable)
     hold = holding_coefficient(prm[: len(PARAMETERS)])
+    length = packing.contact_length(prm, n)
     for j, angle in enumerate(kernel.segment_angles(prm, n)):
         low, high = sorted((float(node[j]), float(node[j + 1])))
-        free = drag(prm[: len(PARAMETERS)], cable.length / n, 1.0, j, n)
+        free = drag(prm[: len(PARAMETERS)], float(length[j]), 1.0, j, n)
         if high > (ratio(hold, float(angle)) * low + free) * (1.0 + 1e-9):
             raise CableError(
                 f"initial tension jumps from {node[j]:g} N to {node[j + 1]:g} N "
@@ -108,8 +139,9 @@ class Conduit:
     def rebend(self, conduit: Sequence[Section]) -> None:
         """Lay the conduit in another path of the same length, at once.
 
-        The cable stays where it is until the next step. There it slips wherever
-        friction no longer holds it, even inside, and even if both ends stand still.
+        The cable stays where it is until the next step, and so do its nodes. There it
+        slips wherever friction no longer holds it, even inside, and even if both ends
+        stand still.
 
         Args:
             conduit: sections of the new path, proximal to distal.
@@ -123,7 +155,10 @@ class Conduit:
                 f"the new path of the conduit is {bent.length:g} m long; it must be "
                 f"{self.cable.length:g} m as before"
             )
-        self._prm[:] = packed(bent)
+        n = self.cable.segments
+        angles = np.empty(n)
+        turn(np.array(bent.conduit), node_places(self.cable), angles)
+        kernel.rebend(self._prm, n, angles)
         kernel.expect_change(self._prm)
         self._bent = True
 

@@ -247,13 +247,17 @@ def warmed(values: FloatArray, heat: float, lost: float, dt: float) -> float:
 
 
 @compiled
-def wrap_factor(values: FloatArray, travel: float, j: int, n: int) -> float:
-    """Factor on the wrap angle of segment j of n.
+def wrap_factor(
+    values: FloatArray, travel: float, begin: float, end: float, length: float
+) -> float:
+    """Factor on the wrap angle of the segment from `begin` to `end` [m] of `length`.
 
     The distal end is `travel` from its rest [m].
     """
-    share = j + 1 - n * (1.0 - values[_WRAP_REACH])
-    bent = min(max(share, 0.0), 1.0) * values[_WRAP_GROWTH]
+    reach = length * values[_WRAP_REACH]
+    inside, own = end - (length - reach), end - begin
+    share = min(max(inside, 0.0), own) / own if own > 0.0 else 0.0
+    bent = share * values[_WRAP_GROWTH]
     return float(max(1.0 + bent * travel, 0.0))
 
 

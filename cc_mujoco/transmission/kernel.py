@@ -31,6 +31,7 @@ from cc_mujoco.transmission import packing as at
 from cc_mujoco.transmission.chain import lay
 from cc_mujoco.transmission.fronts import march, pushed
 from cc_mujoco.transmission.graph import sweep
+from cc_mujoco.transmission.mesh import divide, survey, turn
 from cc_mujoco.transmission.packing import STATE_HEADER as STATE_HEADER
 from cc_mujoco.transmission.packing import node_stiffness as node_stiffness
 from cc_mujoco.transmission.packing import parameter_size as parameter_size
@@ -86,26 +87,17 @@ def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> N
         n: number of segments.
         out: packed vector, `parameter_size(n)`.
     """
-    total = 0.0
-    for s in range(sections.shape[0]):
-        total += sections[s, 0]
-    step = total / n
-    angles, contacts = segment_angles(out, n), at.contact_length(out, n)
-    lengths = at.node_length(out, n)
+    total, _, even = survey(sections)
+    contacts, lengths = at.contact_length(out, n), at.node_length(out, n)
+    edges = lengths  # until the segments have their lengths
+    divide(sections, n, edges)
+    turn(sections, edges, segment_angles(out, n))
     for j in range(n):
-        # Wrap angle of the segment: the curvature of the sections that it covers.
-        begin, end = j * step, (j + 1) * step
-        angle, start = 0.0, 0.0
-        for s in range(sections.shape[0]):
-            stop = start + sections[s, 0]
-            shared = min(end, stop) - max(begin, start)
-            if shared > 0.0:
-                angle += shared / sections[s, 1]
-            start = stop
-        angles[j], contacts[j] = angle, step
+        contacts[j] = total / n if even else edges[j + 1] - edges[j]
     for i in range(n + 1):
         # The end nodes stand for half a segment.
-        lengths[i] = 0.5 * step if i in (0, n) else step
+        lengths[i] = 0.5 * contacts[0 if i == 0 else i - 1]
+        lengths[i] += 0.5 * contacts[i] if 0 < i < n else 0.0
     out[at.LENGTH], out[at.GUIDED] = total, n
     pack_mesh(values, n, out)
 
@@ -711,7 +703,9 @@ def _coefficients(
     constant_drag = at.constant_drag(prm, n)
     slips, speeds = at.slips(state, n), at.slip_speeds(state, n)
     angles, ages = segment_angles(prm, n), at.contact_ages(state, n)
+    reached = 0.0
     for j in range(n):
+        begin, reached = reached, reached + length[j]
         slip = slips[j]
         distal_hold = proximal_hold = constant_hold[j]
         if is_constant_coulomb:
@@ -721,7 +715,9 @@ def _coefficients(
         else:
             angle = angles[j]
             if is_state_dependent:
-                angle *= law.wrap_factor(values, state[at.TRAVEL], j, n)
+                angle *= law.wrap_factor(
+                    values, state[at.TRAVEL], begin, reached, prm[at.LENGTH]
+                )
             mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
             coefficient = law.kinetic_coefficient(values, abs(slip), speeds[j])
             holding = resting

@@ -41,7 +41,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission.conduit import packed
+from cc_mujoco.transmission.conduit import packed, segment_lengths
 from cc_mujoco.transmission.kernel import segment_angles
 from cc_mujoco.transmission.parameter import Term
 from cc_mujoco.transmission.parameters import Cable
@@ -98,16 +98,17 @@ class Mesh:
 
     @classmethod
     def of(cls, cable: Cable) -> Mesh:
-        """Equal segments, each with the mean curvature of its part of the conduit.
+        """The segments of the kernel, each with the mean curvature of its part.
+
+        They are equal, as in the thesis, where the conduit bends evenly.
 
         Raises:
             CableError: a friction term that chapter 2 does not know.
         """
         cable.require_terms(_is_coulomb, "chapter 2 knows Coulomb friction only")
-        n = cable.segments
-        wrap = segment_angles(packed(cable), n)
+        wrap = segment_angles(packed(cable), cable.segments)
         static = cable.static_friction or cable.friction
-        length = np.full(n, cable.length / n)
+        length = segment_lengths(cable)
         return cls(cable.friction * wrap, static * wrap, length, cable.axial_stiffness)
 
     @property

@@ -23,6 +23,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.transmission.conduit import end_stiffness
 from cc_mujoco.transmission.parameters import KEYS, Cable, Section
 from cc_mujoco.whatif.bare import strip
 from cc_mujoco.whatif.variables import Value, read_design
@@ -133,9 +134,9 @@ class Builder:
     def stable_step(self, design: Mapping[str, Value]) -> float:
         """Longest time step at which the explicit force of the cables is stable [s].
 
-        An end of a cable is at its stiffest where only its last segment moves:
-        k = 2 N EA / L. About a joint of inertia J the ends add up to K = sum of k r^2,
-        and an explicit force is stable below 2 / sqrt(K / J).
+        An end of a cable is at its stiffest where only its last segment moves: k is EA
+        over half its length. About a joint of inertia J the ends add up to K = sum of
+        k r^2, and an explicit force is stable below 2 / sqrt(K / J).
         """
         inertia, arms = self._levers
         inertia = inertia.copy()
@@ -148,8 +149,8 @@ class Builder:
         stiffness = np.zeros_like(inertia)
         for name, cable in self.cables_of(design).items():
             own = _own(design, name)
-            end = 2.0 * cable.segments * cable.axial_stiffness / cable.length
-            for arm, key in zip(arms[name], RADII, strict=True):
+            ends = zip(arms[name], RADII, end_stiffness(cable), strict=True)
+            for arm, key, end in ends:
                 scale = float(own[key]) / np.abs(arm).max() if key in own else 1.0
                 stiffness += end * (scale * arm) ** 2
         held = stiffness > 0.0

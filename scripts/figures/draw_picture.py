@@ -24,6 +24,7 @@ from cc_mujoco.figures import figure_path, save
 from cc_mujoco.recording import EpisodeLog
 from cc_mujoco.recording.conduit3d import conduit_points, tension_colors
 from cc_mujoco.recording.episode import play
+from cc_mujoco.transmission.conduit import node_places
 
 PIECES = 160
 """Short cylinders that a conduit is drawn with."""
@@ -49,9 +50,12 @@ def photograph(model: mujoco.MjModel, log: EpisodeLog) -> NDArray[np.uint8]:
         scene = renderer.scene
         for cable in engine.cables(model):
             tension = log[f"tension_{cable}_nodes_n"][-1]
-            points = conduit_points(model, cable, log["qpos"][-1:], PIECES + 1)[0]
-            middle = np.linspace(0.0, tension.size - 1, PIECES)
-            tension = np.interp(middle, np.arange(tension.size), tension)
+            pieces = np.linspace(0.0, 1.0, PIECES + 1)
+            points = conduit_points(model, cable, log["qpos"][-1:], pieces)[0]
+            middle = np.linspace(0.0, 1.0, PIECES)
+            described = engine.from_mjcf(model)[cable]
+            nodes = node_places(described) / described.length
+            tension = np.interp(middle, nodes, tension)
             colors = tension_colors(tension, highest(log))
             for j, color in enumerate(colors):
                 geom = scene.geoms[scene.ngeom]

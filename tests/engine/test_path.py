@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from cc_mujoco.engine import route_length, route_wrap, segment_wrap
+from cc_mujoco.engine import from_mjcf, route_length, route_wrap, segment_wrap
+from cc_mujoco.transmission.conduit import node_places
 from engine.scenes import end
 
 ENDS = end("near", "bowden", 'joint="j"', -0.1) + end(
@@ -99,6 +100,17 @@ def test_bend_of_a_site_lies_around_it() -> None:
     expected = np.zeros(12)
     expected[2:8] = math.pi / 2 / 6
     assert wrap == pytest.approx(expected, abs=1e-12)
+
+
+def test_bend_of_a_site_lies_around_it_on_unequal_segments() -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 2, 0.0]])
+    conduit = "0.3:inf 0.1:0.1 0.2:inf"
+    m, d = evaluate(scene(*sites(points), segments=12, conduit=conduit))
+    edges = node_places(from_mjcf(m)["bowden"]) / 0.6
+    assert np.ptp(np.diff(edges)) > 0.05
+    inside = np.diff(np.clip(edges, 0.5 / 3.0, 2.0 / 3.0))
+    expected = math.pi / 2 * inside / 0.5
+    assert segment_wrap(m, d, "bowden") == pytest.approx(expected, abs=1e-12)
 
 
 def test_repeated_sites_and_a_straight_path_do_not_bend() -> None:

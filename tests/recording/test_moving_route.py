@@ -13,6 +13,7 @@ from cc_mujoco import assets, engine
 from cc_mujoco.control import controller
 from cc_mujoco.recording.conduit3d import conduit_points
 from cc_mujoco.recording.episode import FILES, play, write_episode
+from cc_mujoco.transmission.conduit import node_places
 
 CABLE = "plantarflexor"
 
@@ -39,5 +40,8 @@ def test_an_episode_with_a_moving_route_is_recorded(tmp_path: Path) -> None:
     assert log.metadata["cables"][CABLE]["bend"] == "route"
     tension = log[f"tension_{CABLE}_nodes_n"]
     assert np.isfinite(tension).all()
-    points = conduit_points(model, CABLE, log["qpos"][[0, -1]], tension.shape[1])
+    cable = engine.from_mjcf(model)[CABLE]
+    shares = node_places(cable) / cable.length
+    assert tension.shape[1] == shares.size
+    points = conduit_points(model, CABLE, log["qpos"][[0, -1]], shares)
     assert np.linalg.norm(points[1] - points[0], axis=1).max() > 1e-3

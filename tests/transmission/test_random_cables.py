@@ -18,7 +18,7 @@ from cc_mujoco.transmission import (
     kernel,
     replay,
 )
-from cc_mujoco.transmission.conduit import packed
+from cc_mujoco.transmission.conduit import packed, segment_lengths
 from cc_mujoco.transmission.friction import drag, ratio
 from transmission.random_cables import CABLES, cable_of, motion_of, turned_around
 
@@ -59,10 +59,10 @@ def beyond_friction(cable, tension):
     values = prm[: len(PARAMETERS)]
     coefficient = max(cable.friction, cable.static_friction)
     left, right = tension[:, :-1], tension[:, 1:]
-    hold, free = np.empty(n), np.empty(n)
+    hold, free, length = np.empty(n), np.empty(n), segment_lengths(cable)
     for j, angle in enumerate(kernel.segment_angles(prm, n)):
         hold[j] = ratio(coefficient, angle)
-        free[j] = drag(values, cable.length / n, ratio(cable.friction, angle), j, n)
+        free[j] = drag(values, length[j], ratio(cable.friction, angle), j, n)
     excess = max((right - hold * left - free).max(), (left - hold * right - free).max())
     return excess / (tension.max() + 1.0)
 

@@ -22,7 +22,7 @@ from cc_mujoco.diagnosis.scene.instruments import (
     word,
 )
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import Cable
+from cc_mujoco.transmission.conduit import end_stiffness
 
 Values = Mapping[str, float]
 
@@ -34,14 +34,12 @@ NO_INPUT = 16
 """`ctrlspec` of an actuator with `input="none"`: it adds nothing to `ctrl`."""
 
 
-def end_stiffness(cable: Cable) -> float:
-    """Stiffness of a cable's end where only its last segment moves [N/m]."""
-    return 2.0 * cable.segments * cable.axial_stiffness / cable.length
-
-
 def rim_stiffness(bench: Bench, radius: float) -> float:
-    """The same of all cables, about a pulley of this radius [Nm/rad]."""
-    return sum(end_stiffness(cable) for cable in bench.cables) * radius**2
+    """Stiffness of the ends of all cables about a pulley of this radius [Nm/rad].
+
+    Of the stiffer ends, where only the outermost segment moves.
+    """
+    return sum(max(end_stiffness(cable)) for cable in bench.cables) * radius**2
 
 
 def backlash(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:

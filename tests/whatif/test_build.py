@@ -10,6 +10,7 @@ import pytest
 
 from cc_mujoco import engine
 from cc_mujoco.errors import CableError
+from cc_mujoco.transmission.conduit import end_stiffness
 from cc_mujoco.whatif.build import Builder
 
 SCENES = ("wrist", "ankle")
@@ -160,8 +161,7 @@ def test_the_stable_step_is_that_of_the_model(scene: str) -> None:
     )
     stiffness = np.zeros(model.nv)
     for cable, ends in zip(engine.from_mjcf(model).values(), _ends(model), strict=True):
-        for end in ends:
-            last = 2 * cable.segments * cable.axial_stiffness / cable.length
+        for end, last in zip(ends, end_stiffness(cable), strict=True):
             stiffness += last * moment[end] ** 2
     held = stiffness > 0.0
     limit = np.min(2.0 / np.sqrt(stiffness[held] / model.dof_M0[held]))

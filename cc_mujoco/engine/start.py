@@ -55,9 +55,10 @@ def step_limits(
     """Time steps of the model below which its cables are stable, by cable.
 
     The force of a cable is explicit, and where friction holds the cable its end is a
-    spring of 2 segments EA / length. About an inertia J that an end moves by a pulley
-    of radius r alone, steps below 2 / sqrt(stiffness r^2 / J) are stable; the general
-    case is in `steps.py`. The plugin warns, through MuJoCo, of a longer `timestep`.
+    spring of EA over half its last segment. About an inertia J that an end moves by a
+    pulley of radius r alone, steps below 2 / sqrt(stiffness r^2 / J) are stable; the
+    general case is in `steps.py`. The plugin warns, through MuJoCo, of a longer
+    `timestep`.
 
     Args:
         model: the model.

@@ -14,7 +14,7 @@ from cc_mujoco.arrival import when_imported
 if TYPE_CHECKING:
     from cc_mujoco import benchmark
     from cc_mujoco.diagnosis.diagnose import diagnose
-    from cc_mujoco.engine import read
+    from cc_mujoco.engine import add_friction, read
     from cc_mujoco.recording import play
     from cc_mujoco.transmission import Cable, Section, replay
     from cc_mujoco.whatif.study import study
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Cable",
     "Section",
+    "add_friction",
     "benchmark",
     "diagnose",
     "play",
@@ -35,6 +36,7 @@ __version__ = "0.1.0"
 _ROOMS = {
     "Cable": "transmission",
     "Section": "transmission",
+    "add_friction": "engine",
     "diagnose": "diagnosis",
     "play": "recording",
     "read": "engine",

@@ -20,6 +20,7 @@ from cc_mujoco.engine.reading import (
     stored,
 )
 from cc_mujoco.engine.start import StepLimits, settle, step_limits
+from cc_mujoco.engine.tendons import add_friction
 
 register()
 
@@ -28,6 +29,7 @@ __all__ = [
     "CableReading",
     "Reader",
     "StepLimits",
+    "add_friction",
     "cables",
     "from_mjcf",
     "read",

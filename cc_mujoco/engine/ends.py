@@ -28,6 +28,14 @@ _TRANSMISSION = constant(
     " has the wrong transmission; it must be a hinge or slide `joint` or a spatial "
     "`tendon`"
 )
+_FORCE = constant(
+    " has a `forcerange`, its own or that of a default, which would clamp the tension "
+    'of the cable; set forcelimited="false" there'
+)
+_METRE = constant(
+    " has gear 1, a pulley of 1 m radius, which is what it gets if none is given; it "
+    "must be the signed pulley radius in metres"
+)
 _GEAR = constant(" has gear 0; it must be the signed pulley radius in metres")
 
 
@@ -59,6 +67,16 @@ def output(model: int, actuator: int) -> int:
 def gear(model: int, out: int) -> float:
     """Signed pulley radius of an end, by its index in `actuator_length` [m]."""
     return fields.real(model, fields.ACTUATOR_GEAR, 6 * out)
+
+
+@internal
+def _unset(model: int, actuator: int) -> bool:
+    """Whether a hinge turns a pulley of 1 m, which is what an absent `gear` means."""
+    if fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator) != _TRN_JOINT:
+        return False
+    target = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
+    hinge = fields.integer(model, fields.JNT_TYPE, target) == _HINGE
+    return hinge and gear(model, output(model, actuator)) == 1.0
 
 
 @internal
@@ -96,6 +114,11 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
             used = append(message, used, _ACTUATOR)
             used = quote(message, used, fields.actuator_name(model, actuator))
             return append(message, used, _GEAR if fits else _TRANSMISSION)
+        limited = fields.byte(model, fields.FORCE_LIMITED, actuator) != 0
+        if limited or _unset(model, actuator):
+            used = append(message, used, _ACTUATOR)
+            used = quote(message, used, fields.actuator_name(model, actuator))
+            return append(message, used, _FORCE if limited else _METRE)
     return used
 
 

@@ -6,6 +6,7 @@ from cc_mujoco.engine.layout import offset, structure
 from cc_mujoco.engine.memory import (
     Bytes,
     internal,
+    load_byte,
     load_integer,
     load_real,
     load_word,
@@ -53,6 +54,7 @@ ACTUATOR_TRNID = _model("actuator_trnid")
 ACTUATOR_OUTADR = _model("actuator_outadr")
 ACTUATOR_GEAR = _model("actuator_gear")
 LENGTH0 = _model("actuator_length0")
+FORCE_LIMITED = _model("actuator_forcelimited")
 JNT_TYPE = _model("jnt_type")
 TENDON_ADR = _model("tendon_adr")
 TENDON_NUM = _model("tendon_num")
@@ -95,6 +97,12 @@ def integer(struct: int, field: int, index: int) -> int:
 def real(struct: int, field: int, index: int) -> float:
     """Element of an mjtNum array field."""
     return load_real(load_word(struct + field) + 8 * index)
+
+
+@internal
+def byte(struct: int, field: int, index: int) -> int:
+    """Element of an array field of bytes."""
+    return load_byte(load_word(struct + field) + index)
 
 
 @internal

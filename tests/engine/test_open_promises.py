@@ -178,3 +178,18 @@ def test_what_cannot_be_is_refused_in_one_sentence(
 ) -> None:
     with pytest.raises(ValueError, match=said):
         winch(0.1, 1.0, **dict([change]))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('gear="-0.05"', 'gear="1"', "has gear 1, a pulley of 1 m radius"),
+        ('gear="-0.05"', 'gear="-0.05" forcerange="-9 9"', "has a `forcerange`"),
+    ],
+)
+def test_an_end_that_makes_no_sense_is_refused(old: str, new: str, said: str) -> None:
+    text = LIMB.format(integrator="Euler", more="")
+    assert old in text
+    text = text.replace("<actuator>", '<compiler autolimits="true"/><actuator>')
+    with pytest.raises(ValueError, match=said):
+        mujoco.MjModel.from_xml_string(text.replace(old, new))

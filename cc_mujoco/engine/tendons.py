@@ -1,0 +1,123 @@
+"""Friction for a tendon that a model has already.
+
+>>> import mujoco
+>>> import cc_mujoco
+>>> spec = mujoco.MjSpec.from_string('''<mujoco><worldbody>
+...   <site name="a"/><site name="post" pos=".1 0 .05"/>
+...   <body pos=".2 0 0"><joint name="knee" axis="0 1 0"/><geom size=".02"/>
+...     <site name="b" pos=".05 0 .02"/></body>
+...   <body><joint name="winch" armature="1e-4"/><geom size=".01"/></body>
+... </worldbody><tendon><spatial name="extensor">
+...   <site site="a"/><site site="post"/><site site="b"/>
+... </spatial></tendon></mujoco>''')
+>>> cc_mujoco.add_friction(spec, "extensor", motor=("winch", 0.01), friction=0.1)
+>>> model = spec.compile()
+>>> [model.actuator(i).name for i in range(2)]
+['extensor_proximal', 'extensor_distal']
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.engine.mjcf import to_mjcf
+from cc_mujoco.engine.reading import route_wrap
+from cc_mujoco.errors import CableError
+from cc_mujoco.transmission.parameters import KEYS, MAX_SEGMENTS, Cable, Section
+
+_GIVEN = [key for key in KEYS if key not in ("route", "bend", "path", "mouth")]
+_BENDS = [
+    mujoco.mjtWrap.mjWRAP_SITE,
+    mujoco.mjtWrap.mjWRAP_SPHERE,
+    mujoco.mjtWrap.mjWRAP_CYLINDER,
+]
+ARC_SEGMENTS = 4
+"""Segments that the arc around a geom gets unless told otherwise."""
+
+
+def add_friction(
+    spec: mujoco.MjSpec,
+    tendon: str,
+    *,
+    motor: tuple[Any, float] | None = None,
+    joint: tuple[Any, float] | None = None,
+    friction: float,
+    segments: int | None = None,
+    **parameters: float,
+) -> None:
+    """Make a spatial tendon a cable with friction wherever it bends.
+
+    The tendon becomes a cable on an open path, of its own name: its first site is the
+    proximal end, its last one the distal end. Each of its pieces then pulls with its
+    own tension, and MuJoCo's moment arms stay what they are.
+
+    Args:
+        spec: the specification to change.
+        tendon: name of a spatial tendon without `<pulley>`; its sites run from the
+            motor to the load.
+        motor: joint that winds the tendon up as it turns in the positive sense, and
+            the radius of its drum [m]; by default the tendon is tied to its first site.
+        joint: joint that winds up the other end likewise; by default the tendon is
+            tied to its last site.
+        friction: coefficient mu of Coulomb friction at every site and geom.
+        segments: friction elements; by default one for a site and four for a geom.
+        parameters: other parameters of the cable, by name, see `Cable`; unless given
+            they are those of `Cable()`.
+
+    Raises:
+        CableError: there is no such tendon, it has pulleys, an actuator pulls it
+            already, or a parameter cannot be used.
+    """
+    found = spec.tendon(tendon)
+    if found is None:
+        names = [t.name for t in spec.tendons]
+        raise CableError.unknown("tendon", tendon, names)
+    for actuator in spec.actuators:
+        pulls = actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
+        if pulls and actuator.target == tendon:
+            raise CableError(
+                f"actuator {actuator.name!r} pulls tendon {tendon!r} as a whole, which "
+                "passes friction by; give it the joint of a drum as transmission, and "
+                "that joint and the radius of the drum as `motor`"
+            )
+    for key in parameters:
+        if key not in _GIVEN:
+            raise CableError.unknown("cable parameter", key, _GIVEN)
+    model = spec.copy().compile()
+    index = model.tendon(tendon).id
+    start = model.tendon_adr[index]
+    kinds = model.wrap_type[start : start + model.tendon_num[index]]
+    if not np.all(np.isin(kinds, _BENDS)):
+        raise CableError(
+            f"tendon {tendon!r} is fixed or has a <pulley>; it must be a spatial one "
+            "of sites and geoms, led around the sheaves of a block itself"
+        )
+    if segments is None:
+        geoms = int(np.sum(kinds != mujoco.mjtWrap.mjWRAP_SITE))
+        segments = len(kinds) - 2 + (ARC_SEGMENTS - 1) * geoms
+        segments = min(max(segments, 1), MAX_SEGMENTS)
+    length = float(model.tendon_length0[index])
+    given: dict[str, Any] = {
+        "friction": friction,
+        "segments": segments,
+        "conduit": (Section(length, math.inf),),
+        "route": tendon,
+        "path": "open",
+    }
+    # Cable wound up moves to proximal at the motor's end, to distal at the other.
+    proximal = (found, -1.0) if motor is None else (motor[0], -motor[1])
+    distal = (found, 1.0) if joint is None else (joint[0], joint[1])
+    ends = (proximal, distal)
+    to_mjcf(spec, tendon, Cable(**(given | parameters)), *ends)
+    # Where there is no MuJoCo the cable bends by as much, evenly.
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    wrap = route_wrap(model, data, tendon)
+    if wrap > 0.0:
+        given["conduit"] = (Section(length, length / wrap),)
+        to_mjcf(spec, tendon, Cable(**(given | parameters)))

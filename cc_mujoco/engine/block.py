@@ -32,8 +32,9 @@ SHAPE = 104  # bytes of what is known of the path at one position
 INPUTS = 112  # u_proximal, u_distal, dt
 CHECKED = 136  # the time step of the model when it was last held against the limits
 INSTANCE = 144
-SCRATCH = 152  # a force, and no torque
-STAGES = 200  # u_proximal, u_distal, dt, time of the last four evaluations under RK4
+DOFS = 152
+SCRATCH = 160  # a force, and no torque
+STAGES = 208  # u_proximal, u_distal, dt, time of the last four evaluations under RK4
 STAGE = 32
 HEADER = STAGES + 4 * STAGE
 TEXT_CAPACITY = 4096
@@ -86,6 +87,12 @@ def shape_at(block: int, n: int, stage: int) -> int:
 def pulls_at(block: int, n: int) -> int:
     """Address of the forces that an open cable added to `qfrc_passive` last."""
     return shape_at(block, n, REFERENCE + 1)
+
+
+@internal
+def scratch_at(block: int, n: int) -> int:
+    """Address of scratch, for forces (nv,) or for lengths of nodes (n + 1,)."""
+    return pulls_at(block, n) + 8 * load_word(block + DOFS)
 
 
 @internal

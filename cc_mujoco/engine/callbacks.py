@@ -40,6 +40,7 @@ from cc_mujoco.engine import config, ends, fields, path, pieces, steps
 from cc_mujoco.engine.block import (
     CHECKED,
     DISTAL,
+    DOFS,
     FOLLOWS,
     FRESH,
     GUIDED,
@@ -68,6 +69,7 @@ from cc_mujoco.engine.block import (
     parameters_at,
     pulls_at,
     rest_displacement,
+    scratch_at,
     shape_at,
     text_at,
     work_at,
@@ -462,9 +464,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         tendon, size = load_word(block + ROUTE), pieces.shape_size(n)
         seen = floats(shape, size)
         reference = floats(shape_at(block, n, REFERENCE), size)
-        before = np.zeros(pieces.memory_size(n))
-        if state != 0:
-            before[:] = memory(state, n)
+        before = memory(state, n) if state != 0 else np.zeros(pieces.memory_size(n))
         points, reach = pieces.survey(
             model, data, tendon, load_word(block + MOUTH), guided, n, before, reference,
             seen,
@@ -548,7 +548,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             size = pieces.shape_size(n)
             path_now = floats(shape, size)
             reference = floats(shape_at(block, n, REFERENCE), size)
-            gained, contacts = np.empty(n + 1), packing.contact_length(prm, n)
+            gained = floats(scratch_at(block, n), n + 1)
+            contacts = packing.contact_length(prm, n)
             pieces.lengthen(path_now, reference, memory(state, n), n, gained)
             if not _equal(gained, packing.lengthening(prm, n)):
                 packing.lengthening(prm, n)[:] = gained
@@ -592,7 +593,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         n, nv = load_word(block + SEGMENTS), fields.dofs(model)
         target = load_word(data + fields.PASSIVE)
         last = floats(pulls_at(block, n), nv)
-        forces = np.zeros(nv)
+        forces = floats(scratch_at(block, n), nv)
+        forces[:] = 0.0
         tied = 0.0
         for end in (PROXIMAL, DISTAL):
             if load_word(block + TIED + end - PROXIMAL) != 0:
@@ -729,7 +731,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         n = config.segments(attributes)
         free = config.opens(attributes)
         shape = 8 * (pieces.shape_size(n) if free else n)
-        pulls = 8 * fields.dofs(model) if free else 0
+        pulls = 8 * (2 * fields.dofs(model) + n + 1) if free else 0
         # Its parts follow each other from the header on, whatever is in it.
         size = text_at(0, n) + TEXT_CAPACITY + (REFERENCE + 1) * shape + pulls
         block = allocate(size)
@@ -738,6 +740,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         store_word(block + SEGMENTS, n)
         store_word(block + SHAPE, shape)
         store_word(block + INSTANCE, instance)
+        store_word(block + DOFS, fields.dofs(model))
         store_word(block + PROXIMAL, ends.output(model, first))
         store_word(block + DISTAL, ends.output(model, second))
         if free:

@@ -66,6 +66,7 @@ SITE_BODY = _model("site_bodyid")
 REST = _model("qpos0")
 BODY_POS = _model("body_pos")
 BODY_QUAT = _model("body_quat")
+_WELD = _model("body_weldid")
 BODY_MOCAP = _model("body_mocapid")
 POSITION = _data("qpos")
 MOCAP_POS = _data("mocap_pos")
@@ -157,6 +158,12 @@ def positions(model: int) -> int:
 def bodies(model: int) -> int:
     """Number of bodies."""
     return load_word(model + _NBODY)
+
+
+@internal
+def moves(model: int, body: int) -> bool:
+    """Whether a body is not fixed to the world."""
+    return integer(model, _WELD, body) != 0
 
 
 @internal

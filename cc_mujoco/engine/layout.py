@@ -79,7 +79,7 @@ _PROBE = """
 _MODEL_ARRAYS = (
     "qpos0", "jnt_type", "geom_type", "geom_bodyid", "site_bodyid", "tendon_adr",
     "tendon_num", "tendon_length0", "wrap_type", "wrap_objid", "body_pos", "body_quat",
-    "body_mocapid", "actuator_forcelimited", "actuator_trntype",
+    "body_mocapid", "body_weldid", "actuator_forcelimited", "actuator_trntype",
     "actuator_trnid", "actuator_outadr", "actuator_gear", "actuator_length0",
     "actuator_plugin", "plugin", "plugin_attr", "plugin_attradr", "plugin_stateadr",
     "name_actuatoradr", "name_pluginadr", "name_tendonadr", "name_siteadr",

@@ -26,6 +26,7 @@ from cc_mujoco.engine import fields
 from cc_mujoco.engine.memory import internal, load_real, load_word
 
 Floats = npt.NDArray[np.float64]
+Point = tuple[float, float, float]
 
 _SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 _PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
@@ -47,18 +48,42 @@ def branches(model: int, tendon: int) -> bool:
 
 
 @internal
+def turning(a: Point, b: Point) -> float:
+    """Angle between two directions [rad]; both of length 1."""
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    # The square of the sine of half the angle; arcsine by its series where it is small.
+    q = 0.25 * (x * x + y * y + z * z)
+    if q < 0.01:
+        series = 35.0 / 1152.0 + q * (63.0 / 2816.0 + q * (231.0 / 13312.0))
+        series = 3.0 / 40.0 + q * (5.0 / 112.0 + q * series)
+        return 2.0 * math.sqrt(q) * (1.0 + q * (1.0 / 6.0 + q * series))
+    u = a[1] * b[2] - a[2] * b[1]
+    v = a[2] * b[0] - a[0] * b[2]
+    w = a[0] * b[1] - a[1] * b[0]
+    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return math.atan2(math.sqrt(u * u + v * v + w * w), dot)
+
+
+@internal
 def _spread(
-    out: Floats, length: Floats, scale: float, begin: float, end: float, angle: float
-) -> None:
+    out: Floats,
+    length: Floats,
+    scale: float,
+    begin: float,
+    end: float,
+    angle: float,
+    j: int,
+    stop: float,
+) -> tuple[int, float]:
     """Add an angle evenly over the path from `begin` to `end` [m].
 
     `scale` is metres of segments, of `length` each, per metre of path; what lies
-    outside goes to the nearest end.
+    outside goes to the nearest end. Nothing begins before segment j, which ends at
+    `stop`; the same of the next part of the path is returned.
     """
     last = out.size - 1
     a = max(begin * scale, 0.0)
     b = max(end * scale, a)
-    j, stop = 0, length[0]
     while j < last and stop <= a:
         j += 1
         stop += length[j]
@@ -69,6 +94,7 @@ def _spread(
         j += 1
         stop += length[j]
     out[j] += angle
+    return j, stop
 
 
 @internal
@@ -156,6 +182,7 @@ def bend(
         0.0,
         0.0,
     )  # the last site: where, its bend from, its turn
+    j, stop = 0, segments[0]
     for i in range(1, count):
         points += 24
         q = load_real(points), load_real(points + 8), load_real(points + 16)
@@ -168,20 +195,18 @@ def bend(
             continue
         if leaves and directed:
             length, turned = arc(model, data, geom, p, q, d)
-            _spread(out, segments, scale, reached, reached + length, turned)
+            # What the site before turns is yet to be spread, over what lies before.
+            _spread(out, segments, scale, reached, reached + length, turned, j, stop)
             directed = False
         else:
             x, y, z = x / length, y / length, z / length
             if directed:
                 middle = 0.5 * (corner + reached)
-                _spread(out, segments, scale, begin, middle, angle)
-                u = d[1] * z - d[2] * y
-                v = d[2] * x - d[0] * z
-                w = d[0] * y - d[1] * x
-                sine = math.sqrt(u * u + v * v + w * w)
-                angle = math.atan2(sine, d[0] * x + d[1] * y + d[2] * z)
+                j, stop = _spread(out, segments, scale, begin, middle, angle, j, stop)
+                angle = turning(d, (x, y, z))
                 corner, begin = reached, middle
             d, directed = (x, y, z), True
         p = q
         reached += length
-    _spread(out, segments, scale, begin, 0.5 * (corner + reached), angle)
+    middle = 0.5 * (corner + reached)
+    _spread(out, segments, scale, begin, middle, angle, j, stop)

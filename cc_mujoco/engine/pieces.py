@@ -29,10 +29,9 @@ import numpy.typing as npt
 
 from cc_mujoco.engine import fields
 from cc_mujoco.engine.memory import apply_force, internal, load_real, load_word
-from cc_mujoco.engine.path import SHORT, arc
+from cc_mujoco.engine.path import SHORT, Point, arc, turning
 
 Floats = npt.NDArray[np.float64]
-Point = tuple[float, float, float]
 
 _SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 _SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
@@ -149,8 +148,7 @@ def _towards(a: Point, b: Point) -> tuple[Point, float]:
 @internal
 def _angle(a: Point, b: Point) -> float:
     """Angle between two directions [rad]; 0 where one is none."""
-    turn = _cross(a, b)
-    return math.atan2(math.sqrt(_dot(turn, turn)), _dot(a, b))
+    return turning(a, b) if _dot(a, a) > 0.0 and _dot(b, b) > 0.0 else 0.0
 
 
 @internal
@@ -443,11 +441,13 @@ def _draw(
     if length <= SHORT:
         return
     points = load_word(data + fields.WRAP_XPOS)
-    apply_force(
-        model, data, scratch, points + 24 * first, first_body, target,
-        tension * d[0], tension * d[1], tension * d[2],
-    )  # fmt: skip
-    apply_force(
-        model, data, scratch, points + 24 * second, second_body, target,
-        -tension * d[0], -tension * d[1], -tension * d[2],
-    )  # fmt: skip
+    if fields.moves(model, first_body):
+        apply_force(
+            model, data, scratch, points + 24 * first, first_body, target,
+            tension * d[0], tension * d[1], tension * d[2],
+        )  # fmt: skip
+    if fields.moves(model, second_body):
+        apply_force(
+            model, data, scratch, points + 24 * second, second_body, target,
+            -tension * d[0], -tension * d[1], -tension * d[2],
+        )  # fmt: skip

@@ -123,3 +123,63 @@ def winch(friction: float, load: float, **keys: object) -> mujoco.MjModel:
     }
     cable = instance(friction=friction, **(given | keys))
     return mujoco.MjModel.from_xml_string(scene(world, rope, ends, cable, more=more))
+
+
+def tackle(friction: float, load: float) -> mujoco.MjModel:
+    """A winch that lifts a load, over a fixed sheave and under a moving one."""
+    world = (
+        '<body pos="0.3 0 -0.4"><joint name="drum" axis="0 1 0" armature="0.02" '
+        'damping="2"/><geom size="0.02" mass="0.1"/></body>'
+        '<site name="out" pos="0.15 0 -0.4"/><site name="anchor" pos="-0.05 0 0.2"/>'
+        '<geom name="high" type="cylinder" size="0.05 0.02" zaxis="0 1 0" '
+        'pos="0.1 0 0.2"/><site name="above" pos="0.1 0 0.4"/>'
+        '<site name="between" pos="0.05 0 0"/>'
+        '<body pos="0 0 -0.5"><joint name="load" type="slide" axis="0 0 1" '
+        'damping="20"/><geom name="low" type="cylinder" size="0.05 0.02" '
+        f'zaxis="0 1 0" mass="{load}"/><site name="below" pos="0 0 -0.2"/></body>'
+    )
+    rope = (
+        '<site site="out"/><geom geom="high" sidesite="above"/><site site="between"/>'
+        '<geom geom="low" sidesite="below"/><site site="anchor"/>'
+    )
+    ends = end("joint", "drum", -0.05) + end("tendon", "rope", 1)
+    more = '<motor name="motor" joint="drum"/>'
+    probe = scene(world, rope, "", "", more=more)
+    length = mujoco.MjModel.from_xml_string(probe).tendon_length0[0]
+    cable = instance(
+        friction=friction,
+        conduit=f"{length}:inf",
+        axial_stiffness=20000,
+        pretension=0.5 * load * 9.81,
+    )
+    return mujoco.MjModel.from_xml_string(scene(world, rope, ends, cable, more=more))
+
+
+def belt(friction: float, pretension: float, inertia: float) -> mujoco.MjModel:
+    """A belt from a pulley with a motor to one that is blocked; its seam may move."""
+    radius = 0.05
+    world = (
+        f'<body><joint name="driver" axis="0 1 0" armature="{inertia}"/>'
+        f'<geom name="one" type="cylinder" size="{radius} 0.02" zaxis="0 1 0" '
+        'mass="1e-9"/></body><site name="left" pos="-0.3 0 0"/>'
+        f'<geom name="two" type="cylinder" size="{radius} 0.02" zaxis="0 1 0" '
+        'pos="0.4 0 0"/><site name="right" pos="0.7 0 0"/>'
+        f'<site name="low" pos="0.2 0 {-radius}"/><body pos="0.2 0 {radius}">'
+        '<joint name="seam" type="slide" axis="1 0 0" damping="5"/>'
+        '<geom size="0.01" mass="0.05"/><site name="seam"/></body>'
+    )
+    rope = (
+        '<site site="seam"/><geom geom="one" sidesite="left"/><site site="low"/>'
+        '<geom geom="two" sidesite="right"/><site site="seam"/>'
+    )
+    cable = instance(
+        friction=friction,
+        conduit=f"{0.8 + 2 * math.pi * radius}:inf",
+        axial_stiffness=20000,
+        pretension=pretension,
+        segments=9,
+    )
+    more = '<motor name="motor" joint="driver"/>'
+    return mujoco.MjModel.from_xml_string(
+        scene(world, rope, TIED, cable, 'timestep="0.0001"', more)
+    )

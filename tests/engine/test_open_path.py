@@ -10,7 +10,7 @@ import pytest
 
 from cc_mujoco.engine import read, route_wrap, segment_wrap, settle, stored, to_mjcf
 from cc_mujoco.transmission import Cable, Section
-from engine.open_scenes import atwood, winch
+from engine.open_scenes import atwood, belt, tackle, winch
 from engine.tendon_chain import Chain
 
 GRAVITY = 9.81
@@ -206,3 +206,46 @@ def test_no_energy_is_lost_or_found(friction: float) -> None:
         turned = abs(d.energy[1])
     assert missing[1] < 0.5 * missing[0] + 1e-6
     assert missing[1] < 2e-3 * turned
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.1, 0.2])
+def test_a_block_and_tackle_halves_the_pull_less_what_its_sheaves_take(
+    friction: float,
+) -> None:
+    m = tackle(friction, 4.0)
+    d = mujoco.MjData(m)
+    ratio = math.exp(friction * math.pi)
+    need = 4.0 * GRAVITY * ratio**2 / (1.0 + ratio)
+    for share in np.linspace(0.0, 1.0, 2500):
+        d.ctrl[0] = 0.05 * share * (need + 1.0)
+        mujoco.mj_step(m, d)
+    mujoco.mj_step(m, d, 5000)
+    # Steady, but for the drum's and the load's own damping.
+    assert d.qvel[1] > 0.0
+    weight = 4.0 * GRAVITY + 20.0 * d.qvel[1]
+    pull = read(m, d, "rope").tension_proximal
+    assert pull == pytest.approx(weight * ratio**2 / (1.0 + ratio), rel=5e-3)
+
+
+@pytest.mark.parametrize("share", [0.7, 1.5])
+def test_a_belt_carries_a_torque_up_to_the_capstan_ratio(share: float) -> None:
+    friction, pretension, inertia, radius = 0.2, 50.0, 0.01, 0.05
+    m = belt(friction, pretension, inertia)
+    d = mujoco.MjData(m)
+    ratio = math.exp(friction * math.pi)
+    most = 2.0 * pretension * (ratio - 1.0) / (ratio + 1.0) * radius
+    for part in np.linspace(0.0, 1.0, 3000):
+        d.ctrl[0] = share * most * part
+        mujoco.mj_step(m, d)
+    speed = d.qvel[0]
+    mujoco.mj_step(m, d, 500)
+    tension = read(m, d, "rope").tension
+    tight, slack = max(tension[0], tension[5]), min(tension[0], tension[5])
+    if share < 1.0:
+        assert (tight - slack) * radius == pytest.approx(share * most, rel=2e-2)
+        assert abs(d.qvel[0]) < 0.1
+    else:
+        assert tight / slack == pytest.approx(ratio, rel=5e-3)
+        gained = (d.qvel[0] - speed) / (500 * m.opt.timestep)
+        left = (share * most - (tight - slack) * radius) / inertia
+        assert gained == pytest.approx(left, rel=1e-2)

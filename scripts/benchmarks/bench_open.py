@@ -1,0 +1,96 @@
+"""Cost of a cable on an open path, against a guided one and a tendon without friction.
+
+    python scripts/benchmarks/bench_open.py
+
+The finger pulls its tendon, of six pieces, in versions by turns in one process. Prints
+ratios of steps per second and of what the cable alone costs.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import tyro
+
+from cc_mujoco import engine
+from cc_mujoco.assets import scene_path
+
+NAME = "extensor"
+VERSIONS = {
+    "none": None,
+    "ideal": None,
+    "fixed": {"path": "guided", "bend": "fixed"},
+    "route": {"path": "guided", "bend": "route"},
+    "open": {"path": "open"},
+}
+EACH = 10
+
+
+def scene(version: str, segments: int) -> mujoco.MjModel:
+    """The finger with a cable, its tendon pulled directly, or nothing but its winch."""
+    spec = mujoco.MjSpec.from_file(str(scene_path("finger")))
+    change = VERSIONS[version]
+    if change is not None:
+        cable = engine.from_mjcf(spec)[NAME]
+        engine.to_mjcf(spec, NAME, cable.replace(segments=segments, **change))
+        return spec.compile()
+    for element in [*spec.sensors, *spec.actuators]:
+        spec.delete(element)
+    pull = spec.add_actuator(
+        name="motor", target=NAME if version == "ideal" else "motor"
+    )
+    pull.trntype = mujoco.mjtTrn.mjTRN_JOINT
+    if version == "ideal":
+        pull.trntype = mujoco.mjtTrn.mjTRN_TENDON
+        pull.gear = [-1.0 / 0.008, 0, 0, 0, 0, 0]
+    return spec.compile()
+
+
+def player(model: mujoco.MjModel, steps: int) -> Callable[[], float]:
+    """A turn of the simulation; processor time of a step [s]."""
+    data = mujoco.MjData(model)
+
+    def turn() -> float:
+        spent = 0.0
+        for _ in range(steps // EACH):
+            data.ctrl[0] = 0.08 + 0.07 * np.sin(6.0 * data.time)
+            begin = time.thread_time()
+            mujoco.mj_step(model, data, EACH)
+            spent += time.thread_time() - begin
+        return spent / steps
+
+    return turn
+
+
+def main(segments: int = 20, steps: int = 1000, rounds: int = 101) -> None:
+    """Print the ratios.
+
+    Args:
+        segments: of the cable.
+        steps: steps per turn.
+        rounds: turns of each version.
+    """
+    turns = {name: player(scene(name, segments), steps) for name in VERSIONS}
+    spent: dict[str, list[float]] = {name: [] for name in VERSIONS}
+    for _ in range(rounds):
+        for name, turn in turns.items():
+            spent[name].append(turn())
+    # The quickest turns: what else the machine does only adds.
+    cost = {name: float(np.quantile(found, 0.1)) for name, found in spent.items()}
+    alone = {name: cost[name] - cost["none"] for name in cost}
+    rows = {
+        "cost of the cable, open / fixed bends": alone["open"] / alone["fixed"],
+        "cost of the cable, open / moving route": alone["open"] / alone["route"],
+        "steps per second, open / fixed bends": cost["fixed"] / cost["open"],
+        "steps per second, open / ideal tendon": cost["ideal"] / cost["open"],
+    }
+    print(f"finger, {segments} segments over 6 pieces:")
+    for name, ratio in rows.items():
+        print(f"  {name:40} {ratio:.2f}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

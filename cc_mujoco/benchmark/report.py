@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from cc_mujoco.benchmark.cell import Cell, CellResult
 from cc_mujoco.benchmark.scores import SCORES
@@ -54,6 +53,8 @@ class Interval(NamedTuple):
 
 def interval(values: NDArray[np.float64]) -> Interval:
     """Mean over seeds with its 95 % interval (Student), without NaN."""
+    from scipy.stats import t as student
+
     seeds, values = values.size, values[np.isfinite(values)]
     if values.size == 0:
         return Interval(math.nan, math.nan, 0, seeds)

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
@@ -77,6 +76,8 @@ class BendEstimator(SlopeEstimator):
             CableError: sensors or a cable that cannot tell, no pieces, a negative
                 degree, or a start, a spread or a memory that is none.
         """
+        from scipy.interpolate import BSpline
+
         if pieces < 1 or degree < 0:
             raise CableError(
                 f"spline has {pieces} pieces of degree {degree}; "

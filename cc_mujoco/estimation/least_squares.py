@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from cc_mujoco.compiled import FloatArray
 
@@ -109,6 +108,8 @@ def fit(
         xtol: the same of the place.
         evaluations: most of them.
     """
+    from scipy.optimize import least_squares
+
     low = np.array([parameter.low for parameter in free])
     high = np.array([parameter.high for parameter in free])
     found = least_squares(

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.human.motion import Array, Motion, Trajectory, progress
@@ -37,6 +36,8 @@ class Recorded(Trajectory):
     """Angles [rad]."""
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
+        from scipy.interpolate import CubicSpline
+
         spline = CubicSpline(self.times, self.angles, bc_type="clamped")
         inside = time <= self.times[-1]
         held = np.minimum(time, self.times[-1])

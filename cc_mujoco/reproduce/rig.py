@@ -13,7 +13,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.recording.signals import loop_width
@@ -58,6 +57,8 @@ def onset(cable: Cable) -> float:
     slackening front is ahead and arrives first, at b = mu L/R. By then the tensions at
     the motor differ from T0 by T0 (e^a - 1) and T0 (1 - e^-b).
     """
+    from scipy.optimize import brentq
+
     b = cable.friction * cable.wrap
     a = brentq(lambda a: math.expm1(a) - a - (math.expm1(-b) + b), 0.0, b)
     return cable.pretension * MOTOR_RADIUS * (math.expm1(a) - math.expm1(-b))

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError
 
 from cc_mujoco.figures import (
     BLUE,
@@ -177,6 +176,8 @@ def _of_surface(
 
 def outside_hull(places: Array, points: Array) -> NDArray[np.bool_]:
     """Which points lie outside the convex hull of places, all (n, 2) on scales of 1."""
+    from scipy.spatial import Delaunay, QhullError
+
     # A little is allowed, for a hypercube does not reach the ends of its ranges.
     grown = places.mean(axis=0) + 1.05 * (places - places.mean(axis=0))
     try:

@@ -20,7 +20,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.whatif.variables import Value, find
@@ -110,6 +109,8 @@ def latin_hypercube(
     Raises:
         CableError: the count is not one.
     """
+    from scipy.stats import qmc
+
     require_count(count)
     unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(
         count

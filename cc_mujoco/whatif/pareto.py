@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.whatif.metrics import METRICS
@@ -73,6 +72,8 @@ def pareto(cost: Array) -> NDArray[np.bool_]:
     Args:
         cost: to be made small, (designs, objectives); rows with NaN are never in.
     """
+    from scipy.stats import rankdata
+
     best = np.zeros(len(cost), dtype=np.bool_)
     left = np.flatnonzero(~np.isnan(cost).any(axis=1))
     # Whatever beats a row has a smaller sum of ranks, so the first of the rest is in.
@@ -94,6 +95,8 @@ def order(cost: Array) -> NDArray[np.intp]:
 
     The rank of a design in an objective is its place among all; no number is last.
     """
+    from scipy.stats import rankdata
+
     ranks = np.mean([rankdata(column) for column in np.nan_to_num(cost, nan=np.inf).T],
                     axis=0)  # fmt: skip
     return np.lexsort((ranks, ~pareto(cost)))

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from scipy.stats import qmc, sobol_indices, uniform
 
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.surface import Axis, Surface, axes_of, fit
@@ -139,6 +138,8 @@ def _fitted(
     plan: Plan, metric: str, axes: Sequence[Axis], surface: Surface
 ) -> Sensitivity:
     """Sobol's indices of the surface over the ranges."""
+    from scipy.stats import qmc
+
     names, count = plan.varied, len(plan.varied)
     estimate = _indices(surface, axes, POWER, 0)
     spread = [
@@ -213,6 +214,8 @@ def _placed(axes: Sequence[Axis], unit: Array) -> Array:
 
 def _indices(surface: Surface, axes: Sequence[Axis], power: int, seed: int) -> Array:
     """Indices of a surface: first order, total, pairs of all its axes in turn."""
+    from scipy.stats import sobol_indices, uniform
+
     count, active = len(axes), surface.active
     first, total = np.zeros(count), np.zeros(count)
     pairs = np.zeros((count, count))
@@ -240,6 +243,8 @@ def _indices(surface: Surface, axes: Sequence[Axis], power: int, seed: int) -> A
 
 def _pairs(at: Callable[[Array], Array], count: int, power: int, seed: int) -> Array:
     """What pairs make only together: closed indices from points that share columns."""
+    from scipy.stats import qmc
+
     rng = np.random.default_rng([2, seed])
     points = qmc.Sobol(2 * count, rng=rng).random_base2(power)
     one, other = points[:, :count], points[:, count:]

@@ -7,14 +7,16 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RBFInterpolator
 
 from cc_mujoco.whatif.designs import Range
 from cc_mujoco.whatif.variables import Value
+
+if TYPE_CHECKING:
+    from scipy.interpolate import RBFInterpolator
 
 Array = NDArray[np.float64]
 
@@ -175,4 +177,6 @@ def _left_out(x: Array, y: Array, smoothing: float) -> Array:
 
 
 def _spline(x: Array, y: Array, smoothing: float) -> RBFInterpolator:
+    from scipy.interpolate import RBFInterpolator
+
     return RBFInterpolator(x, y, smoothing=smoothing, kernel="thin_plate_spline")

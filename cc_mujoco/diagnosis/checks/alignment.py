@@ -12,7 +12,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import correlate
 
 from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
 from cc_mujoco.diagnosis.data.findings import Finding, error, warning
@@ -103,6 +102,8 @@ class _Window(NamedTuple):
 
 def _windows(trial: Trial) -> list[_Window]:
     """Stretches in which the motor moves."""
+    from scipy.signal import correlate
+
     motor = velocity(trial.motor_angle, trial.step, trial.segments)
     joint = velocity(trial.joint_angle, trial.step, trial.segments)
     usual = float(np.nanstd(motor))

@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import welch
 
 from cc_mujoco.diagnosis.checks.noise import holds
 from cc_mujoco.diagnosis.data import channels
@@ -155,6 +154,8 @@ def turns(angle: FloatArray) -> int:
 
 def _bandwidth(trial: Trial) -> float:
     """Frequency below which lies 99 % of the power of the motor's speed [Hz]."""
+    from scipy.signal import welch
+
     part = max(trial.segments, key=lambda part: part.stop - part.start)
     speed = velocity(trial.motor_angle[part], trial.step)
     length = min(len(speed), max(256, round(10.0 / trial.step)))

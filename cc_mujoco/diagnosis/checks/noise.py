@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from scipy.signal import detrend
 
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
@@ -101,6 +100,8 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
 
 def _scatter(values: FloatArray, step: float) -> Iterator[float]:
     """Standard deviations about short straight lines."""
+    from scipy.signal import detrend
+
     length = max(_SHORT, round(0.5 * HOLD / step))
     for start in range(0, len(values) - length + 1, length):
         rest = detrend(values[start : start + length])

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from scipy.signal import correlate
 
 from cc_mujoco.diagnosis.data.channels import MOTOR_ANGLE
 from cc_mujoco.diagnosis.data.findings import Finding, error
@@ -134,6 +133,8 @@ def periods(trial: Trial) -> Iterator[Pair]:
 
 def period(angle: FloatArray) -> float | None:
     """Period of a motion in samples, None if it is not periodic."""
+    from scipy.signal import correlate
+
     angle = angle - angle.mean()
     count = len(angle)
     if count < 40 or not angle.any():

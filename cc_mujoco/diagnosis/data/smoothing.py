@@ -9,7 +9,6 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from cc_mujoco.diagnosis.data.trials import FloatArray
 
@@ -39,6 +38,8 @@ def velocity(
     Returns:
         (samples,) [rad/s]; NaN outside the segments.
     """
+    from scipy.signal import savgol_filter
+
     speed = np.full(len(angle), np.nan)
     for part in [slice(0, len(angle))] if segments is None else segments:
         count = len(angle[part])

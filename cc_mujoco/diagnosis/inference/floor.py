@@ -15,7 +15,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.channels import (
@@ -117,6 +116,8 @@ def _repeated(dataset: Dataset, filtering: Filtering) -> FloatArray:
 
 def _near(square: FloatArray, dt: float) -> FloatArray:
     """Mean over the neighbourhood, at its highest nearby: spikes shift in time."""
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
     size = max(3, round(NEAR / dt))
     mean: FloatArray = uniform_filter1d(square, size, axis=1)
     highest: FloatArray = maximum_filter1d(mean, size, axis=1)

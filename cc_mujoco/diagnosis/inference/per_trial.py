@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.evidence import CHANNELS
@@ -142,6 +141,8 @@ def _left_out(
 
 def _own(problem: Problem, x: FloatArray, places: list[int]) -> str:
     """Which change of its own explains a trial, in words."""
+    from scipy.optimize import minimize_scalar
+
     values = problem.values(x)
     records = problem.plant.records
     start = problem.plant.bench.cables[0].pretension

@@ -19,7 +19,6 @@ from functools import lru_cache
 
 import numpy as np
 from numba import njit
-from scipy.signal import butter, sosfiltfilt
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
@@ -178,6 +177,8 @@ def _record(
 
 def low_passed(signals: FloatArray, band: float, rate: float) -> FloatArray:
     """Zero-phase low-pass of signals (..., samples)."""
+    from scipy.signal import sosfiltfilt
+
     if band >= 0.45 * rate:
         return signals
     passed: FloatArray = sosfiltfilt(_filter(band, rate), signals, axis=-1)
@@ -186,6 +187,8 @@ def low_passed(signals: FloatArray, band: float, rate: float) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _filter(band: float, rate: float) -> FloatArray:
+    from scipy.signal import butter
+
     filter_: FloatArray = butter(2, band, fs=rate, output="sos")
     return filter_
 

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.cluster.hierarchy import leaves_list, linkage
-from scipy.spatial.distance import squareform
 
 from cc_mujoco.diagnosis.evidence import Isolability
 from cc_mujoco.diagnosis.wording import Names
@@ -77,6 +75,9 @@ def draw_isolability(
 
 def _grouped(cosines: NDArray[np.float64]) -> NDArray[np.intp]:
     """Order in which what is alike stands side by side."""
+    from scipy.cluster.hierarchy import leaves_list, linkage
+    from scipy.spatial.distance import squareform
+
     if len(cosines) < 3:
         return np.arange(len(cosines))
     distance = 1.0 - np.clip(np.nan_to_num(cosines), 0.0, 1.0)

@@ -21,7 +21,6 @@ from cc_mujoco.diagnosis.inference.plant import CLOCKS, shifted
 from cc_mujoco.diagnosis.inference.records import low_passed
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.report.drawings import STEMS
-from cc_mujoco.diagnosis.report.recording import write_recording
 from cc_mujoco.diagnosis.report.report import write_report
 from cc_mujoco.diagnosis.scene.repair import repaired
 from cc_mujoco.diagnosis.scene.repair import write as write_scene
@@ -64,6 +63,8 @@ def write(
     result: Result, dataset: Dataset, out: Path, command: str, seed: int
 ) -> Diagnosis:
     """Write everything to a folder and return the diagnosis with its provenance."""
+    from cc_mujoco.diagnosis.report.recording import write_recording
+
     diagnosis = replace(
         result.diagnosis, provenance=provenance(result, dataset, command, seed)
     )

@@ -138,13 +138,25 @@ class Multisine(Scripted):
         per_cycle = 50
         samples = per_cycle * int(lines[-1])
         grid = 2 * math.pi * np.arange(samples) / samples
-        best, peak = np.zeros_like(lines), math.inf
+        # A Fourier transform gives the sum far faster than the lines one by one do, and
+        # to far within 1e-9, so that it says which draws may be the best.
+        spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
+        rivals: list[tuple[float, Array]] = []
+        lowest = math.inf
         for _ in range(self.draws):
             phases = rng.uniform(0.0, 2 * math.pi, lines.size)
-            found = float(np.abs(_lines_sum(grid, lines, 1 / lines, phases)).max())
-            # All draws have one RMS, so the lowest peak is the lowest crest factor.
-            if found < peak:
-                best, peak = phases, found
+            spectrum[lines.astype(np.intp)] = samples / 2 * np.exp(1j * phases) / lines
+            rough = float(np.abs(np.fft.irfft(spectrum, samples)).max())
+            lowest = min(rough, lowest)
+            if rough <= (1 + 1e-9) * lowest:
+                rivals.append((rough, phases))
+        # All draws have one RMS, so the lowest peak is the lowest crest factor.
+        best, peak = np.zeros_like(lines), math.inf
+        for rough, phases in rivals:
+            if rough <= (1 + 1e-9) * lowest:
+                found = np.abs(_lines_sum(grid, lines, 1 / lines, phases)).max()
+                if found < peak:
+                    best, peak = phases, float(found)
         weights = math.cos(math.pi / per_cycle) / peak / lines
         omega = 2 * math.pi / self.period
         turn = omega * time

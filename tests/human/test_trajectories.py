@@ -148,6 +148,20 @@ def test_multisine_lines_and_crest() -> None:
     assert crest < np.abs(one).max() / np.sqrt(np.mean(one**2))
 
 
+def test_multisine_is_the_best_of_its_draws() -> None:
+    recipe = Multisine(low=0.2, high=1.0, draws=20, fade=0.01)
+    one, lines = dataclasses.replace(recipe, draws=1), 9
+    draws = []
+    for number in range(recipe.draws):
+        random = np.random.default_rng(3)
+        random.uniform(size=number * lines)
+        draws.append(one.sample(10.0, 0.01, random).angle)
+    best = max(draws, key=lambda angle: np.sum(angle**2))
+    found = recipe.sample(10.0, 0.01, np.random.default_rng(3)).angle
+    assert np.array_equal(found, best)
+    assert not np.array_equal(found, draws[0])
+
+
 def test_reversals_alternate_with_small_and_large_extents() -> None:
     motion = sample(TRAJECTORIES["reversals"], duration=60.0)
     turns = motion.angle[1:-1][np.diff(np.sign(motion.velocity))[:-1] != 0]

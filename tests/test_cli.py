@@ -16,9 +16,12 @@ import pytest
 
 import cc_mujoco
 from cc_mujoco import cli, recording
+from cc_mujoco.benchmark import drawing
+from cc_mujoco.benchmark.runner import FIGURES
 from cc_mujoco.commands.listing import Listing
 from cc_mujoco.commands.parsing import COMMANDS
 from cc_mujoco.devices import DEVICES
+from cc_mujoco.figures import figure
 from cc_mujoco.recording import FILES, EpisodeLog
 
 # Where the package was imported from; tests run in another folder.
@@ -32,10 +35,12 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An empty file in place of the drawing, most of the work of a short play."""
+    """Empty drawings, which are most of the work of a short play."""
     monkeypatch.setattr(
         recording.episode, "write_summary", lambda path, _: Path(path).touch()
     )
+    for stem in FIGURES:
+        monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
 
 
 @pytest.mark.parametrize("scene", ["wrist", "ankle"])
@@ -119,6 +124,7 @@ def test_a_recorded_motion_can_be_played(tmp_path: Path) -> None:
     assert log["reference_angle_rad"] == pytest.approx(expected, abs=1e-3)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_old_results_stay_until_new_ones_are_complete(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -361,6 +367,7 @@ def test_no_command_replaces_files_that_it_did_not_write(
     assert [p for p in tmp_path.rglob("*") if p.is_file()] == [path]
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", ["benchmark", "whatif"])
 def test_a_command_runs_again_into_its_own_folder(name: str, tmp_path: Path) -> None:
     for _ in range(2):

@@ -16,11 +16,14 @@ from cc_mujoco.benchmark import (
     Cell,
     CellResult,
     Plan,
+    drawing,
     interval,
     play,
 )
+from cc_mujoco.benchmark.runner import FIGURES
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.devices import DEVICES
+from cc_mujoco.figures import figure
 
 ROOMS = Path(__file__).parents[2] / "cc_mujoco"
 PAGE = (ROOMS / "benchmark" / "README.md").read_text(encoding="utf-8")
@@ -128,6 +131,8 @@ def test_new_controller_of_the_readme_enters_with_the_command_beside_it(
     (tmp_path / "my_controller.py").write_text(code)
     monkeypatch.chdir(tmp_path)
     monkeypatch.delitem(sys.modules, "my_controller", raising=False)
+    for stem in FIGURES:  # what it scores is drawn as all else is
+        monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
     short = "--trajectories sine --tasks spring --seeds 1 --duration 1.1 --workers 1"
     program, *words = f"{command} {short}".split()
     assert program == "cc-mujoco"

@@ -12,8 +12,27 @@ from shared_folder import ABSENT, SHARED
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
-LONG = ("test_cli.py", "test_study.py")
-"""Files of no slow test that take long all the same."""
+LONG = (
+    "test_reason.py",
+    "test_davinci.py",
+    "test_cli.py",
+    "test_study.py",
+    "test_benchmark.py",
+    "test_vector.py",
+    "test_cluster.py",
+    "test_environments.py",
+    "test_wheel.py",
+    "test_per_trial.py",
+    "test_pages.py",
+    "test_model_based.py",
+    "test_calibration.py",
+    "test_sensitivity.py",
+    "test_experiments_1_and_3.py",
+    "test_arrival.py",
+    "test_generate.py",
+    "test_report.py",
+)
+"""Files that take about ten seconds or longer, the longest first."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -45,9 +64,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if item.get_closest_marker("shared"):
                 item.add_marker(pytest.mark.skip(reason=ABSENT))
+    place = {name: number for number, name in enumerate(LONG)}
     items.sort(
         key=lambda item: (
-            item.get_closest_marker("slow") is None and item.path.name not in LONG
+            place.get(item.path.name, len(LONG)),
+            item.get_closest_marker("slow") is None,
         )
     )
 

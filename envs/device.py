@@ -30,6 +30,22 @@ class Physics(NamedTuple):
     plugin_state: Array
     actuator_force: Array
     qfrc_actuator: Array
+    qfrc_passive: Array
+    qfrc_spring: Array
+    qfrc_damper: Array
+
+    def apart(self) -> Physics:
+        """The same, but results in arrays of their own, which may be written."""
+        return self._replace(**{name: getattr(self, name).copy() for name in _RESULTS})
+
+    def take(self, other: Physics, row: Any = slice(None)) -> None:
+        """Write the results of another, for all simulations or one of them."""
+        for name in _RESULTS:
+            getattr(self, name)[row] = getattr(other, name)
+
+
+_RESULTS = Physics._fields[3:]
+"""What a step leaves behind and no state has."""
 
 
 class Device:
@@ -171,14 +187,18 @@ class Device:
         qpos, qvel = physics.qpos.T, physics.qvel.T
         force = physics.actuator_force.T
         wearer = force[self._wearer_out]
+        # Cables on open paths pull by passive forces, beside those of the joints.
+        joint, passive = self._joint_v, physics.qfrc_passive.T
+        own = physics.qfrc_spring.T[joint] + physics.qfrc_damper.T[joint]
+        pieces = passive[joint] - own
         return {
             "motor_angle_rad": qpos[self._motor_q],
             "motor_velocity_rad_s": qvel[self._motor_v],
             "motor_torque_nm": force[self._motor_out] * self._motor_gear,
             "joint_angle_rad": qpos[self._joint_q],
-            "joint_velocity_rad_s": qvel[self._joint_v],
+            "joint_velocity_rad_s": qvel[joint],
             # The wearer and the cables are all that acts on the joint.
-            "joint_torque_nm": physics.qfrc_actuator.T[self._joint_v] - wearer,
+            "joint_torque_nm": physics.qfrc_actuator.T[joint] - wearer + pieces,
             "wearer_torque_nm": wearer,
         }
 

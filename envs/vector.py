@@ -20,7 +20,7 @@ from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
 
-from .device import Array, Physics
+from .device import Array, Physics, physics_of
 from .exo import REWARDS, Exo
 from .picture import Camera, Film, check_mode
 from .script import Scripts
@@ -104,10 +104,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             self._last = min(self._last, max_episode_steps)
         self._bound = Physics(*(self.batch.bind(name) for name in Physics._fields))
         # MuJoCo's results are one call behind where a reset followed it.
-        self._physics = self._bound._replace(
-            actuator_force=self._bound.actuator_force.copy(),
-            qfrc_actuator=self._bound.qfrc_actuator.copy(),
-        )
+        self._physics = self._bound.apart()
         self._control = np.zeros((num_envs, frame_skip, self.model.nu))
         self._start = mujoco.MjData(self.model)
         self._scripts = Scripts(self.exo.author, num_envs)
@@ -187,8 +184,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             control[:, :, device.wearer_controls] = self._scripts.commands(self._steps)
             chosen = control if going.all() else control[going]
             self.batch.rollout(exo.frame_skip, chosen, record=(), ids=going)
-            self._physics.actuator_force[:] = self._bound.actuator_force
-            self._physics.qfrc_actuator[:] = self._bound.qfrc_actuator
+            self._physics.take(self._bound)
             self._steps[going] += 1
         if fresh.any():
             self._begin(np.flatnonzero(fresh))
@@ -241,8 +237,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             script = self._scripts.write(row, rng)
             device.start(data, script.angles, script.commands[0])
             mujoco.mj_getState(self.model, data, self.batch.state[row], _STATE)
-            self._physics.actuator_force[row] = data.actuator_force
-            self._physics.qfrc_actuator[row] = data.qfrc_actuator
+            self._physics.take(physics_of(data), row)
         self._steps[rows] = 0
 
     def _sample(self) -> tuple[Array, dict[str, Any]]:

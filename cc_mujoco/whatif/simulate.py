@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.devices import Setup
 from cc_mujoco.engine import Reader, cables
-from cc_mujoco.envs.device import Device, Physics
+from cc_mujoco.envs.device import Device, Physics, physics_of
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
 from cc_mujoco.episode import Columns, Trace, run
@@ -194,16 +194,12 @@ class Fleet:
     def start(self) -> Columns:
         """Bring all to the start; see `Plant.start`."""
         # Results that MuJoCo has not yet for the batch.
-        now = self._bound._replace(
-            actuator_force=self._bound.actuator_force.copy(),
-            qfrc_actuator=self._bound.qfrc_actuator.copy(),
-        )
+        now = self._bound.apart()
         for row, device in enumerate(self._devices):
             data = mujoco.MjData(device.model)
             device.start(data, self._script.angles, self._script.commands[0])
             mujoco.mj_getState(device.model, data, self._batch.state[row], _STATE)
-            now.actuator_force[row] = data.actuator_force
-            now.qfrc_actuator[row] = data.qfrc_actuator
+            now.take(physics_of(data), row)
         return self._columns(now)
 
     def advance(self, torque: Array) -> Columns:

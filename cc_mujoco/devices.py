@@ -116,5 +116,31 @@ DEVICES = {
         lever=("conduit_shank", "heel_lever"),
         companions={"hip": "wearer_hip", "knee": "wearer_knee"},
     ),
+    "finger": Setup(
+        scene="finger",
+        environment="cc_mujoco/TendonFinger-v0",
+        meaning="finger extended by an open tendon over post, guide and knuckle",
+        joint="finger",
+        reach=0.6,
+        torque_scale=0.02,
+        bounds={
+            "motor_angle_rad": 10.0,
+            "motor_velocity_rad_s": 1000.0,
+            "joint_angle_rad": 1.5,
+            "joint_velocity_rad_s": 100.0,
+            "joint_torque_nm": 5.0,
+            "desired_torque_nm": 5.0,
+        },
+        sensing=Sensing(torque_noise=0.002, tension_noise=0.1),
+        pull_pull=False,
+        trajectory="sine",
+        task="hold",
+        trajectories=("sine", "reach"),
+        tasks=("hold", "transparent"),
+        # Braided line of that diameter (assumed), and the drum of the scene's comment.
+        strength=500.0,
+        diameter=0.9e-3,
+        motor_pulley=1e-6,
+    ),
 }
 """Every device by the name of its scene."""

@@ -1,4 +1,4 @@
-"""Gymnasium environments: a wrist handle and an ankle exoskeleton driven by cables.
+"""Gymnasium environments: devices that are driven by cables.
 
     import gymnasium
     import cc_mujoco
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from .registered import (
         AnkleExo,
         AnkleExoVector,
+        TendonFinger,
+        TendonFingerVector,
         WristHandle,
         WristHandleVector,
     )
@@ -30,6 +32,8 @@ __all__ = [
     "AnkleExo",
     "AnkleExoVector",
     "RecordVideo",
+    "TendonFinger",
+    "TendonFingerVector",
     "WristHandle",
     "WristHandleVector",
     "register",

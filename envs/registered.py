@@ -9,7 +9,7 @@ from .vector import ExoVectorEnv
 
 
 class WristHandle(ExoEnv):
-    r"""A motor moves the wrist of a wearer through two Bowden cables.
+    """A motor moves the wrist of a wearer through two Bowden cables.
 
     ## Description
 
@@ -44,43 +44,12 @@ class WristHandle(ExoEnv):
 
     ## Reward
 
-    `reward = reward_tracking + reward_effort`, both in `info`, at most 0:
-
-    - `reward_tracking` = \(-((\tau_j - \tau_d) / 0.1\,\text{Nm})^2\) with the torque of
-      the cables on the wrist \(\tau_j\) and the desired torque \(\tau_d\);
-    - `reward_effort` = \(-0.001\,a^2\) with the clipped action \(a\).
-
-    ## Info
-
-    After every reset and step a fresh dictionary with the columns of an episode log
-    (`cc_mujoco.recording.columns`): time, angles, velocities, torques, the wearer's
-    reference; for each cable the true tensions at both ends and at the nodes, the part
-    that slips and the direction of slip of every segment, slack, dissipated energy; and
-    `qpos`. Angles and velocities are those at that time, torques and tensions those
-    that acted in the physics step before it (0.5 ms).
-
-    ## Start and end
-
-    An episode starts at rest at the first angle of the trajectory, both cables at
-    pretension. Random trajectories are drawn from `np_random`, so a seed determines an
-    episode. It is truncated after `duration`, and terminated only if MuJoCo warns that
-    the simulation has become unstable. Actions of another shape or not finite are a
-    `CableError`.
+    That of `ExoEnv`; an error of 0.1 Nm costs 1.
 
     ## Arguments
 
-    | argument | default | meaning |
-    |----------|---------|---------|
-    | `trajectory` | `"sweep"` | the wearer's motion: a name, CSV file or `Trajectory` |
-    | `task` | `"tunnel"` | what the wearer should feel: a name or a `Task` |
-    | `duration` | 10 | length of an episode [s] |
-    | `frame_skip` | 2 | physics steps of 0.5 ms in a control step: control at 1 kHz |
-    | `wearer` | `None` | a `Wearer`; by default 50 Nm/rad and 0.8 Nm s/rad (scene) |
-    | `render_mode` | `None` | `None` or `"rgb_array"` |
-    | `model` | `None` | a variant of the scene, compiled |
-
-    Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down to 1 rad where
-    they go further, and `TASKS`. The wearer's command changes with every physics step.
+    Those of `ExoEnv`: `trajectory` is `"sweep"` and `task` `"tunnel"` by default,
+    `wearer` 50 Nm/rad and 0.8 Nm s/rad. Named trajectories are scaled down to 1 rad.
 
     ## Version history
 
@@ -97,7 +66,7 @@ class WristHandleVector(ExoVectorEnv):
 
 
 class AnkleExo(ExoEnv):
-    r"""A motor pulls the heel of a walking wearer through one long Bowden cable.
+    """A motor pulls the heel of a walking wearer through one long Bowden cable.
 
     ## Description
 
@@ -134,45 +103,13 @@ class AnkleExo(ExoEnv):
 
     ## Reward
 
-    `reward = reward_tracking + reward_effort`, both in `info`, at most 0:
-
-    - `reward_tracking` = \(-((\tau_j - \tau_d) / 10\,\text{Nm})^2\) with the torque of
-      the cable on the ankle \(\tau_j\) and the desired torque \(\tau_d\);
-    - `reward_effort` = \(-0.001\,a^2\) with the clipped action \(a\).
-
-    ## Info
-
-    After every reset and step a fresh dictionary with the columns of an episode log
-    (`cc_mujoco.recording.columns`): time, angles, velocities, torques, the wearer's
-    reference; the cable's true tensions at both ends and at the nodes, the part that
-    slips and the direction of slip of every segment, slack, dissipated energy; and
-    `qpos`. Angles and velocities are those at that time, torques and tensions those
-    that acted in the physics step before it (0.5 ms).
-
-    ## Start and end
-
-    An episode starts at rest at the first pose of the trajectory, the cable at
-    pretension. Random trajectories are drawn from `np_random`, so a seed determines an
-    episode. It is truncated after `duration`, and terminated only if MuJoCo warns that
-    the simulation has become unstable. Actions of another shape or not finite are a
-    `CableError`.
+    That of `ExoEnv`; an error of 10 Nm costs 1.
 
     ## Arguments
 
-    | argument | default | meaning |
-    |----------|---------|---------|
-    | `trajectory` | `"walk"` | the wearer's motion: a name, CSV file or `Trajectory` |
-    | `task` | `"assist"` | what the wearer should feel: a name or a `Task` |
-    | `duration` | 10 | length of an episode [s] |
-    | `frame_skip` | 2 | physics steps of 0.5 ms in a control step: control at 1 kHz |
-    | `wearer` | `None` | a `Wearer`; by default 2 kNm/rad and 20 Nm s/rad (scene) |
-    | `render_mode` | `None` | `None` or `"rgb_array"` |
-    | `model` | `None` | a variant of the scene, compiled |
-
-    Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down to 0.3 rad where
-    they go further, and `TASKS`. Hip and knee rest at 0 unless the trajectory moves
-    them. The wearer's command changes with every physics step; `wearer` is that of the
-    ankle.
+    Those of `ExoEnv`: `trajectory` is `"walk"` and `task` `"assist"` by default,
+    `wearer` (of the ankle) 2 kNm/rad and 20 Nm s/rad. Named trajectories are scaled
+    down to 0.3 rad. Hip and knee rest at 0 unless the trajectory moves them.
 
     ## Version history
 
@@ -186,3 +123,61 @@ class AnkleExoVector(ExoVectorEnv):
     """Many `AnkleExo` environments in one batch; see `ExoVectorEnv`."""
 
     SETUP = DEVICES["ankle"]
+
+
+class TendonFinger(ExoEnv):
+    """A winch extends a finger by an open tendon over post, guide and knuckle.
+
+    ## Description
+
+    A motor with a drum of 8 mm pulls the tendon `extensor`, which no conduit leads: it
+    lies over a fixed post, runs through a guide and over the knuckle, and where it is
+    bent it rubs. A tendon only pulls: it extends the finger, and hangs slack when the
+    motor has paid out enough. The wearer moves the finger along a trajectory, as a
+    spring and a damper pulling it there, against a weak spring that curls it. The
+    device should hold a torque at the knuckle, whichever way the tendon slides: by
+    default 0.15 Nm, 2.7 N at a fingertip 55 mm away.
+
+    ## Action space
+
+    `Box(-1, 1, (1,), float32)`: torque of the motor; 1 is 0.4 Nm at its drum, 0.6 Nm of
+    extension at the finger if there were no friction. Positive winds the tendon,
+    negative pays it out until the drum is at its stop. Values outside are clipped.
+    `unwrapped.action(torque)` makes the action of a torque in Nm.
+
+    ## Observation space
+
+    `Box(6, float64)`: what the device can measure. Sensors saturate at their range.
+
+    | | observation | range | unit |
+    |-|-------------|-------|------|
+    | 0 | angle of the motor | +-10 | rad |
+    | 1 | velocity of the motor | +-1000 | rad/s |
+    | 2 | angle of the finger, flexion positive, 0 half flexed | +-1.5 | rad |
+    | 3 | velocity of the finger | +-100 | rad/s |
+    | 4 | torque of the tendon on the finger, extension negative | +-5 | Nm |
+    | 5 | desired torque | +-5 | Nm |
+
+    Where the wearer aims is for the wearer to know; it is in `info` only.
+
+    ## Reward
+
+    That of `ExoEnv`; an error of 0.02 Nm costs 1.
+
+    ## Arguments
+
+    Those of `ExoEnv`: `trajectory` is `"sine"` and `task` `"hold"` by default, `wearer`
+    2 Nm/rad and 0.02 Nm s/rad. Named trajectories are scaled down to 0.6 rad.
+
+    ## Version history
+
+    - v0: first version.
+    """
+
+    SETUP = DEVICES["finger"]
+
+
+class TendonFingerVector(ExoVectorEnv):
+    """Many `TendonFinger` environments in one batch; see `ExoVectorEnv`."""
+
+    SETUP = DEVICES["finger"]

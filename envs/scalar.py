@@ -22,7 +22,50 @@ from .script import Script
 
 
 class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
-    """Base of the environments of one device; subclasses say which and document it."""
+    r"""Base of the environments of one device; subclasses say which and document it.
+
+    ## Reward
+
+    `reward = reward_tracking + reward_effort`, both in `info`, at most 0:
+
+    - `reward_tracking` = \(-((\tau_j - \tau_d) / \tau_1)^2\) with the torque of the
+      cables on the joint \(\tau_j\), the desired torque \(\tau_d\) and the error that
+      costs 1, \(\tau_1\), which the device sets;
+    - `reward_effort` = \(-0.001\,a^2\) with the clipped action \(a\).
+
+    ## Info
+
+    After every reset and step a fresh dictionary with the columns of an episode log
+    (`cc_mujoco.recording.columns`): time, angles, velocities, torques, the wearer's
+    reference; for each cable the true tensions at both ends and at the nodes, the part
+    that slips and the direction of slip of every segment, slack, dissipated energy; and
+    `qpos`. Angles and velocities are those at that time, torques and tensions those
+    that acted in the physics step before it (0.5 ms).
+
+    ## Start and end
+
+    An episode starts at rest at the first pose of the trajectory, all cables at
+    pretension. Random trajectories are drawn from `np_random`, so a seed determines an
+    episode. It is truncated after `duration`, and terminated only if MuJoCo warns that
+    the simulation has become unstable. Actions of another shape or not finite are a
+    `CableError`.
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |----------|---------|---------|
+    | `trajectory` | device | the wearer's motion: a name, CSV file or `Trajectory` |
+    | `task` | device | what the wearer should feel: a name or a `Task` |
+    | `duration` | 10 | length of an episode [s] |
+    | `frame_skip` | 2 | physics steps of 0.5 ms in a control step: control at 1 kHz |
+    | `wearer` | `None` | a `Wearer`; by default that of the scene |
+    | `render_mode` | `None` | `None` or `"rgb_array"` |
+    | `model` | `None` | a variant of the scene, compiled |
+
+    Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down where they go
+    further than the device lets them, and `TASKS`. The wearer's command changes with
+    every physics step.
+    """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012
     SETUP: ClassVar[Setup]

@@ -21,7 +21,7 @@ class Benchmark:
     interrupted: ClassVar[str] = "cells that were finished are kept"
 
     scene: Annotated[str, tyro.conf.arg(metavar="SCENE")] = "all"
-    """wrist, ankle or all; `cc-mujoco list` shows every name that can be given."""
+    """A device, or all; `cc-mujoco list` shows every name that can be given."""
     controllers: Names = ()
     """Names, MODULE:FUNCTION of yours or POLICY.zip; every name unless given."""
     trajectories: Names = ()

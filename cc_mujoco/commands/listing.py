@@ -33,7 +33,6 @@ class Listing:
             },
             "scenes without an environment": {
                 "bench": "pull-pull bench, where a diagnosis starts from",
-                "finger": "tendon over pulleys with capstan friction",
             },
             "trajectories": _meanings(TRAJECTORIES),
             "tasks": _meanings(TASKS),

@@ -21,7 +21,7 @@ class Play:
     interrupted: ClassVar[str] = "nothing was written"
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
-    """wrist or ankle; `cc-mujoco list` shows every name that can be given."""
+    """A device; `cc-mujoco list` shows every name that can be given."""
     trajectory: Name = None
     """How the wearer moves; the default depends on the scene."""
     csv: Annotated[Path | None, in_words("FILE.csv")] = None

@@ -24,7 +24,7 @@ class WhatIf:
     )
 
     scene: Annotated[str, tyro.conf.arg(metavar="SCENE")] = "wrist"
-    """wrist or ankle; `cc-mujoco list` shows every name that can be given."""
+    """A device; `cc-mujoco list` shows every name that can be given."""
     vary: Annotated[Names, tyro.conf.arg(metavar="VARIABLE=VALUES")] = ()
     """VALUES are low:high:count, low:high:count:log or a,b,c; once per variable."""
     designs: Annotated[Path | None, in_words("FILE")] = None

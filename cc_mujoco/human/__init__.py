@@ -8,6 +8,7 @@ from cc_mujoco.human.recorded import Recorded, from_csv
 from cc_mujoco.human.tasks import (
     TASKS,
     Assist,
+    Hold,
     Spring,
     Task,
     Transparent,
@@ -25,6 +26,7 @@ __all__ = [
     "Assist",
     "Chirp",
     "Gains",
+    "Hold",
     "Motion",
     "Multisine",
     "Ramp",

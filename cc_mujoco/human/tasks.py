@@ -116,11 +116,28 @@ class Assist(Task):
         return -self.peak * gait.assistance(phase)
 
 
+@dataclass(frozen=True)
+class Hold(Task):
+    """A constant torque, as of a fingertip that presses on something."""
+
+    pull: float = -0.15
+    """Torque [Nm]; by default 2.7 N at 55 mm from a knuckle, in extension."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that are not numbers."""
+        parameter(self, "pull", -1e6, 1e6, "Nm")
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """The torque to hold [Nm]; see `Task.torque`."""
+        return 0.0 * angle + self.pull
+
+
 TASKS: dict[str, Task] = {
     "tunnel": Tunnel(),
     "spring": Spring(),
     "transparent": Transparent(),
     "assist": Assist(),
+    "hold": Hold(),
 }
 """Every virtual environment with its default parameters."""
 

@@ -16,6 +16,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 
 COUNT = 5
+WRIST = "cc_mujoco/WristHandle-v0"
 
 
 def equal(a: Any, b: Any) -> None:
@@ -32,13 +33,11 @@ def equal(a: Any, b: Any) -> None:
             assert np.array_equal(x, y)
 
 
-def pair(
-    name: str, threads: int = 0, count: int = COUNT, **given: Any
-) -> tuple[VectorEnv, VectorEnv]:
+def pair(name: str, threads: int = 0, **given: Any) -> tuple[VectorEnv, VectorEnv]:
     """The vector environment of an id, and Gymnasium's own."""
     return (
-        gymnasium.make_vec(name, count, threads=threads, **given),
-        gymnasium.make_vec(name, count, vectorization_mode="sync", **given),
+        gymnasium.make_vec(name, COUNT, threads=threads, **given),
+        gymnasium.make_vec(name, COUNT, vectorization_mode="sync", **given),
     )
 
 
@@ -47,7 +46,7 @@ def march(a: VectorEnv, b: VectorEnv, steps: int) -> int:
     random = np.random.default_rng(0)
     ended = 0
     for _ in range(steps):
-        actions = random.uniform(-1.2, 1.2, (a.num_envs, 1)).astype(np.float32)
+        actions = random.uniform(-1.2, 1.2, (COUNT, 1)).astype(np.float32)
         ours, theirs = a.step(actions), b.step(actions)
         equal(ours, theirs)
         ended += int((ours[2] | ours[3]).sum())
@@ -56,43 +55,37 @@ def march(a: VectorEnv, b: VectorEnv, steps: int) -> int:
 
 @pytest.mark.parametrize(
     ("trajectory", "threads"),
-    [("multisine", 1), ("sweep", 4), ("walk", 2)],
+    [("multisine", 1), ("walk", 2)],
 )
 def test_it_equals_sync_through_autoresets(
     name: str, trajectory: str, threads: int
 ) -> None:
-    a, b = pair(name, threads, trajectory=trajectory, duration=0.04)
+    a, b = pair(name, threads, trajectory=trajectory, duration=0.02)
     equal(a.reset(seed=3), b.reset(seed=3))
-    assert march(a, b, 140) == 3 * COUNT
+    assert march(a, b, 70) == 3 * COUNT
     equal(a.reset(seed=[7, None, 1, 1, 2**31]), b.reset(seed=[7, None, 1, 1, 2**31]))
-    march(a, b, 50)
+    march(a, b, 30)
     equal(a.reset(), b.reset())
     march(a, b, 10)
 
 
-@pytest.mark.parametrize(
-    ("task", "duration"),
-    [("tunnel", 0.9), ("spring", 0.15), ("transparent", 0.15), ("assist", 0.15)],
-)
-def test_it_equals_sync_for_every_task_and_over_a_long_episode(
-    name: str, task: str, duration: float
-) -> None:
-    a, b = pair(name, count=3, task=task, duration=duration, frame_skip=3)
+def test_it_equals_sync_over_a_long_episode(name: str) -> None:
+    a, b = pair(name, duration=0.9, frame_skip=9)
     equal(a.reset(seed=0), b.reset(seed=0))
-    assert march(a, b, round(duration / 0.0015) + 40) == 3
+    assert march(a, b, 210) == COUNT
 
 
 def test_it_equals_sync_where_episodes_end_apart(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo logs its warnings to a file
     # Just too stiff for the time step: unstable at a time that depends on the motion.
-    wearer = Wearer(stiffness=280e3 if "Ankle" in name else 80e3, damping=0.0)
-    a, b = pair(name, trajectory="multisine", duration=0.05, wearer=wearer)
+    wearer = Wearer(stiffness=80e3, damping=0.0)
+    a, b = pair(WRIST, trajectory="multisine", duration=0.05, wearer=wearer)
     equal(a.reset(seed=1), b.reset(seed=1))
     random = np.random.default_rng(0)
     seen = set()
-    for _ in range(200):
+    for _ in range(120):
         actions = random.uniform(-1, 1, (COUNT, 1)).astype(np.float32)
         ours, theirs = a.step(actions), b.step(actions)
         equal(ours, theirs)
@@ -108,10 +101,9 @@ def test_it_equals_sync_under_a_time_limit(name: str) -> None:
 
 @pytest.mark.slow
 def test_it_equals_async_in_spawned_processes() -> None:
-    name = "cc_mujoco/WristHandle-v0"
-    a = gymnasium.make_vec(name, 2, trajectory="reach", duration=0.02)
+    a = gymnasium.make_vec(WRIST, 2, trajectory="reach", duration=0.02)
     b = gymnasium.make_vec(
-        name,
+        WRIST,
         2,
         vectorization_mode="async",
         vector_kwargs={"context": "spawn"},

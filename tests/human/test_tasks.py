@@ -63,7 +63,7 @@ def test_spring_transparent_assist() -> None:
 columns = arrays(np.float64, (3, 17), elements=st.floats(-4, 4))
 
 
-@pytest.mark.parametrize("name", ["tunnel", "spring", "transparent", "assist"])
+@pytest.mark.parametrize("name", sorted(TASKS))
 @given(values=columns)
 def test_scalars_and_arrays_give_the_same_bits(
     name: str, values: np.ndarray[tuple[int, int], np.dtype[np.float64]]
@@ -81,7 +81,7 @@ def test_scalars_and_arrays_give_the_same_bits(
 
 
 def test_registry_and_errors() -> None:
-    assert list(TASKS) == ["tunnel", "spring", "transparent", "assist"]
+    assert list(TASKS) == ["tunnel", "spring", "transparent", "assist", "hold"]
     assert task("assist") is TASKS["assist"]
     with pytest.raises(CableError, match="unknown task 'tunel': did you mean 'tunnel'"):
         task("tunel")

@@ -24,7 +24,7 @@ from cc_mujoco.devices import DEVICES
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.transmission.conduit import end_stiffness
-from cc_mujoco.transmission.parameters import KEYS, Cable, Section
+from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif.bare import strip
 from cc_mujoco.whatif.variables import Value, read_design
 
@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 
 RADII = ("motor_radius", "joint_radius")
 """Variables of a cable's proximal and distal end."""
+
+DRAWN = ("conduit", "loops", "wrap", "bend_radius", "length", "route", "path", "mouth")
+"""Variables of what leads a cable, which of an open one the scene draws."""
 
 
 class Builder:
@@ -109,6 +112,8 @@ class Builder:
                 step is too long for so stiff a design.
         """
         read = read_design(design, self.cables)
+        for name, cable in self.cables.items():
+            self._require_drawn(name, cable, _own(read, name))
         for name, cable in self.cables_of(read).items():
             if cable.route and self.spec.tendon(cable.route) is None:
                 raise CableError(
@@ -136,8 +141,12 @@ class Builder:
 
         An end of a cable is at its stiffest where only its last segment moves: k is EA
         over half its length. About a joint of inertia J the ends add up to K = sum of
-        k r^2, and an explicit force is stable below 2 / sqrt(K / J).
+        k r^2, and an explicit force is stable below 2 / sqrt(K / J). Where a cable lies
+        open the engine says what its pieces bear.
         """
+        if any(cable.path != PATHS[0] for cable in self.cables.values()):
+            limits = engine.step_limits(self.model(design)).values()
+            return min(min(limit.proximal, limit.distal) for limit in limits)
         inertia, arms = self._levers
         inertia = inertia.copy()
         if "rotor_inertia" in design:
@@ -179,6 +188,26 @@ class Builder:
             found[name] = arms[out[proximal]], arms[out[distal]]
         return model.dof_M0.copy(), found
 
+    def _require_drawn(self, name: str, cable: Cable, own: Mapping[str, Value]) -> None:
+        """Refuse to vary what the drawing of a scene decides.
+
+        Raises:
+            CableError: an open cable's path is varied, or a lever that cannot be moved.
+        """
+        wrong = [key for key in DRAWN if key in own and cable.path != PATHS[0]]
+        if wrong:
+            raise CableError(
+                f"variable {wrong[0]!r} cannot be varied for cable {name!r}, which "
+                "leaves its conduit; the scene draws its path."
+            )
+        lever = [a for a in self.spec.actuators if a.plugin.name == name][1]
+        joint = lever.trntype == mujoco.mjtTrn.mjTRN_JOINT
+        if RADII[1] in own and not (joint or self.device.lever):
+            raise CableError(
+                f"variable {RADII[1]!r} cannot be varied for cable {name!r}, whose "
+                "tendon has no lever that moves; the scene draws its path."
+            )
+
     def _heavier(self, design: Mapping[str, Value]) -> dict[str, float]:
         """By how much the pulleys of a design exceed the scene's, by joint [kg m^2]."""
         joints = ("motor", self.device.joint)
@@ -213,8 +242,11 @@ class Builder:
 
     def _routes(self, design: Mapping[str, Value]) -> tuple[str, ...]:
         """Tendons that bend a cable as they move, and so belong to the physics."""
-        configs = [cable.to_config() for cable in self.cables_of(design).values()]
-        return tuple(c["route"] for c in configs if c.get("bend") == "route")
+        return tuple(
+            cable.route
+            for cable in self.cables_of(design).values()
+            if cable.bend != BENDS[0] or cable.path != PATHS[0]
+        )
 
     def _base(self, design: Mapping[str, Value], whole: bool) -> mujoco.MjSpec:
         """The scene that a design changes: whole, or what the design needs of it."""

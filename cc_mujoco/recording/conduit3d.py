@@ -9,22 +9,43 @@ from numpy.typing import NDArray
 
 from cc_mujoco import engine
 from cc_mujoco.recording.scene3d import TIMELINE, WORLD
+from cc_mujoco.transmission.conduit import node_places
+from cc_mujoco.transmission.parameters import PATHS
 
 Array = NDArray[np.float64]
 
 SLACK_COLOR = np.array([150, 150, 150, 255], dtype=np.uint8)
 
 
+def conduit_shares(model: mujoco.MjModel, cable: str) -> Array:
+    """Return how the line of a cable is divided, as shares of its route from 0 to 1.
+
+    In a conduit a part of the line goes from one node to the next: (n+1,). Where the
+    cable lies open a part is what a node stands for, a straight piece
+    or some of an arc: (n+2,).
+    """
+    described = engine.from_mjcf(model)[cable]
+    if described.path == PATHS[0]:
+        return node_places(described) / described.length
+    reader = engine.Reader(model, cable)
+    nodes = described.segments + 1
+    # Slack of a newton at one node alone goes as the length for which the node stands.
+    state = np.zeros((nodes, model.npluginstate))
+    state[:, reader.nodes] = -np.eye(nodes)
+    along = np.concatenate([[0.0], np.cumsum(reader.read(state).slack)])
+    return np.asarray(along / along[-1])
+
+
 def conduit_points(
     model: mujoco.MjModel, cable: str, qpos: Array, shares: Array
 ) -> Array:
-    """Return where places along a cable, as its nodes, lie in space.
+    """Return points of the line of a cable in space.
 
     Args:
         model: Compiled model.
         cable: Name of a cable that has a route.
         qpos: Generalized coordinates of the frames (T, nq).
-        shares: Of the length of the route, from the motor end, 0 to 1 (P,).
+        shares: Of the length of the route (P,), where points shall be.
 
     Returns:
         Points (T, P, 3) in metres, from the motor end to the joint end.
@@ -41,7 +62,7 @@ def conduit_points(
 
 
 def resample(polyline: Array, shares: Array) -> Array:
-    """Return points at shares (P,) of the length of a polyline, as (P, 3)."""
+    """Return points at these shares (n,) of the length of a polyline (P, 3): (n, 3)."""
     steps = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     wanted = shares * along[-1]
@@ -80,8 +101,9 @@ def log_conduit(
         rec: Open recording.
         cable: Name of the cable.
         time: Times of the frames (T,), s.
-        points: Places of the nodes (T, n+1, 3), m.
-        tension: Tensions at the nodes (T, n+1), N.
+        points: Ends of the parts of the line (T, P, 3), m.
+        tension: Tensions (T, P), where its parts lie between nodes, or of its parts
+            (T, P-1), N.
         highest: Tension of the brightest colour, N.
         radius: Radius of the line, m.
     """
@@ -89,8 +111,9 @@ def log_conduit(
     index = [rr.TimeColumn(TIMELINE, duration=time)]
     frames, count = len(time), points.shape[1] - 1
     segments = np.stack([points[:, :-1], points[:, 1:]], axis=2).astype(np.float32)
-    middle = 0.5 * (tension[:, :-1] + tension[:, 1:])
-    colors = tension_colors(middle, highest).reshape(-1, 4)
+    if tension.shape[1] > count:
+        tension = 0.5 * (tension[:, :-1] + tension[:, 1:])
+    colors = tension_colors(tension, highest).reshape(-1, 4)
     colored = rr.LineStrips3D.columns(colors=colors).partition([count] * frames)
     rec.log(path, rr.LineStrips3D.from_fields(radii=[radius]), static=True)
     if np.allclose(points, points[0], rtol=0.0, atol=1e-6):

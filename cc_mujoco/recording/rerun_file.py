@@ -24,7 +24,7 @@ from cc_mujoco import engine, markdown
 from cc_mujoco.files import replacing
 from cc_mujoco.recording.axis import axis
 from cc_mujoco.recording.columns import MODEL_XML
-from cc_mujoco.recording.conduit3d import conduit_points, log_conduit
+from cc_mujoco.recording.conduit3d import conduit_points, conduit_shares, log_conduit
 from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.metrics import Metric
 from cc_mujoco.recording.scene3d import (
@@ -35,7 +35,6 @@ from cc_mujoco.recording.scene3d import (
     viewpoint,
 )
 from cc_mujoco.recording.tendon3d import log_tendons
-from cc_mujoco.transmission.conduit import node_places
 
 APPLICATION = "cc_mujoco"
 FRAMES_PER_SECOND = 60.0
@@ -203,7 +202,7 @@ def _log_scene(
     log_tendons(rec, model, time, qpos, routes.values())
     for cable, tendon in routes.items():
         tension = tensions[cable]
-        shares = node_places(cables[cable]) / cables[cable].length
+        shares = conduit_shares(model, cable)
         points = conduit_points(model, cable, qpos, shares)
         radius = float(model.tendon_width[tendon])
         log_conduit(rec, cable, time, points, tension, highest, radius)

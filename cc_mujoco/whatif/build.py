@@ -24,7 +24,7 @@ from cc_mujoco.devices import DEVICES
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.transmission.conduit import end_stiffness
-from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
+from cc_mujoco.transmission.parameters import BENDS, KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif.bare import strip
 from cc_mujoco.whatif.variables import Value, read_design
 

@@ -11,9 +11,8 @@ import pytest
 
 from cc_mujoco import assets, engine
 from cc_mujoco.control import controller
-from cc_mujoco.recording.conduit3d import conduit_points
+from cc_mujoco.recording.conduit3d import conduit_points, conduit_shares
 from cc_mujoco.recording.episode import FILES, play, write_episode
-from cc_mujoco.transmission.conduit import node_places
 
 CABLE = "plantarflexor"
 
@@ -40,8 +39,20 @@ def test_an_episode_with_a_moving_route_is_recorded(tmp_path: Path) -> None:
     assert log.metadata["cables"][CABLE]["bend"] == "route"
     tension = log[f"tension_{CABLE}_nodes_n"]
     assert np.isfinite(tension).all()
-    cable = engine.from_mjcf(model)[CABLE]
-    shares = node_places(cable) / cable.length
-    assert tension.shape[1] == shares.size
+    shares = conduit_shares(model, CABLE)
+    assert shares.size == tension.shape[1]
     points = conduit_points(model, CABLE, log["qpos"][[0, -1]], shares)
     assert np.linalg.norm(points[1] - points[0], axis=1).max() > 1e-3
+
+
+def test_the_line_of_an_open_cable_is_divided_at_its_bends() -> None:
+    """Each of its straight pieces has one tension, hence one colour."""
+    model = mujoco.MjModel.from_xml_path(str(assets.scene_path("finger")))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    shares = conduit_shares(model, "extensor")
+    points = conduit_points(model, "extensor", data.qpos[None], shares)[0]
+    guide = data.site("guide").xpos
+    assert np.linalg.norm(points - guide, axis=1).min() < 1e-3
+    straight = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    assert np.sum(straight > 0.025) == 4

@@ -47,7 +47,8 @@ class Motion:
     """Fraction of the gait cycle, or of the trajectory's own period, in [0, 1);
     the fraction of the episode where a trajectory has no period."""
     companions: Mapping[str, Motion] = field(default_factory=dict)
-    """Motions of other joints that belong to this one: `hip` and `knee` of `walk`."""
+    """Motions of joints that belong together: `ankle`, `knee`, `hip` of `walk`. A
+    device whose joint is one of them is moved by that one."""
 
 
 class Trajectory(ABC):

@@ -117,6 +117,35 @@ class Assist(Task):
 
 
 @dataclass(frozen=True)
+class Swing(Task):
+    """Help of the hip's swing, following the gait cycle.
+
+    torque = peak (1 - x^2)^3 with x the phase less that of the peak over half the width
+    of the pulse, and 0 outside: flexion. It begins in late stance, as the biological
+    moment does, and ends as the leg swings; peak and timing are assumed.
+    """
+
+    peak: float = 10.0
+    """Largest torque [Nm]; about a seventh of the biological moment."""
+    middle: float = 0.58
+    """Phase of the peak [-]."""
+    half_width: float = 0.18
+    """Phase from the peak to where the help ends [-]."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that are not numbers or describe no pulse."""
+        parameter(self, "peak", 0.0, 1e6, "Nm")
+        parameter(self, "middle", 0.0, 1.0, "")
+        parameter(self, "half_width", 0.01, 0.5, "")
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        """Torque of the help [Nm]; see `Task.torque`."""
+        away = _clamp((phase - self.middle) / self.half_width, -1.0, 1.0)
+        inside = 1.0 - away * away
+        return self.peak * (inside * inside * inside)
+
+
+@dataclass(frozen=True)
 class Hold(Task):
     """A constant torque, as of a fingertip that presses on something."""
 
@@ -137,6 +166,7 @@ TASKS: dict[str, Task] = {
     "spring": Spring(),
     "transparent": Transparent(),
     "assist": Assist(),
+    "swing": Swing(),
     "hold": Hold(),
 }
 """Every virtual environment with its default parameters."""

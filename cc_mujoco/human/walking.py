@@ -18,7 +18,7 @@ ANKLE_PEAK = float(np.abs(gait.ANGLES["ankle"](_PHASES)).max())
 
 @dataclass(frozen=True)
 class Walk(Scripted):
-    """Level walking: ankle, with hip and knee as companions.
+    """Level walking: the ankle, and as companions all three joints of the leg.
 
     The cadence grows from standstill at heel strike to its full value in the time
     `start`, as a minimum-jerk step, so that the motion begins at rest. Phase: the gait
@@ -59,4 +59,4 @@ class Walk(Scripted):
                 companions,
             )
 
-        return joint("ankle", {name: joint(name, {}) for name in ("hip", "knee")})
+        return joint("ankle", {name: joint(name, {}) for name in gait.ANGLES})

@@ -72,12 +72,13 @@ def test_assistance_is_a_push_off() -> None:
 
 def test_walk_has_the_gait_period_and_companions() -> None:
     motion = Walk().sample(10.0, 1e-3, np.random.default_rng(0))
-    assert sorted(motion.companions) == ["hip", "knee"]
+    assert sorted(motion.companions) == ["ankle", "hip", "knee"]
+    assert np.array_equal(motion.companions["ankle"].angle, motion.angle)
     # The smooth start costs half its duration.
     cycles = np.unwrap(motion.phase, period=1.0)
     assert cycles[-1] == pytest.approx((10.0 - 0.5) / PERIOD)
     later = motion.time > 1
-    for name, joint in ({"ankle": motion} | dict(motion.companions)).items():
+    for name, joint in motion.companions.items():
         profile = ANGLES[name]
         expected = profile(motion.phase)
         np.testing.assert_allclose(joint.angle, expected, rtol=5e-3)

@@ -49,6 +49,17 @@ def test_tunnel_is_the_printed_equation(angle: float) -> None:
     assert torque == pytest.approx(printed_tunnel(angle), abs=1e-15)
 
 
+def test_swing_helps_around_toe_off_and_hold_always() -> None:
+    phase = np.linspace(0.0, 1.0, 1001)
+    still = np.zeros(1001)
+    torque = TASKS["swing"].torque(still, still, phase)
+    assert torque.max() == pytest.approx(10.0)
+    assert phase[torque.argmax()] == pytest.approx(0.58)
+    assert np.all(torque[np.abs(phase - 0.58) > 0.1801] == 0.0)
+    assert np.all(torque[np.abs(phase - 0.58) < 0.1799] > 0.0)
+    assert np.all(TASKS["hold"].torque(still, still, phase) == -0.15)
+
+
 def test_spring_transparent_assist() -> None:
     assert TASKS["spring"].torque(0.3, 1.0, 0.0) == -0.3
     assert Spring(stiffness=2.5).torque(-0.2, 0.0, 0.0) == 0.5
@@ -81,7 +92,7 @@ def test_scalars_and_arrays_give_the_same_bits(
 
 
 def test_registry_and_errors() -> None:
-    assert list(TASKS) == ["tunnel", "spring", "transparent", "assist", "hold"]
+    assert list(TASKS) == ["tunnel", "spring", "transparent", "assist", "swing", "hold"]
     assert task("assist") is TASKS["assist"]
     with pytest.raises(CableError, match="unknown task 'tunel': did you mean 'tunnel'"):
         task("tunel")

@@ -22,6 +22,7 @@ SCENES: dict[str, str] = {
     "ankle": "ankle_exo.xml",
     "bench": "bench.xml",
     "finger": "tendon_finger.xml",
+    "exosuit": "exosuit.xml",
 }
 """File of each scene, by the name that `scene_path` and the command line take."""
 

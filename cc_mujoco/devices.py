@@ -55,6 +55,9 @@ class Setup:
     """Sites that move with the lever: the two ends of the free rope at the joint."""
     companions: Mapping[str, str] = field(default_factory=dict)
     """Other joints that the wearer moves, and the actuators that do so."""
+    helpers: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Other motors, which follow the gait by themselves: actuator, and its torque where
+    `human.gait.assistance` is 0 and where it is 1 [Nm]."""
 
 
 DEVICES = {
@@ -141,6 +144,36 @@ DEVICES = {
         strength=500.0,
         diameter=0.9e-3,
         motor_pulley=1e-6,
+    ),
+    "exosuit": Setup(
+        scene="exosuit",
+        environment="cc_mujoco/HipKneeExosuit-v0",
+        meaning="soft exosuit with an open cable over hip and knee, one to the heel",
+        joint="hip",
+        reach=0.5,
+        torque_scale=1.0,
+        bounds={
+            "motor_angle_rad": 20.0,
+            "motor_velocity_rad_s": 500.0,
+            "joint_angle_rad": 2.0,
+            "joint_velocity_rad_s": 20.0,
+            "joint_torque_nm": 500.0,
+            "desired_torque_nm": 500.0,
+            "phase_sine": 1.0,
+            "phase_cosine": 1.0,
+        },
+        sensing=Sensing(torque_noise=0.1, tension_noise=1.0),
+        pull_pull=False,
+        trajectory="walk",
+        task="swing",
+        trajectories=("walk",),
+        tasks=("swing", "transparent"),
+        # Rope of that diameter (assumed), and the drum of the scene's comment.
+        strength=3500.0,
+        diameter=2e-3,
+        motor_pulley=2e-5,
+        companions={"knee": "wearer_knee", "ankle": "wearer_ankle"},
+        helpers={"motor_ankle": (0.25, 8.0)},
     ),
 }
 """Every device by the name of its scene."""

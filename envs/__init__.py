@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from .registered import (
         AnkleExo,
         AnkleExoVector,
+        HipKneeExosuit,
+        HipKneeExosuitVector,
         TendonFinger,
         TendonFingerVector,
         WristHandle,
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 __all__ = [
     "AnkleExo",
     "AnkleExoVector",
+    "HipKneeExosuit",
+    "HipKneeExosuitVector",
     "RecordVideo",
     "TendonFinger",
     "TendonFingerVector",

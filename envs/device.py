@@ -75,12 +75,10 @@ class Device:
         """Impedances at the joint and at its companions."""
         motor = model.actuator("motor")
         self.motor_control = int(model.actuator_ctrladr[motor.id])
-        self.wearer_controls = [
-            int(model.actuator_ctrladr[model.actuator(name).id]) for name in movers
-        ]
-        self.wearer_ranges = np.array(
-            [model.actuator(name).ctrlrange for name in movers]
-        )
+        scripted = [model.actuator(name) for name in (*movers, *setup.helpers)]
+        self.script_controls = [int(model.actuator_ctrladr[a.id]) for a in scripted]
+        """Controls of the wearer and of motors that follow the gait by themselves."""
+        self.script_ranges = np.array([a.ctrlrange for a in scripted])
         self.motor_scale = float(motor.ctrlrange[1])
         """Control of the motor at an action of 1."""
         self.torque_limit = float(self.motor_scale * motor.gear[0])
@@ -97,6 +95,13 @@ class Device:
         ]
         self._readers = [engine.Reader(model, name) for name in engine.cables(model)]
         self._ends = [_ends(model, reader.name) for reader in self._readers]
+        turned = model.joint("motor").id
+        self.driven = tuple(
+            reader.name
+            for reader in self._readers
+            if _wound(model, reader.name) == turned
+        )
+        """Names of the cables that the motor winds."""
         self.cable_outputs = [place for ends in self._ends for place in ends]
         """Where `actuator_force` has the ends of the cables: proximal, distal, next."""
         self.observed = Observed(setup.scene, tuple(setup.bounds.items()))
@@ -116,17 +121,17 @@ class Device:
         That includes where its tension sensors are, and how good.
         """
         limit = self.torque_limit
-        proximal = [float(self.model.actuator_gear[end, 0]) for end, _ in self._ends]
+        cables, arms = engine.from_mjcf(self.model), self._arms()
         cable_drives = tuple(
-            CableDrive(cable, arm, distal)
-            for cable, arm, distal in zip(
-                engine.from_mjcf(self.model).values(),
-                proximal,
-                self._arms(),
-                strict=True,
+            CableDrive(
+                cables[reader.name], float(self.model.actuator_gear[end, 0]), arm
             )
+            for reader, (end, _), arm in zip(
+                self._readers, self._ends, arms, strict=True
+            )
+            if reader.name in self.driven
         )
-        pulls = all(arm < 0.0 for arm in proximal)
+        pulls = all(cable.proximal < 0.0 for cable in cable_drives)
         drive = Drive(
             self.ratio,
             -limit,
@@ -147,13 +152,13 @@ class Device:
         Args:
             data: The simulation; nothing of its past remains.
             angles: Of the joint and its companions [rad].
-            commands: Of the wearer, for the joint and its companions [rad].
+            commands: Of what follows the script.
         """
         model = self.model
         mujoco.mj_resetData(model, data)
         data.qpos[self._joint_q] = angles[0]
         data.qpos[self._companions_q] = angles[1:]
-        data.ctrl[self.wearer_controls] = commands
+        data.ctrl[self.script_controls] = commands
         mujoco.mj_fwdPosition(model, data)
         proximal, distal = self._ends[0]
         payed_out = data.actuator_length[distal] - model.actuator_length0[distal]
@@ -229,6 +234,13 @@ def _ends(model: mujoco.MjModel, name: str) -> tuple[int, int]:
     found = np.flatnonzero(model.actuator_plugin == instances(model)[name])
     proximal, distal = (int(model.actuator_outadr[actuator]) for actuator in found)
     return proximal, distal
+
+
+def _wound(model: mujoco.MjModel, name: str) -> int:
+    """Index of the joint that the proximal end is wound on, -1 if it is none."""
+    found = np.flatnonzero(model.actuator_plugin == instances(model)[name])
+    on_joint = model.actuator_trntype[found[0]] == mujoco.mjtTrn.mjTRN_JOINT
+    return int(model.actuator_trnid[found[0], 0]) if on_joint else -1
 
 
 def _columns(name: str, reading: engine.CableReading) -> dict[str, Any]:

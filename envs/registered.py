@@ -181,3 +181,68 @@ class TendonFingerVector(ExoVectorEnv):
     """Many `TendonFinger` environments in one batch; see `ExoVectorEnv`."""
 
     SETUP = DEVICES["finger"]
+
+
+class HipKneeExosuit(ExoEnv):
+    """A motor at the waist pulls hip and knee of a walking wearer by one open cable.
+
+    ## Description
+
+    A soft exosuit. A winch of 18 mm at the front of the belt pulls the cable `thigh`,
+    which no conduit leads: it lies over two guides on the thigh and the cap of a knee
+    brace and ends at the shin. It bends the hip and straightens the knee, each with the
+    tension of the piece that passes it, and only pulls. A second motor at the belt
+    pulls a lever at the heel through the cable `heel`, in a conduit as far as the
+    shank; it follows the gait by itself, with up to 8 Nm at push-off, and is not an
+    action. The wearer moves hip, knee and ankle along a gait cycle, as springs and
+    dampers pulling the joints to it. The device should make the wearer feel the task at
+    the hip: by default, help with the swing of the leg. What it does at the knee comes
+    with it.
+
+    ## Action space
+
+    `Box(-1, 1, (1,), float32)`: torque of the motor of the thigh's cable; 1 is 6 Nm at
+    its drum, 40 Nm of flexion at the hip. Positive winds the cable, negative pays it
+    out until the drum is at its stop. Values outside are clipped.
+    `unwrapped.action(torque)` makes the action of a torque in Nm.
+
+    ## Observation space
+
+    `Box(8, float64)`: what the device can measure. Sensors saturate at their range.
+
+    | | observation | range | unit |
+    |-|-------------|-------|------|
+    | 0 | angle of the motor | +-20 | rad |
+    | 1 | velocity of the motor | +-500 | rad/s |
+    | 2 | angle of the hip, flexion positive | +-2 | rad |
+    | 3 | velocity of the hip | +-20 | rad/s |
+    | 4 | torque of the cable on the hip, flexion positive | +-500 | Nm |
+    | 5 | desired torque | +-500 | Nm |
+    | 6 | sine of the phase of the gait cycle | +-1 | 1 |
+    | 7 | cosine of the phase of the gait cycle | +-1 | 1 |
+
+    The phase is 0 at heel strike; of a trajectory other than `walk` it is that of its
+    own period. Where the wearer aims is for the wearer to know; it is in `info` only.
+
+    ## Reward
+
+    That of `ExoEnv`; an error of 1 Nm costs 1.
+
+    ## Arguments
+
+    Those of `ExoEnv`: `trajectory` is `"walk"` and `task` `"swing"` by default,
+    `wearer` (of the hip) 6 kNm/rad and 200 Nm s/rad. Named trajectories are scaled down
+    to 0.5 rad. Knee and ankle rest at 0 unless the trajectory moves them.
+
+    ## Version history
+
+    - v0: first version.
+    """
+
+    SETUP = DEVICES["exosuit"]
+
+
+class HipKneeExosuitVector(ExoVectorEnv):
+    """Many `HipKneeExosuit` environments in one batch; see `ExoVectorEnv`."""
+
+    SETUP = DEVICES["exosuit"]

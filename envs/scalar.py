@@ -143,7 +143,7 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
         data.ctrl[exo.device.motor_control] = normalised * exo.device.motor_scale
         first = self._step * exo.frame_skip
         for command in script.commands[first : first + exo.frame_skip]:
-            data.ctrl[exo.device.wearer_controls] = command
+            data.ctrl[exo.device.script_controls] = command
             mujoco.mj_step(self.model, data)
             diverged = bool(data.warning.number.any())
             if diverged:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Motion, Trajectory, from_csv, trajectory
+from cc_mujoco.human import Motion, Trajectory, from_csv, gait, trajectory
 
 from .device import Device
 
@@ -23,7 +23,8 @@ class Script:
     angles: Array
     """First angle of the joint and of its companions [rad]."""
     commands: Array
-    """Controls of the wearer's actuators before every physics step, (m + 1, joints).
+    """Controls before every physics step, (m + 1, k): of the wearer's actuators, then
+    of the motors that follow the gait by themselves.
 
     One per physics step: a command that is held over a control period would be a
     staircase, which a stiff wearer follows as one.
@@ -83,20 +84,25 @@ class Author:
         device = self._device
         dt = float(device.model.opt.timestep)
         substeps = self._steps * self.frame_skip
-        motion = self._source.sample(substeps * dt, dt, rng)
+        sampled = self._source.sample(substeps * dt, dt, rng)
+        motion = sampled.companions.get(device.setup.joint, sampled)
         self._check(motion)
-        motions = [motion.companions.get(name) for name in device.setup.companions]
+        setup = device.setup
+        motions = [sampled.companions.get(name) for name in setup.companions]
         played = [motion, *motions]
-        commands = np.zeros((substeps + 1, len(played)))
+        commands = np.zeros((substeps + 1, len(device.script_controls)))
         for place, part in enumerate(played):
             if part is not None:
                 wearer = device.wearers[place]
                 commands[:, place] = wearer.command(part.angle, part.velocity)
+        share = gait.assistance(motion.phase)
+        for place, (rest, peak) in enumerate(setup.helpers.values(), len(played)):
+            commands[:, place] = rest + (peak - rest) * share
         phase = motion.phase[:: self.frame_skip]
         turn = 2 * np.pi * phase
         return Script(
             np.array([0.0 if part is None else part.angle[0] for part in played]),
-            np.clip(commands, *device.wearer_ranges.T),
+            np.clip(commands, *device.script_ranges.T),
             np.stack(
                 [motion.angle[:: self.frame_skip], phase, np.sin(turn), np.cos(turn)],
                 axis=-1,

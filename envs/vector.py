@@ -181,7 +181,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             control[:, :, device.motor_control] = (normalised * device.motor_scale)[
                 :, None
             ]
-            control[:, :, device.wearer_controls] = self._scripts.commands(self._steps)
+            control[:, :, device.script_controls] = self._scripts.commands(self._steps)
             chosen = control if going.all() else control[going]
             self.batch.rollout(exo.frame_skip, chosen, record=(), ids=going)
             self._physics.take(self._bound)

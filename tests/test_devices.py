@@ -18,7 +18,8 @@ def test_a_row_names_what_is_in_the_scene_and_what_can_be_played(name: str) -> N
     spec = mujoco.MjSpec.from_file(str(scene_path(name)))
     for joint in (device.joint, *device.companions):
         assert spec.joint(joint) is not None
-    for actuator in ("wearer", "motor", *device.companions.values()):
+    movers = *device.companions.values(), *device.helpers
+    for actuator in ("wearer", "motor", *movers):
         assert spec.actuator(actuator) is not None
     for site in device.lever:
         assert spec.site(site) is not None

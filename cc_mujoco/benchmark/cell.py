@@ -118,8 +118,9 @@ def _play(cell: Cell, env: Any, record: bool) -> CellResult:
     cables = engine.cables(env.model)
     law = controller(cell.controller, drive)
     plant = Many(env, cell.seeds)
-    measuring = Measuring(sensing, drive, cables, cell.seeds, plant.steps)
-    slack = [f"slack_{name}_m" for name in cables]
+    driven = env.exo.device.driven
+    measuring = Measuring(sensing, drive, driven, cell.seeds, plant.steps)
+    slack = [f"slack_{name}_m" for name in driven]
     trace = Trace((*KEPT, *slack), plant.steps, plant.going)
     recorder = None
     if record:

@@ -14,7 +14,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Controller
 from cc_mujoco.episode import Columns, Single, run
 from cc_mujoco.identity import versions
-from cc_mujoco.recording.columns import MODEL_XML, RATIO
+from cc_mujoco.recording.columns import DRIVEN, MODEL_XML, RATIO
 from cc_mujoco.recording.log import EpisodeLog, Recorder
 from cc_mujoco.recording.metrics import Metric, measure, write_metrics
 from cc_mujoco.recording.summary import write_summary
@@ -58,7 +58,8 @@ def play(
     sensing = sensing or inner.exo.setup.sensing
     cables = engine.cables(inner.model)
     plant = Single(env, seed)
-    measuring = Measuring(sensing, controller.drive, cables, seed, plant.steps)
+    driven = inner.exo.device.driven
+    measuring = Measuring(sensing, controller.drive, driven, seed, plant.steps)
     recorder = Recorder(cables, describe(inner, sensing, seed, about or {}))
 
     def observe(step: int, columns: Columns, _: object) -> None:
@@ -92,6 +93,7 @@ def describe(
         "sensing": sensing.to_json(),
         "wearer": dataclasses.asdict(wearer),
         RATIO: 1.0 / env.drive.ratio,
+        DRIVEN: list(env.exo.device.driven),
         "cables": {name: cable.to_config() for name, cable in cables.items()},
         "versions": versions(),
         MODEL_XML: scene_path(setup.scene).read_text(encoding="utf-8"),

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.files import replacing
-from cc_mujoco.recording.columns import RATIO
+from cc_mujoco.recording.columns import DRIVEN, RATIO
 from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.signals import lag, loop_width
 
@@ -156,12 +156,12 @@ def efficiency(log: Samples) -> Efficiency:
     \[ \eta = \frac{W}{W + D}, \quad W_\text{motor drives} = \int_{\tau_d \omega_j > 0}
        P_j\,dt, \quad W_\text{wearer drives} = -\int_{\tau_d \omega_j < 0} P_m\,dt \]
 
-    where \(D\) is what friction took: at all times of both \(W\) together, and for a
-    direction alone while \(P_m + P_j\) has its sign, positive for the motor. So is the
-    loss of winding up before any work is asked for the motor's. \(W + D\) is the work
-    put in without what the elastic cable only keeps for later, so storage cannot lift
-    the ratio above 1; in steady motion it is the plain ratio of power out to power in,
-    \(e^{-\mu \theta}\) for one cable.
+    where \(D\) is what friction took of the cables that the motor winds: at all times
+    of both \(W\) together, and for a direction alone while \(P_m + P_j\) has its sign,
+    positive for the motor. So is the loss of winding up before any work is asked for
+    the motor's. \(W + D\) is the work put in without what the elastic cable only keeps
+    for later, so storage cannot lift the ratio above 1; in steady motion it is the
+    plain ratio of power out to power in, \(e^{-\mu \theta}\) for one cable.
 
     A side that receives no work on the whole (friction takes more than the task means
     to pass on, or that side has to help) has no efficiency: NaN; nor has one for which
@@ -172,7 +172,7 @@ def efficiency(log: Samples) -> Efficiency:
     joint = _work(time, log["joint_torque_nm"] * log["joint_velocity_rad_s"])
     asked = _work(time, log["desired_torque_nm"] * log["joint_velocity_rad_s"])
     lost = np.zeros_like(motor)
-    for cable in log.cables:
+    for cable in log.metadata.get(DRIVEN, log.cables):
         lost += np.diff(log[f"dissipated_{cable}_j"])
     to_joint = _meant(joint, asked)
     to_motor = _meant(-motor, -asked)

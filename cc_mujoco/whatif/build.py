@@ -214,13 +214,20 @@ class Builder:
         discs = (self.device.motor_pulley, self.device.joint_pulley)
         found = {}
         for place, (joint, disc) in enumerate(zip(joints, discs, strict=True)):
+            on = [name for name in self._radii if self._target(name, place) == joint]
             more = 0.0
-            for name, radii in self._radii.items():
-                radius = _own(design, name).get(RADII[place], radii[place])
-                more += (float(radius) / radii[place]) ** 4 - 1.0
+            for name in on:
+                nominal = self._radii[name][place]
+                radius = _own(design, name).get(RADII[place], nominal)
+                more += (float(radius) / nominal) ** 4 - 1.0
             if disc and more:
-                found[joint] = disc / len(self.cables) * more
+                found[joint] = disc / len(on) * more
         return found
+
+    def _target(self, cable: str, end: int) -> str:
+        """Name of the joint or tendon that an end of a cable is on."""
+        ends = [a for a in self.spec.actuators if a.plugin.name == cable]
+        return str(ends[end].target)
 
     @cached_property
     def _radii(self) -> dict[str, tuple[float, float]]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.recording.columns import RATIO
+from cc_mujoco.recording.columns import DRIVEN, RATIO
 from cc_mujoco.recording.metrics import EFFICIENCY, Samples, efficiency
 from cc_mujoco.recording.signals import loop_width
 from cc_mujoco.whatif.protocol import CHIRP_HIGH, CHIRP_LOW, SWINGS
@@ -82,8 +82,9 @@ class Row:
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """The ratio, which is all that metrics ask for."""
-        return {RATIO: float(self.played.ratio[self.index])}
+        """The ratio and what the motor winds, which is all that metrics ask for."""
+        ratio = float(self.played.ratio[self.index])
+        return {RATIO: ratio, DRIVEN: self.played.driven}
 
     def __getitem__(self, name: str) -> Array:
         """A column (T,); tension of nodes is that of the node with least, (T, 1)."""

@@ -98,11 +98,13 @@ class Rollout:
             `tension_n`, proximal and distal end of each cable in turn, (n, 2 c, T);
             `least_tension_n` is below 0 where a cable is slack.
         ratio: joint angle per motor angle of an unstretched cable, (n,).
+        driven: names of the cables that the motor winds.
         failed: why the simulation of a design failed, empty where it did not, (n,).
     """
 
     columns: dict[str, Array]
     ratio: Array
+    driven: tuple[str, ...]
     failed: tuple[str, ...]
 
 
@@ -131,7 +133,8 @@ def play(
     name = episode.controller
     law = Unpowered(drives[0]) if name is None else Laws(name, drives)
     fleet = Fleet(exo, devices, script, threads)
-    measuring = Measuring(PERFECT, drives[0], fleet.cables, episode.seed, exo.steps)
+    driven = exo.device.driven
+    measuring = Measuring(PERFECT, drives[0], driven, episode.seed, exo.steps)
     trace = Trace(KEPT, exo.steps, fleet.going)
 
     def tell(step: int, _: Columns, __: object) -> None:
@@ -151,7 +154,7 @@ def play(
     columns["reference_angle_rad"] = np.broadcast_to(reference, shape)
     tick(1.0)
     ratio = np.array([1.0 / drive.ratio for drive in drives])
-    return Rollout(columns, ratio, tuple(fleet.failed))
+    return Rollout(columns, ratio, driven, tuple(fleet.failed))
 
 
 class Fleet:
@@ -212,7 +215,7 @@ class Fleet:
         control[:, :, device.motor_control] = (share * self._scale)[:, None]
         first = self._step * skip
         commands = self._script.commands[first : first + skip]
-        control[:, :, device.wearer_controls] = commands
+        control[:, :, device.script_controls] = commands
         everyone = self.going.all()
         chosen = control if everyone else control[self.going]
         # What raised shows in the status of the batch.

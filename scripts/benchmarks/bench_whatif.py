@@ -18,7 +18,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from cc_mujoco import engine
 from cc_mujoco.control import controller
 from cc_mujoco.episode import Single, run
 from cc_mujoco.sensing import PERFECT, Measuring
@@ -108,8 +107,8 @@ def loop(plan: Plan) -> None:
             frame_skip=protocol.frame_skip,
         ).unwrapped
         law = controller(protocol.controller, env.drive)
-        cables = engine.cables(model)
-        measuring = Measuring(PERFECT, law.drive, cables, protocol.seed, env.exo.steps)
+        driven = env.exo.device.driven
+        measuring = Measuring(PERFECT, law.drive, driven, protocol.seed, env.exo.steps)
         run(Single(env, protocol.seed), law, measure=measuring.measure)
 
 

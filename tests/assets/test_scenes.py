@@ -27,7 +27,7 @@ JOINTS = {
     "ankle": ("motor", "hip", "knee", "ankle"),
 }
 DISTAL = {"wrist": "wrist", "ankle": "ankle", "bench": "joint"}
-WORN = ("wrist", "ankle")
+WORN = ("wrist", "ankle", "finger", "exosuit")
 EACH_CABLE = [(scene, cable) for scene in CABLES for cable in CABLES[scene]]
 
 
@@ -90,7 +90,7 @@ def test_a_scene_is_found_by_name() -> None:
         assert scene_path(scene).is_file()
         assert scene_path(scene).is_absolute()
     with pytest.raises(
-        CableError, match=r"'wirst'.*'wrist'.*Available: ankle, bench, finger"
+        CableError, match=r"'wirst'.*'wrist'.*Available: ankle, bench, exosuit, finger"
     ):
         scene_path("wirst")
 

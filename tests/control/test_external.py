@@ -13,6 +13,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 from cc_mujoco.control import Controller, Drive, Observed, controller
+from cc_mujoco.control.observed import described
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.sensing import MEASURED
@@ -208,7 +209,8 @@ def test_a_policy_of_another_device_is_refused_with_both_spaces(
                 continue
             with pytest.raises(CableError) as caught:
                 controller(str(policy), drive)
-            for words in (drive.observed.device, "6 numbers", "8 numbers", "500"):
+            spaces = (each.observation_space for each in (env, device))
+            for words in (drive.observed.device, *map(described, spaces)):
                 assert words in str(caught.value)
 
 

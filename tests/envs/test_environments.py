@@ -367,6 +367,25 @@ def test_the_wearer_follows_the_reference_the_stiffer_the_closer() -> None:
     assert errors[2] < 0.003
 
 
+def test_the_other_motor_of_the_exosuit_helps_the_push_off_by_itself() -> None:
+    device = DEVICES["exosuit"]
+    env = gymnasium.make(device.environment, duration=2.6)
+    data = env.unwrapped.data
+    env.reset(seed=0)
+    pulled, given, truncated = [], [], False
+    while not truncated:
+        *_, truncated, info = env.step(np.zeros(1, np.float32))
+        phase = np.arctan2(info["phase_sine"], info["phase_cosine"]) / (2 * np.pi) % 1
+        pulled.append((phase, info["tension_heel_distal_n"]))
+        given.append(data.actuator("motor_ankle").ctrl[0])
+    phase, tension = max(pulled, key=lambda pair: pair[1])
+    assert 0.4 < phase < 0.6
+    assert tension > 200.0
+    rest, peak = device.helpers["motor_ankle"]
+    assert [min(given), max(given)] == pytest.approx([rest, peak], rel=1e-2)
+    assert env.unwrapped.exo.device.driven == ("thigh",)
+
+
 def test_hip_and_knee_walk_along() -> None:
     env = gymnasium.make(ANKLE, duration=3.0)
     qpos = np.array([row[-1]["qpos"] for row in roll(env, 2500)])

@@ -1,6 +1,7 @@
-"""Draw the picture of the front page: the wrist handle at work, conduits by tension.
+"""Draw a device at work, its cables by tension: the pictures of the pages.
 
     MUJOCO_GL=egl python scripts/figures/draw_picture.py envs/wrist_handle.png
+    MUJOCO_GL=egl python scripts/figures/draw_picture.py --scene exosuit exosuit.png
 
 Needs OpenGL; `egl` or `osmesa` do without a display.
 """
@@ -20,28 +21,47 @@ from numpy.typing import NDArray
 
 from cc_mujoco import engine
 from cc_mujoco.control import controller
+from cc_mujoco.devices import DEVICES
 from cc_mujoco.figures import figure_path, save
 from cc_mujoco.recording import EpisodeLog
-from cc_mujoco.recording.conduit3d import conduit_points, tension_colors
+from cc_mujoco.recording.conduit3d import (
+    conduit_points,
+    conduit_shares,
+    tension_colors,
+)
 from cc_mujoco.recording.episode import play
-from cc_mujoco.transmission.conduit import node_places
 
 PIECES = 160
 """Short cylinders that a conduit is drawn with."""
 
-SECONDS = 3.4
-"""Into the sweep: the handle turns, tension runs through both cables."""
+PLAYED = {"wrist": ("spring", 3.4, 0.007), "exosuit": ("swing", 2.42, 0.006)}
+"""Task, time at which tension runs through the cables [s], radius of a cable [m]."""
 
 
-def episode() -> tuple[mujoco.MjModel, EpisodeLog]:
-    """Play a sweep of the wrist handle."""
-    env = gymnasium.make("cc_mujoco/WristHandle-v0", task="spring", duration=SECONDS)
+def episode(scene: str) -> tuple[mujoco.MjModel, EpisodeLog]:
+    """Play until the picture is taken."""
+    task, seconds, _ = PLAYED[scene]
+    name = DEVICES[scene].environment
+    env = gymnasium.make(name, task=task, duration=seconds)
     log = play(env, controller("pi", env.unwrapped.drive))
     return env.unwrapped.model, log
 
 
-def photograph(model: mujoco.MjModel, log: EpisodeLog) -> NDArray[np.uint8]:
-    """Render the last sample, with conduits coloured by the tension inside."""
+def parts(
+    model: mujoco.MjModel, cable: str, tension: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Ends of the parts of a cable's line as shares of it, and the tension of each."""
+    shares = conduit_shares(model, cable)
+    if shares.size > tension.size:
+        return shares, tension
+    fine = np.linspace(0.0, 1.0, PIECES + 1)
+    return fine, np.interp(np.linspace(0.0, 1.0, PIECES), shares, tension)
+
+
+def photograph(
+    model: mujoco.MjModel, log: EpisodeLog, radius: float
+) -> NDArray[np.uint8]:
+    """Render the last sample, with cables coloured by the tension inside."""
     data = mujoco.MjData(model)
     data.qpos[:] = log["qpos"][-1]
     mujoco.mj_fwdPosition(model, data)
@@ -49,13 +69,8 @@ def photograph(model: mujoco.MjModel, log: EpisodeLog) -> NDArray[np.uint8]:
         renderer.update_scene(data, camera="overview")
         scene = renderer.scene
         for cable in engine.cables(model):
-            tension = log[f"tension_{cable}_nodes_n"][-1]
-            pieces = np.linspace(0.0, 1.0, PIECES + 1)
-            points = conduit_points(model, cable, log["qpos"][-1:], pieces)[0]
-            middle = np.linspace(0.0, 1.0, PIECES)
-            described = engine.from_mjcf(model)[cable]
-            nodes = node_places(described) / described.length
-            tension = np.interp(middle, nodes, tension)
+            shares, tension = parts(model, cable, log[f"tension_{cable}_nodes_n"][-1])
+            points = conduit_points(model, cable, log["qpos"][-1:], shares)[0]
             colors = tension_colors(tension, highest(log))
             for j, color in enumerate(colors):
                 geom = scene.geoms[scene.ngeom]
@@ -70,7 +85,7 @@ def photograph(model: mujoco.MjModel, log: EpisodeLog) -> NDArray[np.uint8]:
                 mujoco.mjv_connector(
                     geom,
                     mujoco.mjtGeom.mjGEOM_CAPSULE,
-                    0.007,
+                    radius,
                     points[j],
                     points[j + 1],
                 )
@@ -81,20 +96,20 @@ def photograph(model: mujoco.MjModel, log: EpisodeLog) -> NDArray[np.uint8]:
 
 def highest(log: EpisodeLog) -> float:
     """Largest tension of the episode [N]."""
-    cables = ("flexor", "extensor")
-    return max(float(log[f"tension_{c}_nodes_n"].max()) for c in cables)
+    return max(float(log[f"tension_{c}_nodes_n"].max()) for c in log.cables)
 
 
 def main() -> None:
     """Draw and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=figure_path)
-    out = parser.parse_args().out
-    model, log = episode()
+    parser.add_argument("--scene", choices=PLAYED, default="wrist")
+    options = parser.parse_args()
+    model, log = episode(options.scene)
     figure = Figure(figsize=(9.6, 5.4), dpi=110)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.imshow(photograph(model, log))
+    axes.imshow(photograph(model, log, PLAYED[options.scene][2]))
     axes.set_axis_off()
     scale = figure.add_axes((0.9, 0.12, 0.016, 0.5))
     colors = colormaps["viridis"]
@@ -103,7 +118,7 @@ def main() -> None:
     )
     figure.colorbar(image, cax=scale, label="tension [N]")
     axes.set(xlim=(0, 1280), ylim=(720, 0))
-    save(out, figure, dpi=110)
+    save(options.out, figure, dpi=110)
 
 
 if __name__ == "__main__":

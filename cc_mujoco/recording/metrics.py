@@ -172,7 +172,7 @@ def efficiency(log: Samples) -> Efficiency:
     joint = _work(time, log["joint_torque_nm"] * log["joint_velocity_rad_s"])
     asked = _work(time, log["desired_torque_nm"] * log["joint_velocity_rad_s"])
     lost = np.zeros_like(motor)
-    for cable in log.metadata.get(DRIVEN, log.cables):
+    for cable in wound(log):
         lost += np.diff(log[f"dissipated_{cable}_j"])
     to_joint = _meant(joint, asked)
     to_motor = _meant(-motor, -asked)
@@ -184,6 +184,11 @@ def efficiency(log: Samples) -> Efficiency:
         wearer_drives=_efficiency(to_motor, float(lost[motor + joint < 0].sum())),
         motor_share=_divide(motor_in, motor_in + wearer_in),
     )
+
+
+def wound(log: Samples) -> tuple[str, ...]:
+    """Return the names of the cables that the motor winds."""
+    return tuple(log.metadata.get(DRIVEN, log.cables))
 
 
 def backlash_width(log: Samples) -> float:

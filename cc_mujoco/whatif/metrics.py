@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.recording.columns import DRIVEN, RATIO
-from cc_mujoco.recording.metrics import EFFICIENCY, Samples, efficiency
+from cc_mujoco.recording.metrics import EFFICIENCY, Samples, efficiency, wound
 from cc_mujoco.recording.signals import loop_width
 from cc_mujoco.whatif.protocol import CHIRP_HIGH, CHIRP_LOW, SWINGS
 from cc_mujoco.whatif.simulate import Rollout
@@ -117,15 +117,16 @@ def measure_episode(log: Samples, strength: Mapping[str, float]) -> dict[str, fl
     """
     torque, motor = log["joint_torque_nm"], log["motor_torque_nm"]
     error = torque - log["desired_torque_nm"]
+    cables = wound(log)
     least = np.min(
-        [log[f"tension_{cable}_nodes_n"].min(axis=1) for cable in log.cables], axis=0
+        [log[f"tension_{cable}_nodes_n"].min(axis=1) for cable in cables], axis=0
     )
     peaks = {
         cable: max(
             float(log[f"tension_{cable}_proximal_n"].max()),
             float(log[f"tension_{cable}_distal_n"].max()),
         )
-        for cable in log.cables
+        for cable in cables
     }
     return {
         "efficiency": efficiency(log).overall,
@@ -135,7 +136,7 @@ def measure_episode(log: Samples, strength: Mapping[str, float]) -> dict[str, fl
         "slack_margin": float(least.min()),
         "slack_share": float(np.mean(least <= 0.0)),
         "peak_tension": max(peaks.values()),
-        "strength_used": max(peaks[cable] / strength[cable] for cable in log.cables),
+        "strength_used": max(peaks[cable] / strength[cable] for cable in cables),
     }
 
 

@@ -123,6 +123,16 @@ def test_efficiency_of_steady_motion_is_the_ratio_of_powers(make_log: Any) -> No
     assert backward.motor_share == 0.0
 
 
+def test_friction_of_a_cable_that_another_motor_winds_does_not_count(
+    make_log: Any,
+) -> None:
+    log = capstan(make_log, 0.5, 2.0)
+    columns = log.columns | {"dissipated_other_j": 9.0 * TIME}
+    for metadata, counts in (({}, True), ({"driven": ["one"]}, False)):
+        found = efficiency(Pulled(columns, ("one", "other"), metadata)).overall
+        assert found < 0.2 if counts else found == pytest.approx(0.5, rel=1e-9)
+
+
 def test_efficiency_of_both_directions_in_turn(make_log: Any) -> None:
     both = efficiency(capstan(make_log, 0.6, np.sin(2 * np.pi * TIME)))
     assert both.motor_drives == pytest.approx(0.6, rel=1e-3)

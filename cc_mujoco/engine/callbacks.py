@@ -213,6 +213,25 @@ def _exchange_mocap(
 
 
 @internal
+def _no_passive(model: int) -> bool:
+    """Whether MuJoCo evaluates no passive forces."""
+    no_spring = fields.disabled(model, _NO_SPRING)
+    return no_spring and fields.disabled(model, _NO_DAMPER)
+
+
+@internal
+def _warn_cut(model: int, instance: int) -> None:
+    """Warn that an open cable cannot pull, once."""
+    message = np.zeros(CAPACITY, np.uint8)
+    used = append(message, 0, _START)
+    used = quote(message, used, fields.plugin_name(model, instance))
+    used = append(message, used, _START_END)
+    used = append(message, used, _NO_PASSIVE)
+    if not said_before(message, used, fields.signature(model)):
+        warn(message, used)
+
+
+@internal
 def _open_refused(
     message: Bytes, start: int, model: int, instance: int, tendon: int
 ) -> tuple[int, int]:
@@ -242,7 +261,7 @@ def _open_refused(
             used = append(message, start, _LENGTH)
             used = append_millimetres(message, used, true)
             return config.VALID, append(message, used, _LENGTH_END)
-    if fields.disabled(model, _NO_SPRING) and fields.disabled(model, _NO_DAMPER):
+    if _no_passive(model):
         return config.VALID, append(message, start, _NO_PASSIVE)
     return config.VALID, start
 
@@ -765,6 +784,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         _ = stamp
         if block == 0 or not _up_to_date(block, model, instance):
             return
+        # The pose `qpos0` may be another since.
+        store_word(block + REFERRED, 0)
         proximal_length = rest_displacement(model, block, PROXIMAL)
         distal_length = rest_displacement(model, block, DISTAL)
         _begin(block, model, state, proximal_length, distal_length, 0.0)
@@ -778,6 +799,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         if capability == _PASSIVE:
             store_word(block + FRESH, 1)
             return
+        cut = opens(block) and _no_passive(model)
         state = fields.state(model, data, instance)
         n = load_word(block + SEGMENTS)
         fits = _up_to_date(block, model, instance)
@@ -790,7 +812,9 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             if load_real(block + CHECKED) != fields.timestep(model):
                 store_real(block + CHECKED, fields.timestep(model))
                 _check(model, data, instance)
-        if fits and _evaluate(block, state, u_proximal, u_distal, dt):
+        if cut:
+            _warn_cut(model, instance)
+        if fits and not cut and _evaluate(block, state, u_proximal, u_distal, dt):
             tension = new_at(block, n) + 8 * kernel.STATE_HEADER
             proximal = max(load_real(tension), 0.0) * lever
             distal = max(load_real(tension + 8 * n), 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from pathlib import Path
 
 import mujoco
 import mujoco.batch
@@ -193,3 +194,28 @@ def test_an_end_that_makes_no_sense_is_refused(old: str, new: str, said: str) ->
     text = text.replace("<actuator>", '<compiler autolimits="true"/><actuator>')
     with pytest.raises(ValueError, match=said):
         mujoco.MjModel.from_xml_string(text.replace(old, new))
+
+
+def test_without_passive_forces_it_says_so_and_does_not_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # for the log of MuJoCo's warnings
+    m = winch(0.1, 1.0)
+    d = mujoco.MjData(m)
+    mujoco.mj_step(m, d)
+    off = mujoco.mjtDisableBit
+    m.opt.disableflags |= int(off.mjDSBL_SPRING) | int(off.mjDSBL_DAMPER)
+    mujoco.mj_forward(m, d)
+    assert np.isnan(d.actuator_force[1:]).all()
+
+
+def test_a_changed_drawing_counts_from_the_next_reset_on() -> None:
+    m = winch(0.1, 1.0)
+    d = mujoco.MjData(m)
+    mujoco.mj_step(m, d)
+    m.site("out").pos[2] += 0.01
+    mujoco.mj_setConst(m, mujoco.MjData(m))
+    mujoco.mj_resetData(m, d)
+    mujoco.mj_forward(m, d)
+    mujoco.mj_step(m, d)
+    assert read(m, d, "rope").tension == pytest.approx(9.81, rel=1e-3)

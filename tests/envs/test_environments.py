@@ -64,9 +64,9 @@ def test_gymnasium_has_nothing_to_complain_about_rendering(name: str) -> None:
 
 
 @pytest.mark.usefixtures("gl")
-def test_rendering_shows_the_pose_and_does_not_touch_the_simulation(name: str) -> None:
-    drawn = gymnasium.make(name, duration=1.0, render_mode="rgb_array")
-    plain = gymnasium.make(name, duration=1.0)
+def test_rendering_shows_the_pose_and_does_not_touch_the_simulation() -> None:
+    drawn = gymnasium.make(WRIST, duration=1.0, render_mode="rgb_array")
+    plain = gymnasium.make(WRIST, duration=1.0)
     drawn.reset(seed=0)
     plain.reset(seed=0)
     first = drawn.render()
@@ -84,10 +84,10 @@ def test_rendering_shows_the_pose_and_does_not_touch_the_simulation(name: str) -
 
 
 def test_random_actions_stay_finite_and_inside_the_spaces(name: str) -> None:
-    env = gymnasium.make(name, duration=1.0)
+    env = gymnasium.make(name, duration=0.5)
     random = np.random.default_rng(2)
     env.reset(seed=0)
-    for _ in range(3000):
+    for _ in range(1200):
         action = random.uniform(-1, 1, 1).astype(np.float32)
         observation, reward, terminated, truncated, info = env.step(action)
         assert observation in env.observation_space

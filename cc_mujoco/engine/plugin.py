@@ -18,7 +18,7 @@ from cc_mujoco.engine.memory import LIBRARY
 from cc_mujoco.transmission import kernel
 from cc_mujoco.transmission.parameters import KEYS
 
-_NOTICE = "cc_mujoco: compiling the cable plugin; this happens once, 1-2 min\n"
+_NOTICE = "cc_mujoco: compiling the cable plugin; this happens once, 2-3 min\n"
 
 
 def _stamp() -> str:

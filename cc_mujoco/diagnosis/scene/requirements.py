@@ -26,7 +26,6 @@ from cc_mujoco.diagnosis.scene.repair import repaired, write
 from cc_mujoco.diagnosis.scene.rollout import rollout
 from cc_mujoco.diagnosis.wording import listed
 from cc_mujoco.engine import from_mjcf
-from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError
 
 _FLAGS = ("actuation", "constraint", "damper", "limit", "sensor", "spring")
@@ -111,21 +110,14 @@ def _settings(spec: mujoco.MjSpec, bench: Bench) -> None:
 
 def _ends(spec: mujoco.MjSpec, bench: Bench) -> None:
     """What makes cables in MuJoCo differ from the cables of a replay."""
-    model = spec.compile()
-    for name, instance in instances(model).items():
-        used = np.flatnonzero(model.actuator_plugin == instance)
-        if model.actuator_forcelimited[used].any():
-            raise CableError(
-                f"scene {bench.path}: the actuators of cable {name} have a forcerange, "
-                "which no cable has; take it away (see <default>, too)"
-            )
     for name, cable in from_mjcf(spec).items():
-        if cable.bend != "fixed":
-            raise CableError(
-                f"scene {bench.path}: cable {name} has bend = {cable.bend}, and a "
-                "diagnosis plays cables whose wrap is that of `conduit`; set it to "
-                "fixed"
-            )
+        for key, usual in (("bend", "fixed"), ("path", "guided")):
+            if getattr(cable, key) != usual:
+                raise CableError(
+                    f"scene {bench.path}: cable {name} has {key} = "
+                    f"{getattr(cable, key)}, and a diagnosis plays cables whose wrap "
+                    f"is that of `conduit`; set it to {usual}"
+                )
 
 
 def _played(plain: mujoco.MjSpec, bench: Bench) -> None:

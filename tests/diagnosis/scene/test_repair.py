@@ -168,11 +168,15 @@ def test_the_rest_of_the_cables_follows_the_angle_offset() -> None:
 
 
 def test_defaults_of_the_scene_do_not_reach_what_is_added(tmp_path: Path) -> None:
-    text = BENCH.path.read_text(encoding="utf-8").replace(
-        "<default>",
-        '<default><joint damping="5" armature="1" stiffness="3" frictionloss="1"/>'
-        '<general gear="7" forcerange="-0.01 0.01"/><tendon stiffness="4"/>',
-        1,
+    text = (
+        BENCH.path.read_text(encoding="utf-8")
+        .replace(
+            "<default>",
+            '<default><joint damping="5" armature="1" stiffness="3" frictionloss="1"/>'
+            '<general gear="7" forcerange="-0.01 0.01"/><tendon stiffness="4"/>',
+            1,
+        )
+        .replace("<plugin name=", '<plugin forcelimited="false" name=')
     )
     path = tmp_path / "scene.xml"
     path.write_text(text, encoding="utf-8")

@@ -97,11 +97,21 @@ def test_scenes_that_differ_in_style_show_the_same(
         (((r"<compiler ", '<compiler boundinertia="1e-4" '),), "has boundinertia in"),
         (
             ((r"(<plugin name=\"agonist_distal\")", r'\1 forcerange="-50 50"'),),
-            "cable agonist have a forcerange",
+            "actuator 'agonist_distal' has a `forcerange`",
         ),
         (
             ((r"(<config key=\"segments\")", r'<config key="bend" value="route"/>\1'),),
             "has bend = route",
+        ),
+        (
+            (
+                (
+                    r"<config key=\"segments\" value=\"\d+\"/>",
+                    '<config key="path" value="open"/>'
+                    '<config key="segments" value="60"/>',
+                ),
+            ),
+            "has path = open",
         ),
         (
             ((r"</worldbody>", '<body name="joint_pulley"/></worldbody>'),),

@@ -6,7 +6,6 @@ import copy
 from pathlib import Path
 
 import mujoco
-import mujoco.batch
 import mujoco.rollout
 import numpy as np
 import pytest
@@ -95,7 +94,7 @@ def test_actuators_alone_evaluated_again_pull_once(path: str) -> None:
     assert np.abs(before).max() > 0.0
 
 
-def test_batch_and_rollout_step_as_mujoco_does(path: str) -> None:
+def test_a_rollout_steps_as_mujoco_does(path: str) -> None:
     m = limb(path)
     controls = np.zeros((3, 40, m.nu))
     for i in range(3):

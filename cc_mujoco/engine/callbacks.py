@@ -32,27 +32,29 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 from mujoco.introspect.enums import ENUMS
 from numba import cfunc
 
-from cc_mujoco.engine import config, ends, fields, path, pieces, steps
+from cc_mujoco.engine import ahead, config, ends, fields, path, pieces, steps
 from cc_mujoco.engine.block import (
+    AREA,
     CHECKED,
     DISTAL,
     DOFS,
     FOLLOWS,
     FRESH,
     GUIDED,
+    HOLDERS,
     INPUTS,
     INSTANCE,
     KNOWN,
+    LOOKS,
     MOUTH,
     PROXIMAL,
     REFERENCE,
     REFERRED,
     ROUTE,
-    SCRATCH,
+    SEEN,
     SEGMENTS,
     SHAPE,
     STAGE,
@@ -67,15 +69,14 @@ from cc_mujoco.engine.block import (
     old_at,
     opens,
     parameters_at,
-    pulls_at,
     rest_displacement,
-    scratch_at,
     shape_at,
     text_at,
     work_at,
     wound,
 )
 from cc_mujoco.engine.config import PLUGIN, constant
+from cc_mujoco.engine.leading import compile_leading, follow, lay, pull, refer
 from cc_mujoco.engine.memory import (
     CAPACITY,
     Bytes,
@@ -85,8 +86,6 @@ from cc_mujoco.engine.memory import (
     append_millimetres,
     clear,
     copy,
-    evaluate_bodies,
-    evaluate_tendons,
     export,
     floats,
     internal,
@@ -110,8 +109,6 @@ _NO_SPRING = int(mujoco.mjtDisableBit.mjDSBL_SPRING)
 _NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
 _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
 
-_ARC = 4
-"""Segments that the arc around a geom gets on a mixed path, if there are enough."""
 _NEAR = 0.02
 """Part by which the length of `conduit` may differ from that of the path it is."""
 
@@ -130,22 +127,13 @@ _NO_PASSIVE = constant(
 _REFUSED = types.int32(types.intp, types.int32)
 _PACK = types.int32(types.intp, types.intp, types.int32)
 _ADVANCE = types.int32(types.intp, types.float64, types.float64, types.float64)
-_FOLLOW = types.void(types.intp, types.intp, types.intp, types.intp)
-_LAY = types.void(types.intp, types.intp, types.intp)
 _refused = types.ExternalFunction("cc_mujoco_refused", _REFUSED)
 _pack = types.ExternalFunction("cc_mujoco_pack", _PACK)
 _advance = types.ExternalFunction("cc_mujoco_advance", _ADVANCE)
-_REFER = types.void(types.intp, types.intp, types.intp)
-_refer = types.ExternalFunction("cc_mujoco_refer", _REFER)
-_follow = types.ExternalFunction("cc_mujoco_follow", _FOLLOW)
-_PULL = types.void(types.intp, types.intp, types.intp)
-_pull = types.ExternalFunction("cc_mujoco_pull", _PULL)
 _TURN = types.float64(types.intp, types.intp, types.int32)
 _WRAP = types.void(types.intp, types.intp, types.int32, types.intp)
 _limits = types.ExternalFunction("cc_mujoco_limits", _WRAP)
-_SURVEY = types.void(types.intp, types.intp, types.intp, types.intp, types.intp)
-_survey = types.ExternalFunction("cc_mujoco_survey", _SURVEY)
-_lay = types.ExternalFunction("cc_mujoco_lay", _LAY)
+_aim = types.ExternalFunction("cc_mujoco_aim", _WRAP)
 _CHECK = types.void(types.intp, types.intp, types.int32)
 _check = types.ExternalFunction("cc_mujoco_check", _CHECK)
 
@@ -180,36 +168,6 @@ def _bent_as_last(block: int) -> bool:
         if load_word(now + i) != load_word(last + i):
             return False
     return True
-
-
-@internal
-def _equal(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> bool:
-    """Whether two arrays hold the same numbers."""
-    for i in range(a.size):
-        if a[i] != b[i]:
-            return False
-    return True
-
-
-@internal
-def _exchange_mocap(
-    model: int, data: int, held: npt.NDArray[np.float64], back: bool
-) -> None:
-    """Put mocap bodies where they are at the start, or back from `held`."""
-    for body in range(fields.bodies(model)):
-        place = fields.integer(model, fields.BODY_MOCAP, body)
-        if place < 0:
-            continue
-        position = floats(load_word(data + fields.MOCAP_POS) + 24 * place, 3)
-        turn = floats(load_word(data + fields.MOCAP_QUAT) + 32 * place, 4)
-        if back:
-            position[:] = held[body, :3]
-            turn[:] = held[body, 3:]
-            continue
-        held[body, :3] = position
-        held[body, 3:] = turn
-        position[:] = floats(load_word(model + fields.BODY_POS) + 24 * body, 3)
-        turn[:] = floats(load_word(model + fields.BODY_QUAT) + 32 * body, 4)
 
 
 @internal
@@ -274,7 +232,23 @@ def _follow_all(model: int, data: int, instance: int) -> None:
         if kind == fields.integer(model, fields.PLUGIN, instance):
             block = fields.block(data, other)
             if block != 0 and opens(block):
-                _follow(block, model, data, fields.state(model, data, other))
+                follow(block, model, data, fields.state(model, data, other))
+
+
+@internal
+def _implicit(model: int, data: int, instance: int) -> bool:
+    """Whether the ends of a cable are implicit."""
+    if config.explicit(fields.attributes(model, instance)):
+        return False
+    return ahead.implicit(model, fields.block(data, instance))
+
+
+@internal
+def _inputs(block: int) -> tuple[float, float, tuple[float, float], float]:
+    """What the last evaluation was of: displacements, how far ends yield, and dt."""
+    at = block + INPUTS
+    yields = load_real(at + 16), load_real(at + 24)
+    return load_real(at), load_real(at + 8), yields, load_real(at + 32)
 
 
 @internal
@@ -292,11 +266,18 @@ def _elapsed(model: int, data: int, committed: float) -> float:
 
 @internal
 def _evaluate(
-    block: int, state: int, u_proximal: float, u_distal: float, dt: float
+    block: int,
+    state: int,
+    u_proximal: float,
+    u_distal: float,
+    yield_proximal: float,
+    yield_distal: float,
+    dt: float,
 ) -> bool:
     """Evaluate from the committed state at address `state`, unless that is known.
 
-    The parameters must be up to date.
+    The parameters must be up to date. Arguments as in `kernel.step` and
+    `kernel.expect_yielding`.
 
     Returns:
         Whether the new state, in the block, is finite.
@@ -305,14 +286,11 @@ def _evaluate(
     old = old_at(block, n)
     size = 8 * kernel.state_size(n)
     known = load_word(block + KNOWN) == 1
-    previous = load_word(block + INPUTS), load_word(block + INPUTS + 8)
-    step = load_word(block + INPUTS + 16)
-    store_real(block + INPUTS, u_proximal)
-    store_real(block + INPUTS + 8, u_distal)
-    store_real(block + INPUTS + 16, dt)
-    known = known and previous[0] == load_word(block + INPUTS)
-    known = known and previous[1] == load_word(block + INPUTS + 8)
-    known = known and step == load_word(block + INPUTS + 16)
+    given = (u_proximal, u_distal, yield_proximal, yield_distal, dt)
+    for i in range(5):
+        before = load_word(block + INPUTS + 8 * i)
+        store_real(block + INPUTS + 8 * i, given[i])
+        known = known and before == load_word(block + INPUTS + 8 * i)
     i = 0
     while known and i < size:
         known = load_word(old + i) == load_word(state + i)
@@ -321,6 +299,8 @@ def _evaluate(
         return True
     for i in range(0, size, 8):
         store_word(old + i, load_word(state + i))
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    kernel.expect_yielding(prm, yield_proximal, yield_distal)
     finite: bool = _advance(block, u_proximal, u_distal, dt) == kernel.OK
     store_word(block + KNOWN, 1 if finite else 0)
     return finite
@@ -363,6 +343,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         cache: whether to keep the compiled code on disk.
     """
     options: Any = {"cache": cache, "error_model": "numpy"}
+    compile_leading(stamp, options)
 
     @cfunc(_REFUSED, **options)
     def refused(model: int, instance: int) -> int:
@@ -436,7 +417,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 mouth = ends.find_mouth(model, instance, tendon, name)
                 if mouth < 0:
                     return 0
-                guided = n - pieces.wanted(model, tendon, mouth, _ARC)
+                guided = n - pieces.wanted(model, tendon, mouth, pieces.ARC)
                 guided = max(guided, 1)
             if n - guided < pieces.needed(model, tendon, mouth):
                 return 0
@@ -472,170 +453,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     export("cc_mujoco_advance", step.address)
 
-    @cfunc(_SURVEY, **options)
-    def survey(block: int, model: int, data: int, state: int, shape: int) -> None:
-        """Measure the open path at the last position, as seen from a state.
-
-        `state` is 0 where the path is that of `qpos0` itself, which is not known yet.
-        """
-        _ = stamp
-        n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
-        tendon, size = load_word(block + ROUTE), pieces.shape_size(n)
-        seen = floats(shape, size)
-        reference = floats(shape_at(block, n, REFERENCE), size)
-        before = memory(state, n) if state != 0 else np.zeros(pieces.memory_size(n))
-        points, reach = pieces.survey(
-            model, data, tendon, load_word(block + MOUTH), guided, n, before, reference,
-            seen,
-        )  # fmt: skip
-        if state == 0:
-            return
-        pieces.angles(seen, n)[:guided] = pieces.angles(reference, n)[:guided]
-        pieces.contacts(seen, n)[:guided] = pieces.contacts(reference, n)[:guided]
-        if load_word(block + FOLLOWS) == 1:
-            length = fields.real(data, fields.TEN_LENGTH, tendon) - reach
-            inside = pieces.contacts(reference, n)[:guided]
-            path.bend(model, data, tendon, points, length, inside, seen[:guided])
-
-    export("cc_mujoco_survey", survey.address)
-
-    @cfunc(_REFER, **options)
-    def refer(block: int, model: int, data: int) -> None:
-        """Measure the open path in the pose `qpos0` and make its mesh."""
-        _ = stamp
-        n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
-        nq = fields.positions(model)
-        present, rest = (
-            load_word(data + fields.POSITION),
-            load_word(model + fields.REST),
-        )
-        kept = floats(present, nq).copy()
-        floats(present, nq)[:] = floats(rest, nq)
-        held = np.empty((fields.bodies(model), 7))
-        _exchange_mocap(model, data, held, False)
-        evaluate_bodies(model, data)
-        evaluate_tendons(model, data)
-        size = pieces.shape_size(n)
-        reference = floats(shape_at(block, n, REFERENCE), size)
-        reference[:] = 0.0
-        _survey(block, model, data, 0, shape_at(block, n, REFERENCE))
-        floats(present, nq)[:] = kept
-        _exchange_mocap(model, data, held, True)
-        evaluate_bodies(model, data)
-        evaluate_tendons(model, data)
-
-        values = np.empty(config.SCALARS)
-        sections = np.empty((MAX_SECTIONS, 2))
-        attributes = fields.attributes(model, load_word(block + INSTANCE))
-        _, count = config.read(attributes, values, sections)
-        prm = floats(parameters_at(block), kernel.parameter_size(n))
-        angles, contacts = kernel.segment_angles(prm, n), packing.contact_length(prm, n)
-        lengths = packing.node_length(prm, n)
-        lengths[:] = 0.0
-        if guided > 0:
-            inside = np.empty(kernel.parameter_size(guided))
-            kernel.pack(values, sections[:count], guided, inside)
-            pieces.angles(reference, n)[:guided] = kernel.segment_angles(inside, guided)
-            pieces.contacts(reference, n)[:guided] = packing.contact_length(
-                inside, guided
-            )
-            lengths[: guided + 1] = packing.node_length(inside, guided)
-        outside = pieces.lengths(reference, n)
-        for i in range(guided + 1 if guided > 0 else 0, n + 1):
-            lengths[i] = max(outside[i], pieces.SHORTEST)
-        angles[:] = pieces.angles(reference, n)
-        contacts[:] = pieces.contacts(reference, n)
-        prm[packing.LENGTH] = lengths.sum()
-        prm[packing.GUIDED] = guided
-        kernel.pack_mesh(values, n, prm)
-        kernel.expect_change(prm)
-        kernel.expect_lengthening(prm)
-        store_word(block + KNOWN, 0)
-        store_word(block + REFERRED, 1)
-
-    export("cc_mujoco_refer", refer.address)
-
-    @cfunc(_LAY, **options)
-    def lay(block: int, shape: int, state: int) -> None:
-        """Give the packed segments the path at an address, as seen from a state."""
-        _ = stamp
-        n = load_word(block + SEGMENTS)
-        prm = floats(parameters_at(block), kernel.parameter_size(n))
-        wanted, present = floats(shape, n), kernel.segment_angles(prm, n)
-        differs = not _equal(wanted, present)
-        if opens(block):
-            size = pieces.shape_size(n)
-            path_now = floats(shape, size)
-            reference = floats(shape_at(block, n, REFERENCE), size)
-            gained = floats(scratch_at(block, n), n + 1)
-            contacts = packing.contact_length(prm, n)
-            pieces.lengthen(path_now, reference, memory(state, n), n, gained)
-            if not _equal(gained, packing.lengthening(prm, n)):
-                packing.lengthening(prm, n)[:] = gained
-                store_word(block + KNOWN, 0)
-            if not _equal(pieces.contacts(path_now, n), contacts):
-                contacts[:] = pieces.contacts(path_now, n)
-                differs = True
-        if differs:
-            kernel.rebend(prm, n, wanted)
-            store_word(block + KNOWN, 0)
-
-    export("cc_mujoco_lay", lay.address)
-
-    @cfunc(_FOLLOW, **options)
-    def follow(block: int, model: int, data: int, state: int) -> None:
-        """Lead the cable along its path at the last position, from a state."""
-        _ = stamp
-        tendon = load_word(block + ROUTE)
-        if tendon < 0:
-            return
-        n = load_word(block + SEGMENTS)
-        now = shape_at(block, n, 0)
-        if opens(block):
-            if load_word(block + REFERRED) == 0:
-                _refer(block, model, data)
-            _survey(block, model, data, state, now)
-        else:
-            points = fields.integer(data, fields.TEN_WRAPNUM, tendon)
-            length = fields.real(data, fields.TEN_LENGTH, tendon)
-            prm = floats(parameters_at(block), kernel.parameter_size(n))
-            inside = packing.contact_length(prm, n)
-            path.bend(model, data, tendon, points, length, inside, floats(now, n))
-        _lay(block, now, state)
-
-    export("cc_mujoco_follow", follow.address)
-
-    @cfunc(_PULL, **options)
-    def pull(block: int, model: int, data: int) -> None:
-        """Pull with the pieces of an open cable, as last evaluated."""
-        _ = stamp
-        n, nv = load_word(block + SEGMENTS), fields.dofs(model)
-        target = load_word(data + fields.PASSIVE)
-        last = floats(pulls_at(block, n), nv)
-        forces = floats(scratch_at(block, n), nv)
-        forces[:] = 0.0
-        tied = 0.0
-        for end in (PROXIMAL, DISTAL):
-            if load_word(block + TIED + end - PROXIMAL) != 0:
-                output = load_word(block + end)
-                tied += fields.force(data, output) * ends.gear(model, output)
-        node = new_at(block, n) + 8 * kernel.STATE_HEADER
-        pieces.pull(
-            model, data, load_word(block + ROUTE), load_word(block + MOUTH),
-            floats(shape_at(block, n, 0), pieces.shape_size(n)), n,
-            load_word(block + GUIDED), floats(node, n + 1), tied, block + SCRATCH,
-            forces.ctypes.data,
-        )  # fmt: skip
-        passive = floats(target, nv)
-        if load_word(block + FRESH) == 0:
-            # MuJoCo evaluates the actuators again, alone.
-            passive -= last
-        passive += forces
-        last[:] = forces
-        store_word(block + FRESH, 0)
-
-    export("cc_mujoco_pull", pull.address)
-
     @cfunc(_TURN, **options)
     def turn(model: int, data: int, tendon: int) -> float:
         """Sum of the turning angles of a tendon's path at the last position [rad]."""
@@ -655,7 +472,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         block = fields.block(data, instance)
         if block == 0 or not _up_to_date(block, model, instance):
             return
-        _follow(block, model, data, fields.state(model, data, instance))
+        follow(block, model, data, fields.state(model, data, instance))
         n = load_word(block + SEGMENTS)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
         floats(out, n)[:] = kernel.segment_angles(prm, n)
@@ -670,7 +487,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         if block == 0 or not _up_to_date(block, model, instance):
             return
         if opens(block) and load_word(block + REFERRED) == 0:
-            _refer(block, model, data)
+            refer(block, model, data)
         n = load_word(block + SEGMENTS)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
         state = fields.state(model, data, instance)
@@ -682,29 +499,45 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     @cfunc(_WRAP, **options)
     def limits(model: int, data: int, instance: int, out: int) -> None:
-        """Longest stable time steps of both ends of an instance [s], to an address."""
+        """Longest stable time steps of an instance (3,) [s], to an address."""
         _ = stamp
         _follow_all(model, data, instance)
-        steps.limits(model, data, instance, floats(out, 2))
+        steps.limits(model, data, instance, floats(out, 3))
 
     export("cc_mujoco_limits", limits.address)
+
+    @cfunc(_WRAP, **options)
+    def aim(model: int, data: int, instance: int, out: int) -> None:
+        """Where to evaluate the ends of an instance, see `ahead.aim`, to an address."""
+        _ = stamp
+        kind = fields.integer(model, fields.PLUGIN, instance)
+        lead = fields.block(data, ahead.first(model, instance))
+        area = lead + load_word(lead + AREA)
+        if ahead.unknown(area):
+            _follow_all(model, data, instance)
+            ahead.foresee(model, data, kind, area)
+        block = fields.block(data, instance)
+        ahead.aim(model, data, block, kind, area, floats(out, 4))
+
+    export("cc_mujoco_aim", aim.address)
 
     @cfunc(_CHECK, **options)
     def check(model: int, data: int, instance: int) -> None:
         """Warn if the time step is too long for an end of the instance."""
         _ = stamp
-        longest = np.empty(2)
+        longest = np.empty(3)
         _limits(model, data, instance, longest.ctypes.data)
-        step = fields.timestep(model)
-        distal = longest[1] < longest[0]
-        limit = longest[1 if distal else 0]
+        if _implicit(model, data, instance):
+            longest[:2] = np.inf
+        step, worst = fields.timestep(model), int(np.argmin(longest))
+        limit = longest[worst]
         if step <= limit:
             return
         message = np.zeros(CAPACITY, np.uint8)
         used = append(message, 0, _START)
         used = quote(message, used, fields.plugin_name(model, instance))
         used = append(message, used, _START_END)
-        used = steps.explain(message, used, distal, limit, step)
+        used = steps.explain(message, used, worst, limit, step)
         if not said_before(message, used, fields.signature(model)):
             warn(message, used)
 
@@ -723,7 +556,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         _begin(block, model, state, proximal_length, distal_length, fields.time(data))
         if opens(block):
             n = load_word(block + SEGMENTS)
-            _follow(block, model, data, state)
+            follow(block, model, data, state)
             shape = floats(shape_at(block, n, 0), pieces.shape_size(n))
             pieces.remember(shape, n, memory(state, n))
 
@@ -752,9 +585,11 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         shape = 8 * (pieces.shape_size(n) if free else n)
         pulls = 8 * (2 * fields.dofs(model) + n + 1) if free else 0
         # Its parts follow each other from the header on, whatever is in it.
-        size = text_at(0, n) + TEXT_CAPACITY + (REFERENCE + 1) * shape + pulls
-        block = allocate(size)
-        clear(block, size)
+        own = text_at(0, n) + TEXT_CAPACITY + (REFERENCE + 1) * shape + pulls
+        area = ahead.area_size(model) if ahead.first(model, instance) == instance else 0
+        block = allocate(own + area)
+        clear(block, own + area)
+        store_word(block + AREA, own if area > 0 else 0)
         _, first, second = ends.find(model, instance)
         store_word(block + SEGMENTS, n)
         store_word(block + SHAPE, shape)
@@ -762,6 +597,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         store_word(block + DOFS, fields.dofs(model))
         store_word(block + PROXIMAL, ends.output(model, first))
         store_word(block + DISTAL, ends.output(model, second))
+        store_word(block + HOLDERS, first)
+        store_word(block + HOLDERS + 8, second)
         if free:
             route = config.value(attributes, config.ROUTE)
             tendon = ends.find_route(model, instance, route)
@@ -799,22 +636,42 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         if capability == _PASSIVE:
             store_word(block + FRESH, 1)
             return
+        lead = fields.block(data, ahead.first(model, instance))
+        if lead == block:
+            ahead.forget(lead)
         cut = opens(block) and _no_passive(model)
         state = fields.state(model, data, instance)
         n = load_word(block + SEGMENTS)
         fits = _up_to_date(block, model, instance)
         u_proximal, lever = wound(model, block, displacement(data, block, PROXIMAL))
         u_distal = displacement(data, block, DISTAL)
+        seen = u_proximal, u_distal
+        yields = 0.0, 0.0
         dt = 0.0
         if fits:
             dt = _elapsed(model, data, load_real(committed_time(state, n)))
-            _follow(block, model, data, state)
+            follow(block, model, data, state)
             if load_real(block + CHECKED) != fields.timestep(model):
                 store_real(block + CHECKED, fields.timestep(model))
                 _check(model, data, instance)
+            looks = _implicit(model, data, instance)
+            store_word(block + LOOKS, 1 if looks else 0)
+            if looks and dt > fields.timestep(model):
+                # A later stage of RK4: as the first one.
+                u_proximal, u_distal, yields, dt = _inputs(block)
+            elif looks:
+                aim = np.empty(4)
+                _aim(model, data, instance, aim.ctypes.data)
+                u_proximal, u_distal, yields = aim[0], aim[1], (aim[2], aim[3])
         if cut:
             _warn_cut(model, instance)
-        if fits and not cut and _evaluate(block, state, u_proximal, u_distal, dt):
+        store_real(block + SEEN, seen[0])
+        store_real(block + SEEN + 8, seen[1])
+        if (
+            fits
+            and not cut
+            and _evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt)
+        ):
             tension = new_at(block, n) + 8 * kernel.STATE_HEADER
             proximal = max(load_real(tension), 0.0) * lever
             distal = max(load_real(tension + 8 * n), 0.0)
@@ -824,12 +681,12 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         fields.set_force(data, load_word(block + PROXIMAL), proximal)
         fields.set_force(data, load_word(block + DISTAL), -distal)
         if opens(block):
-            _pull(block, model, data)
+            pull(block, model, data)
         if fields.integrator(model) == _RK4:
             stages = block + STAGES
             copy(stages + STAGE, stages, 3 * STAGE)
-            store_real(stages + 3 * STAGE, u_proximal)
-            store_real(stages + 3 * STAGE + 8, u_distal)
+            store_real(stages + 3 * STAGE, seen[0])
+            store_real(stages + 3 * STAGE + 8, seen[1])
             store_real(stages + 3 * STAGE + 16, dt)
             store_real(stages + 3 * STAGE + 24, fields.time(data))
             if load_word(block + ROUTE) >= 0:
@@ -849,9 +706,21 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         u_distal = displacement(data, block, DISTAL)
         dt = fields.timestep(model)
         time = 0.0
+        yields = 0.0, 0.0
         if fields.disabled(model, _NO_ACTUATION):
             # Nothing has evaluated the last position.
-            _follow(block, model, data, state)
+            follow(block, model, data, state)
+        elif (
+            fields.integrator(model) != _RK4
+            and load_real(block + SEEN) == u_proximal
+            and load_real(block + SEEN + 8) == u_distal
+        ):
+            # What was applied is what the step did, whatever it looked ahead to.
+            u_proximal, u_distal = (
+                load_real(block + INPUTS),
+                load_real(block + INPUTS + 8),
+            )
+            yields = load_real(block + INPUTS + 16), load_real(block + INPUTS + 24)
         shape = shape_at(block, n, 0)
         if fields.integrator(model) == _RK4:
             # A step makes four evaluations; the first of them is committed. With
@@ -867,10 +736,12 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 u_distal = load_real(stages + 8)
                 dt = load_real(stages + 16)
                 time = load_real(stages + 24)
+                if load_word(block + LOOKS) == 1:
+                    u_proximal, u_distal, yields, dt = _inputs(block)
                 if load_word(block + ROUTE) >= 0:
                     shape = shape_at(block, n, 1)
-                    _lay(block, shape, state)
-        if _evaluate(block, state, u_proximal, u_distal, dt):
+                    lay(block, shape, state)
+        if _evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt):
             new = new_at(block, n)
             for i in range(0, 8 * kernel.state_size(n), 8):
                 store_word(state + i, load_word(new + i))

@@ -19,6 +19,8 @@ from cc_mujoco.transmission.parameters import (
     BEND_ALLOWED,
     BENDS,
     CONDUIT_ALLOWED,
+    ENDS,
+    ENDS_ALLOWED,
     KEYS,
     MAX_SECTIONS,
     MAX_SEGMENTS,
@@ -46,6 +48,7 @@ ROUTE = KEYS.index("route")
 BEND = KEYS.index("bend")
 PATH = KEYS.index("path")
 MOUTH = KEYS.index("mouth")
+ENDS_KEY = KEYS.index("ends")
 _SEALS = KEYS.index("seal_proximal"), KEYS.index("seal_distal")
 _FRICTION = KEYS.index("friction")
 _STATIC = KEYS.index("static_friction")
@@ -87,6 +90,7 @@ def _allowed(key: str) -> str:
         "bend": BEND_ALLOWED,
         "path": PATH_ALLOWED,
         "mouth": MOUTH_ALLOWED,
+        "ends": ENDS_ALLOWED,
         "seal_proximal": PARAMETERS[_SEALS[0]].allowed + _NO_SEAL,
         "seal_distal": PARAMETERS[_SEALS[1]].allowed + _NO_SEAL,
     }
@@ -98,6 +102,7 @@ _TEXT = constant("".join(line.replace("\n", "\0") + "\0" for line in _LINES))
 _MISSING = constant("missing or empty")
 _INF = constant("inf")
 _FIXED, _ROUTED = (constant(bend) for bend in BENDS)
+_AUTO, _EXPLICIT = (constant(ends) for ends in ENDS)
 _GUIDED, _OPEN, _MIXED = (constant(path) for path in PATHS)
 
 
@@ -143,6 +148,12 @@ def opens(block: int) -> bool:
     """Whether the cable leaves its conduit, or has none: `path` is open or mixed."""
     written = value(block, PATH)
     return same(written, _OPEN) or same(written, _MIXED)
+
+
+@internal
+def explicit(block: int) -> bool:
+    """Whether the ends are never to be implicit."""
+    return same(value(block, ENDS_KEY), _EXPLICIT)
 
 
 @internal
@@ -195,6 +206,9 @@ def read(
         return PATH, 0
     if (value(block, MOUTH).size > 0) != mixed(block):
         return MOUTH, 0
+    ends = value(block, ENDS_KEY)
+    if not (ends.size == 0 or same(ends, _AUTO) or explicit(block)):
+        return ENDS_KEY, 0
     for seal in _SEALS:
         if values[seal] != 0.0 and same(path, _OPEN):
             return seal, 0

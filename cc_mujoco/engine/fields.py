@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+
 from cc_mujoco.engine.layout import offset, structure
 from cc_mujoco.engine.memory import (
     Bytes,
@@ -32,6 +34,7 @@ _SIGNATURE = _model("signature")
 _NQ = _model("nq")
 _NV = _model("nv")
 _NBODY = _model("nbody")
+_NJNT = _model("njnt")
 _NPLUGIN = _model("nplugin")
 _NACTUATOR = _model("nactuator")
 _NTENDON = _model("ntendon")
@@ -52,10 +55,28 @@ ACTUATOR_PLUGIN = _model("actuator_plugin")
 ACTUATOR_TRNTYPE = _model("actuator_trntype")
 ACTUATOR_TRNID = _model("actuator_trnid")
 ACTUATOR_OUTADR = _model("actuator_outadr")
+ACTUATOR_OUTNUM = _model("actuator_outnum")
 ACTUATOR_GEAR = _model("actuator_gear")
+BIASTYPE = _model("actuator_biastype")
+BIASPRM = _model("actuator_biasprm")
+GAINTYPE = _model("actuator_gaintype")
+GAINPRM = _model("actuator_gainprm")
+CTRLADR = _model("actuator_ctrladr")
 LENGTH0 = _model("actuator_length0")
 FORCE_LIMITED = _model("actuator_forcelimited")
+FORCE_RANGE = _model("actuator_forcerange")
 JNT_TYPE = _model("jnt_type")
+JNT_DOFADR = _model("jnt_dofadr")
+JNT_ACTGRAVCOMP = _model("jnt_actgravcomp")
+JNT_ACTFRCLIMITED = _model("jnt_actfrclimited")
+JNT_ACTFRCRANGE = _model("jnt_actfrcrange")
+DOF_DAMPING = _model("dof_damping")
+DOF_INVWEIGHT0 = _model("dof_invweight0")
+TENDON_INVWEIGHT0 = _model("tendon_invweight0")
+TENDON_DAMPING = _model("tendon_damping")
+TEN_J_ROWNNZ = _model("ten_J_rownnz")
+TEN_J_ROWADR = _model("ten_J_rowadr")
+TEN_J_COLIND = _model("ten_J_colind")
 TENDON_ADR = _model("tendon_adr")
 TENDON_NUM = _model("tendon_num")
 TENDON_LENGTH0 = _model("tendon_length0")
@@ -72,15 +93,38 @@ POSITION = _data("qpos")
 MOCAP_POS = _data("mocap_pos")
 MOCAP_QUAT = _data("mocap_quat")
 PASSIVE = _data("qfrc_passive")
+BIAS = _data("qfrc_bias")
+APPLIED = _data("qfrc_applied")
+GRAVCOMP = _data("qfrc_gravcomp")
+XFRC = _data("xfrc_applied")
+XIPOS = _data("xipos")
+CTRL = _data("ctrl")
+WARMSTART = _data("qacc_warmstart")
+NEFC = _data("nefc")
+EFC_TYPE = _data("efc_type")
+EFC_ID = _data("efc_id")
+EFC_J = _data("efc_J")
+EFC_ROWNNZ = _data("efc_J_rownnz")
+EFC_ROWADR = _data("efc_J_rowadr")
+EFC_COLIND = _data("efc_J_colind")
+EFC_FRICTIONLOSS = _data("efc_frictionloss")
+EFC_D = _data("efc_D")
+EFC_AREF = _data("efc_aref")
+CONTACT = _data("contact")
+CONTACT_SIZE = ctypes.sizeof(structure("mjContact"))
+CONTACT_FRICTION = offset("mjContact", "friction")
+CONTACT_EFC = offset("mjContact", "efc_address")
 GEOM_TYPE = _model("geom_type")
 GEOM_XPOS = _data("geom_xpos")
 GEOM_XMAT = _data("geom_xmat")
 TEN_LENGTH = _data("ten_length")
+TEN_J = _data("ten_J")
 TEN_WRAPADR = _data("ten_wrapadr")
 TEN_WRAPNUM = _data("ten_wrapnum")
 WRAP_OBJ = _data("wrap_obj")
 WRAP_XPOS = _data("wrap_xpos")
 LENGTH = _data("actuator_length")
+VELOCITY = _data("actuator_velocity")
 MOMENT = _data("actuator_moment")
 MOMENT_ROWNNZ = _data("moment_rownnz")
 MOMENT_ROWADR = _data("moment_rowadr")
@@ -158,6 +202,12 @@ def positions(model: int) -> int:
 def bodies(model: int) -> int:
     """Number of bodies."""
     return load_word(model + _NBODY)
+
+
+@internal
+def joints(model: int) -> int:
+    """Number of joints."""
+    return load_word(model + _NJNT)
 
 
 @internal

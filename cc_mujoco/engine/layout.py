@@ -68,8 +68,13 @@ _PROBE = """
   </extension>
   <worldbody>
     <site name="a"/>
+    <geom type="plane" size="1 1 .1"/>
     <body mocap="true"/>
-    <body><joint name="j"/><geom size=".1"/><site name="b" pos="0 0 1"/></body>
+    <body>
+      <joint name="j" range="1 2" limited="true"/>
+      <geom size=".1"/>
+      <site name="b" pos="0 0 1"/>
+    </body>
   </worldbody>
   <tendon><spatial name="t"><site site="a"/><site site="b"/></spatial></tendon>
   <actuator><plugin joint="j" instance="p"/></actuator>
@@ -81,15 +86,23 @@ _MODEL_ARRAYS = (
     "tendon_num", "tendon_length0", "wrap_type", "wrap_objid", "body_pos", "body_quat",
     "body_mocapid", "body_weldid", "actuator_forcelimited", "actuator_trntype",
     "actuator_trnid", "actuator_outadr", "actuator_gear", "actuator_length0",
-    "actuator_plugin", "plugin", "plugin_attr", "plugin_attradr", "plugin_stateadr",
+    "actuator_plugin", "actuator_outnum", "actuator_biastype", "actuator_biasprm",
+    "actuator_gaintype", "actuator_gainprm", "actuator_ctrladr", "actuator_forcerange",
+    "jnt_dofadr", "jnt_actgravcomp", "jnt_actfrclimited", "jnt_actfrcrange",
+    "dof_damping", "dof_invweight0", "tendon_invweight0", "tendon_damping",
+    "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind", "plugin", "plugin_attr",
+    "plugin_attradr", "plugin_stateadr",
     "name_actuatoradr", "name_pluginadr", "name_tendonadr", "name_siteadr",
 )  # fmt: skip
 _DATA_ARRAYS = (
     "qpos", "mocap_pos", "mocap_quat", "qfrc_passive", "qvel", "qacc_warmstart",
-    "ctrl", "sensordata", "xpos", "geom_xpos", "geom_xmat",
+    "qfrc_bias", "qfrc_applied", "qfrc_gravcomp", "xfrc_applied", "xipos",
+    "actuator_velocity", "ctrl", "sensordata", "xpos", "geom_xpos", "geom_xmat",
     "ten_wrapadr", "ten_wrapnum", "ten_length", "wrap_obj", "wrap_xpos",
     "actuator_length", "actuator_force", "actuator_moment", "moment_rownnz",
-    "moment_rowadr", "moment_colind",
+    "moment_rowadr", "moment_colind", "ten_J", "efc_type", "efc_id", "efc_J",
+    "efc_J_rownnz", "efc_J_rowadr", "efc_J_colind", "efc_frictionloss", "efc_D",
+    "efc_aref",
 )  # fmt: skip
 
 
@@ -104,6 +117,7 @@ def verify() -> None:
     """
     model = mujoco.MjModel.from_xml_string(_PROBE)
     data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
     m = structure("mjModel").from_address(model._address)
     d = structure("mjData").from_address(data._address)
     seen = {name: getattr(m, name) for name in _MODEL_ARRAYS}
@@ -115,12 +129,18 @@ def verify() -> None:
         "nq",
         "nv",
         "nbody",
+        "njnt",
         "nactuator",
         "ntendon",
         "nplugin",
         "npluginstate",
     ):
         seen[name], true[name] = getattr(m, name), getattr(model, name)
+    seen["nefc"], true["nefc"] = d.nefc, data.nefc
+    contact = structure("mjContact").from_address(d.contact)
+    for name in ("dist", "dim", "efc_address"):
+        seen[f"mjContact.{name}"] = getattr(contact, name)
+        true[f"mjContact.{name}"] = getattr(data.contact[0], name)
     seen["names"] = ctypes.string_at(m.names, len(model.names))
     true["names"] = model.names
     seen["timestep"], true["timestep"] = m.opt.timestep, model.opt.timestep

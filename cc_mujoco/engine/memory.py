@@ -54,7 +54,8 @@ def export(name: str, address: int | None) -> None:
 
 for _name in (
     "mju_malloc", "mju_free", "mju_message", "mj_solveM", "mj_applyFT", "mj_kinematics",
-    "mj_tendon",
+    "mj_tendon", "mj_fullM", "mj_mulM", "mj_isSparse", "mju_cholFactor",
+    "mju_cholSolve",
 ):  # fmt: skip
     _function = ctypes.cast(getattr(LIBRARY, _name), ctypes.c_void_p)
     export(_name, _function.value)
@@ -67,6 +68,19 @@ solve_inertia = types.ExternalFunction(
 _at_position = types.void(types.intp, types.intp)
 evaluate_bodies = types.ExternalFunction("mj_kinematics", _at_position)
 evaluate_tendons = types.ExternalFunction("mj_tendon", _at_position)
+full_inertia = types.ExternalFunction(
+    "mj_fullM", types.void(types.intp, types.intp, types.intp)
+)
+times_inertia = types.ExternalFunction(
+    "mj_mulM", types.void(types.intp, types.intp, types.intp, types.intp)
+)
+is_sparse = types.ExternalFunction("mj_isSparse", types.int32(types.intp))
+factorise = types.ExternalFunction(
+    "mju_cholFactor", types.int32(types.intp, types.int32, types.float64)
+)
+solve_factorised = types.ExternalFunction(
+    "mju_cholSolve", types.void(types.intp, types.intp, types.intp, types.int32)
+)
 _apply = types.ExternalFunction(
     "mj_applyFT",
     types.void(

@@ -40,6 +40,8 @@ _ROWS = 8
 _CONTACT, _TOTAL, _TURNED, _TOUCH, _EXTENT, _PERIOD, _LENGTH = 1, 2, 3, 4, 5, 6, 7
 _SAME, _APART, _STRAIGHT = 0.0, -1.0, 4.0
 """What `_TOUCH` may be; 1, 2 or 3 is a geom touched and the axis of its mark."""
+ARC = 4
+"""Segments that the arc around a geom gets unless told otherwise."""
 SHORTEST = 1e-6
 """Least length of a node [m]."""
 

@@ -8,6 +8,7 @@ step_limits(model, data)["flexor"].distal  # [s]
 from __future__ import annotations
 
 import ctypes
+import math
 from typing import Any, NamedTuple
 
 import llvmlite.binding  # type: ignore[import-untyped]
@@ -20,10 +21,17 @@ _ADDRESS, _INTEGER = ctypes.c_ssize_t, ctypes.c_int32
 
 
 class StepLimits(NamedTuple):
-    """Time steps below which the two ends of a cable are stable [s]."""
+    """Time steps below which a cable is stable [s].
+
+    Attributes:
+        proximal: of its proximal end, while that is explicit.
+        distal: of its distal end, likewise.
+        pieces: of the pieces of its open path.
+    """
 
     proximal: float
     distal: float
+    pieces: float = math.inf
 
 
 def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -54,18 +62,20 @@ def step_limits(
 ) -> dict[str, StepLimits]:
     """Time steps of the model below which its cables are stable, by cable.
 
-    The force of a cable is explicit, and where friction holds the cable its end is a
-    spring of EA over half its last segment. About an inertia J that an end moves by a
-    pulley of radius r alone, steps below 2 / sqrt(stiffness r^2 / J) are stable; the
-    general case is in `steps.py`. The plugin warns, through MuJoCo, of a longer
-    `timestep`.
+    Where friction holds the cable its end is a spring of EA over half its last segment.
+    About an inertia J that an end moves by a pulley of radius r alone, steps below
+    2 / sqrt(stiffness r^2 / J) are stable for it; the general case is in `steps.py`.
+    Where the step is longer than half of that, ends are implicit and any step is stable
+    for them, unless the cable has `ends` = `explicit` or the integrator is RK4. Pieces
+    of an open path are always explicit. The plugin warns, through MuJoCo, of a
+    `timestep` that is too long.
 
     Args:
         model: the model.
         data: a simulation whose pose counts; by default that of `qpos0`.
 
     Returns:
-        Limits [s], infinite for an end that moves nothing.
+        Limits [s], infinite for what moves nothing.
     """
     if data is None:
         data = mujoco.MjData(model)
@@ -73,7 +83,7 @@ def step_limits(
     ask = _compiled("limits", _ADDRESS)
     found = {}
     for name, instance in instances(model).items():
-        out = np.empty(2)
+        out = np.empty(3)
         ask(model._address, data._address, instance, out.ctypes.data)
         found[name] = StepLimits(*out.tolist())
     return found

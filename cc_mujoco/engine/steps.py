@@ -1,9 +1,10 @@
-"""How long a time step the ends of the cables bear, compiled.
+"""How long a time step a cable bears, compiled.
 
-The force of a cable is explicit: MuJoCo knows it at the start of a step only. An end is
-a spring, at its stiffest where friction holds all but the outermost part of the cable
-(`kernel.end_stiffness`). The ends i of all cables of a model, of stiffness k_i and with
-moments J_i on the joints, have with the inertia M of the model
+The force of a cable is explicit, as MuJoCo knows it at the start of a step only, but
+for ends that `ahead.py` makes implicit. An end is a spring, at its stiffest where
+friction holds all but the outermost part of the cable (`kernel.end_stiffness`). The
+ends i of all cables of a model, of stiffness k_i and with moments J_i on the joints,
+have with the inertia M of the model
 
     G_ij = sqrt(k_i k_j) J_i M^-1 J_j^T
 
@@ -56,22 +57,26 @@ from cc_mujoco.transmission import kernel
 
 Floats = npt.NDArray[np.float64]
 
-_ENDS = constant("its proximal end"), constant("its distal end")
+_ENDS = (
+    constant("its proximal end"),
+    constant("its distal end"),
+    constant("its open path"),
+)
 _NEEDS = constant(" is stable only with a `timestep` below ")
 _IS = constant(", but that is ")
 _ADVICE = constant(
-    "; shorten it, or give what this end moves more inertia (`armature`) or the cable "
+    "; shorten it, or give what this moves more inertia (`armature`) or the cable "
     "fewer `segments`"
 )
 
 
 @internal
 def limits(model: int, data: int, instance: int, out: Floats) -> None:
-    """Longest stable time step of both ends of a cable (2,) [s].
+    """Longest stable time step of a cable (3,) [s].
 
-    Infinite for an end that moves nothing. The pieces of an open path count as its
-    distal end. Needs the inertia and the actuators of the
-    present position (part of `mj_fwdPosition`).
+    That of the proximal end, the distal end and the pieces of an open path; infinite
+    for what moves nothing. Needs the inertia and the actuators of the present position
+    (part of `mj_fwdPosition`).
     """
     nv, count = fields.dofs(model), 0
     kind = fields.integer(model, fields.PLUGIN, instance)
@@ -102,7 +107,7 @@ def limits(model: int, data: int, instance: int, out: Floats) -> None:
             shared = abs((moment[i] * solved[j]).sum())
             total += shared * math.sqrt(square[j] / square[i])
         if total > 0.0:
-            near = 0 if i == begin else 1
+            near = min(i - begin, 2)
             out[near] = min(out[near], 2.0 / math.sqrt(total))
 
 
@@ -155,13 +160,13 @@ def _pieces(model: int, data: int, block: int, out: Floats) -> None:
 
 
 @internal
-def explain(message: Bytes, used: int, distal: bool, limit: float, step: float) -> int:
-    """Add that a time step is too long for an end; times in seconds.
+def explain(message: Bytes, used: int, part: int, limit: float, step: float) -> int:
+    """Add that a time step is too long for a part, as in `limits`; times in seconds.
 
     Returns:
         The new length.
     """
-    used = append(message, used, _ENDS[1] if distal else _ENDS[0])
+    used = append(message, used, _ENDS[part])
     used = append(message, used, _NEEDS)
     used = append_milliseconds(message, used, limit)
     used = append(message, used, _IS)

@@ -25,6 +25,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.engine.mjcf import to_mjcf
+from cc_mujoco.engine.pieces import ARC
 from cc_mujoco.engine.reading import route_wrap
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission.parameters import KEYS, MAX_SEGMENTS, Cable, Section
@@ -35,8 +36,6 @@ _BENDS = [
     mujoco.mjtWrap.mjWRAP_SPHERE,
     mujoco.mjtWrap.mjWRAP_CYLINDER,
 ]
-ARC_SEGMENTS = 4
-"""Segments that the arc around a geom gets unless told otherwise."""
 
 
 def add_friction(
@@ -47,7 +46,7 @@ def add_friction(
     joint: tuple[Any, float] | None = None,
     friction: float,
     segments: int | None = None,
-    **parameters: float,
+    **parameters: Any,
 ) -> None:
     """Make a spatial tendon a cable with friction wherever it bends.
 
@@ -98,7 +97,7 @@ def add_friction(
         )
     if segments is None:
         geoms = int(np.sum(kinds != mujoco.mjtWrap.mjWRAP_SITE))
-        segments = len(kinds) - 2 + (ARC_SEGMENTS - 1) * geoms
+        segments = len(kinds) - 2 + (ARC - 1) * geoms
         segments = min(max(segments, 1), MAX_SEGMENTS)
     length = float(model.tendon_length0[index])
     given: dict[str, Any] = {

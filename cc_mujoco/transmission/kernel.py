@@ -112,19 +112,26 @@ def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
     for i in range(at.SCALARS):
         out[i] = values[i]
     out[at.CHANGES] = out[at.LENGTHENS] = 0.0
+    expect_yielding(out, 0.0, 0.0)
     if out[_STIFFENING] < _LEAST_STIFFENING:
         out[_STIFFENING] = 0.0
     out[at.CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(values) else 0.0
     out[at.STATE_DEPENDENT] = 1.0 if law.is_state_dependent(values) else 0.0
     _follow_angles(out, n)
-    stiffness, compliance = node_stiffness(out, n), at.node_compliance(out, n)
-    lengths = at.node_length(out, n)
     at.lengthening(out, n)[:] = 0.0
     for i in range(n + 1):
-        stiffness[i] = values[_EA] / lengths[i]
-        if i == n and values[_END_COMPLIANCE] > 0.0:
-            stiffness[i] = 1.0 / (1.0 / stiffness[i] + values[_END_COMPLIANCE])
-        compliance[i] = 1.0 / stiffness[i]
+        _set_node(out, n, i)
+
+
+@compiled
+def _set_node(prm: FloatArray, n: int, i: int) -> None:
+    """Pack stiffness and compliance of a node."""
+    length, ea, _, spring = _piece(prm, n, i)
+    stiffness = ea / length
+    if spring > 0.0:
+        stiffness = 1.0 / (1.0 / stiffness + spring)
+    node_stiffness(prm, n)[i] = stiffness
+    at.node_compliance(prm, n)[i] = 1.0 / stiffness
 
 
 @compiled
@@ -175,6 +182,18 @@ def expect_lengthening(prm: FloatArray) -> None:
 
 
 @compiled
+def expect_yielding(prm: FloatArray, proximal: float, distal: float) -> None:
+    """Have the next step of a packed cable move its ends as their tensions change.
+
+    Each is then at the displacement that the step is given only while its tension stays
+    what it was; by the gain it goes further into the cable, by `proximal` and `distal`
+    [m/N], and the new state tells where it is. Only where position is prescribed.
+    """
+    prm[at.YIELD_PROXIMAL] = proximal
+    prm[at.YIELD_DISTAL] = distal
+
+
+@compiled
 def initialize(
     prm: FloatArray, n: int, u_proximal: float, u_distal: float, state: FloatArray
 ) -> None:
@@ -210,7 +229,11 @@ def _rest_stretch(prm: FloatArray, tension: float) -> float:
 def _piece(prm: FloatArray, n: int, i: int) -> tuple[float, float, float, float]:
     """Node i for `elasticity.py`: length, stiffness EA, stiffening, end spring."""
     length = at.node_length(prm, n)[i]
-    spring = prm[_END_COMPLIANCE] if i == n else 0.0
+    spring = 0.0
+    if i == n:
+        spring = prm[_END_COMPLIANCE] + prm[at.YIELD_DISTAL]
+    elif i == 0:
+        spring = prm[at.YIELD_PROXIMAL]
     return length, prm[_EA], prm[_STIFFENING], spring
 
 
@@ -330,6 +353,9 @@ def step(
     """
     for i in range(state_size(n)):
         new_state[i] = state[i]
+    # Until what changes the tensions before the ends move is done, they hold.
+    yields = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
+    expect_yielding(prm, 0.0, 0.0)
     if not (np.isfinite(proximal_value) and np.isfinite(distal_value)):
         return NOT_FINITE
     is_constant_coulomb = prm[at.CONSTANT_COULOMB] != 0.0
@@ -348,6 +374,9 @@ def step(
         tension = _relax_stress(prm, n, state, dt, new_state, work)
     if lengthens:
         tension = _lengthen(prm, n, tension, work)
+    yielding = yields[0] > 0.0 or yields[1] > 0.0
+    if yielding:
+        tension = _give_way(prm, n, state, tension, yields, new_state, work)
     node = at.tensions(new_state, n)
     shift = _row(work, n, _SHIFT)
     greased = prm[_GREASE] > 0.0
@@ -432,6 +461,8 @@ def step(
         new_state,
         work,
     )
+    if yielding:
+        _hold(prm, n, state, yields, new_state)
     return OK
 
 
@@ -496,6 +527,81 @@ def _lengthen(prm: FloatArray, n: int, old: FloatArray, work: FloatArray) -> Flo
     for i in range(n + 1):
         tension[i] = _pulled(prm, n, i, old[i], gained[i])
     return tension
+
+
+@compiled
+def _give_way(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    old: FloatArray,
+    yields: tuple[float, float],
+    new_state: FloatArray,
+    work: FloatArray,
+) -> FloatArray:
+    """Put springs before both ends for the rest of a step; return the node tensions.
+
+    A spring is at rest at the tension before the step, or at none where the cable is
+    slack, for nothing pushes.
+    """
+    start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n
+    tension, before = work[start : start + n + 1], at.tensions(state, n)
+    for i in range(n + 1):
+        tension[i] = old[i]
+    own = _node_stretch(prm, n, 0, old[0]), _node_stretch(prm, n, n, old[n])
+    expect_yielding(prm, yields[0], yields[1])
+    for end in range(2):
+        i = n * end
+        _set_node(prm, n, i)
+        if old[i] != before[i] or old[i] < 0.0:
+            whole = own[end] + yields[end] * max(before[i], 0.0)
+            tension[i] = _tension_at(prm, n, i, whole)
+        if prm[at.LENGTHENS] == 0.0:
+            new_state[3] += _node_stretch(prm, n, i, tension[i]) - own[end]
+    return tension
+
+
+@compiled
+def _hold(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    yields: tuple[float, float],
+    new_state: FloatArray,
+) -> None:
+    """Take the springs of `_give_way` away, and tell where the ends are."""
+    before, now = at.tensions(state, n), at.tensions(new_state, n)
+    whole = _node_stretch(prm, n, 0, now[0]), _node_stretch(prm, n, n, now[n])
+    expect_yielding(prm, 0.0, 0.0)
+    for end in range(2):
+        i = n * end
+        _set_node(prm, n, i)
+        if now[i] < 0.0:
+            now[i] = _tension_at(prm, n, i, whole[end])
+        if prm[at.LENGTHENS] == 0.0:
+            new_state[3] += _node_stretch(prm, n, i, now[i]) - whole[end]
+        gone = yields[end] * (max(now[i], 0.0) - max(before[i], 0.0))
+        new_state[end] += -gone if end == 1 else gone
+        if end == 1 and prm[at.CONSTANT_COULOMB] == 0.0:
+            new_state[at.TRAVEL] -= gone
+
+
+@compiled
+def _node_stretch(prm: FloatArray, n: int, i: int, tension: float) -> float:
+    """Stretch of node i [m]."""
+    length, ea, stiffening, spring = _piece(prm, n, i)
+    if stiffening == 0.0:
+        return float(tension * at.node_compliance(prm, n)[i])
+    return elastic.stretch_of(tension, length, ea, stiffening, spring)
+
+
+@compiled
+def _tension_at(prm: FloatArray, n: int, i: int, stretched: float) -> float:
+    """Tension of node i at a stretch [m]."""
+    length, ea, stiffening, spring = _piece(prm, n, i)
+    if stiffening == 0.0:
+        return float(stretched * node_stiffness(prm, n)[i])
+    return elastic.tension_of(stretched, length, ea, stiffening, spring)
 
 
 @compiled

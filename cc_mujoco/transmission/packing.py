@@ -31,12 +31,14 @@ from cc_mujoco.transmission.parameters import PARAMETERS
 
 SCALARS = len(PARAMETERS)
 """Numbers that a packed cable begins with, in the order of `PARAMETERS`."""
-CHANGES, STATE_DEPENDENT, CONSTANT_COULOMB, LENGTH, GUIDED, LENGTHENS = range(
-    SCALARS, SCALARS + 6
-)
+(
+    CHANGES, STATE_DEPENDENT, CONSTANT_COULOMB, LENGTH, GUIDED, LENGTHENS,
+    YIELD_PROXIMAL, YIELD_DISTAL,
+) = range(SCALARS, SCALARS + 8)  # fmt: skip
 """Behind them: whether bends may change, the two questions of `friction.py`, length,
-number of segments inside a conduit, whether the path itself may lengthen."""
-_ROWS = SCALARS + 6
+number of segments inside a conduit, whether the path itself may lengthen, and how far
+what holds the ends yields to their tension [m/N]."""
+_ROWS = SCALARS + 8
 
 STATE_HEADER = 7
 """Numbers before the tensions."""

@@ -48,6 +48,12 @@ MOUTH_ALLOWED = (
     "with `path` = `mixed`, and only then, the name of a site of the route between its "
     "first and its last one"
 )
+ENDS = ("auto", "explicit")
+"""How MuJoCo's step takes the ends: implicit where it is long for them, or never."""
+ENDS_ALLOWED = (
+    "`auto` (the ends are implicit where the time step of the model is long for them) "
+    "or `explicit` (they never are)"
+)
 
 
 class Section(NamedTuple):
@@ -442,6 +448,7 @@ class Cable:
     bend: str = BENDS[0]
     path: str = PATHS[0]
     mouth: str = ""
+    ends: str = ENDS[0]
 
     def __post_init__(self) -> None:
         for p in PARAMETERS:
@@ -487,6 +494,10 @@ class Cable:
             raise CableError(
                 "cable parameter `bend` is 'route' but `route` is empty; it must name "
                 "the spatial tendon that the conduit follows"
+            )
+        if self.ends not in ENDS:
+            raise CableError(
+                f"cable parameter `ends` is {self.ends!r}; it must be {ENDS_ALLOWED}"
             )
         if self.path not in PATHS:
             raise CableError(
@@ -595,6 +606,7 @@ class Cable:
         values["bend"] = config.get("bend", BENDS[0])
         values["path"] = config.get("path", PATHS[0])
         values["mouth"] = config.get("mouth", "")
+        values["ends"] = config.get("ends", ENDS[0])
         try:
             return cls(**values)  # type: ignore[arg-type]
         except CableError as error:
@@ -613,6 +625,8 @@ class Cable:
             config["path"] = self.path
         if self.mouth:
             config["mouth"] = self.mouth
+        if self.ends != ENDS[0]:
+            config["ends"] = self.ends
         return config
 
     def replace(self, **changes: object) -> Cable:

@@ -35,10 +35,19 @@ def state(m: mujoco.MjModel, d: mujoco.MjData, kind: int = INTEGRATION) -> np.nd
     return out
 
 
-@pytest.fixture(params=INTEGRATORS)
+LONG = 0.004
+"""A time step at which the ends of `pull_pull` are implicit [s]."""
+
+
+@pytest.fixture(
+    params=[(integrator, 0.0005) for integrator in INTEGRATORS]
+    + [(integrator, LONG) for integrator in ("Euler", "RK4", "implicitfast")],
+    ids=lambda given: f"{given[0]}-{1e3 * given[1]:g}ms",
+)
 def any_model(request: pytest.FixtureRequest) -> mujoco.MjModel:
-    option = f'integrator="{request.param}"'
-    return mujoco.MjModel.from_xml_string(pull_pull(CONFIG | RATES, option))
+    integrator, step = request.param
+    text = pull_pull(CONFIG | RATES, f'integrator="{integrator}"', timestep=step)
+    return mujoco.MjModel.from_xml_string(text)
 
 
 def test_forward_twice_changes_nothing(any_model: mujoco.MjModel) -> None:
@@ -146,9 +155,10 @@ def test_rollout_equals_a_plain_loop(any_model: mujoco.MjModel) -> None:
             assert np.array_equal(states[i, j], state(m, twin, FULL))
 
 
-def test_engine_is_the_kernel(any_model: mujoco.MjModel) -> None:
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_engine_with_explicit_ends_is_the_kernel(integrator: str) -> None:
     """The committed states are those of the kernel on the motion of the two ends."""
-    m, d = any_model, mujoco.MjData(any_model)
+    m, d = build(pull_pull(CONFIG | RATES, f'integrator="{integrator}"'))
     start = d.qpos.copy()
     positions, states = run(m, d, excitation(300))
     begun = np.vstack([start, positions[:-1]])  # where each step began

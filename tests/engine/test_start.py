@@ -116,9 +116,11 @@ def test_batch_and_rollout_take_the_settled_state_over() -> None:
         assert read(m, d, "flexor").tension == pytest.approx(10.0, rel=1e-9)
 
 
-def loaded(radius: float, inertia: float, segments: int, second: float) -> str:
+def loaded(
+    radius: float, inertia: float, segments: int, second: float, ends: str = "auto"
+) -> str:
     """A motor held by one or two cables, their far ends on a heavy joint."""
-    pulled = CONFIG | {"segments": str(segments)}
+    pulled = CONFIG | {"segments": str(segments), "ends": ends}
     names = ("one", "two") if second else ("one",)
     ends = "".join(
         end(f"{name}_near", name, 'joint="motor"', gear)
@@ -161,12 +163,14 @@ def test_a_pulley_at_rest_is_stable_below_the_limit_only(
     monkeypatch.chdir(tmp_path)  # for the log of MuJoCo's warnings
     m = mujoco.MjModel.from_xml_string(loaded(0.02, 1e-4, 20, second))
     limit = step_limits(m)["one"].proximal
+    pull = 10.0 * (0.02 - second)  # the pretension, by both cables
     gain = {}
-    for share in (0.9, 1.1):
+    for share, ends in ((0.9, "explicit"), (1.1, "explicit"), (30.0, "auto")):
+        m = mujoco.MjModel.from_xml_string(loaded(0.02, 1e-4, 20, second, ends))
         m.opt.timestep = share * limit
         d = mujoco.MjData(m)
         mujoco.mj_forward(m, d)
-        d.qfrc_applied[0] = -d.qfrc_actuator[0]  # balances the pretension
+        d.qfrc_applied[0] = -pull
         d.qvel[0] = 1e-6
         swing = np.empty(60)
         for i in range(swing.size):
@@ -175,6 +179,7 @@ def test_a_pulley_at_rest_is_stable_below_the_limit_only(
         gain[share] = np.abs(swing).max() / 1e-6
     assert gain[0.9] < 10.0
     assert gain[1.1] > 1e4
+    assert gain[30.0] < 2.0
 
 
 def test_a_cable_that_nothing_holds_is_one_spring() -> None:
@@ -230,9 +235,15 @@ def test_too_long_a_step_is_warned_of_once_unless_it_is_mended_after_loading(
     tmp_path: Path,
 ) -> None:
     scene = tmp_path / "scene.xml"
-    scene.write_text(loaded(0.02, 1e-4, 20, 0.0).replace("1e-5", "0.004"))
-    mended, (said,) = warnings(tmp_path, (scene, 0.5), (scene, 1.0))
+    text = loaded(0.02, 1e-4, 20, 0.0, "explicit").replace("1e-5", "0.004")
+    scene.write_text(text)
+    implicit = tmp_path / "implicit.xml"
+    implicit.write_text(text.replace("explicit", "auto"))
+    mended, (said,), stable = warnings(
+        tmp_path, (scene, 0.5), (scene, 1.0), (implicit, 10.0)
+    )
     assert not mended
+    assert not stable
     for part in ("'one'", "proximal end", "below 3.123 ms", "is 4.000 ms", "armature"):
         assert part in said
 
@@ -241,4 +252,6 @@ def test_the_scenes_are_not_warned_of(tmp_path: Path) -> None:
     paths = [scene_path(name) for name in ("wrist", "ankle", "finger", "bench")]
     usual = warnings(tmp_path, *((path, 1.0) for path in paths))
     assert usual == [[]] * 4
-    assert all(warnings(tmp_path, *((path, 40.0) for path in paths)))
+    # The ends of the others are implicit then.
+    ((said,),) = warnings(tmp_path, (scene_path("finger"), 40.0))
+    assert "its open path is stable only" in said

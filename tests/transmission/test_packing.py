@@ -41,6 +41,8 @@ def test_parameters_fill_their_vector_once(n: int) -> None:
             packing.LENGTH,
             packing.GUIDED,
             packing.LENGTHENS,
+            packing.YIELD_PROXIMAL,
+            packing.YIELD_DISTAL,
         ]
     ]
     rows = [packing.scalars(prm), flags, *(row(prm, n) for row in ROWS_OF_PARAMETERS)]

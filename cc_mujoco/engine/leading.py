@@ -1,0 +1,257 @@
+"""How a cable is led along its path, compiled: of the callbacks of the engine plugin.
+
+Functions that other callbacks call by name, so that they are compiled once each.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import cfunc
+
+from cc_mujoco.engine import config, ends, fields, path, pieces
+from cc_mujoco.engine.block import (
+    DISTAL,
+    FOLLOWS,
+    FRESH,
+    GUIDED,
+    INSTANCE,
+    KNOWN,
+    MOUTH,
+    PROXIMAL,
+    REFERENCE,
+    REFERRED,
+    ROUTE,
+    SCRATCH,
+    SEGMENTS,
+    TIED,
+    memory,
+    new_at,
+    opens,
+    parameters_at,
+    pulls_at,
+    scratch_at,
+    shape_at,
+)
+from cc_mujoco.engine.memory import (
+    evaluate_bodies,
+    evaluate_tendons,
+    export,
+    floats,
+    internal,
+    load_word,
+    store_word,
+    types,
+)
+from cc_mujoco.transmission import kernel, packing
+from cc_mujoco.transmission.parameters import MAX_SECTIONS
+
+_FOLLOW = types.void(types.intp, types.intp, types.intp, types.intp)
+_LAY = types.void(types.intp, types.intp, types.intp)
+_PULL = _REFER = types.void(types.intp, types.intp, types.intp)
+_SURVEY = types.void(types.intp, types.intp, types.intp, types.intp, types.intp)
+follow = types.ExternalFunction("cc_mujoco_follow", _FOLLOW)
+lay = types.ExternalFunction("cc_mujoco_lay", _LAY)
+pull = types.ExternalFunction("cc_mujoco_pull", _PULL)
+refer = types.ExternalFunction("cc_mujoco_refer", _REFER)
+_survey = types.ExternalFunction("cc_mujoco_survey", _SURVEY)
+
+
+@internal
+def _equal(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> bool:
+    """Whether two arrays hold the same numbers."""
+    for i in range(a.size):
+        if a[i] != b[i]:
+            return False
+    return True
+
+
+@internal
+def _exchange_mocap(
+    model: int, data: int, held: npt.NDArray[np.float64], back: bool
+) -> None:
+    """Put mocap bodies where they are at the start, or back from `held`."""
+    for body in range(fields.bodies(model)):
+        place = fields.integer(model, fields.BODY_MOCAP, body)
+        if place < 0:
+            continue
+        position = floats(load_word(data + fields.MOCAP_POS) + 24 * place, 3)
+        turn = floats(load_word(data + fields.MOCAP_QUAT) + 32 * place, 4)
+        if back:
+            position[:] = held[body, :3]
+            turn[:] = held[body, 3:]
+            continue
+        held[body, :3] = position
+        held[body, 3:] = turn
+        position[:] = floats(load_word(model + fields.BODY_POS) + 24 * body, 3)
+        turn[:] = floats(load_word(model + fields.BODY_QUAT) + 32 * body, 4)
+
+
+def compile_leading(stamp: str, options: dict[str, Any]) -> None:
+    """Compile these functions; arguments as `callbacks.compile_callbacks` uses them."""
+
+    @cfunc(_SURVEY, **options)
+    def survey_path(block: int, model: int, data: int, state: int, shape: int) -> None:
+        """Measure the open path at the last position, as seen from a state.
+
+        `state` is 0 where the path is that of `qpos0` itself, which is not known yet.
+        """
+        _ = stamp
+        n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
+        tendon, size = load_word(block + ROUTE), pieces.shape_size(n)
+        seen = floats(shape, size)
+        reference = floats(shape_at(block, n, REFERENCE), size)
+        before = memory(state, n) if state != 0 else np.zeros(pieces.memory_size(n))
+        points, reach = pieces.survey(
+            model, data, tendon, load_word(block + MOUTH), guided, n, before, reference,
+            seen,
+        )  # fmt: skip
+        if state == 0:
+            return
+        pieces.angles(seen, n)[:guided] = pieces.angles(reference, n)[:guided]
+        pieces.contacts(seen, n)[:guided] = pieces.contacts(reference, n)[:guided]
+        if load_word(block + FOLLOWS) == 1:
+            length = fields.real(data, fields.TEN_LENGTH, tendon) - reach
+            inside = pieces.contacts(reference, n)[:guided]
+            path.bend(model, data, tendon, points, length, inside, seen[:guided])
+
+    export("cc_mujoco_survey", survey_path.address)
+
+    @cfunc(_REFER, **options)
+    def refer_path(block: int, model: int, data: int) -> None:
+        """Measure the open path in the pose `qpos0` and make its mesh."""
+        _ = stamp
+        n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
+        nq = fields.positions(model)
+        present, rest = (
+            load_word(data + fields.POSITION),
+            load_word(model + fields.REST),
+        )
+        kept = floats(present, nq).copy()
+        floats(present, nq)[:] = floats(rest, nq)
+        held = np.empty((fields.bodies(model), 7))
+        _exchange_mocap(model, data, held, False)
+        evaluate_bodies(model, data)
+        evaluate_tendons(model, data)
+        size = pieces.shape_size(n)
+        reference = floats(shape_at(block, n, REFERENCE), size)
+        reference[:] = 0.0
+        _survey(block, model, data, 0, shape_at(block, n, REFERENCE))
+        floats(present, nq)[:] = kept
+        _exchange_mocap(model, data, held, True)
+        evaluate_bodies(model, data)
+        evaluate_tendons(model, data)
+
+        values = np.empty(config.SCALARS)
+        sections = np.empty((MAX_SECTIONS, 2))
+        attributes = fields.attributes(model, load_word(block + INSTANCE))
+        _, count = config.read(attributes, values, sections)
+        prm = floats(parameters_at(block), kernel.parameter_size(n))
+        angles, contacts = kernel.segment_angles(prm, n), packing.contact_length(prm, n)
+        lengths = packing.node_length(prm, n)
+        lengths[:] = 0.0
+        if guided > 0:
+            inside = np.empty(kernel.parameter_size(guided))
+            kernel.pack(values, sections[:count], guided, inside)
+            pieces.angles(reference, n)[:guided] = kernel.segment_angles(inside, guided)
+            pieces.contacts(reference, n)[:guided] = packing.contact_length(
+                inside, guided
+            )
+            lengths[: guided + 1] = packing.node_length(inside, guided)
+        outside = pieces.lengths(reference, n)
+        for i in range(guided + 1 if guided > 0 else 0, n + 1):
+            lengths[i] = max(outside[i], pieces.SHORTEST)
+        angles[:] = pieces.angles(reference, n)
+        contacts[:] = pieces.contacts(reference, n)
+        prm[packing.LENGTH] = lengths.sum()
+        prm[packing.GUIDED] = guided
+        kernel.pack_mesh(values, n, prm)
+        kernel.expect_change(prm)
+        kernel.expect_lengthening(prm)
+        store_word(block + KNOWN, 0)
+        store_word(block + REFERRED, 1)
+
+    export("cc_mujoco_refer", refer_path.address)
+
+    @cfunc(_LAY, **options)
+    def lay_path(block: int, shape: int, state: int) -> None:
+        """Give the packed segments the path at an address, as seen from a state."""
+        _ = stamp
+        n = load_word(block + SEGMENTS)
+        prm = floats(parameters_at(block), kernel.parameter_size(n))
+        wanted, present = floats(shape, n), kernel.segment_angles(prm, n)
+        differs = not _equal(wanted, present)
+        if opens(block):
+            size = pieces.shape_size(n)
+            path_now = floats(shape, size)
+            reference = floats(shape_at(block, n, REFERENCE), size)
+            gained = floats(scratch_at(block, n), n + 1)
+            contacts = packing.contact_length(prm, n)
+            pieces.lengthen(path_now, reference, memory(state, n), n, gained)
+            if not _equal(gained, packing.lengthening(prm, n)):
+                packing.lengthening(prm, n)[:] = gained
+                store_word(block + KNOWN, 0)
+            if not _equal(pieces.contacts(path_now, n), contacts):
+                contacts[:] = pieces.contacts(path_now, n)
+                differs = True
+        if differs:
+            kernel.rebend(prm, n, wanted)
+            store_word(block + KNOWN, 0)
+
+    export("cc_mujoco_lay", lay_path.address)
+
+    @cfunc(_FOLLOW, **options)
+    def follow_path(block: int, model: int, data: int, state: int) -> None:
+        """Lead the cable along its path at the last position, from a state."""
+        _ = stamp
+        tendon = load_word(block + ROUTE)
+        if tendon < 0:
+            return
+        n = load_word(block + SEGMENTS)
+        now = shape_at(block, n, 0)
+        if opens(block):
+            if load_word(block + REFERRED) == 0:
+                refer(block, model, data)
+            _survey(block, model, data, state, now)
+        else:
+            points = fields.integer(data, fields.TEN_WRAPNUM, tendon)
+            length = fields.real(data, fields.TEN_LENGTH, tendon)
+            prm = floats(parameters_at(block), kernel.parameter_size(n))
+            inside = packing.contact_length(prm, n)
+            path.bend(model, data, tendon, points, length, inside, floats(now, n))
+        lay(block, now, state)
+
+    export("cc_mujoco_follow", follow_path.address)
+
+    @cfunc(_PULL, **options)
+    def pull_path(block: int, model: int, data: int) -> None:
+        """Pull with the pieces of an open cable, as last evaluated."""
+        _ = stamp
+        n, nv = load_word(block + SEGMENTS), fields.dofs(model)
+        target = load_word(data + fields.PASSIVE)
+        last = floats(pulls_at(block, n), nv)
+        forces = floats(scratch_at(block, n), nv)
+        forces[:] = 0.0
+        tied = 0.0
+        for end in (PROXIMAL, DISTAL):
+            if load_word(block + TIED + end - PROXIMAL) != 0:
+                output = load_word(block + end)
+                tied += fields.force(data, output) * ends.gear(model, output)
+        node = new_at(block, n) + 8 * kernel.STATE_HEADER
+        pieces.pull(
+            model, data, load_word(block + ROUTE), load_word(block + MOUTH),
+            floats(shape_at(block, n, 0), pieces.shape_size(n)), n,
+            load_word(block + GUIDED), floats(node, n + 1), tied, block + SCRATCH,
+            forces.ctypes.data,
+        )  # fmt: skip
+        passive = floats(target, nv)
+        if load_word(block + FRESH) == 0:
+            # MuJoCo evaluates the actuators again, alone.
+            passive -= last
+        passive += forces
+        last[:] = forces
+        store_word(block + FRESH, 0)
+
+    export("cc_mujoco_pull", pull_path.address)

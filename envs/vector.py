@@ -250,7 +250,8 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         """A fresh `info` as Gymnasium batches it: arrays and a mask for each."""
         info: dict[str, Any] = {}
         columns |= zip(REWARDS, terms, strict=True)
-        for name, value in columns.items():
+        masks = np.ones((len(columns), self.num_envs), dtype=np.bool_)
+        for (name, value), mask in zip(columns.items(), masks, strict=True):
             info[name] = np.array(value)
-            info[f"_{name}"] = np.ones(self.num_envs, dtype=np.bool_)
+            info[f"_{name}"] = mask
         return info

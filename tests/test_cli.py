@@ -23,6 +23,7 @@ from cc_mujoco.commands.parsing import COMMANDS
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.figures import figure
 from cc_mujoco.recording import FILES, EpisodeLog
+from engine.processes import processes
 
 # Where the package was imported from; tests run in another folder.
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
@@ -80,7 +81,7 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
 def test_play_has_the_sensors_that_its_controllers_need(
     scene: str, law: str, tmp_path: Path
 ) -> None:
-    words = ["play", scene, "--controller", law, "--duration", "0.2", "--out", "here"]
+    words = ["play", scene, "--controller", law, "--duration", "0.05", "--out", "here"]
     assert cli.main(words) == 0
     about = EpisodeLog.read(tmp_path / "here" / "log.parquet").metadata
     assert about["controller"] == law
@@ -149,33 +150,34 @@ def test_old_results_stay_until_new_ones_are_complete(
     assert after["log.parquet"] != before["log.parquet"]
 
 
-@pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
-)
-def test_signals_leave_nothing(number: int, code: int, tmp_path: Path) -> None:
-    program = (
-        # A test run started in the background hands down an ignored SIGINT.
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "import sys; from cc_mujoco import cli, recording; play = recording.play\n"
-        "def told(*a, **k): print('playing', flush=True); return play(*a, **k)\n"
-        "recording.play = told\n"
-        "sys.exit(cli.main(['play', 'wrist', '--duration', '600']))"
-    )
-    process = subprocess.Popen(
-        [sys.executable, "-c", program],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=ENVIRONMENT,
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "playing\n"
-    time.sleep(0.5)
-    process.send_signal(number)
-    _, said = process.communicate(timeout=20)
-    assert process.returncode == code
-    assert "Traceback" not in said
-    assert list(tmp_path.iterdir()) == []
+PLAYING = """
+# A test run started in the background hands down an ignored SIGINT.
+import signal; signal.signal(signal.SIGINT, signal.default_int_handler)
+import os, sys, threading
+import gymnasium, tqdm
+from cc_mujoco import cli, recording
+play = recording.play
+def told(*given, **named):
+    threading.Timer(0.5, os.kill, (os.getpid(), NUMBER)).start()
+    return play(*given, **named)
+recording.play = told
+"""
+SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143}
+
+
+def test_signals_leave_nothing(tmp_path: Path) -> None:
+    play = "sys.exit(cli.main(['play', 'wrist', '--duration', '600']))"
+    scripts = {
+        signal.Signals(number).name: f"NUMBER = {int(number)}\n{play}"
+        for number in SIGNALS
+    }
+    ended = processes(PLAYING, scripts, tmp_path)
+    for (code, said, folder), expected in zip(
+        ended.values(), SIGNALS.values(), strict=True
+    ):
+        assert code == expected, said
+        assert "Traceback" not in said
+        assert {path.name for path in folder.iterdir()} == {"said", "code"}
 
 
 def test_sentences_where_only_ascii_can_be_shown() -> None:
@@ -251,23 +253,46 @@ def command(*words: str, **how: Any) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", program, *words], **settings)
 
 
-@pytest.mark.parametrize("words", [[], *([name] for name in COMMANDS)])
-def test_help_reads_well_and_loads_nothing_that_takes_long(words: list[str]) -> None:
-    program = (
-        "import sys; from cc_mujoco import cli\n"
-        f"try: cli.main([*{words}, '--help'])\n"
-        "except SystemExit as stop: assert not stop.code\n"
-        "slow = {'gymnasium', 'matplotlib', 'mujoco', 'numba', 'numpy', 'pyarrow',\n"
-        "    'rerun', 'scipy', 'tqdm'}\n"
-        "assert not slow & set(sys.modules)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, env=ENVIRONMENT
-    )
+HELP = """
+import contextlib, io, json, sys
+from cc_mujoco import cli
+slow = {'gymnasium', 'matplotlib', 'mujoco', 'numba', 'numpy', 'pyarrow', 'rerun',
+    'scipy', 'tqdm'}
+found = {}
+for words in WORDS:
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said):
+            cli.main([*words, '--help'])
+    except SystemExit as stop:
+        assert not stop.code
+    loaded = sorted(slow & set(sys.modules))
+    found[' '.join(words)] = {'said': said.getvalue(), 'loaded': loaded}
+print(json.dumps(found))
+"""
+
+
+@pytest.fixture(scope="module")
+def helps() -> dict[str, dict[str, Any]]:
+    """By command, what its help says, and what had been loaded for it by then."""
+    every = [[], *([name] for name in COMMANDS)]
+    program = HELP.replace("WORDS", repr(every))
+    words = [sys.executable, "-c", program]
+    done = subprocess.run(words, capture_output=True, text=True, env=ENVIRONMENT)
     assert done.returncode == 0, done.stderr
-    assert "--help" in done.stdout
+    found: dict[str, dict[str, Any]] = json.loads(done.stdout)
+    return found
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_reads_well_and_loads_nothing_that_takes_long(
+    command: str, helps: dict[str, dict[str, Any]]
+) -> None:
+    said = helps[command]["said"]
+    assert helps[command]["loaded"] == []
+    assert "--help" in said
     for nonsense in ("None", "False", "default: )", "{None", "`module:function`"):
-        assert nonsense not in done.stdout
+        assert nonsense not in said
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -374,33 +399,28 @@ def test_a_command_runs_again_into_its_own_folder(name: str, tmp_path: Path) -> 
         assert cli.main([*RUNS[name][0], "--out", "runs"]) == 0
 
 
-LIMITED = """
-import resource, sys
-from cc_mujoco import cli
-from cc_mujoco.recording import episode
-write = episode.write_episode
-def limited(*arguments):
-    resource.setrlimit(resource.RLIMIT_FSIZE, (most, -1))
-    return write(*arguments)
-episode.write_episode = limited
-import cc_mujoco.recording
-cc_mujoco.recording.write_episode = limited
-for most in (1000, 400_000):
-    code = cli.main(["play", "wrist", "--duration", "0.3", "--out", "out"])
-    assert code == 2, code
-"""
+@pytest.mark.usefixtures("undrawn")
+def test_a_file_that_cannot_grow_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    resource = pytest.importorskip("resource")
+    write = recording.write_episode
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for most, file in ((1000, "log.parquet"), (400_000, "recording.rrd")):
 
+        def limited(*given: Any, most: int = most) -> Any:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+            try:
+                return write(*given)
+            finally:
+                resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
-def test_a_file_that_cannot_grow_is_named(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", LIMITED], capture_output=True, text=True, env=ENVIRONMENT
-    )
-    assert done.returncode == 0, done.stderr
-    said = done.stderr.splitlines()
-    assert len(said) == 2
-    for line, file in zip(said, ("log.parquet", "recording.rrd"), strict=True):
-        assert f"cannot write {tmp_path}/out/{file}: " in line
-    assert list(tmp_path.iterdir()) == []
+        monkeypatch.setattr(recording, "write_episode", limited)
+        words = ["play", "wrist", "--duration", "0.3", "--out", "out"]
+        assert cli.main(words) == 2
+        (said,) = capsys.readouterr().err.splitlines()
+        assert f"cannot write {tmp_path}/out/{file}: " in said
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_an_unwritable_folder_is_refused_before_the_simulation(

@@ -38,7 +38,7 @@ from cc_mujoco.recording import play as record
 from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS, Measuring, Sensing
 from control.policies import Linear, saved
 
-SHORT = Cell("wrist", "stiction", "sine", "spring", seeds=(0, 1), duration=1.2)
+SHORT = Cell("wrist", "stiction", "sine", "spring", seeds=(0, 1), duration=1.05)
 
 
 def readings(sensing: Sensing, seeds: tuple[int, ...], steps: int = 30) -> list[Any]:
@@ -78,7 +78,7 @@ def test_a_policy_scores_as_in_its_environment_where_sensors_are_perfect(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     name = DEVICES[scene].environment
-    env = gymnasium.make(name, trajectory=trajectory, task=task, duration=1.2)
+    env = gymnasium.make(name, trajectory=trajectory, task=task, duration=1.05)
     most = env.observation_space.high
     weights = np.array([0.3, -0.5, 0.2, -0.1, -4.0, 4.0, 0.1, -0.1])[: most.size]
     policy = Linear(env.observation_space, weights / most)
@@ -94,7 +94,7 @@ def test_a_policy_scores_as_in_its_environment_where_sensors_are_perfect(
         errors.append(np.sqrt(np.mean(np.square(error[500:]))))
     env.close()
     path = saved(policy, tmp_path / "policy.zip", monkeypatch)
-    cell = Cell(scene, path, trajectory, task, (2, 5), 1.2, sensing=PERFECT)
+    cell = Cell(scene, path, trajectory, task, (2, 5), 1.05, sensing=PERFECT)
     assert play(cell).scores["rms_error"] == pytest.approx(errors, rel=1e-9)
 
 
@@ -211,7 +211,7 @@ def test_a_seed_scores_the_same_alone_and_among_others() -> None:
 def test_recording_changes_nothing_and_is_whole() -> None:
     seen = play(dataclasses.replace(SHORT, seeds=(0,)), record=True)
     assert seen.log is not None
-    assert len(seen.log) == 1201
+    assert len(seen.log) == 1051
     assert np.array_equal(
         seen.log["joint_torque_nm"][::10], seen.trace["joint_torque_nm"]
     )
@@ -239,7 +239,7 @@ def test_a_cell_whose_model_is_right_is_the_episode_that_is_recorded(law: str) -
 def test_run_resumes_and_repeats_byte_for_byte_in_any_number_of_processes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = Plan(("wrist",), ("none", "stiction"), ("sine",), ("spring",), 2, 1.1)
+    plan = Plan(("wrist",), ("none", "stiction"), ("sine",), ("spring",), 2, 1.05)
     fresh: list[bool] = []
     first = run(plan, tmp_path / "a", finished=lambda _, now: fresh.append(now))
     again = run(plan, tmp_path / "a", finished=lambda _, now: fresh.append(now))
@@ -255,7 +255,7 @@ def test_run_resumes_and_repeats_byte_for_byte_in_any_number_of_processes(
         one, two = ((tmp_path / name / file).read_bytes() for name in ("a", "b"))
         assert one == two
     assert (tmp_path / "a" / "wrist-pareto.png").stat().st_size > 10_000
-    longer = dataclasses.replace(plan, controllers=("none",), duration=1.3)
+    longer = dataclasses.replace(plan, controllers=("none",), duration=1.1)
     run(longer, tmp_path / "a", finished=lambda _, now: fresh.append(now))
     assert fresh[4:] == [True]
 
@@ -276,7 +276,7 @@ def test_a_cell_of_other_code_is_played_again_and_told(
         "    gain = helper.gain()\n"
         "    return lambda seen: gain * seen['desired_torque_nm']\n"
     )
-    plan = Plan(("wrist",), ("none", "mine:make"), ("sine",), ("spring",), 1, 1.1)
+    plan = Plan(("wrist",), ("none", "mine:make"), ("sine",), ("spring",), 1, 1.05)
     said: list[str] = []
     errors = []
     for gain in ("0.0", "0.0", "0.2"):

@@ -133,7 +133,7 @@ def test_new_controller_of_the_readme_enters_with_the_command_beside_it(
     monkeypatch.delitem(sys.modules, "my_controller", raising=False)
     for stem in FIGURES:  # what it scores is drawn as all else is
         monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
-    short = "--trajectories sine --tasks spring --seeds 1 --duration 1.1 --workers 1"
+    short = "--trajectories sine --tasks spring --seeds 1 --duration 1.05 --workers 1"
     program, *words = f"{command} {short}".split()
     assert program == "cc-mujoco"
     assert cli.main(words) == 0

@@ -84,10 +84,10 @@ def test_rendering_shows_the_pose_and_does_not_touch_the_simulation() -> None:
 
 
 def test_random_actions_stay_finite_and_inside_the_spaces(name: str) -> None:
-    env = gymnasium.make(name, duration=0.5)
+    env = gymnasium.make(name, duration=0.25)
     random = np.random.default_rng(2)
     env.reset(seed=0)
-    for _ in range(1200):
+    for _ in range(600):
         action = random.uniform(-1, 1, 1).astype(np.float32)
         observation, reward, terminated, truncated, info = env.step(action)
         assert observation in env.observation_space
@@ -138,7 +138,7 @@ def test_info_is_a_fresh_log_row_of_floats_and_own_arrays(name: str) -> None:
 def test_info_agrees_with_the_engine(name: str) -> None:
     env = gymnasium.make(name, duration=0.4)
     model, data = env.unwrapped.model, env.unwrapped.data
-    info = roll(env, 300)[-1][-1]
+    info = roll(env, 150)[-1][-1]
     for cable in cables_of(env):
         reading = engine.read(model, data, cable)
         assert info[f"tension_{cable}_proximal_n"] == reading.tension_proximal
@@ -154,7 +154,7 @@ def test_info_agrees_with_the_engine(name: str) -> None:
 
 
 def test_joint_torque_of_the_wrist_is_radius_times_tension_difference() -> None:
-    for row in roll(gymnasium.make(WRIST, duration=0.4), 300):
+    for row in roll(gymnasium.make(WRIST, duration=0.4), 150):
         info = row[-1]
         pull = info["tension_flexor_distal_n"] - info["tension_extensor_distal_n"]
         assert info["joint_torque_nm"] == pytest.approx(0.104 * pull, abs=1e-12)
@@ -206,15 +206,22 @@ def test_observations_are_the_documented_columns(name: str) -> None:
     assert env.observation_space.shape == observation.shape
 
 
-def test_the_gait_phase_of_the_ankle_runs_with_the_walk() -> None:
+@pytest.fixture(scope="module")
+def walked() -> tuple[gymnasium.Env[Any, Any], list[Any]]:
+    """The ankle, and what came back of two steps and more."""
     env = gymnasium.make(ANKLE, duration=3.0)
-    unwrapped = env.unwrapped
-    steps = 2500
-    seen = np.array([row[0][6:] for row in roll(env, steps)])
+    return env, roll(env, 2500)
+
+
+def test_the_gait_phase_of_the_ankle_runs_with_the_walk(
+    walked: tuple[gymnasium.Env[Any, Any], list[Any]],
+) -> None:
+    env, rows = walked
+    seen = np.array([row[0][6:] for row in rows])
     angle = np.unwrap(np.arctan2(seen[:, 0], seen[:, 1]))
     period = TRAJECTORIES["walk"].period  # type: ignore[attr-defined]
     late = angle[-1] - angle[-501]
-    assert late == pytest.approx(2 * np.pi * 500 * unwrapped.exo.period / period)
+    assert late == pytest.approx(2 * np.pi * 500 * env.unwrapped.exo.period / period)
 
 
 def test_an_action_is_a_torque_of_the_motor(name: str) -> None:
@@ -272,17 +279,17 @@ def test_a_start_away_from_the_middle_strains_no_cable(tmp_path: Path) -> None:
 
 
 def test_equal_seeds_give_equal_episodes_and_others_do_not(name: str) -> None:
-    make = {"trajectory": "multisine", "duration": 0.3}
+    make = {"trajectory": "multisine", "duration": 0.15}
     a, b = gymnasium.make(name, **make), gymnasium.make(name, **make)
-    first = roll(a, 300, seed=4)
-    assert same(first, roll(b, 300, seed=4))
-    assert same(first, roll(a, 300, seed=4)), "something of the first episode stayed"
-    other = roll(b, 300, seed=5)
+    first = roll(a, 150, seed=4)
+    assert same(first, roll(b, 150, seed=4))
+    assert same(first, roll(a, 150, seed=4)), "something of the first episode stayed"
+    other = roll(b, 150, seed=5)
     assert not same(first, other)
 
 
 def test_episodes_of_one_seed_differ_where_the_trajectory_is_random() -> None:
-    env = gymnasium.make(WRIST, trajectory="multisine", duration=2.0)
+    env = gymnasium.make(WRIST, trajectory="multisine", duration=0.2)
     ends = []
     for seed in (4, None, None):
         env.reset(seed=seed)
@@ -341,7 +348,7 @@ def test_the_frame_skip_is_the_control_period(name: str, frame_skip: int) -> Non
 def test_every_trajectory_and_every_task_plays(
     name: str, trajectory: str, task: str
 ) -> None:
-    env = gymnasium.make(name, trajectory=trajectory, task=task, duration=0.3)
+    env = gymnasium.make(name, trajectory=trajectory, task=task, duration=0.15)
     law = CONTROLLERS["pi"](env.unwrapped.drive)
     _, info = env.reset(seed=1)
     truncated = False
@@ -386,9 +393,11 @@ def test_the_other_motor_of_the_exosuit_helps_the_push_off_by_itself() -> None:
     assert env.unwrapped.exo.device.driven == ("thigh",)
 
 
-def test_hip_and_knee_walk_along() -> None:
-    env = gymnasium.make(ANKLE, duration=3.0)
-    qpos = np.array([row[-1]["qpos"] for row in roll(env, 2500)])
+def test_hip_and_knee_walk_along(
+    walked: tuple[gymnasium.Env[Any, Any], list[Any]],
+) -> None:
+    env, rows = walked
+    qpos = np.array([row[-1]["qpos"] for row in rows])
     model = env.unwrapped.model
     hip, knee = (qpos[:, model.joint(name).qposadr[0]] for name in ("hip", "knee"))
     assert np.ptp(hip) > 0.5
@@ -401,7 +410,7 @@ def test_hip_and_knee_walk_along() -> None:
 def test_feedback_tracks_better_than_none(name: str, low: float, high: float) -> None:
     errors = {}
     for law in ("none", "pi"):
-        env = gymnasium.make(name, task="transparent", duration=2.0)
+        env = gymnasium.make(name, task="transparent", duration=1.0)
         drive = CONTROLLERS[law](env.unwrapped.drive)
         _, info = env.reset(seed=0)
         squares, truncated = [], False

@@ -60,19 +60,19 @@ def march(a: VectorEnv, b: VectorEnv, steps: int) -> int:
 def test_it_equals_sync_through_autoresets(
     name: str, trajectory: str, threads: int
 ) -> None:
-    a, b = pair(name, threads, trajectory=trajectory, duration=0.02)
+    a, b = pair(name, threads, trajectory=trajectory, duration=0.01)
     equal(a.reset(seed=3), b.reset(seed=3))
-    assert march(a, b, 70) == 3 * COUNT
+    assert march(a, b, 36) == 3 * COUNT
     equal(a.reset(seed=[7, None, 1, 1, 2**31]), b.reset(seed=[7, None, 1, 1, 2**31]))
-    march(a, b, 30)
+    march(a, b, 15)
     equal(a.reset(), b.reset())
-    march(a, b, 10)
+    march(a, b, 5)
 
 
 def test_it_equals_sync_over_a_long_episode(name: str) -> None:
-    a, b = pair(name, duration=0.9, frame_skip=9)
+    a, b = pair(name, duration=0.45, frame_skip=9)
     equal(a.reset(seed=0), b.reset(seed=0))
-    assert march(a, b, 210) == COUNT
+    assert march(a, b, 105) == COUNT
 
 
 def test_it_equals_sync_where_episodes_end_apart(

@@ -63,7 +63,7 @@ def test_a_video_lasts_as_long_as_the_episode(
     name: str, wrapper: Any, frame_skip: int, tmp_path: Path
 ) -> None:
     env = gymnasium.make(
-        name, duration=0.8, frame_skip=frame_skip, render_mode="rgb_array"
+        name, duration=0.5, frame_skip=frame_skip, render_mode="rgb_array"
     )
     film = wrapper(env, str(tmp_path / "video"), episode_trigger=lambda episode: True)
     for _ in range(2):
@@ -75,12 +75,12 @@ def test_a_video_lasts_as_long_as_the_episode(
     assert len(Clip.written) == 2
     rate = min(30.0, 1.0 / (0.0005 * frame_skip))
     for clip in Clip.written:
-        assert clip.seconds == pytest.approx(0.8, abs=1.5 / rate)
+        assert clip.seconds == pytest.approx(0.5, abs=1.5 / rate)
         shown = {id(frame) for frame in clip.frames}
-        assert len(shown) == pytest.approx(0.8 * rate, abs=2)
-    assert Counting.taken == pytest.approx(1.6 * rate, abs=4)
+        assert len(shown) == pytest.approx(0.5 * rate, abs=2)
+    assert Counting.taken == pytest.approx(1.0 * rate, abs=4)
     if wrapper is RecordVideo:
-        assert len(Clip.written[0].frames) == pytest.approx(0.8 * rate, abs=2)
+        assert len(Clip.written[0].frames) == pytest.approx(0.5 * rate, abs=2)
 
 
 def test_a_new_episode_and_a_second_look_are_drawn_anew(name: str) -> None:

@@ -34,7 +34,7 @@ VARY = {
     "motor_radius": [0.02, 0.03],
     "motor_torque": "0.05,1",
 }
-SHORT: dict[str, Any] = {"duration": 0.3, "metrics": EPISODE, "trajectory": "sine"}
+SHORT: dict[str, Any] = {"duration": 0.15, "metrics": EPISODE, "trajectory": "sine"}
 
 
 def test_a_row_is_the_recording_of_its_design_bit_for_bit(tmp_path: Path) -> None:
@@ -69,7 +69,7 @@ def test_controllers_that_sense_tension_are_shown_as_measured(
 
 def test_an_ankle_is_shown_as_it_was_measured(tmp_path: Path) -> None:
     vary = {"joint_radius": [0.1, 0.13], "rotor_inertia": [0.005, 0.008]}
-    table = study("ankle", vary, out=tmp_path, duration=0.3, metrics=EPISODE)
+    table = study("ankle", vary, out=tmp_path, duration=0.15, metrics=EPISODE)
     log, _ = show(tmp_path, 3)
     found = measure_episode(log, Builder("ankle").strength({}))
     assert found["tracking_error"] == table["tracking_error"][3].as_py()

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
 import pytest
 from hypothesis import settings
 
@@ -12,6 +17,7 @@ from shared_folder import ABSENT, SHARED
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
+PACKAGE = Path(__file__).parents[1] / "cc_mujoco"
 LONG = (
     "test_reason.py",
     "test_davinci.py",
@@ -36,9 +42,33 @@ LONG = (
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile what is kept on disk once, before workers start that would each do it."""
+    """Compile what is kept on disk once, before workers start that would each do it.
+
+    Not if that was done for these sources: even what is kept takes seconds to load,
+    in which no test runs.
+    """
     if hasattr(config, "workerinput"):
         return
+    cache, now = getattr(config, "cache", None), _sources()
+    if cache is None or cache.get("cc_mujoco/compiled", "") != now:
+        _compile()
+        if cache is not None:
+            cache.set("cc_mujoco/compiled", _sources())
+
+
+def _sources() -> str:
+    """Of what is compiled and by what: versions, and every file's size and time."""
+    digest = hashlib.sha256(sys.version.encode())
+    for name in ("mujoco", "numba", "numpy"):
+        digest.update(version(name).encode())
+    for path in sorted(PACKAGE.rglob("*.py")):
+        about = path.stat()
+        digest.update(f"{path} {about.st_size} {about.st_mtime_ns}".encode())
+    kept = any((PACKAGE / "engine" / "__pycache__").glob("*.nbi"))
+    return digest.hexdigest() if kept else "nothing is kept"
+
+
+def _compile() -> None:
     import gymnasium
 
     import cc_mujoco.envs  # noqa: F401, compiles the plugin

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,8 @@ from cc_mujoco.whatif import carry_out, make_plan
 from cc_mujoco.whatif import cluster as connecting
 from cc_mujoco.whatif.plan import Plan
 
-distributed = pytest.importorskip("distributed")
-
 pytestmark = [
+    pytest.mark.skipif(find_spec("distributed") is None, reason="Dask is not here"),
     pytest.mark.slow,
     pytest.mark.filterwarnings("ignore"),  # of Dask and Tornado, none of ours
 ]
@@ -58,6 +58,8 @@ class Cluster:
         del self.processes[first:]
 
     def client(self) -> Any:
+        import distributed  # takes long, and every worker collects this file
+
         return distributed.Client(scheduler_file=str(self._file), timeout="60s")
 
     def _start(self, module: str, *words: str | Path) -> None:
@@ -106,7 +108,7 @@ def _plan() -> Plan:
     return make_plan(
         "wrist",
         {"friction": "0.05:0.2:8", "loops": [1, 2]},
-        duration=0.4,
+        duration=0.3,
         metrics=("tracking_error", "slack_margin"),
     )
 
@@ -171,26 +173,16 @@ def refusal(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Asked:
     return ask
 
 
-@pytest.mark.parametrize(
-    ("home", "why"),
-    [
-        ("other_code", "differs in the sources of cc_mujoco"),
-        ("no_package", r"cannot import this version of cc_mujoco (it is not here)"),
-    ],
-)
-def test_a_worker_of_other_code_is_refused(
-    home: str,
-    why: str,
-    cluster: Cluster,
-    refusal: Asked,
-    request: pytest.FixtureRequest,
+def test_a_worker_without_the_package_is_refused(
+    cluster: Cluster, refusal: Asked, no_package: Path
 ) -> None:
-    cluster.work(request.getfixturevalue(home))
+    cluster.work(no_package)
+    why = "cannot import this version of cc_mujoco (it is not here)"
     assert why in refusal(cluster.address)
 
 
-def test_a_worker_that_joins_later_is_asked_too(
-    tmp_path: Path, cluster: Cluster, other_code: Path
+def test_a_worker_of_other_code_is_refused_that_joins_later_or_is_there(
+    tmp_path: Path, cluster: Cluster, other_code: Path, refusal: Asked
 ) -> None:
     def join(done: float) -> None:
         if done and len(cluster.processes) == 2:
@@ -201,9 +193,10 @@ def test_a_worker_that_joins_later_is_asked_too(
             finally:
                 cluster.processes[1].send_signal(signal.SIGCONT)
 
-    plan = _plan()
-    with pytest.raises(ValueError, match="differs in the sources of cc_mujoco"):
+    plan, why = _plan(), "differs in the sources of cc_mujoco"
+    with pytest.raises(ValueError, match=why):
         carry_out(plan, tmp_path / "s", scheduler=cluster.address, progress=join)
+    assert why in refusal(cluster.address)
 
 
 def test_the_controller_of_a_worker_is_that_of_the_client(

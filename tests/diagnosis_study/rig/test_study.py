@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from rig import dataset
 from rig.effects import NAMED, UNKNOWN
+from rig.trials import SETS, Trial
 
 KINDS = {"named": NAMED, "unknown": UNKNOWN, "none": ("none",)}
 FEW = ("backlash", "presliding", "joint_gravity")
@@ -123,9 +125,12 @@ def test_every_effect_is_hidden_at_every_strength(seeds: int) -> None:
 
 
 def test_a_case_meets_the_checks_that_the_command_makes(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, shortened: Callable[[Trial, float], Trial]
 ) -> None:
-    whole = dataset.make_dataset
+    whole, rich = dataset.make_dataset, SETS["rich"]
+    monkeypatch.setitem(
+        SETS, "rich", lambda rng: [shortened(trial, 5.0) for trial in rich(rng)]
+    )
 
     def in_other_units(*args: Any) -> list[dict[str, Any]]:
         return [

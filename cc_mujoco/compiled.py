@@ -25,6 +25,7 @@ _CALLS = {
     "engine": ("transmission", "engine"),
     "control": ("transmission", "engine", "control"),
     "predecessors": ("transmission", "engine", "predecessors"),
+    "reproduce/experiments": ("transmission", "engine", "reproduce/experiments"),
 }
 """Parts of the package that are compiled, and those whose code is in theirs."""
 

@@ -11,9 +11,8 @@ import time
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from cc_mujoco.compiled import FloatArray
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, figure
 from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress, at_least
 from cc_mujoco.reproduce.rig import PRINTED
@@ -124,7 +123,7 @@ def run(progress: Progress) -> Outcome:
     )
 
 
-@njit(nogil=True)
+@compiled
 def _step_through(
     prm: FloatArray,
     n: int,

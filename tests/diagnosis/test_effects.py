@@ -19,9 +19,10 @@ backlash pulley_eccentricity motor_cogging cable_stiffening end_compliance
 joint_gravity joint_stiffness joint_inertia motor_inertia torque_sensor_gain
 torque_sensor_offset sensor_delay""".split()
 
-RECORDS, _ = prepare(dataset(duration=2.0), BENCH)
-PLANT = Plant(BENCH, RECORDS, 8)
-VALUES = {p.name: p.start for p in tuned(BENCH, RECORDS, {})}
+
+@pytest.fixture(scope="module")
+def plant() -> Plant:
+    return Plant(BENCH, prepare(dataset(duration=2.0), BENCH)[0], 8)
 
 
 def test_the_library_has_the_ids_that_verdicts_promise() -> None:
@@ -40,16 +41,17 @@ def test_every_term_of_a_cable_can_be_named() -> None:
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_off_is_the_baseline_bit_for_bit_and_on_is_not(name: str) -> None:
+def test_off_is_the_baseline_bit_for_bit_and_on_is_not(name: str, plant: Plant) -> None:
     effect = EFFECTS[name]
-    plain = PLANT.simulate(VALUES)
+    values = {p.name: p.start for p in tuned(BENCH, plant.records, {})}
+    plain = plant.simulate(values)
     off = {
         parameter.name: effect.starts[0][parameter.name] if parameter.low > 0.0 else 0.0
         for parameter in effect.parameters
     }
-    for a, b in zip(plain, PLANT.simulate({**VALUES, **off}, (name,)), strict=True):
+    for a, b in zip(plain, plant.simulate({**values, **off}, (name,)), strict=True):
         assert np.array_equal(a, b)
-    on = PLANT.simulate({**VALUES, **effect.starts[-1]}, (name,))
+    on = plant.simulate({**values, **effect.starts[-1]}, (name,))
     moved = max(float(np.max(np.abs(a - b))) for a, b in zip(plain, on, strict=True))
     assert moved > 1e-4
 

@@ -74,7 +74,7 @@ def model() -> Any:
 
 
 def rerun(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "rerun", "rrd", *map(str, arguments)]
+    command = [sys.executable, "-m", "rerun_cli", "rrd", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 

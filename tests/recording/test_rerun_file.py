@@ -74,7 +74,9 @@ def model() -> Any:
 
 
 def rerun(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "rerun_cli", "rrd", *map(str, arguments)]
+    # `python -m rerun_cli` would drop the exit code.
+    program = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
+    command = [sys.executable, "-c", program, "rrd", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 

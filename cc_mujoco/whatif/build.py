@@ -21,9 +21,7 @@ from numpy.typing import NDArray
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
 from cc_mujoco.devices import DEVICES
-from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.transmission.conduit import end_stiffness
 from cc_mujoco.transmission.parameters import BENDS, KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif.bare import strip
 from cc_mujoco.whatif.variables import Value, read_design
@@ -128,65 +126,18 @@ class Builder:
                     f"must be below the breaking load of {loads[name]:g} N, which "
                     "`strength` sets."
                 )
-        step, limit = float(self.spec.option.timestep), self.stable_step(read)
-        if step >= limit:
-            raise CableError(
-                f"the time step is {1e3 * step:.3g} ms, but the ends of its cables are "
-                f"so stiff that it must be below {1e3 * limit:.3g} ms."
-            )
-        return read
-
-    def stable_step(self, design: Mapping[str, Value]) -> float:
-        """Longest time step at which the explicit force of the cables is stable [s].
-
-        An end of a cable is at its stiffest where only its last segment moves: k is EA
-        over half its length. About a joint of inertia J the ends add up to K = sum of
-        k r^2, and an explicit force is stable below 2 / sqrt(K / J). Where a cable lies
-        open the engine says what its pieces bear.
-        """
         if any(cable.path != PATHS[0] for cable in self.cables.values()):
-            limits = engine.step_limits(self.model(design)).values()
-            return min(min(limit.proximal, limit.distal) for limit in limits)
-        inertia, arms = self._levers
-        inertia = inertia.copy()
-        if "rotor_inertia" in design:
-            motor = self.spec.joint("motor")
-            more = float(design["rotor_inertia"]) - float(motor.armature)
-            inertia[self._dofs["motor"]] += more
-        for joint, more in self._heavier(design).items():
-            inertia[self._dofs[joint]] += more
-        stiffness = np.zeros_like(inertia)
-        for name, cable in self.cables_of(design).items():
-            own = _own(design, name)
-            ends = zip(arms[name], RADII, end_stiffness(cable), strict=True)
-            for arm, key, end in ends:
-                scale = float(own[key]) / np.abs(arm).max() if key in own else 1.0
-                stiffness += end * (scale * arm) ** 2
-        held = stiffness > 0.0
-        return float(np.min(2.0 / np.sqrt(stiffness[held] / inertia[held])))
-
-    @cached_property
-    def _levers(self) -> tuple[Array, dict[str, tuple[Array, Array]]]:
-        """Inertia of each degree of freedom, lever arms of both ends of each cable."""
-        model = self.model({})
-        data = mujoco.MjData(model)
-        mujoco.mj_fwdPosition(model, data)
-        arms = np.zeros((model.nu, model.nv))
-        mujoco.mju_sparse2dense(
-            arms,
-            data.actuator_moment,
-            data.moment_rownnz,
-            data.moment_rowadr,
-            data.moment_colind,
-        )
-        joints = ("motor", self.device.joint)
-        self._dofs = {name: int(model.joint(name).dofadr[0]) for name in joints}
-        found = {}
-        for name, index in instances(model).items():
-            proximal, distal = np.flatnonzero(model.actuator_plugin == index)
-            out = model.actuator_outadr
-            found[name] = arms[out[proximal]], arms[out[distal]]
-        return model.dof_M0.copy(), found
+            # The ends of a cable are implicit where they need it, its pieces are not.
+            limits = engine.step_limits(self.model(read)).values()
+            step = float(self.spec.option.timestep)
+            limit = min(found.pieces for found in limits)
+            if step >= limit:
+                raise CableError(
+                    f"the time step is {1e3 * step:.3g} ms, but the pieces of its "
+                    "cables are so stiff that it must be below "
+                    f"{1e3 * limit:.3g} ms."
+                )
+        return read
 
     def _require_drawn(self, name: str, cable: Cable, own: Mapping[str, Value]) -> None:
         """Refuse to vary what the drawing of a scene decides.

@@ -34,6 +34,7 @@ from cc_mujoco.engine import ends, fields, pieces
 from cc_mujoco.engine.block import (
     AREA,
     DISTAL,
+    EXPLICIT,
     FRESH,
     GUIDED,
     HOLDERS,

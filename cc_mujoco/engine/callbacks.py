@@ -41,6 +41,7 @@ from cc_mujoco.engine.block import (
     CHECKED,
     DISTAL,
     DOFS,
+    EXPLICIT,
     FOLLOWS,
     FRESH,
     GUIDED,
@@ -236,14 +237,6 @@ def _follow_all(model: int, data: int, instance: int) -> None:
 
 
 @internal
-def _implicit(model: int, data: int, instance: int) -> bool:
-    """Whether the ends of a cable are implicit."""
-    if config.explicit(fields.attributes(model, instance)):
-        return False
-    return ahead.implicit(model, fields.block(data, instance))
-
-
-@internal
 def _inputs(block: int) -> tuple[float, float, tuple[float, float], float]:
     """What the last evaluation was of: displacements, how far ends yield, and dt."""
     at = block + INPUTS
@@ -426,6 +419,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         store_word(block + MOUTH, mouth)
         store_word(block + GUIDED, guided)
         store_word(block + REFERRED, 0)
+        store_word(block + EXPLICIT, 1 if config.explicit(attributes) else 0)
         size = config.block_size(attributes)
         if size <= TEXT_CAPACITY:
             copy(attributes, text_at(block, n), size)
@@ -527,7 +521,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         _ = stamp
         longest = np.empty(3)
         _limits(model, data, instance, longest.ctypes.data)
-        if _implicit(model, data, instance):
+        if ahead.implicit(model, fields.block(data, instance)):
             longest[:2] = np.inf
         step, worst = fields.timestep(model), int(np.argmin(longest))
         limit = longest[worst]
@@ -654,7 +648,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             if load_real(block + CHECKED) != fields.timestep(model):
                 store_real(block + CHECKED, fields.timestep(model))
                 _check(model, data, instance)
-            looks = _implicit(model, data, instance)
+            looks = ahead.implicit(model, block)
             store_word(block + LOOKS, 1 if looks else 0)
             if looks and dt > fields.timestep(model):
                 # A later stage of RK4: as the first one.

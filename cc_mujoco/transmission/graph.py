@@ -10,7 +10,11 @@ tells which segments slip, which way, and which nodes are slack, and `chain.py` 
 rest. (Reading the graphs backwards would need no labels, but loses the displacement
 where a graph is flat, and grows errors from segment to segment where drag is stiff.)
 
-This is the dynamic programming of fused-lasso problems (Johnson, J. Comput. Graph.
+Mostly what slips is what slipped in the step before, or nearly: then a few rounds of
+guess, solution and look (policy iteration, Howard 1960) find the same answer without
+the graph, and as there is only one, looking is proof.
+
+The graph is the dynamic programming of fused-lasso problems (Johnson, J. Comput. Graph.
 Stat. 22, 2013) on a friction chain. It costs O(n) to O(n^2) and is needed where
 coefficients change while the cable is loaded or an end is driven by tension; else
 `fronts.py` gives the same answer faster. Here a null point is resolved to a segment,
@@ -23,8 +27,9 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.transmission.chain import lay_slack, slipping, solve
-from cc_mujoco.transmission.fronts import TOLERANCE
+from cc_mujoco.transmission.fronts import TOLERANCE, pushed
 
+_GUESSES = 4
 _LEFT, _HELD, _SLACK = 0, 1, 2
 
 
@@ -132,8 +137,81 @@ def _settle(
 
 
 @compiled
+def _guess(
+    n: int,
+    last: FloatArray,
+    tension: FloatArray,
+    stiffness: FloatArray,
+    growth_distal: FloatArray,
+    growth_proximal: FloatArray,
+    hold_distal: FloatArray,
+    hold_proximal: FloatArray,
+    drag: FloatArray,
+    viscosity: FloatArray,
+    slip_direction: FloatArray,
+    slack: FloatArray,
+    proximal_p: float,
+    proximal_q: float,
+    distal_p: float,
+    distal_q: float,
+    shift: FloatArray,
+    node: FloatArray,
+    lines: FloatArray,
+    work: FloatArray,
+) -> bool:
+    """Solve one step from what slipped in the last one, where nothing is slack.
+
+    Returns:
+        Whether the solution was found; a segment that breaks away is left to the graph.
+    """
+    for i in range(n + 1):
+        if tension[i] <= 0.0:
+            return False
+        slack[i] = 0.0
+    for s in range(n):
+        slip_direction[s] = np.sign(last[s])
+    for _ in range(_GUESSES):
+        _settle(
+            n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
+            slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
+            shift, node, lines, work,
+        )  # fmt: skip
+        right = True
+        for s in range(n):
+            if not (node[s] > 0.0 and node[s + 1] > 0.0):
+                return False
+            way = slip_direction[s]
+            if way == 0.0:
+                now = pushed(
+                    node[s], node[s + 1], hold_distal[s], hold_proximal[s], drag[s]
+                )
+                if now != 0:
+                    slip_direction[s] = now
+                    right = False
+                    if now > 0 and hold_distal[s] != growth_distal[s]:
+                        return False
+                    if now < 0 and hold_proximal[s] != growth_proximal[s]:
+                        return False
+            elif shift[s] * way < 0.0:
+                slip_direction[s] = 0.0
+                right = False
+            elif way > 0.0 and hold_distal[s] != growth_distal[s]:
+                return False
+            elif way < 0.0 and hold_proximal[s] != growth_proximal[s]:
+                return False
+        if right:
+            for s in range(n):
+                load = node[s] + node[s + 1] + drag[s]
+                if abs(shift[s]) * stiffness[s] <= TOLERANCE * load:
+                    shift[s] = 0.0
+            return True
+    return False
+
+
+@compiled
 def sweep(
     n: int,
+    last: FloatArray,
     tension: FloatArray,
     stiffness: FloatArray,
     growth_distal: FloatArray,
@@ -150,18 +228,24 @@ def sweep(
     node: FloatArray,
     work: FloatArray,
 ) -> None:
-    """Solve one step by carrying the graph; arguments as in `fronts.march`.
+    """Solve one step, by carrying the graph if need be; arguments as in `fronts.march`.
 
-    `growth_distal` and `growth_proximal` are E of slip that way, and ends are T =
-    proximal_p + proximal_q w and T = distal_p - distal_q w. `work` holds (11 n + 11,).
-    `hold_distal` and `hold_proximal` are overwritten with E where a segment breaks
-    away.
+    `last` is how each segment slipped in the step before (n,). `growth_distal` and
+    `growth_proximal` are E of slip that way, and ends are T = proximal_p + proximal_q w
+    and T = distal_p - distal_q w. `work` holds (11 n + 11,). `hold_distal` and
+    `hold_proximal` are overwritten with E where a segment breaks away.
     """
     size = 2 * n + 3
     # Knots, and what it means to be left of one, see `_mark`.
     x, y, label = work[:size], work[size : 2 * size], work[2 * size : 3 * size]
     marks, rest = work[3 * size : 3 * size + 2 * n + 1], work[3 * size + 2 * n + 1 :]
     slip_direction, slack = marks[:n], marks[n:]
+    if _guess(
+        n, last, tension, stiffness, growth_distal, growth_proximal, hold_distal,
+        hold_proximal, drag, viscosity, slip_direction, slack, proximal_p, proximal_q,
+        distal_p, distal_q, shift, node, work[: 3 * n], rest,
+    ):  # fmt: skip
+        return
     for _ in range(n + 1):
         proximal, distal = 0.0, proximal_q
         x[0], y[0], label[0] = 0.0, proximal_p, -1.0

@@ -744,8 +744,9 @@ def _solve(
         ):  # fmt: skip
             return
     sweep(
-        n, tension, stiffness, growth, growth_proximal, hold_distal, hold_proximal,
-        drag, viscosity, proximal_p, proximal_q, distal_p, distal_q, shift, node, work,
+        n, at.slips(state, n), tension, stiffness, growth, growth_proximal, hold_distal,
+        hold_proximal, drag, viscosity, proximal_p, proximal_q, distal_p, distal_q,
+        shift, node, work,
     )  # fmt: skip
     if prm[_BRISTLE] > 0.0:
         # No elastic part: bristles keep what they can without new energy.

@@ -31,10 +31,11 @@ def by_march(n, tension, stiffness, growth, drag, proximal, distal):
     return ok, shift, node
 
 
-def by_sweep(n, tension, stiffness, growth, drag, proximal, distal):
-    shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(10 * (n + 1))
+def by_sweep(n, tension, stiffness, growth, drag, proximal, distal, last=None):
+    shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(11 * (n + 1))
+    last = np.zeros(n) if last is None else last
     sweep(
-        n, tension, stiffness, growth, growth, growth.copy(), growth.copy(), drag,
+        n, last, tension, stiffness, growth, growth, growth.copy(), growth.copy(), drag,
         np.zeros(n),
         tension[0] - stiffness[0] * proximal, stiffness[0],
         tension[n] + stiffness[n] * distal, stiffness[n], shift, node, work,
@@ -57,6 +58,21 @@ def test_marching_and_sweeping_agree(seed, n, drag):
         return
     assert np.allclose(node, node_2, rtol=1e-8, atol=1e-8)
     assert np.allclose(shift, shift_2, atol=1e-12)
+
+
+@given(seed=st.integers(0, 2**31), n=st.integers(1, 40))
+@settings(max_examples=200)
+def test_what_slipped_last_changes_no_solution(seed, n):
+    """Neither a wrong guess nor a right one, from inside the friction cone or not."""
+    rng = np.random.default_rng(seed)
+    tension, stiffness, growth, drag, (du, dv) = chain(rng, n, rng.choice([0.0, 0.3]))
+    if rng.random() < 0.5:
+        tension = rng.uniform(1.0, 60.0, n + 1)
+    shift, node = by_sweep(n, tension, stiffness, growth, drag, du, dv)
+    for last in (shift, -shift, rng.normal(size=n), np.full(n, rng.normal())):
+        again = by_sweep(n, tension, stiffness, growth, drag, du, dv, last)
+        assert np.allclose(again[0], shift, rtol=1e-9, atol=1e-12)
+        assert np.allclose(again[1], node, rtol=1e-9, atol=1e-9)
 
 
 @given(seed=st.integers(0, 2**31), n=st.integers(1, 30))

@@ -130,7 +130,9 @@ def implicit(model: int, block: int) -> bool:
     It is where it is more than half of what is stable for an end, by the inertia of the
     pose `qpos0`, so that a pose of less inertia is stable too.
     """
-    if fields.dofs(model) > MOST or (fields.integrator(model) == _RK4 and opens(block)):
+    if load_word(block + EXPLICIT) != 0 or fields.dofs(model) > MOST:
+        return False
+    if fields.integrator(model) == _RK4 and opens(block):
         return False
     step = fields.timestep(model)
     n = load_word(block + SEGMENTS)

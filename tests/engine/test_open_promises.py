@@ -6,6 +6,7 @@ import copy
 from pathlib import Path
 
 import mujoco
+import mujoco.batch
 import mujoco.rollout
 import numpy as np
 import pytest
@@ -218,3 +219,21 @@ def test_a_changed_drawing_counts_from_the_next_reset_on() -> None:
     mujoco.mj_forward(m, d)
     mujoco.mj_step(m, d)
     assert read(m, d, "rope").tension == pytest.approx(9.81, rel=1e-3)
+
+
+@pytest.mark.parametrize("step", [0.0005, 0.003])
+def test_a_batch_steps_as_mujoco_does(path: str, step: float) -> None:
+    """Also where the end at the motor is implicit."""
+    m = limb(path)
+    m.opt.timestep = step
+    controls = np.stack([drive(40, seed=i) for i in range(5)])
+    batch = mujoco.batch.Batch(m, 5, nthread=2)
+    state, ctrl = batch.bind("plugin_state"), batch.bind("ctrl")
+    for i in range(40):
+        ctrl[:, :2] = controls[:, i]
+        batch.step()
+    for row, control in zip(state, controls, strict=True):
+        d = mujoco.MjData(m)
+        run(m, d, control)
+        assert np.array_equal(row, d.plugin_state)
+        assert np.all(np.isfinite(row))

@@ -5,11 +5,11 @@
 On models that Gymnasium brings, and on those of dm_control where it is installed, with
 the torso held and no contacts, so that the cable alone is measured; then free and in
 contact. A motor (`--armature`, drum of 30 mm) pulls each joint by a lever of 50 mm
-through 1 m of cable that wraps half a turn (friction 0.1, 50 segments), at 100 N more or
-less 80 N. Printed are the largest RMS error of an end tension, in percent of its
+through 1 m of cable that wraps half a turn (friction 0.1, 50 segments), at 100 N more
+or less 80 N. Printed are the largest RMS error of an end tension, in percent of its
 largest, and the ratio of what friction took, against a step 32 times shorter, for
-explicit ends and as they are by default; and the time of a step over that of a step with
-explicit ends.
+explicit ends and as they are by default; and the time of a step over that of a step
+with explicit ends.
 """
 
 from __future__ import annotations
@@ -113,7 +113,8 @@ def run(model: Any, case: Case, seconds: float) -> tuple[Any, float, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--armature", type=float, default=2e-4, help="of a motor")
     parser.add_argument("--seconds", type=float, default=2.0)
     options = parser.parse_args()

@@ -11,15 +11,14 @@ method (J. Eng. Mech. Div. 85, 1959) in terms of displacements. At 0.25 h^2 a it
 stable for any stiffness and takes no energy; what is more than that damps what the step
 cannot resolve. RK4 gets the tension of its first stage in all four, then with 0.7 h v:
 under a force that is constant, x goes by h v + h^2 a / 2, which half of h v makes
-stable. All springs of a cable beyond its ends stay explicit, and under RK4 all of an
-open one.
+stable. All springs of a cable beyond its ends stay explicit, under RK4 all of an open
+one, and all under `discrete`, whose constraints are known only after the actuators.
 
 `foresee` solves for a as MuJoCo does: smooth forces, with those of the cables as they
 were, and the constraints that are active at the acceleration of the step before, or,
 tried again, at the one found with them; a friction cone that slips keeps its force. So
 are the dampers that the integrator takes implicitly: those of joints, and, under
-`implicit`, `implicitfast` and `discrete`, those of tendons and of actuators of affine
-gain or bias.
+`implicit` and `implicitfast`, those of tendons and of actuators of affine gain or bias.
 """
 
 from __future__ import annotations
@@ -88,9 +87,9 @@ _EQUALITY = 0
 _FRICTION_DOF, _FRICTION_TENDON, _ELLIPTIC = 1, 2, 7
 _FREE, _SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
-_UNKNOWN, _PLAIN, _CONSTRAINED, _DAMPED, _MERGED = 0, 1, 2, 3, 4
+_UNKNOWN, _PLAIN, _CONSTRAINED, _DAMPED = 0, 1, 2, 3
 """What is known of the step: nothing; the acceleration, by MuJoCo's own factor of the
-inertia; by a factor with constraints; with dampers after them; with both in one."""
+inertia; by a factor with constraints; with dampers after them."""
 
 
 @internal
@@ -132,7 +131,8 @@ def implicit(model: int, block: int) -> bool:
     """
     if load_word(block + EXPLICIT) != 0 or fields.dofs(model) > MOST:
         return False
-    if fields.integrator(model) == _RK4 and opens(block):
+    integrator = fields.integrator(model)
+    if integrator == _DISCRETE or (integrator == _RK4 and opens(block)):
         return False
     step = fields.timestep(model)
     n = load_word(block + SEGMENTS)
@@ -186,11 +186,11 @@ def foresee(model: int, data: int, kind: int, area: int) -> None:
         step = fields.timestep(model)
         for i in range(nv * nv):
             damping[i] = whole[i] + step * damping[i]
-    merged = dampers and integrator == _DISCRETE
-    base = damping if merged else whole
-    _constrain(model, data, count, base, force, floats(factor, nv * nv), found, scratch)
-    if not dampers or merged:
-        store_word(area, _MERGED if merged else _CONSTRAINED)
+    _constrain(
+        model, data, count, whole, force, floats(factor, nv * nv), found, scratch
+    )
+    if not dampers:
+        store_word(area, _CONSTRAINED)
         return
     times_inertia(model, data, scratch.ctypes.data, found.ctypes.data)
     factorise(damped, nv, 0.0)

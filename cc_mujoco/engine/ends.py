@@ -97,6 +97,20 @@ def spatial(model: int, tendon: int) -> bool:
 
 
 @internal
+def _name(message: Bytes, used: int, model: int, actuator: int) -> int:
+    """Add which actuator it is: its name, or its place in the model if it has none.
+
+    Returns:
+        The new length.
+    """
+    used = append(message, used, _ACTUATOR)
+    name = fields.actuator_name(model, actuator)
+    if name.size == 0:
+        return append_integer(message, used, actuator)
+    return quote(message, used, name)
+
+
+@internal
 def explain(message: Bytes, used: int, model: int, instance: int) -> int:
     """Add why the ends of an instance cannot be used; nothing where they can.
 
@@ -111,13 +125,11 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
     for actuator in (first, second):
         fits = _fits(model, actuator)
         if not fits or gear(model, output(model, actuator)) == 0.0:
-            used = append(message, used, _ACTUATOR)
-            used = quote(message, used, fields.actuator_name(model, actuator))
+            used = _name(message, used, model, actuator)
             return append(message, used, _GEAR if fits else _TRANSMISSION)
         limited = fields.byte(model, fields.FORCE_LIMITED, actuator) != 0
         if limited or _unset(model, actuator):
-            used = append(message, used, _ACTUATOR)
-            used = quote(message, used, fields.actuator_name(model, actuator))
+            used = _name(message, used, model, actuator)
             return append(message, used, _FORCE if limited else _METRE)
     return used
 

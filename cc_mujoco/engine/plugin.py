@@ -7,9 +7,11 @@ import hashlib
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import mujoco
 from mujoco.introspect.enums import ENUMS
+from numba.core import event
 
 from cc_mujoco.engine import layout
 from cc_mujoco.engine.callbacks import compile_callbacks
@@ -57,6 +59,12 @@ class _Plugin(ctypes.Structure):
     )
 
 
+def _tell(compiling: Any) -> None:
+    """Say that it takes long, where it is not the machine that is slow."""
+    if compiling.buffer:
+        sys.stderr.write(_NOTICE)
+
+
 def register() -> None:
     """Register the plugin with MuJoCo, once per process.
 
@@ -77,13 +85,17 @@ def register() -> None:
         return
     layout.verify()
     stamp = _stamp()
-    notice = threading.Timer(6.0, sys.stderr.write, (_NOTICE,))
+    # What Numba finds in its cache it does not compile.
+    compiling: Any = event.RecordingListener()  # type: ignore[no-untyped-call]
+    notice = threading.Timer(6.0, _tell, (compiling,))
     notice.daemon = True
     notice.start()
     try:
-        callbacks = compile_callbacks(stamp, cache=True)
-    except RuntimeError:  # Numba finds no folder that it may write its cache to.
-        callbacks = compile_callbacks(stamp, cache=False)
+        with event.install_listener("numba:compile", compiling):
+            try:
+                callbacks = compile_callbacks(stamp, cache=True)
+            except RuntimeError:  # Numba finds no folder for its cache.
+                callbacks = compile_callbacks(stamp, cache=False)
     finally:
         notice.cancel()
     plugin = _Plugin()

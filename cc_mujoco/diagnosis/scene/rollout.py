@@ -104,6 +104,8 @@ def _play(
     joints = list(_driven(model))
     place, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     model.dof_armature[dof] += DRIVE
+    # Where the ends of the cables look ahead follows from what MuJoCo knows of this.
+    model.dof_invweight0[dof] /= 1.0 + DRIVE * model.dof_invweight0[dof]
     model.dof_M0[dof] += DRIVE  # what counts where a joint turns a balanced body
     speed = np.gradient(angles, dt, axis=1)
     force = DRIVE * np.gradient(speed, dt, axis=1)

@@ -17,7 +17,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,8 @@ THREADS = max(1, min(os.cpu_count() or 1, 8))
 FACTOR_STEP = 3e-3
 """Step of a parameter's logarithm over which simulations are differenced."""
 _FLAT = 1e-12
+_Item = TypeVar("_Item")
+_Found = TypeVar("_Found")
 _WIDEST = 50.0
 """Largest half width of an interval of a logarithm: beyond, numbers overflow."""
 
@@ -151,8 +153,17 @@ def differences(
         back = function(moved)
         return [(a - b) / (2.0 * step) for a, b in zip(there, back, strict=True)]
 
-    with ThreadPoolExecutor(THREADS) as pool:
-        return dict(zip(steps, pool.map(column, steps), strict=True))
+    return dict(zip(steps, in_threads(column, list(steps)), strict=True))
+
+
+def in_threads(
+    function: Callable[[_Item], _Found], items: Sequence[_Item]
+) -> list[_Found]:
+    """What a function makes of every item, in order; compiled code runs at once."""
+    if len(items) < 2 or THREADS < 2:
+        return [function(item) for item in items]
+    with ThreadPoolExecutor(min(THREADS, len(items))) as pool:
+        return list(pool.map(function, items))
 
 
 def covariance(

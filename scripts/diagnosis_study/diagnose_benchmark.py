@@ -183,11 +183,7 @@ def said(diagnosis: Diagnosis) -> dict[str, Any]:
 def misfit(result: Result) -> float:
     """RMS held-out error of the tuned baseline over the floor; NaN without one."""
     baseline_fit = result.baseline_fit
-    if baseline_fit is None:
-        return float("nan")
-    return baseline_fit.problem.inflation * float(
-        np.sqrt(baseline_fit.crossed.held_out_mse)
-    )
+    return baseline_fit.crossed.misfit if baseline_fit else float("nan")
 
 
 def guesses(baseline_fit: BaselineFit, methods: Sequence[str]) -> dict[str, Any]:

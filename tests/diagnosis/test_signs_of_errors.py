@@ -9,7 +9,7 @@ import pytest
 
 from cc_mujoco.diagnosis.evidence import CHANNELS, Evidence, Isolability, Trace
 from cc_mujoco.diagnosis.inference.fitting import Problem
-from cc_mujoco.diagnosis.inference.jacobian import Jacobian
+from cc_mujoco.diagnosis.inference.jacobian import jacobian
 from cc_mujoco.diagnosis.inference.plant import OFFSETS, Plant, tuned
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.inference.residual_maps import maps, sentence
@@ -41,7 +41,7 @@ def test_the_error_of_a_fit_is_positive_where_the_rig_shows_more() -> None:
     (error,) = problem.plainly(at)
     np.testing.assert_allclose(error, MORE / 0.05)
     counts = [record.counts for record in shown]
-    slopes = Jacobian(problem).jacobian(at, counts)
+    slopes = jacobian(problem, at, counts)
     # A simulation that shows more leaves less.
     index = [parameter.name for parameter in free].index(OFFSETS[0])
     assert slopes[:, index].min() < 0.0 <= -slopes[:, index].max()

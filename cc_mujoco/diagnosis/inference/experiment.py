@@ -11,7 +11,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.evidence import CHANNELS
 from cc_mujoco.diagnosis.inference.fitting import Problem
-from cc_mujoco.diagnosis.inference.jacobian import Jacobian
+from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
 from cc_mujoco.diagnosis.inference.records import Record, wind_up
 from cc_mujoco.diagnosis.verdict import NextExperiment
 
@@ -133,7 +133,7 @@ def propose(
         [[np.median(np.concatenate([f[row] for f in problem.noise]))] for row in (0, 1)]
     )
     known = [
-        Jacobian(other).jacobian(x, [r.free for r in other.plant.records])
+        jacobian(other, x, [r.free for r in other.plant.records])
         for other, x in rivals[:2]
     ]
     best: tuple[float, str, str] | None = None
@@ -191,10 +191,14 @@ def left_after_fit(
     """
     wide = (np.broadcast_to(noise, apart.shape),)
     new = replace(
-        problem, plant=problem.plant.limited([record]), noise=wide, floor=wide
+        problem,
+        plant=problem.plant.limited([record]),
+        noise=wide,
+        floor=wide,
+        slopes=Slopes(),
     )
     every = [np.ones(record.counts.size, dtype=bool)]
-    slopes = Jacobian(new).jacobian(x, every)[: apart.size]
+    slopes = jacobian(new, x, every)[: apart.size]
     wanted = np.concatenate([problem.weight * apart.ravel(), np.zeros(len(known))])
     change = np.linalg.lstsq(np.concatenate([slopes, known]), wanted)[0]
     left: FloatArray = apart - (slopes @ change).reshape(apart.shape) / problem.weight

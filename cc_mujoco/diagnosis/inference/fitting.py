@@ -8,22 +8,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
-from cc_mujoco.diagnosis.inference.jacobian import HUBER_DELTA, Jacobian
+from cc_mujoco.diagnosis.inference.jacobian import HUBER_DELTA, Slopes, jacobian
 from cc_mujoco.diagnosis.inference.plant import Plant
-from cc_mujoco.estimation import least_squares
 from cc_mujoco.estimation.least_squares import Fit, Tuned, autocorrelation
 
 Masks = Sequence[NDArray[np.bool_]]
 """For every record the samples that take part."""
 
 _EVALUATIONS = 12
+_ENOUGH = 1e-3
+"""Share of the cost by which a fit goes on."""
+_DAMPING = 1e-4
+"""Of a fit's first step, relative to the diagonal of the normal equations."""
 
 
 def knob_as_tuned(parameter: EffectParameter, start: float) -> Tuned:
@@ -57,6 +60,7 @@ class Problem:
             independent or where the model is known not to reach the floor.
         inflation: factor of the floor where the baseline is far off, see
             `inflate_noise`.
+        slopes: derivatives of the plant's torques, shared with other noise.
     """
 
     plant: Plant
@@ -66,6 +70,7 @@ class Problem:
     floor: tuple[FloatArray, ...]
     weight: float = 1.0
     inflation: float = 1.0
+    slopes: Slopes = field(default_factory=Slopes, compare=False, repr=False)
 
     def inflate_noise(self, x: FloatArray, masks: Masks) -> Problem:
         """The same with its floor raised to where usual errors are not wild.
@@ -103,7 +108,12 @@ class Problem:
             knob_as_tuned(parameter, start.get(parameter.name, parameter.typical))
             for parameter in EFFECTS[name].parameters
         )
-        return replace(self, tuned=(*self.tuned, *more), effects=(*self.effects, name))
+        return replace(
+            self,
+            tuned=(*self.tuned, *more),
+            effects=(*self.effects, name),
+            slopes=Slopes(self.slopes),
+        )
 
     def placed(self, x: FloatArray, start: Mapping[str, float]) -> FloatArray:
         """Place of the fit that continues a narrower one with an effect's `start`."""
@@ -120,11 +130,21 @@ class Problem:
             self,
             tuned=tuple(p for p in self.tuned if p.name not in gone),
             effects=tuple(e for e in self.effects if e != name),
+            slopes=Slopes(),
         )
 
-    def errors(self, x: FloatArray) -> list[FloatArray]:
-        """Measured minus simulated over the floor by Huber, (2, samples) per record."""
-        return [huber_residual(error) for error in self.plainly(x)]
+    def errors(self, x: FloatArray, masks: Masks | None = None) -> list[FloatArray]:
+        """Measured minus simulated over the floor by Huber, (2, samples) per record.
+
+        They are NaN in records of which no sample is set, where masks are given.
+        """
+        if masks is None:
+            return [huber_residual(error) for error in self.plainly(x)]
+        found = [np.full(floor.shape, np.nan) for floor in self.floor]
+        seen = [k for k, mask in enumerate(masks) if mask.any()]
+        for k, error in zip(seen, self.plainly(x, seen), strict=True):
+            found[k] = huber_residual(error)
+        return found
 
     def plainly(
         self, x: FloatArray, only: Sequence[int] | None = None
@@ -136,23 +156,22 @@ class Problem:
             only: indices of the records that are wanted; default all.
         """
         chosen = range(len(self.floor)) if only is None else only
-        played = self.plant.simulate(self.values(x), self.effects, chosen)
         return [
             (self.plant.records[k].measured - torque) / self.floor[k]
-            for k, torque in zip(chosen, played, strict=True)
+            for k, torque in zip(chosen, self.torques(x, chosen), strict=True)
         ]
+
+    def torques(
+        self, x: FloatArray, only: Sequence[int] | None = None
+    ) -> list[FloatArray]:
+        """Simulated torques (2, samples) per record [Nm], as `plainly` takes them."""
+        return self.plant.simulate(self.values(x), self.effects, only)
 
     def residual(self, x: FloatArray, masks: Masks) -> FloatArray:
         """Weighted errors where the masks are set, then those of the priors."""
-        return self.weighted(self.errors(x), x, masks)
-
-    def weighted(
-        self, errors: Sequence[FloatArray], x: FloatArray, masks: Masks
-    ) -> FloatArray:
-        """Errors where the masks are set, weighted, then those of the priors."""
         parts = [
             self.weight * error[:, mask].ravel()
-            for error, mask in zip(errors, masks, strict=True)
+            for error, mask in zip(self.errors(x, masks), masks, strict=True)
         ]
         known = [
             -place / parameter.prior
@@ -200,26 +219,79 @@ def fit(
     start: FloatArray,
     masks: Masks,
     evaluations: int = _EVALUATIONS,
-    slopes: Jacobian | None = None,
 ) -> Fit:
-    """Least squares from a start.
+    """Least squares within bounds from a start, by damped Gauss-Newton steps.
+
+    It ends where a step takes, or promises to take, less than `_ENOUGH` of the cost.
 
     Args:
         problem: what is fitted to what.
         start: place of the parameters.
         masks: samples that take part.
         evaluations: most of them.
-        slopes: of this problem, to share what other fits have taken.
     """
-    slopes = slopes or Jacobian(problem)
-    return least_squares.fit(
-        lambda x: problem.weighted(
-            [huber_residual(error) for error in slopes.errors(x, masks)], x, masks
-        ),
-        lambda x: slopes.jacobian(x, masks),
-        problem.tuned,
-        start,
-        ftol=1e-3,
-        xtol=1e-3,
-        evaluations=evaluations,
+    low, high = (
+        np.array([getattr(parameter, side) for parameter in problem.tuned])
+        for side in ("low", "high")
     )
+    x = np.clip(start, low, high)
+    residual = problem.residual(x, masks)
+    cost, damping, left = _half_square(residual), _DAMPING, evaluations - 1
+    while left > 0:
+        slopes = jacobian(problem, x, masks)
+        square, slope = slopes.T @ slopes, slopes.T @ residual
+        shorter = True
+        while shorter and left > 0:
+            step = bounded_step(square, slope, damping, low - x, high - x)
+            promised = -float(slope @ step + 0.5 * step @ square @ step)
+            if promised < _ENOUGH * cost:
+                return Fit(x, cost)
+            there = problem.residual(x + step, masks)
+            taken = cost - _half_square(there)
+            left -= 1
+            shorter = taken <= 0.0
+            damping = max(damping * (10.0 if taken < 0.25 * promised else 0.1), 1e-9)
+        if shorter:
+            break
+        x, residual, cost = x + step, there, cost - taken
+        if taken < _ENOUGH * cost and taken > 0.25 * promised:
+            break
+    return Fit(x, cost)
+
+
+def _half_square(residual: FloatArray) -> float:
+    return 0.5 * float(residual @ residual)
+
+
+def bounded_step(
+    square: FloatArray,
+    slope: FloatArray,
+    damping: float,
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """Step that takes most of a quadratic cost, within bounds (parameters,).
+
+    Args:
+        square: (parameters, parameters) of the Jacobian.
+        slope: (parameters,) of the cost.
+        damping: added to the diagonal of `square`, relative to it.
+        low: (parameters,) least step, not above 0.
+        high: (parameters,) largest step, not below 0.
+    """
+    size = np.sqrt(np.diag(square))
+    size[size == 0.0] = 1.0
+    scaled = square / np.outer(size, size) + damping * np.eye(size.size)
+    step = np.zeros(size.size)
+    free = np.ones(size.size, dtype=bool)
+    for _ in range(size.size + 1):
+        # What stands at a bound stays; the others make the best of it.
+        rest = -(slope / size + scaled @ (step * size * ~free))[free]
+        step[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], rest, 1e-12)[0]
+        step[free] /= size[free]
+        beyond = (step < low) | (step > high)
+        if not np.any(beyond & free):
+            break
+        free &= ~beyond
+        step = np.clip(step, low, high)
+    return step

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit, huber_residual
-from cc_mujoco.diagnosis.inference.jacobian import Jacobian
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.estimation.least_squares import Fit
 
@@ -99,6 +99,11 @@ class CrossValidation(NamedTuple):
         kept = [e[:, np.isfinite(e[0])] for e in self.errors]
         return float(np.mean(np.concatenate([k.ravel() for k in kept]) ** 2))
 
+    @property
+    def misfit(self) -> float:
+        """RMS held-out error over the noise floor."""
+        return self.problem.inflation * math.sqrt(self.held_out_mse)
+
 
 def cross_validate(
     problem: Problem,
@@ -114,15 +119,17 @@ def cross_validate(
         starts: one per fold.
         evaluations: most of each fit.
     """
-    fits, slopes = [], Jacobian(problem)
+    fits: list[Fit] = []
     errors = [np.full(r.measured.shape, np.nan) for r in problem.plant.records]
     for fold, start in zip(division, starts, strict=True):
-        found = fit(problem, start, fold.train, evaluations, slopes)
+        if fits:  # what one fold has learnt
+            start = start + fits[0].x - starts[0]
+        found = fit(problem, start, fold.train, evaluations)
         fits.append(found)
         for kept, error, mask in zip(
-            errors, slopes.errors(found.x, fold.test), fold.test, strict=True
+            errors, problem.errors(found.x, fold.test), fold.test, strict=True
         ):
-            kept[:, mask] = huber_residual(error[:, mask])
+            kept[:, mask] = error[:, mask]
     return CrossValidation(problem, tuple(fits), tuple(errors))
 
 

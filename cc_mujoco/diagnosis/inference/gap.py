@@ -17,7 +17,6 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.evidence import CHANNELS, Trace
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.folds import BLOCK, Fold
-from cc_mujoco.diagnosis.inference.jacobian import Jacobian
 from cc_mujoco.diagnosis.verdict import Gap
 
 DRAWS = 400
@@ -46,9 +45,9 @@ def predicted(
     """
     records = problem.plant.records
     found = [np.zeros(record.measured.shape) for record in records]
-    slopes, places = Jacobian(problem), []
+    places = []
     for fold in division:
-        x = fit(problem, start, fold.train, 6, slopes).x
+        x = fit(problem, start, fold.train, 6).x
         places.append(x)
         played = problem.plant.simulate(problem.values(x), problem.effects)
         for kept, torque, train in zip(found, played, fold.train, strict=True):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
-from cc_mujoco.diagnosis.inference.jacobian import Jacobian
+from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
 from cc_mujoco.estimation.least_squares import Estimate, covariance, estimate, untold
 
 UNTOLD = 1.0
@@ -32,8 +33,9 @@ def estimates(
             that is a little wrong fits every trial otherwise, and noise does not tell
             how much: the jackknife does.
     """
+    fresh = replace(problem, slopes=Slopes())
     # The weights of the errors already count what is independent.
-    variance = np.diag(covariance(Jacobian(problem).jacobian(x, masks)))
+    variance = np.diag(covariance(jacobian(fresh, x, masks)))
     if len(places) > 1:
         apart = np.array(places) - np.mean(places, axis=0)
         variance = variance + (1.0 - 1.0 / len(places)) * np.sum(apart**2, axis=0)
@@ -48,7 +50,7 @@ def estimates(
 def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ...]:
     """A sentence for each combination of parameters that only priors determine."""
     found = []
-    whole = Jacobian(problem).jacobian(x, masks)
+    whole = jacobian(problem, x, masks)
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
     data = whole[: whole.shape[0] - priors]
     for shares in untold(covariance(data), UNTOLD):

@@ -1,20 +1,23 @@
-"""Derivatives of simulated torques by parameters, taken once per neighbourhood.
+"""Derivatives of simulated torques by parameters: differenced once, then kept true.
 
-They hardly change over a few percent of a parameter. So fits that pass the same
-neighbourhood, like those of the folds of one model, share them. What a torque sensor's
-offset or lateness does needs no simulation, nor does a record of which no sample is
-looked at, say one that is reserved.
+They hardly change over a few percent of a parameter, and every simulation elsewhere
+says how they did change along the way there (Broyden, Math. Comp. 19, 1965). So fits,
+folds and stages share them; a model with an effect more begins with those it had. What
+changes only what is shown of a replay, say an offset, is differenced anew each time: it
+needs no simulation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.plant import LATE, OFFSETS, shifted
+from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.estimation.least_squares import FACTOR_STEP, Tuned, differences
 
 if TYPE_CHECKING:
@@ -26,113 +29,182 @@ _STEPS = {"clock_offset": 0.05, "joint_angle_offset": 0.02, "pretension": 0.03}
 _STEP = 0.05
 _NEAR_FACTOR, _NEAR = 0.05, 0.3
 """Change of a parameter over which derivatives hold: of its logarithm, in scales."""
+_LEAST = 0.1
+"""Least change, over that, along which they can be seen to change."""
+_MISSED = 0.3
+"""Share of a change's square that they may miss beyond that before they are retaken."""
 
 
-class Jacobian:
-    """Derivatives of a problem's torques, kept where they were taken."""
+@dataclass
+class _Tangent:
+    """Derivatives of the torques of one record.
 
-    def __init__(self, problem: Problem) -> None:
-        """Start without any."""
-        self._problem = problem
-        self._taken: list[tuple[FloatArray, dict[int, FloatArray]]] = []
-        self._last: tuple[bytes, dict[int, FloatArray]] = (b"", {})
-        self._reach = np.array([_reach(p) for p in problem.tuned])
+    Attributes:
+        taken: place where they were differenced.
+        place: where they were last compared with a simulation.
+        torque: (2, samples) there [Nm].
+        slopes: (parameters, 2, samples) [Nm].
+    """
 
-    def errors(self, x: FloatArray, masks: Masks) -> list[FloatArray]:
-        """Errors over the floor, see `Problem.plainly`; the last ones are kept.
+    taken: FloatArray
+    place: FloatArray
+    torque: FloatArray
+    slopes: FloatArray
 
-        They are NaN in records of which no sample is set.
+    def follow(self, x: FloatArray, torque: FloatArray, reach: FloatArray) -> bool:
+        """Learn from a simulation elsewhere; False where they no longer hold."""
+        moved = (x - self.place) / reach
+        if np.max(np.abs(moved)) < _LEAST:
+            return True
+        change = torque - self.torque
+        missed = change - np.tensordot(x - self.place, self.slopes, 1)
+        far = np.max(np.abs(x - self.taken) / reach) > 1.0
+        if far and np.sum(missed**2) > _MISSED * np.sum(change**2):
+            return False
+        along = moved / reach / (moved @ moved)
+        self.slopes += along[:, None, None] * missed
+        self.place, self.torque = x.copy(), torque
+        return True
+
+
+class Slopes:
+    """Derivatives of a model's torques, by record."""
+
+    def __init__(self, narrower: Slopes | None = None) -> None:
+        """Start without any, or from those of the model with an effect less."""
+        self._narrower = narrower
+        self._kept: dict[Record, _Tangent] = {}
+        self._inner: list[bool] = []
+
+    def of(
+        self, problem: Problem, x: FloatArray, seen: Sequence[int]
+    ) -> list[FloatArray]:
+        """(parameters, 2, samples) of these records [Nm].
+
+        Args:
+            problem: the model.
+            x: place of the parameters.
+            seen: indices of the records.
         """
-        found = self._errors(x, _seen(masks))
-        return [
-            found[k] if k in found else np.full(floor.shape, np.nan)
-            for k, floor in enumerate(self._problem.floor)
+        steps = [_step(p, place) for p, place in zip(problem.tuned, x, strict=True)]
+        inner = self._inner = self._inner or [
+            _replayed(problem, x, k, step) for k, step in enumerate(steps)
         ]
+        records = [problem.plant.records[k] for k in seen]
+        torques = problem.torques(x, seen)
 
-    def jacobian(self, x: FloatArray, masks: Masks) -> FloatArray:
-        """Derivative of `Problem.residual` (residuals, parameters)."""
-        problem, seen = self._problem, _seen(masks)
-        slopes, errors = self._near(x, seen), self._errors(x, seen)
-        parts = []
-        for k in seen:
-            error = errors[k]
-            size = np.abs(error)
-            root = np.sqrt(
-                np.maximum(2.0 * HUBER_DELTA * size - HUBER_DELTA**2, HUBER_DELTA**2)
+        def take(first: int, places: Sequence[int], again: bool) -> None:
+            """Difference from a parameter on, what needs a replay or all else."""
+            columns = differences(
+                lambda there: problem.torques(there, [seen[p] for p in places]),
+                x,
+                {k: steps[k] for k in range(first, x.size) if inner[k] is again},
+                [torques[p] for p in places],
             )
-            steep = (
-                problem.weight
-                * np.where(size <= HUBER_DELTA, 1.0, HUBER_DELTA / root)
-                / problem.floor[k]
-            )
-            parts.append((slopes[k] * -steep)[:, :, masks[k]].reshape(x.size, -1))
-        priors = np.diag([-1.0 / p.prior for p in problem.tuned])
-        priors = priors[:, [np.isfinite(p.prior) for p in problem.tuned]]
-        return np.concatenate([*parts, priors], axis=1).T
+            for k, column in columns.items():
+                for p, slope in zip(places, column, strict=True):
+                    self._kept[records[p]].slopes[k] = slope
 
-    def _errors(self, x: FloatArray, seen: Sequence[int]) -> dict[int, FloatArray]:
-        """Errors over the floor, by the index of the record, of these at least."""
-        key = x.tobytes()
-        if self._last[0] != key:
-            self._last = (key, {})
-        known = self._last[1]
-        if new := [k for k in seen if k not in known]:
-            known.update(zip(new, self._problem.plainly(x, new), strict=True))
+        new: dict[int, list[int]] = {}
+        for p, (record, torque) in enumerate(zip(records, torques, strict=True)):
+            if record not in self._kept:
+                known = self._begin(record, x, torque)
+                new.setdefault(known, []).append(p)
+        take(0, range(len(seen)), False)
+        for known, places in new.items():
+            take(known, places, True)
+        reach = np.array([_reach(p) for p in problem.tuned])
+        reach[~np.array(inner)] = np.inf
+        gone = [
+            p
+            for p, (record, torque) in enumerate(zip(records, torques, strict=True))
+            if not self._kept[record].follow(x, torque, reach)
+        ]
+        for p in gone:
+            tangent = self._kept[records[p]]
+            tangent.taken = tangent.place = x.copy()
+            tangent.torque = torques[p]
+        if gone:
+            take(0, gone, True)
+        return [self._kept[record].slopes for record in records]
+
+    def forget(self) -> None:
+        """Free what is kept."""
+        self._narrower = None
+        self._kept.clear()
+
+    def _begin(self, record: Record, x: FloatArray, torque: FloatArray) -> int:
+        """Make room for a record; how many parameters are known of it already."""
+        slopes = np.zeros((x.size, *torque.shape))
+        tangent = _Tangent(x.copy(), x.copy(), torque, slopes)
+        self._kept[record] = tangent
+        before = self._narrower and self._narrower._kept.get(record)
+        if not before:
+            return 0
+        known = len(before.slopes)
+        slopes[:known] = before.slopes
+        tangent.taken[:known] = before.taken
         return known
 
-    def _near(self, x: FloatArray, seen: Sequence[int]) -> dict[int, FloatArray]:
-        """Derivatives by the index of the record, of these at least."""
-        near = [t for t in self._taken if np.all(np.abs(x - t[0]) <= self._reach)]
-        if not near:
-            near = [(x.copy(), {})]
-            self._taken += near
-        place, slopes = near[0]
-        if new := [k for k in seen if k not in slopes]:
-            slopes.update(zip(new, self._take(place, new), strict=True))
-        return slopes
 
-    def _take(self, x: FloatArray, chosen: Sequence[int]) -> list[FloatArray]:
-        """(parameters, 2, samples) of these records."""
-        problem = self._problem
-        records = [problem.plant.records[k] for k in chosen]
-        errors = self._errors(x, chosen)
-        here = [
-            record.measured - errors[k] * problem.floor[k]
-            for k, record in zip(chosen, records, strict=True)
-        ]
-        steps = {
-            index: _step(parameter, place)
-            for index, (parameter, place) in enumerate(
-                zip(problem.tuned, x.tolist(), strict=True)
-            )
-        }
-        columns = differences(
-            lambda place: problem.plant.simulate(
-                problem.values(place), problem.effects, chosen
-            ),
-            x,
-            {k: step for k, step in steps.items() if not _sensed(problem.tuned[k])},
-            here,
+def jacobian(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
+    """Derivative of `Problem.residual` (residuals, parameters)."""
+    seen = [k for k, mask in enumerate(masks) if mask.any()]
+    priors = np.diag([-1.0 / p.prior for p in problem.tuned])
+    priors = priors[:, [np.isfinite(p.prior) for p in problem.tuned]]
+    slopes = problem.slopes.of(problem, x, seen)
+    rows = residual_changes(steepness(problem, x, masks), slopes)
+    return np.concatenate([rows, priors], axis=1).T
+
+
+def steepness(
+    problem: Problem, x: FloatArray, masks: Masks
+) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
+    """Change of residuals (2, samples) per torque [1/Nm], and the samples that count.
+
+    Of every record with such.
+    """
+    seen = [k for k, mask in enumerate(masks) if mask.any()]
+    found = []
+    for k, error in zip(seen, problem.plainly(x, seen), strict=True):
+        size = np.abs(error)
+        root = np.sqrt(
+            np.maximum(2.0 * HUBER_DELTA * size - HUBER_DELTA**2, HUBER_DELTA**2)
         )
-        for k in steps.keys() - columns.keys():
-            columns[k] = [
-                _shown(torque, problem.tuned[k], steps[k], record.dt) / steps[k]
-                for torque, record in zip(here, records, strict=True)
-            ]
-        return [
-            np.array(record)
-            for record in zip(*(columns[k] for k in steps), strict=True)
-        ]
+        slope = np.where(size <= HUBER_DELTA, 1.0, HUBER_DELTA / root)
+        steep = -problem.weight * slope / problem.floor[k]
+        found.append((steep[:, masks[k]], masks[k]))
+    return found
 
 
-def _seen(masks: Masks) -> list[int]:
-    """Indices of the records of which samples are set."""
-    return [k for k, mask in enumerate(masks) if mask.any()]
+def residual_changes(
+    steep: Sequence[tuple[FloatArray, NDArray[np.bool_]]],
+    changes: Sequence[FloatArray],
+) -> FloatArray:
+    """Changes (k, residuals less priors) of `Problem.residual`, to first order.
+
+    Args:
+        steep: of `steepness`.
+        changes: of the torques (k, 2, samples) of the same records [Nm].
+    """
+    return np.concatenate(
+        [
+            (change[:, :, mask] * each).reshape(len(change), -1)
+            for (each, mask), change in zip(steep, changes, strict=True)
+        ],
+        axis=1,
+    )
 
 
-def _sensed(parameter: Tuned) -> bool:
-    """Whether only what the torque sensors show depends on a parameter."""
-    return parameter.name in OFFSETS or parameter.name in LATE
+def _replayed(problem: Problem, x: FloatArray, index: int, step: float) -> bool:
+    """Whether a change of a parameter takes a replay, or only what is shown of it."""
+    moved = x.copy()
+    moved[index] += step
+    here, there = (
+        problem.plant.setting(problem.values(place), problem.effects)
+        for place in (x, moved)
+    )
+    return here != there
 
 
 def _step(parameter: Tuned, place: float) -> float:
@@ -143,18 +215,4 @@ def _step(parameter: Tuned, place: float) -> float:
 
 def _reach(parameter: Tuned) -> float:
     """Change over which the derivatives hold."""
-    if _sensed(parameter):
-        return np.inf
     return min(_NEAR_FACTOR / parameter.scale, 3.0) if parameter.factor else _NEAR
-
-
-def _shown(torque: FloatArray, parameter: Tuned, step: float, dt: float) -> FloatArray:
-    """Change of torques (2, samples) by a step of what only their sensors have."""
-    change = np.zeros_like(torque)
-    if parameter.name in OFFSETS:
-        change[OFFSETS.index(parameter.name)] = parameter.scale * step
-    else:
-        row = LATE.index(parameter.name)
-        late = parameter.scale * step / dt
-        change[row] = shifted(torque[row], -late) - torque[row]
-    return change

@@ -18,9 +18,10 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.trials import Constant
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY, Rig, Torques
-from cc_mujoco.diagnosis.inference.records import LEAD, RAMP, Record, low_passed
-from cc_mujoco.estimation.least_squares import Tuned
-from cc_mujoco.transmission import Cable, Transmission
+from cc_mujoco.diagnosis.inference.records import Record, low_passed
+from cc_mujoco.diagnosis.inference.replays import Setting, played, shifted
+from cc_mujoco.estimation.least_squares import Tuned, in_threads
+from cc_mujoco.transmission import Cable
 
 Values = Mapping[str, float]
 
@@ -140,14 +141,29 @@ class Plant:
             only: indices of the records that are wanted; default all.
         """
         chosen = self.records if only is None else [self.records[k] for k in only]
-        cables = {
-            pretension: self.cables(values, effects, pretension)
+        settings = {
+            pretension: self.setting(values, effects, pretension)
             for pretension in {record.pretension for record in chosen}
         }
-        return [
-            self._one(record, cables[record.pretension], values, effects)
-            for record in chosen
-        ]
+        return in_threads(
+            lambda record: self._shown(
+                record, settings[record.pretension], values, effects
+            ),
+            chosen,
+        )
+
+    def setting(
+        self, values: Values, effects: Sequence[str], pretension: float | None = None
+    ) -> Setting:
+        """What the cables feel of these values, see `cables`."""
+        return Setting(
+            self.cables(values, effects, pretension),
+            *self.radii(values),
+            values.get("backlash", 0.0) if "backlash" in effects else 0.0,
+            values.get("clock_offset", 0.0) + values.get(JOINT_DELAY, 0.0),
+            values.get("joint_angle_offset", 0.0),
+            self.substeps,
+        )
 
     def cables(
         self, values: Values, effects: Sequence[str], pretension: float | None = None
@@ -190,49 +206,24 @@ class Plant:
             values.get("joint_radius", self.bench.joint_radius),
         )
 
-    def _one(
-        self,
-        record: Record,
-        cables: tuple[Cable, ...],
-        values: Values,
-        effects: Sequence[str],
+    def _shown(
+        self, record: Record, setting: Setting, values: Values, effects: Sequence[str]
     ) -> FloatArray:
-        proximal, distal = self.radii(values)
-        transmission = Transmission(
-            cables,
-            proximal,
-            distal,
-            backlash=values.get("backlash", 0.0) if "backlash" in effects else 0.0,
-        )
-        offset = values.get("joint_angle_offset", 0.0)
-        late = values.get("clock_offset", 0.0) + values.get(JOINT_DELAY, 0.0)
-        behind = [values.get(name, 0.0) for name in LATE]
-        joint = shifted(record.joint_angle, late / record.dt) + offset
-        motor = record.motor_angle
-        dt = record.dt / self.substeps
-        led_motor, led_joint = with_lead_in(
-            motor, joint, distal / proximal, self.substeps
-        )
-        played = transmission.replay(dt, motor_angle=led_motor, joint_angle=led_joint)
-        keep = slice(LEAD * self.substeps, None, self.substeps)
-        shown = Torques(
-            record.dt,
-            record.start + record.dt * np.arange(motor.size, dtype=np.float64),
-            motor,
-            joint - offset,
-            played.motor_torque[keep],
-            played.joint_torque[keep],
-        )
+        """Both torques (2, samples) of a record as its sensors show them."""
+        joint_angle, motor, joint = played(record, setting)
+        time = record.start + record.dt * np.arange(motor.size, dtype=np.float64)
+        shown = Torques(record.dt, time, record.motor_angle, joint_angle, motor, joint)
         for sensor in (False, True):
             for name in effects:
                 effect = EFFECTS[name]
                 if effect.torques is not None and effect.sensor is sensor:
                     shown = effect.torques(shown, values)
+        behind = [values.get(name, 0.0) for name in LATE]
         shown_torques = np.array(
             [
                 shifted(shown.motor, -behind[0] / record.dt)
                 + values.get(OFFSETS[0], 0.0),
-                shifted(shown.joint, -(late + behind[1]) / record.dt)
+                shifted(shown.joint, -(setting.late + behind[1]) / record.dt)
                 + values.get(OFFSETS[1], 0.0),
             ]
         )
@@ -247,39 +238,3 @@ class Plant:
     def limited(self, records: Sequence[Record]) -> Plant:
         """The same plant for other records."""
         return replace(self, records=tuple(records))
-
-
-def with_lead_in(
-    motor: FloatArray, joint: FloatArray, ratio: float, substeps: int
-) -> tuple[FloatArray, FloatArray]:
-    """Both angles after a lead-in, refined to `substeps` per sample.
-
-    It begins at the pose 0, where the cables are in pretension and to which wrap and
-    pulleys refer, takes both ends to where the joint is, then the motor to its place.
-
-    Args:
-        motor: (samples,) [rad].
-        joint: (samples,) [rad].
-        ratio: turns of the motor per turn of the joint.
-        substeps: of every sample.
-    """
-    there = np.linspace(0.0, 1.0, RAMP + 1)[:-1] * joint[0]
-    rest = ratio * joint[0]
-    settling = np.linspace(rest, motor[0], RAMP + 1)[:-1]
-    led_motor = np.concatenate([ratio * there, settling, motor])
-    led_joint = np.concatenate([there, np.full(RAMP, joint[0]), joint])
-    if substeps == 1:
-        return led_motor, led_joint
-    size = led_motor.size
-    x = np.arange(size * substeps - substeps + 1) / substeps
-    old = np.arange(size)
-    return np.interp(x, old, led_motor), np.interp(x, old, led_joint)
-
-
-def shifted(signal: FloatArray, samples: float) -> FloatArray:
-    """The signal as it was `samples` samples later (samples,), linear between."""
-    if samples == 0.0:
-        return signal
-    x = np.arange(signal.size)
-    found: FloatArray = np.interp(x + samples, x, signal)
-    return found

@@ -225,8 +225,7 @@ def judged(
     found: Search, problem: Problem, gap: Mapping[str, Gap], limits: Thresholds
 ) -> tuple[Verdict, str]:
     """The verdict in one word and in a sentence."""
-    misfit = problem.inflation * float(np.sqrt(found.before.held_out_mse))
-    left = problem.inflation * float(np.sqrt(found.after.held_out_mse))
+    misfit, left = found.before.misfit, found.after.misfit
     if not problem.effects:
         off = (
             "on data it has not seen the tuned scene is "

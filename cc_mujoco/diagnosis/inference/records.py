@@ -32,7 +32,7 @@ MOTION_BAND = 60.0
 RATE = 250.0
 """Least samples per second kept."""
 RAMP = 20
-"""Samples of either part of a lead-in, see `plant.with_lead_in`."""
+"""Samples of either part of a lead-in, see `replays.with_lead_in`."""
 LEAD = 2 * RAMP
 """Samples that lead from rest in the pose 0 to the first sample."""
 RUN_IN = 3.0
@@ -43,9 +43,11 @@ SHORTEST = 50
 """Least samples of a stretch that is used."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Record:
     """One stretch of one trial; arrays have one entry per compared sample.
+
+    A record is equal to itself only, so that what is made of it can be kept.
 
     Attributes:
         trial: name of the trial.
@@ -177,20 +179,36 @@ def _record(
 
 def low_passed(signals: FloatArray, band: float, rate: float) -> FloatArray:
     """Zero-phase low-pass of signals (..., samples)."""
-    from scipy.signal import sosfiltfilt
+    from scipy.signal import sosfilt
 
     if band >= 0.45 * rate:
         return signals
-    passed: FloatArray = sosfiltfilt(_filter(band, rate), signals, axis=-1)
-    return passed
+    # As scipy's sosfiltfilt, which finds the rest of the filter anew each time.
+    filter_, rest, edge = _filter(band, rate)
+    first, last = signals[..., :1], signals[..., -1:]
+    passed: FloatArray = np.concatenate(
+        [
+            2.0 * first - signals[..., edge:0:-1],
+            signals,
+            2.0 * last - signals[..., -2 : -edge - 2 : -1],
+        ],
+        axis=-1,
+    )
+    for _ in range(2):
+        start = rest.reshape(-1, *(1,) * (signals.ndim - 1), 2) * passed[..., :1]
+        passed, _ = sosfilt(filter_, passed, axis=-1, zi=start)
+        passed = passed[..., ::-1]
+    return passed[..., edge:-edge]
 
 
 @lru_cache(maxsize=16)
-def _filter(band: float, rate: float) -> FloatArray:
-    from scipy.signal import butter
+def _filter(band: float, rate: float) -> tuple[FloatArray, FloatArray, int]:
+    """Second-order sections, their state in a signal of 1, samples at the ends."""
+    from scipy.signal import butter, sosfilt_zi
 
-    filter_: FloatArray = butter(2, band, fs=rate, output="sos")
-    return filter_
+    filter_ = butter(2, band, fs=rate, output="sos")
+    # One section of full order: what `sosfiltfilt` takes.
+    return filter_, sosfilt_zi(filter_), 3 * (2 * len(filter_) + 1)
 
 
 def play_filter(angle: FloatArray, width: float) -> FloatArray:

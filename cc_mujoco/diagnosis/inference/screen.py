@@ -8,20 +8,24 @@ could show it at all, and which effects look alike.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
-from cc_mujoco.diagnosis.inference.jacobian import Jacobian
+from cc_mujoco.diagnosis.inference.folds import Fold
+from cc_mujoco.diagnosis.inference.jacobian import jacobian, residual_changes, steepness
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.least_squares import THREADS
+from cc_mujoco.estimation.least_squares import in_threads
 
 _NEAR = 1e-3
+_MOVED = 0.1
+"""Change of the torques, over them, up to which what an effect changes is the same."""
 PIECE = 1e-9
 """Part of a signature's square below which nothing of it is left."""
 
@@ -33,6 +37,8 @@ class Signature(NamedTuple):
         id: of the effect.
         start: its parameters where it would explain most, amplitudes solved for.
         explained: share of the squared error that it would take, to first order.
+        foreseen: share of the held-out squared error that it would take, to first
+            order: fitted to each fold's part and held against its other.
         visible: RMS of its plausible size over the floor, after retuning.
         basis: (residuals, k) orthonormal, of its signatures.
     """
@@ -40,12 +46,77 @@ class Signature(NamedTuple):
     id: str
     start: dict[str, float]
     explained: float
+    foreseen: float
     visible: float
     basis: FloatArray
 
 
+class Changes:
+    """What effects change of the torques, kept from one round of a search to the next.
+
+    They are simulated again where the model has changed by more than `_MOVED`.
+    """
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self._there: list[FloatArray] = []
+        self._kept: dict[tuple[str, int, str], list[FloatArray]] = {}
+
+    def begin(self, here: list[FloatArray]) -> None:
+        """Note the torques (2, samples) per record of the model that effects join."""
+        apart = sum(
+            float(np.sum((a - b) ** 2)) for a, b in zip(here, self._there, strict=False)
+        )
+        size = sum(float(np.sum(a**2)) for a in here)
+        if not self._there or apart > _MOVED**2 * size:
+            self._there = here
+            self._kept.clear()
+
+    def of(
+        self, key: tuple[str, int, str], simulate: Callable[[], list[FloatArray]]
+    ) -> list[FloatArray]:
+        """Those of one parameter of one start of an effect, (1, 2, samples) each."""
+        if key not in self._kept:
+            self._kept[key] = simulate()
+        return self._kept[key]
+
+
+@dataclass(frozen=True)
+class _Screen:
+    """A model that effects are held against.
+
+    Attributes:
+        problem: the model.
+        x: where it was fitted.
+        steep: of the residual, see `steepness`.
+        seen: indices of the records of which samples count.
+        here: torques (2, samples) of these [Nm].
+        error: residual (residuals,).
+        tangent: (residuals, k) orthonormal, of what tuning can do.
+        rest: of the error once tuned.
+        foresight: of held-out errors.
+        changes: of effects, kept.
+    """
+
+    problem: Problem
+    x: FloatArray
+    steep: list[tuple[FloatArray, NDArray[np.bool_]]]
+    seen: list[int]
+    here: list[FloatArray]
+    error: FloatArray
+    tangent: FloatArray
+    rest: FloatArray
+    foresight: _Foresight
+    changes: Changes
+
+
 def screen(
-    problem: Problem, x: FloatArray, masks: Masks, ids: Sequence[str]
+    problem: Problem,
+    x: FloatArray,
+    masks: Masks,
+    ids: Sequence[str],
+    division: Sequence[Fold] = (),
+    changes: Changes | None = None,
 ) -> list[Signature]:
     """Signatures of effects, the most helpful first; the best start of each.
 
@@ -54,10 +125,12 @@ def screen(
         x: where it was fitted.
         masks: samples that count.
         ids: of the effects to try.
+        division: into folds, of these samples; without any nothing is foreseen.
+        changes: kept from earlier rounds.
     """
     error = problem.residual(x, masks)
-    jacobian = Jacobian(problem).jacobian(x, masks)
-    size = np.linalg.norm(jacobian, axis=0)
+    slopes = jacobian(problem, x, masks)
+    size = np.linalg.norm(slopes, axis=0)
     # Parameters without any influence stay out, and those that stand at a bound: they
     # cannot do more than they have done.
     inside = np.array(
@@ -67,23 +140,31 @@ def screen(
         ]
     )
     free = inside & (size > 0.0)
-    tangent, _ = np.linalg.qr(jacobian[:, free] / size[free])
-    rest = error - tangent @ (tangent.T @ error)
+    scaled = slopes[:, free] / size[free]
+    tangent, _ = np.linalg.qr(scaled)
+    seen = [k for k, mask in enumerate(masks) if mask.any()]
+    here = problem.torques(x, seen)
+    changes = changes or Changes()
+    changes.begin(here)
+    given = _Screen(
+        problem,
+        x,
+        steepness(problem, x, masks),
+        seen,
+        here,
+        error,
+        tangent,
+        error - tangent @ (tangent.T @ error),
+        _Foresight(error, scaled, masks, division),
+        changes,
+    )
 
     def best(name: str) -> Signature | None:
-        found = [
-            signature
-            for start in EFFECTS[name].starts
-            if (
-                signature := _sign(
-                    problem, x, masks, name, dict(start), error, tangent, rest
-                )
-            )
-        ]
-        return max(found, key=lambda s: s.explained, default=None)
+        found = [_sign(given, name, k) for k in range(len(EFFECTS[name].starts))]
+        able = [signature for signature in found if signature]
+        return max(able, key=lambda s: s.explained, default=None)
 
-    with ThreadPoolExecutor(THREADS) as pool:
-        every = list(pool.map(best, ids))
+    every = in_threads(best, ids)
     return sorted(
         (signature for signature in every if signature is not None),
         key=lambda signature: -signature.explained,
@@ -95,32 +176,44 @@ def _amplitudes(name: str) -> list[EffectParameter]:
     return [parameter for parameter in EFFECTS[name].parameters if parameter.low <= 0.0]
 
 
-def _sign(
-    problem: Problem,
-    x: FloatArray,
-    masks: Masks,
-    name: str,
-    start: dict[str, float],
-    error: FloatArray,
-    tangent: FloatArray,
-    rest: FloatArray,
-) -> Signature | None:
-    wider = problem.with_effect(name, start)
-    shapes = {p.name: 0.0 for p in wider.tuned[x.size :]}
-    columns, parameters = [], _amplitudes(name)
-    for parameter in parameters:
-        places = shapes | {parameter.name: start[parameter.name] / parameter.typical}
-        try:
-            moved = wider.residual(np.concatenate([x, list(places.values())]), masks)
-        except CableError:
-            return None
-        change = (moved - error) / places[parameter.name]
-        columns.append(change - tangent @ (tangent.T @ change))
-    signature = np.column_stack(columns)
+def _columns(given: _Screen, name: str, place: int) -> FloatArray:
+    """Changes of the residual (residuals, amplitudes) by one start of an effect.
+
+    To first order: how much less large errors count is that of the errors so far.
+    """
+    start = EFFECTS[name].starts[place]
+    wider = given.problem.with_effect(name, dict(start))
+    columns = []
+    for parameter in _amplitudes(name):
+        size = start[parameter.name] / parameter.typical
+
+        def simulate(key: str = parameter.name, size: float = size) -> list[FloatArray]:
+            places = [size if p.name == key else 0.0 for p in wider.tuned]
+            places[: given.x.size] = given.x.tolist()
+            moved = wider.torques(np.array(places), given.seen)
+            return [
+                (a - b)[None] / size for a, b in zip(moved, given.here, strict=True)
+            ]
+
+        torques = given.changes.of((name, place, parameter.name), simulate)
+        (made,) = residual_changes(given.steep, torques)
+        columns.append(np.append(made, np.zeros(given.error.size - made.size)))
+    return np.array(columns).T
+
+
+def _sign(given: _Screen, name: str, place: int) -> Signature | None:
+    """The signature of one start of an effect; None where it cannot be simulated."""
+    try:
+        changes = _columns(given, name, place)
+    except CableError:
+        return None
+    start, parameters = dict(EFFECTS[name].starts[place]), _amplitudes(name)
+    error, rest = given.error, given.rest
+    signature = changes - (given.tangent @ (given.tangent.T @ changes))
     lengths = np.linalg.norm(signature, axis=0)
-    visible = float(lengths.max()) / np.sqrt(error.size) / problem.weight
+    visible = float(lengths.max()) / np.sqrt(error.size) / given.problem.weight
     if lengths.max() <= PIECE:
-        return Signature(name, start, 0.0, 0.0, np.zeros((error.size, 0)))
+        return Signature(name, start, 0.0, 0.0, 0.0, np.zeros((error.size, 0)))
     kept = lengths > PIECE
     solved = np.zeros(len(parameters))
     solved[kept] = np.linalg.lstsq(signature[:, kept], -rest, rcond=1e-6)[0]
@@ -128,12 +221,63 @@ def _sign(
     high = np.array([parameter.high / parameter.typical for parameter in parameters])
     solved = np.clip(solved, np.maximum(low, -20.0), np.minimum(high, 20.0))
     left = rest + signature @ solved
-    explained = 1.0 - float(left @ left) / float(error @ error)
-    gained = explained - (1.0 - float(rest @ rest) / float(error @ error))
+    gained = (float(rest @ rest) - float(left @ left)) / float(error @ error)
     for parameter, amount in zip(parameters, solved.tolist(), strict=True):
         start[parameter.name] = amount * parameter.typical
     basis, _ = np.linalg.qr(signature[:, kept])
-    return Signature(name, start, max(gained, 0.0), visible, basis)
+    foreseen = given.foresight(changes[:, kept] / lengths[kept]) if gained > 0 else 0.0
+    return Signature(name, start, max(gained, 0.0), foreseen, visible, basis)
+
+
+class _Foresight:
+    """Cross-validation of what is added to a model, to first order."""
+
+    def __init__(
+        self,
+        error: FloatArray,
+        slopes: FloatArray,
+        masks: Masks,
+        division: Sequence[Fold],
+    ) -> None:
+        """With the model's errors and their derivatives (residuals, parameters)."""
+        priors = np.zeros(error.size - 2 * sum(int(m.sum()) for m in masks), dtype=bool)
+        self._halves = [
+            (
+                np.concatenate([_rows(fold.train, masks), ~priors]),
+                np.concatenate([_rows(fold.test, masks), priors]),
+            )
+            for fold in division
+        ]
+        self._known = [
+            [(slopes[rows], error[rows]) for rows in half] for half in self._halves
+        ]
+        self._before = self._left(slopes[:, :0])
+
+    def __call__(self, changes: FloatArray) -> float:
+        """Share of the held-out squared error that changes (rows, k) would take."""
+        if not self._halves:
+            return 0.0
+        return 1.0 - self._left(changes) / max(self._before, 1e-300)
+
+    def _left(self, changes: FloatArray) -> float:
+        total = 0.0
+        for half, known in zip(self._halves, self._known, strict=True):
+            (train, error), (test, unseen) = known
+            more, other = (changes[rows] for rows in half)
+            cross = train.T @ more
+            square = np.block([[train.T @ train, cross], [cross.T, more.T @ more]])
+            slope = np.concatenate([train.T @ error, more.T @ error])
+            step = np.linalg.lstsq(square, -slope, 1e-9)[0]
+            own, added = np.split(step, [train.shape[1]])
+            total += float(np.sum((unseen + test @ own + other @ added) ** 2))
+        return total
+
+
+def _rows(part: Masks, masks: Masks) -> NDArray[np.bool_]:
+    """Residuals of part of the samples, among those of all."""
+    return np.concatenate(
+        [np.tile(own[all_], 2) for own, all_ in zip(part, masks, strict=True)]
+    )
 
 
 def signature_cosine(one: Signature, other: Signature) -> float:

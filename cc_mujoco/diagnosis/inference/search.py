@@ -17,13 +17,20 @@ from cc_mujoco.diagnosis.inference.folds import (
     blocks,
     cross_validate,
 )
-from cc_mujoco.diagnosis.inference.screen import Signature, screen, signature_cosine
+from cc_mujoco.diagnosis.inference.screen import (
+    Changes,
+    Signature,
+    screen,
+    signature_cosine,
+)
 from cc_mujoco.errors import CableError
 
 REFITTED = 6
 """Most candidates that are refitted by simulation in one round."""
 PROMISING = 0.15
 """Share of the leader's explained error that a candidate needs to be refitted."""
+HOPELESS = 0.3
+"""Share of the reduction asked for below which a foreseen one is not looked at."""
 LOOKALIKE = 0.9
 """Cosine beyond which two signatures cannot be told apart by screening."""
 MOST = 4
@@ -111,17 +118,19 @@ def search(
     progress: Callable[[float, str], None] = lambda share, doing: None,
 ) -> Search:
     """Add effects while each passes, then drop those that later ones made useless."""
-    now, rounds = baseline, []
+    now, rounds, changes = baseline, [], Changes()
     first: tuple[Signature, ...] = ()
     for count in range(MOST):
         left = [name for name in ids if name not in now.problem.effects]
         progress(count / MOST, f"screening {len(left)} effects")
-        signatures = _screened(now, division, left)
+        signatures = _screened(now, division, left, changes)
         first = first or tuple(signatures)
-        chosen = _chosen(signatures)
+        chosen = _chosen(signatures, HOPELESS * thresholds.reduction)
         candidates: list[Candidate] = []
         while chosen:
             for place, signature in enumerate(chosen):
+                if _needless(signature.id, candidates, thresholds):
+                    continue
                 share = (count + place / len(chosen)) / MOST
                 progress(share, f"refitting {signature.id}")
                 candidates.append(_refit(now, division, signature, thresholds))
@@ -149,19 +158,36 @@ def _settled(rounds: Sequence[Round]) -> tuple[Round, ...]:
 
 
 def _screened(
-    now: CrossValidation, division: Sequence[Fold], ids: Sequence[str]
+    now: CrossValidation, division: Sequence[Fold], ids: Sequence[str], changes: Changes
 ) -> list[Signature]:
     """Signatures on what may be learnt from, at the mean of the folds' fits."""
     masks = [record.free for record in now.problem.plant.records]
     x = np.mean([fit.x for fit in now.fits], axis=0)
-    return screen(now.problem, x, masks, ids)
+    return screen(now.problem, x, masks, ids, division, changes)
 
 
-def _chosen(signatures: Sequence[Signature]) -> list[Signature]:
-    if not signatures or signatures[0].explained <= 0.0:
+def _chosen(signatures: Sequence[Signature], hopeful: float) -> list[Signature]:
+    """What may be worth a refit; `hopeful` is the least share it has to promise."""
+    if not signatures:
         return []
-    least = PROMISING * signatures[0].explained
-    return [s for s in signatures if s.explained >= least][:REFITTED]
+    least = max(PROMISING * signatures[0].explained, hopeful)
+    return [
+        s
+        for s in signatures
+        if s.explained > 0.0 and max(s.explained, s.foreseen) >= least
+    ][:REFITTED]
+
+
+def _needless(
+    name: str, candidates: Sequence[Candidate], thresholds: Thresholds
+) -> bool:
+    """Whether a special case of an effect has left nothing to explain."""
+    return any(
+        c.id in EFFECTS[name].generalises
+        and not c.reason
+        and c.crossed.misfit <= thresholds.misfit
+        for c in candidates
+    )
 
 
 def _overlooked(
@@ -182,6 +208,9 @@ def _overlooked(
         s
         for s in signatures
         if s.id not in done
+        and s.explained > 0.0
+        and max(s.explained, s.foreseen) >= PROMISING * leader.reduction
+        and not _needless(s.id, candidates, thresholds)
         and (
             signature_cosine(s, sign) > LOOKALIKE
             or s.id in EFFECTS[leader.id].confounded_with

@@ -17,8 +17,9 @@ from cc_mujoco import files
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
-from cc_mujoco.diagnosis.inference.plant import CLOCKS, shifted
+from cc_mujoco.diagnosis.inference.plant import CLOCKS
 from cc_mujoco.diagnosis.inference.records import low_passed
+from cc_mujoco.diagnosis.inference.replays import shifted
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.report.drawings import STEMS
 from cc_mujoco.diagnosis.report.report import write_report

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.inference.plant import with_lead_in
 from cc_mujoco.diagnosis.inference.records import LEAD
+from cc_mujoco.diagnosis.inference.replays import with_lead_in
 from cc_mujoco.diagnosis.scene.instruments import (
     angle_sensors,
     instrument,
@@ -59,7 +59,7 @@ def rollout(
         motor_angle: (samples,) [rad].
         joint_angle: (samples,) [rad].
         lead_in: turns of the motor per turn of the joint, to come from rest in the
-            pose 0 to the first sample, see `plant.with_lead_in`; None begins there at
+            pose 0 to the first sample, see `replays.with_lead_in`; None begins there at
             rest.
 
     Returns:

@@ -19,8 +19,8 @@ ALIKE = ("stribeck_friction", "dwell_dependent_stiction")
 def search(misfit: float, left: float, rivals: tuple[str, ...]) -> Any:
     """A search that went from one error over the floor to another."""
     return SimpleNamespace(
-        before=SimpleNamespace(held_out_mse=misfit**2),
-        after=SimpleNamespace(held_out_mse=left**2),
+        before=SimpleNamespace(misfit=misfit),
+        after=SimpleNamespace(misfit=left),
         rounds=(SimpleNamespace(rivals=rivals),),
     )
 
@@ -39,7 +39,7 @@ def search(misfit: float, left: float, rivals: tuple[str, ...]) -> Any:
 def test_effects_that_leave_most_of_the_error_are_not_the_answer(
     left: float, rivals: tuple[str, ...], verdict: str
 ) -> None:
-    problem: Any = SimpleNamespace(inflation=1.0, effects=rivals[:1])
+    problem: Any = SimpleNamespace(effects=rivals[:1])
     said, statement = judged(search(3.0, left, rivals), problem, GAP, Thresholds())
     assert said == verdict
     if verdict == "unknown":
@@ -47,12 +47,12 @@ def test_effects_that_leave_most_of_the_error_are_not_the_answer(
 
 
 def test_an_effect_of_few_moments_closes_the_gap() -> None:
-    problem: Any = SimpleNamespace(inflation=1.0, effects=ALIKE[:1])
+    problem: Any = SimpleNamespace(effects=ALIKE[:1])
     said, _ = judged(search(3.0, 2.6, ALIKE[:1]), problem, CLOSED, Thresholds())
     assert said == "named"
 
 
 def test_little_error_is_within_what_effect_free_rigs_reach() -> None:
-    problem: Any = SimpleNamespace(inflation=1.0, effects=ALIKE[:1])
+    problem: Any = SimpleNamespace(effects=ALIKE[:1])
     said, _ = judged(search(1.3, 1.24, ALIKE[:1]), problem, GAP, Thresholds())
     assert said == "named"

@@ -1,0 +1,123 @@
+"""Replays of records, kept: what only sensors or loads outside change needs none.
+
+Records are replayed independently of each other, each in a thread. A replay is known by
+what the cables get to feel, so candidates, folds and derivatives share it.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from threading import Lock
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.inference.records import LEAD, RAMP, Record
+from cc_mujoco.transmission import Cable, Transmission
+
+KEPT = 48
+"""Replays of a record that are kept, those used last."""
+
+
+class Setting(NamedTuple):
+    """All that a replay of a record depends on.
+
+    Attributes:
+        cables: agonist first.
+        motor_radius: of the motor's pulley [m].
+        joint_radius: of the joint's pulley [m].
+        backlash: between joint and its pulley [rad].
+        late: by how much the joint's angle was recorded late [s].
+        offset: of the joint's angle [rad].
+        substeps: simulation steps per sample.
+    """
+
+    cables: tuple[Cable, ...]
+    motor_radius: float
+    joint_radius: float
+    backlash: float
+    late: float
+    offset: float
+    substeps: int
+
+
+class Played(NamedTuple):
+    """Joint angle as it is compared [rad] and both torques [Nm], (samples,) each."""
+
+    joint_angle: FloatArray
+    motor: FloatArray
+    joint: FloatArray
+
+
+_KEPT: WeakKeyDictionary[Record, OrderedDict[Setting, Played]] = WeakKeyDictionary()
+_LOCK = Lock()
+
+
+def played(record: Record, setting: Setting) -> Played:
+    """Replay a record, or find it replayed."""
+    with _LOCK:
+        kept = _KEPT.setdefault(record, OrderedDict())
+        if setting in kept:
+            kept.move_to_end(setting)
+            return kept[setting]
+    found = _replay(record, setting)
+    with _LOCK:
+        kept[setting] = found
+        if len(kept) > KEPT:
+            kept.popitem(last=False)
+    return found
+
+
+def _replay(record: Record, setting: Setting) -> Played:
+    proximal, distal = setting.motor_radius, setting.joint_radius
+    drive = Transmission(setting.cables, proximal, distal, backlash=setting.backlash)
+    joint = shifted(record.joint_angle, setting.late / record.dt) + setting.offset
+    led_motor, led_joint = with_lead_in(
+        record.motor_angle, joint, distal / proximal, setting.substeps
+    )
+    dt = record.dt / setting.substeps
+    torques = drive.replay(dt, motor_angle=led_motor, joint_angle=led_joint)
+    keep = slice(LEAD * setting.substeps, None, setting.substeps)
+    return Played(
+        joint - setting.offset,
+        torques.motor_torque[keep].copy(),
+        torques.joint_torque[keep].copy(),
+    )
+
+
+def with_lead_in(
+    motor: FloatArray, joint: FloatArray, ratio: float, substeps: int
+) -> tuple[FloatArray, FloatArray]:
+    """Both angles after a lead-in, refined to `substeps` per sample.
+
+    It begins at the pose 0, where the cables are in pretension and to which wrap and
+    pulleys refer, takes both ends to where the joint is, then the motor to its place.
+
+    Args:
+        motor: (samples,) [rad].
+        joint: (samples,) [rad].
+        ratio: turns of the motor per turn of the joint.
+        substeps: of every sample.
+    """
+    there = np.linspace(0.0, 1.0, RAMP + 1)[:-1] * joint[0]
+    rest = ratio * joint[0]
+    settling = np.linspace(rest, motor[0], RAMP + 1)[:-1]
+    led_motor = np.concatenate([ratio * there, settling, motor])
+    led_joint = np.concatenate([there, np.full(RAMP, joint[0]), joint])
+    if substeps == 1:
+        return led_motor, led_joint
+    size = led_motor.size
+    x = np.arange(size * substeps - substeps + 1) / substeps
+    old = np.arange(size)
+    return np.interp(x, old, led_motor), np.interp(x, old, led_joint)
+
+
+def shifted(signal: FloatArray, samples: float) -> FloatArray:
+    """The signal as it was `samples` samples later (samples,), linear between."""
+    if samples == 0.0:
+        return signal
+    x = np.arange(signal.size)
+    found: FloatArray = np.interp(x + samples, x, signal)
+    return found

@@ -17,12 +17,15 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
 from cc_mujoco.diagnosis.inference.jacobian import HUBER_DELTA, Slopes, jacobian
 from cc_mujoco.diagnosis.inference.plant import Plant
+from cc_mujoco.estimation import least_squares
 from cc_mujoco.estimation.least_squares import Fit, Tuned, autocorrelation
 
 Masks = Sequence[NDArray[np.bool_]]
 """For every record the samples that take part."""
 
 _EVALUATIONS = 12
+FAR = 20.0
+"""Inflation of the floor from which on a fit moves with care, see `Problem.far`."""
 _ENOUGH = 1e-3
 """Share of the cost by which a fit goes on."""
 _DAMPING = 1e-4
@@ -87,6 +90,11 @@ class Problem:
         return replace(
             self, floor=tuple(factor * floor for floor in self.floor), inflation=factor
         )
+
+    @property
+    def far(self) -> bool:
+        """Whether the baseline is so far off that first order tells little."""
+        return self.inflation > FAR
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -223,6 +231,7 @@ def fit(
     """Least squares within bounds from a start, by damped Gauss-Newton steps.
 
     It ends where a step takes, or promises to take, less than `_ENOUGH` of the cost.
+    Where the model is far off, steps are those of a trust region instead.
 
     Args:
         problem: what is fitted to what.
@@ -234,6 +243,16 @@ def fit(
         np.array([getattr(parameter, side) for parameter in problem.tuned])
         for side in ("low", "high")
     )
+    if problem.far:  # one valley among many, which long steps leave
+        return least_squares.fit(
+            lambda x: problem.residual(x, masks),
+            lambda x: jacobian(problem, x, masks),
+            problem.tuned,
+            start,
+            ftol=_ENOUGH,
+            xtol=_ENOUGH,
+            evaluations=evaluations,
+        )
     x = np.clip(start, low, high)
     residual = problem.residual(x, masks)
     cost, damping, left = _half_square(residual), _DAMPING, evaluations - 1

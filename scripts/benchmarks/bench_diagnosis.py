@@ -46,8 +46,6 @@ DAVINCI = {
     ),
 }
 """Trials and most rows of each."""
-ROWS = 10_000_000
-"""Rows of `rows`: the trials of `viscous` played again and again, in one file."""
 STAGES = {
     "reading and checks": ("diagnose.load", "diagnose.check_bench", "reason.prepare"),
     "baseline": ("reason.fit_baseline",),
@@ -135,8 +133,6 @@ def data_of(case: str, out: Path, davinci: Path | None) -> Path:
     from rig.nominal import make_rig
 
     rig = make_rig(SEED)
-    if case == "rows":
-        return _rows(folder, data_of("viscous", out, davinci))
     data = make_dataset(rig, HIDDEN[case], "rich", SEED)
     facts = facts_of("rich", SEED)
     if case == "long":
@@ -145,29 +141,6 @@ def data_of(case: str, out: Path, davinci: Path | None) -> Path:
         again = facts.replace("trial_05", "trial_13").split("[trials.")
         facts += "[trials.".join(["", *(t for t in again if t.startswith("trial_13"))])
     write_data(folder, data, facts)
-    return folder
-
-
-def _rows(folder: Path, source: Path) -> Path:
-    """One trial of so many rows: recorded ones, there and back, at 25 kHz."""
-    table = np.genfromtxt(source / "trial_01.csv", delimiter=",", names=True)
-    columns = np.array([table[name] for name in table.dtype.names[1:]])
-    period = np.concatenate([columns, columns[:, -2:0:-1]], axis=1)
-    folder.mkdir(parents=True)
-    fine, made = 50, 0
-    with (folder / "trial.csv").open("w", encoding="utf-8") as file:
-        file.write(",".join(table.dtype.names) + "\n")
-        x = np.arange(period.shape[1] * fine) / fine
-        at = np.arange(period.shape[1] + 1)
-        whole = np.array([np.interp(x, at, np.append(row, row[0])) for row in period]).T
-        random = np.random.default_rng(SEED)
-        while made < ROWS:
-            size = min(len(whole), ROWS - made)
-            clock = (made + np.arange(size)) / 25_000.0
-            noisy = whole[:size] + random.normal(0.0, 1e-6, (size, whole.shape[1]))
-            block = np.column_stack([clock, noisy])
-            np.savetxt(file, block, fmt=["%.5f", *["%.6f"] * 4], delimiter=",")
-            made += size
     return folder
 
 
@@ -223,7 +196,7 @@ def differing(now: dict[str, Any], then: dict[str, Any]) -> list[str]:
 def main() -> None:
     """Run the cases and print their times."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    every = [*HIDDEN, *DAVINCI, "rows"]
+    every = [*HIDDEN, *DAVINCI]
     parser.add_argument("--cases", nargs="+", choices=every, default=list(HIDDEN))
     parser.add_argument("--davinci", type=Path, help="folder of measured trials")
     parser.add_argument("--out", type=Path, default=Path("runs", "bench_diagnosis"))

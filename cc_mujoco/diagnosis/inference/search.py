@@ -138,6 +138,9 @@ def search(
             chosen = _overlooked(signatures, candidates, thresholds)
         step = _decided(now, candidates, thresholds)
         rounds.append(step)
+        for candidate in candidates:  # derivatives take more room than the data
+            if candidate.id not in step.rivals and candidate.crossed is not now:
+                candidate.crossed.problem.slopes.forget()
         if step.added is None:
             break
         now = next(c.crossed for c in candidates if c.id == step.added)

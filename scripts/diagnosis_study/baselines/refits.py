@@ -19,7 +19,7 @@ from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.screen import screen
 from cc_mujoco.errors import CableError
 
-EVALUATIONS = 3
+EVALUATIONS = 12
 """Simulations with new parameters per refit; screening has found a start."""
 
 

@@ -85,7 +85,7 @@ _AFFINE_GAIN = int(mujoco.mjtGain.mjGAIN_AFFINE)
 _PARAMETERS = 10  # of gain and bias of an actuator
 _EQUALITY = 0
 _FRICTION_DOF, _FRICTION_TENDON, _ELLIPTIC = 1, 2, 7
-_FREE, _SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 _UNKNOWN, _PLAIN, _CONSTRAINED, _DAMPED = 0, 1, 2, 3
 """What is known of the step: nothing; the acceleration, by MuJoCo's own factor of the

@@ -21,6 +21,15 @@ from cc_mujoco.transmission import PARAMETERS, Cable
 
 Values = Mapping[str, float]
 
+GAIN = (-0.3, 0.3)
+"""Error of a torque sensor's gain that calibration leaves; beyond, it is declared."""
+PLAY = (0.0, 0.15)
+"""Backlash over the joint's range of motion."""
+_ROUND = (-0.25, 0.25)
+"""Eccentricity and ovality over the radius of a pulley that anybody would use."""
+_LATE = (-0.1, 0.1)
+"""Delay of a signal chain that would not have been noticed [s]."""
+_POSITIVE = (0.0, math.inf)
 _LARGEST = next(p.high for p in PARAMETERS if p.name == "friction")
 """Largest coefficient that a cable takes."""
 JOINT_DELAY = "joint_delay"
@@ -34,8 +43,12 @@ class EffectParameter(NamedTuple):
         name: of the parameter.
         unit: its unit.
         typical: size that is plausible on a rig; the scale of fits.
-        low: lower bound.
-        high: upper bound.
+        low: lower bound of fits.
+        high: upper bound of fits.
+        plausible: least and largest value that the effect can stand for; what fits only
+            beyond is not named.
+        of: what `plausible` is a share of: the joint's range of motion, the motor's
+            radius, or nothing.
     """
 
     name: str
@@ -43,6 +56,8 @@ class EffectParameter(NamedTuple):
     typical: float
     low: float
     high: float
+    plausible: tuple[float, float] = (-math.inf, math.inf)
+    of: Literal["", "motion", "motor_radius"] = ""
 
 
 @dataclass(frozen=True)
@@ -168,10 +183,12 @@ def _tension_dependent(
     )
 
 
-def _eccentric(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+def _eccentric(given: tuple[Cable, ...], values: Values, rig: Rig) -> tuple[Cable, ...]:
     def wave(name: str) -> tuple[float, float]:
         cosine, sine = values[f"{name}_cosine"], values[f"{name}_sine"]
-        return math.hypot(cosine, sine), math.atan2(sine, cosine)
+        # A fit may try what no cable takes: more than the radius.
+        size = min(math.hypot(cosine, sine), 0.45 * rig.motor_radius)
+        return size, math.atan2(sine, cosine)
 
     size, phase = wave("eccentricity")
     ovality, second = wave("ovality")
@@ -478,7 +495,9 @@ EFFECTS: dict[str, Effect] = {
             title="play between pulley and joint",
             equation="|q_pulley - q| <= b/2",
             where="joint",
-            parameters=(EffectParameter("backlash", "rad", 0.02, 0.0, 0.5),),
+            parameters=(
+                EffectParameter("backlash", "rad", 0.02, 0.0, 0.5, PLAY, "motion"),
+            ),
             starts=({"backlash": 0.01}, {"backlash": 0.05}),
             required_excitation="reversals of torque at several loads",
             confounded_with=("presliding", "end_compliance"),
@@ -492,10 +511,24 @@ EFFECTS: dict[str, Effect] = {
             equation="r + e cos(q_m - p) + o cos(2 q_m - s)",
             where="motor",
             parameters=(
-                EffectParameter("eccentricity_cosine", "m", 5e-4, -0.05, 0.05),
-                EffectParameter("eccentricity_sine", "m", 5e-4, -0.05, 0.05),
-                EffectParameter("ovality_cosine", "m", 2e-4, -0.05, 0.05),
-                EffectParameter("ovality_sine", "m", 2e-4, -0.05, 0.05),
+                EffectParameter(
+                    "eccentricity_cosine",
+                    "m",
+                    5e-4,
+                    -0.05,
+                    0.05,
+                    _ROUND,
+                    "motor_radius",
+                ),
+                EffectParameter(
+                    "eccentricity_sine", "m", 5e-4, -0.05, 0.05, _ROUND, "motor_radius"
+                ),
+                EffectParameter(
+                    "ovality_cosine", "m", 2e-4, -0.05, 0.05, _ROUND, "motor_radius"
+                ),
+                EffectParameter(
+                    "ovality_sine", "m", 2e-4, -0.05, 0.05, _ROUND, "motor_radius"
+                ),
             ),
             starts=(
                 {
@@ -586,7 +619,9 @@ EFFECTS: dict[str, Effect] = {
             title="a spring on the joint",
             equation="tau_j -= k q",
             where="joint",
-            parameters=(EffectParameter("joint_stiffness", "Nm/rad", 0.2, -1e4, 1e4),),
+            parameters=(
+                EffectParameter("joint_stiffness", "Nm/rad", 0.2, -1e4, 1e4, _POSITIVE),
+            ),
             starts=({"joint_stiffness": 0.2},),
             required_excitation="joint angles over half a radian",
             confounded_with=("joint_gravity", "torque_sensor_gain"),
@@ -599,7 +634,11 @@ EFFECTS: dict[str, Effect] = {
             title="inertia between transmission and joint sensor",
             equation="tau_j -= J q''",
             where="joint",
-            parameters=(EffectParameter("joint_inertia", "kg m^2", 1e-3, -10.0, 10.0),),
+            parameters=(
+                EffectParameter(
+                    "joint_inertia", "kg m^2", 1e-3, -10.0, 10.0, _POSITIVE
+                ),
+            ),
             starts=({"joint_inertia": 1e-3},),
             required_excitation="accelerations over a decade",
             confounded_with=("sensor_delay", "joint_stiffness"),
@@ -615,7 +654,9 @@ EFFECTS: dict[str, Effect] = {
             title="inertia between motor sensor and pulley",
             equation="tau_m += J q_m''",
             where="motor",
-            parameters=(EffectParameter("motor_inertia", "kg m^2", 1e-4, -1.0, 1.0),),
+            parameters=(
+                EffectParameter("motor_inertia", "kg m^2", 1e-4, -1.0, 1.0, _POSITIVE),
+            ),
             starts=({"motor_inertia": 1e-4},),
             required_excitation="accelerations over a decade",
             confounded_with=("sensor_delay", "viscous_friction"),
@@ -632,8 +673,8 @@ EFFECTS: dict[str, Effect] = {
             equation="tau (1 + g)",
             where="sensor",
             parameters=(
-                EffectParameter("motor_torque_gain", "1", 0.05, -0.9, 9.0),
-                EffectParameter("joint_torque_gain", "1", 0.05, -0.9, 9.0),
+                EffectParameter("motor_torque_gain", "1", 0.05, -0.9, 9.0, GAIN),
+                EffectParameter("joint_torque_gain", "1", 0.05, -0.9, 9.0, GAIN),
             ),
             starts=({"motor_torque_gain": 0.05, "joint_torque_gain": 0.05},),
             required_excitation="loads that hold still",
@@ -680,9 +721,9 @@ EFFECTS: dict[str, Effect] = {
             equation="tau(t - d), q_j(t - d)",
             where="sensor",
             parameters=(
-                EffectParameter(JOINT_DELAY, "s", 0.005, -0.2, 0.2),
-                EffectParameter("motor_torque_delay", "s", 0.005, -0.2, 0.2),
-                EffectParameter("joint_torque_delay", "s", 0.005, -0.2, 0.2),
+                EffectParameter(JOINT_DELAY, "s", 0.005, -0.2, 0.2, _LATE),
+                EffectParameter("motor_torque_delay", "s", 0.005, -0.2, 0.2, _LATE),
+                EffectParameter("joint_torque_delay", "s", 0.005, -0.2, 0.2, _LATE),
             ),
             starts=(
                 {

@@ -27,11 +27,17 @@ class Found:
         parameters: fitted values by name.
         confidence: share of block bootstraps of the held-out data in which this effect
             is the best of all candidates, 0 to 1.
+        share: of the baseline's gap on held-out data, what opens again where this
+            effect is taken out and all else is refitted.
+        refinement: whether that is so little that it may only mend the form of another
+            effect: it is in the model, but not called missing.
     """
 
     id: str
     parameters: Mapping[str, Estimate]
     confidence: float
+    share: float = 1.0
+    refinement: bool = False
 
 
 @dataclass(frozen=True)
@@ -40,6 +46,45 @@ class NotTestable:
 
     id: str
     reason: str
+
+
+@dataclass(frozen=True)
+class Confounded:
+    """An effect that tuning a parameter of the scene would hide.
+
+    Attributes:
+        id: of the effect.
+        parameter: of the baseline that does the same.
+        shift: change of that parameter by a plausible size of the effect, in words.
+        explains: size of the effect that would make up for where the parameter was
+            tuned to, in words; empty where it stayed about where the scene has it.
+        remedy: what to declare or to record to tell them apart.
+    """
+
+    id: str
+    parameter: str
+    shift: str
+    explains: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Strayed:
+    """A parameter that was tuned further from the scene than is known of it.
+
+    Attributes:
+        parameter: of the baseline.
+        given: value of the scene or of `dataset.toml`.
+        tuned: fitted value.
+        deviations: distance in standard deviations of what is known of it.
+        statement: one sentence, with what else might be the cause.
+    """
+
+    parameter: str
+    given: float
+    tuned: Estimate
+    deviations: float
+    statement: str
 
 
 @dataclass(frozen=True)
@@ -170,6 +215,8 @@ class Diagnosis:
         problems: sentences about the data or the numerics.
         trials: errors of every trial.
         question: about a trial that contradicts the others, or empty.
+        strayed: parameters that had to be tuned beyond what is known of them.
+        confounded: effects that tuning would hide.
     """
 
     verdict: Verdict
@@ -186,6 +233,13 @@ class Diagnosis:
     problems: tuple[str, ...] = ()
     trials: tuple[TrialError, ...] = ()
     question: str = ""
+    strayed: tuple[Strayed, ...] = ()
+    confounded: tuple[Confounded, ...] = ()
+
+    @property
+    def missing(self) -> tuple[Found, ...]:
+        """Named effects without refinements."""
+        return tuple(found for found in self.effects if not found.refinement)
 
     def to_json(self) -> str:
         """Text of `verdict.json`; numbers that are not finite are null."""

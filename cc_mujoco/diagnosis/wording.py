@@ -89,7 +89,7 @@ def capital(text: str) -> str:
 def headline(diagnosis: Diagnosis, names: Names) -> str:
     """The verdict as one line."""
     tied = {name for group in diagnosis.ties for name in group}
-    named = [found.id for found in diagnosis.effects if found.id not in tied]
+    named = [found.id for found in diagnosis.missing if found.id not in tied]
     if diagnosis.verdict == "named":
         return f"Missing: {names.list(named)}"
     if diagnosis.verdict == "tie":
@@ -99,6 +99,9 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
         return "Something is missing, or one trial was recorded otherwise"
     if diagnosis.verdict == "unknown" and diagnosis.effects:
         return "Something is missing that the known effects explain only in part"
+    if diagnosis.verdict == "none" and diagnosis.strayed:
+        off = listed([plain(each.parameter) for each in diagnosis.strayed])
+        return f"Nothing else is missing, but {off} is not what the scene says"
     return {
         "none": "Nothing is missing that these data could show",
         "unknown": "Something is missing, and it is none of the known effects",

@@ -175,7 +175,9 @@ def said(diagnosis: Diagnosis) -> dict[str, Any]:
     """What a diagnosis says that is judged."""
     return {
         "verdict": diagnosis.verdict,
-        "named": [effect.id for effect in diagnosis.effects],
+        "named": [effect.id for effect in diagnosis.missing],
+        "shares": {effect.id: effect.share for effect in diagnosis.effects},
+        "strayed": {each.parameter: each.deviations for each in diagnosis.strayed},
         "ties": [list(tie) for tie in diagnosis.ties],
     }
 

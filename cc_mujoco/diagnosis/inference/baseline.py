@@ -11,22 +11,20 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.trials import Dataset
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit, huber_residual, weight
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit, weight
 from cc_mujoco.diagnosis.inference.floor import noise_floor
 from cc_mujoco.diagnosis.inference.folds import (
     CrossValidation,
     cross_validate,
     interleaved_folds,
 )
+from cc_mujoco.diagnosis.inference.numerics import HARMLESS, changed
 from cc_mujoco.diagnosis.inference.plant import Plant, tuned
 from cc_mujoco.diagnosis.inference.records import Filtering, Record
 from cc_mujoco.estimation.least_squares import Fit, Tuned
 
-SEGMENTS = (8, 16, 32)
-"""Segments per cable, coarse first; finer where the coarse ones are not enough."""
-
-NUMERICS = 0.35
-"""RMS change by a finer simulation, over the noise floor, that is harmless."""
+SEGMENTS = 8
+"""Segments per cable to begin with; see `numerics` for more."""
 
 GUESSED = 0.3
 """Relative uncertainty of a pretension from which more than one start is tried."""
@@ -53,12 +51,12 @@ def fit_baseline(
     filtering: Filtering,
     seed: int,
 ) -> BaselineFit:
-    """Fit the baseline, with as many segments as it needs."""
+    """Fit the baseline, simulated as finely as it needs to be."""
     free = tuned(bench, records, dataset.constants)
     counts = [record.free for record in records]
     x = np.zeros(len(free))
-    for segments in SEGMENTS:
-        plant = Plant(bench, records, segments)
+    plant = Plant(bench, records, SEGMENTS)
+    while True:
         flat = tuple(
             np.full(r.measured.shape, 0.02 * float(np.std(r.measured)) + 1e-9)
             for r in records
@@ -72,9 +70,10 @@ def fit_baseline(
         x = fit(problem, x, counts).x
         problem = replace(problem, weight=weight(problem.errors(x), counts))
         whole = fit(problem, x, counts)
-        change = numerics(problem, whole.x)
-        if change <= NUMERICS:
+        change, finer = changed(problem, whole.x)
+        if change <= HARMLESS or finer is None:
             break
+        plant = finer
     division = interleaved_folds(records)
     crossed = cross_validate(problem, division, [whole.x] * len(division))
     return BaselineFit(problem, whole, crossed, change)
@@ -93,25 +92,3 @@ def _starts(free: Sequence[Tuned], x: FloatArray) -> list[FloatArray]:
                 start[index] = math.log(factor) / parameter.scale
                 starts.append(start)
     return starts
-
-
-def numerics(problem: Problem, x: FloatArray) -> float:
-    """RMS change of the torques over the floor by finer segments and steps, the larger.
-
-    The finer simulation is that of the same parameters; errors are by Huber as in
-    fits.
-    """
-    values = problem.values(x)
-    plant = problem.plant
-    here = plant.simulate(values, problem.effects)
-    worst = 0.0
-    for finer in (plant.finer(segments=2), plant.finer(substeps=2)):
-        there = finer.simulate(values, problem.effects)
-        changes = [
-            huber_residual((a - b) / floor)[:, record.counts].ravel()
-            for a, b, floor, record in zip(
-                here, there, problem.floor, plant.records, strict=True
-            )
-        ]
-        worst = max(worst, float(np.sqrt(np.mean(np.concatenate(changes) ** 2))))
-    return worst

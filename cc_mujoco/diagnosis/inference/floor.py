@@ -9,6 +9,7 @@ an angle that seems to stand still may have moved by its noise.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -23,6 +24,7 @@ from cc_mujoco.diagnosis.data.channels import (
     MOTOR_ANGLE,
     MOTOR_TORQUE,
 )
+from cc_mujoco.diagnosis.data.digits import made_whole
 from cc_mujoco.diagnosis.data.trials import Dataset, Noise
 from cc_mujoco.diagnosis.inference.plant import Plant, Values
 from cc_mujoco.diagnosis.inference.records import (
@@ -133,7 +135,7 @@ def _drawn(
     """The record as it might have been read another time."""
     angles = (record.motor_angle, record.joint_angle)
     read = [
-        _read_again(angle, noise[name], width, filtering, random)
+        _read_again(record, angle, noise[name], width, filtering, random)
         for angle, name, width in zip(
             angles, (MOTOR_ANGLE, JOINT_ANGLE), filtering.still, strict=True
         )
@@ -142,20 +144,32 @@ def _drawn(
 
 
 def _read_again(
+    record: Record,
     angle: FloatArray,
     noise: Noise,
     width: float,
     filtering: Filtering,
     random: np.random.Generator,
 ) -> FloatArray:
+    """An angle read by a sensor with the same noise and digits that begin elsewhere.
+
+    Rounding is no white noise: at rest and in slow creep the angle wanders inside a
+    digit, and no filter takes that out.
+    """
     if noise.deviation == 0.0:
         return angle
-    impulse = np.zeros(2001)
-    impulse[1000] = 1.0
-    here = np.sum(low_passed(impulse, filtering.motion_band, filtering.rate) ** 2)
-    scale = noise.deviation * np.sqrt(filtering.motion_passed / here)
-    read = angle + scale * random.normal(size=angle.size)
-    return play_filter(low_passed(read, filtering.motion_band, filtering.rate), width)
+    thin = round(record.dt / record.step)
+    size = (angle.size - 1) * thin + 1
+    read = np.interp(np.arange(size) / thin, np.arange(angle.size), angle)
+    digit = noise.resolution
+    white = max(noise.deviation**2 - digit**2 / 12.0, 0.0)
+    read += math.sqrt(white) * random.normal(size=size)
+    if digit > 0.0:
+        first = random.uniform(0.0, digit)
+        read = first + digit * np.round((read - first) / digit)
+        read = made_whole(read, noise)
+    smooth = low_passed(read, filtering.motion_band, 1.0 / record.step)[::thin]
+    return play_filter(smooth, width)
 
 
 def _unsettled(

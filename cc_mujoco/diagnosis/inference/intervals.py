@@ -13,17 +13,19 @@ from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
 from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
 from cc_mujoco.estimation.least_squares import Estimate, covariance, estimate, untold
 
+LEAST = 3
+"""Trials from which on they tell how much they disagree."""
 UNTOLD = 1.0
 """Deviation in units of priors from which on the data say less than was known."""
 
 
-def estimates(
+def spread(
     problem: Problem,
     x: FloatArray,
     masks: Masks,
     places: Sequence[FloatArray] = (),
-) -> dict[str, Estimate]:
-    """Value and interval of every parameter.
+) -> FloatArray:
+    """Covariance (parameters, parameters) of where a fit ends.
 
     Args:
         problem: the model.
@@ -31,18 +33,57 @@ def estimates(
         masks: samples that took part.
         places: where it was fitted with a part of the trials left out in turn. A model
             that is a little wrong fits every trial otherwise, and noise does not tell
-            how much: the jackknife does.
+            how much: the jackknife does. Without such fits the trials' pulls on the
+            parameters tell (cluster-robust: Liang and Zeger, Biometrika 73, 1986).
     """
     fresh = replace(problem, slopes=Slopes())
+    slopes = jacobian(fresh, x, masks)
     # The weights of the errors already count what is independent.
-    variance = np.diag(covariance(jacobian(fresh, x, masks)))
+    found = covariance(slopes)
     if len(places) > 1:
         apart = np.array(places) - np.mean(places, axis=0)
-        variance = variance + (1.0 - 1.0 / len(places)) * np.sum(apart**2, axis=0)
+        disagreement: FloatArray = (1.0 - 1.0 / len(places)) * (apart.T @ apart)
+        return found + disagreement
+    moved = _pulls(fresh, x, masks, slopes) @ found
+    count = len(moved)
+    if count < LEAST:
+        return found
+    disagreement = count / (count - 1.0) * (moved.T @ moved)
+    return found + disagreement
+
+
+def _pulls(
+    problem: Problem, x: FloatArray, masks: Masks, slopes: FloatArray
+) -> FloatArray:
+    """Slope of the cost by the errors of each trial (trials, parameters)."""
+    residual = problem.residual(x, masks)
+    trials: dict[str, FloatArray] = {}
+    nothing = np.zeros(x.size)
+    first = 0
+    for record, mask in zip(problem.plant.records, masks, strict=True):
+        rows = slice(first, first + 2 * int(np.sum(mask)))
+        first = rows.stop
+        if rows.stop > rows.start:
+            own = slopes[rows].T @ residual[rows]
+            trials[record.group] = trials.get(record.group, nothing) + own
+    return np.array(list(trials.values()))
+
+
+def estimates(
+    problem: Problem, x: FloatArray, covariance: FloatArray
+) -> dict[str, Estimate]:
+    """Value and interval of every parameter.
+
+    Args:
+        problem: the model.
+        x: where it was fitted.
+        covariance: of that, see `spread`.
+    """
+    deviations = np.sqrt(np.diag(covariance)).tolist()
     return {
         parameter.name: estimate(parameter, place, deviation)
         for parameter, place, deviation in zip(
-            problem.tuned, x.tolist(), np.sqrt(variance).tolist(), strict=True
+            problem.tuned, x.tolist(), deviations, strict=True
         )
     }
 

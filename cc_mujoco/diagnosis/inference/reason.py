@@ -12,54 +12,33 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.evidence import Evidence, Isolability
-from cc_mujoco.diagnosis.inference.baseline import NUMERICS, BaselineFit, fit_baseline
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline
 from cc_mujoco.diagnosis.inference.experiment import propose
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
-from cc_mujoco.diagnosis.inference.folds import (
-    excess,
-    interleaved_folds,
-    trial_folds,
-)
-from cc_mujoco.diagnosis.inference.gap import (
-    Predicted,
-    gaps,
-    overall,
-    predicted,
-    traces,
-)
-from cc_mujoco.diagnosis.inference.intervals import estimates, undetermined
+from cc_mujoco.diagnosis.inference.folds import interleaved_folds, trial_folds
+from cc_mujoco.diagnosis.inference.gap import Predicted, gaps, predicted, traces
+from cc_mujoco.diagnosis.inference.intervals import estimates, spread, undetermined
+from cc_mujoco.diagnosis.inference.judgement import REFINES, Outcome, judged
+from cc_mujoco.diagnosis.inference.numerics import HARMLESS
 from cc_mujoco.diagnosis.inference.per_trial import odd_trial, trial_errors
+from cc_mujoco.diagnosis.inference.plausibility import doubtful
 from cc_mujoco.diagnosis.inference.records import Record, prepare
 from cc_mujoco.diagnosis.inference.residual_maps import maps, ranked
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.inference.screen import Signature, signature_cosine
 from cc_mujoco.diagnosis.inference.search import Round, Search, Thresholds, search
+from cc_mujoco.diagnosis.inference.testable import confounded, strayed, untestable
 from cc_mujoco.diagnosis.verdict import (
     Baseline,
     Diagnosis,
     Found,
     Gap,
-    NotTestable,
     RunnerUp,
-    Verdict,
 )
 from cc_mujoco.diagnosis.wording import capital, listed
 from cc_mujoco.estimation.least_squares import Estimate
 
 Progress = Callable[[float, str], None]
-
-SEEN = 3.0
-"""Size over its uncertainty with which a plausible effect would show."""
-
-EXPLAINED = 0.6
-"""Share of the error beyond the floor that named effects have to take, or else the gap.
-
-In the search large errors count less, since few moments must not decide what is named;
-an effect that shows in few moments only closes the gap without taking that share.
-"""
-
-CLOSED = 0.75
-"""Share of the gap that an effect has to close which takes less than `EXPLAINED`."""
 
 LEAST = 100
 """Samples that must count."""
@@ -93,7 +72,7 @@ def reason(
         return _empty(bench, useless, notes)
     progress(0.02, "fitting the baseline")
     baseline_fit = fit_baseline(dataset, bench, records, filtering, seed)
-    if baseline_fit.change > NUMERICS:
+    if baseline_fit.change > HARMLESS:
         return _numerics(bench, baseline_fit, notes)
     names = tuple(ids or EFFECTS)
 
@@ -135,22 +114,23 @@ def _concluded(
     seed: int,
     progress: Progress,
 ) -> Result:
-    problem = found.after.problem
-    counts = [record.counts for record in problem.plant.records]
     progress(0.82, "fitting the result to all data")
-    start = np.mean([f.x for f in found.after.fits], axis=0)
-    x = fit(problem, start, counts).x if problem.effects else baseline_fit.whole.x
-    progress(0.86, "predicting trials that were held out")
-    held = _held_out(baseline_fit, problem, x, seed)
-    if held is None:
-        problem, x = baseline_fit.problem, baseline_fit.whole.x
-        held = _held_out(baseline_fit, problem, x, seed)
-        assert held is not None
-    before, after, measures = held
-    shown = traces(problem, before.torques, after.torques)
+    model = _borne_out(baseline_fit, found, seed, progress)
+    problem, x = model.problem, model.x
+    shown = traces(problem, model.held.before.torques, model.held.after.torques)
     drawn = maps(shown, seed)
     evidence = Evidence(shown, drawn, isolability(found.signatures))
-    kind, statement = judged(found, problem, measures, limits)
+    estimated = estimates(problem, x, model.spread)
+    hidden = confounded(baseline_fit.problem, baseline_fit.whole.x, found.signatures)
+    beyond = strayed(problem, x, estimated, hidden)
+    effects = _found(found, problem, estimated)
+    missing = [effect.id for effect in effects if not effect.refinement]
+    tied = [
+        step for step in found.rounds if len(step.rivals) > 1 and step.added in missing
+    ]
+    ties = tuple(step.rivals for step in tied)
+    outcome = Outcome(effects, ties, model.held.gap, beyond)
+    kind, statement = judged(found, outcome, limits)
     # What is added where nothing explains the error only stands in for it.
     asked = (
         (baseline_fit.problem, baseline_fit.whole.x)
@@ -159,27 +139,23 @@ def _concluded(
     )
     odd = odd_trial(*asked)
     progress(0.95, "writing it down")
-    estimated = estimates(problem, x, counts, after.places)
-    ties = tuple(step.rivals for step in found.rounds if len(step.rivals) > 1)
-    if not problem.effects:
-        ties = ()
     rivals = [
         (c.crossed.problem, np.mean([f.x for f in c.crossed.fits], axis=0))
-        for step in found.rounds
-        if len(step.rivals) > 1
+        for step in tied
         for name in step.rivals
         for c in step.candidates
         if c.id == name
     ]
+    counts = [record.counts for record in problem.plant.records]
     diagnosis = Diagnosis(
         kind,
         statement,
-        _found(found.rounds, problem, estimated),
+        effects,
         ties,
-        untestable(found.signatures, baseline_fit),
+        untestable(found.signatures, baseline_fit.problem, hidden),
         propose(rivals, ties[0]) if ties else None,
         ranked(drawn),
-        measures,
+        model.held.gap,
         Baseline(
             {p.name: estimated[p.name] for p in baseline_fit.problem.tuned},
             undetermined(baseline_fit.problem, baseline_fit.whole.x, counts),
@@ -187,10 +163,58 @@ def _concluded(
         {},
         tuple(_runner_ups(step) for step in found.rounds),
         tuple(notes),
-        trial_errors(problem, before.torques, after.torques),
+        trial_errors(problem, model.held.before.torques, model.held.after.torques),
         odd.question if odd else "",
+        beyond,
+        hidden,
     )
     return Result(diagnosis, evidence, problem, x, bench, baseline_fit)
+
+
+class Model(NamedTuple):
+    """What is left of a search when it has been held against all data.
+
+    Attributes:
+        problem: the model.
+        x: where it was fitted to all data.
+        spread: (parameters, parameters) covariance of that.
+        held: what it predicts of held-out data.
+    """
+
+    problem: Problem
+    x: FloatArray
+    spread: FloatArray
+    held: Held
+
+
+def _borne_out(
+    baseline_fit: BaselineFit, found: Search, seed: int, progress: Progress
+) -> Model:
+    """The model that was found, less effects that may as well not be there.
+
+    That is, of which the interval contains 0; all go where held-out data do not bear
+    them out.
+    """
+    problem = found.after.problem
+    counts = [record.counts for record in problem.plant.records]
+    start = np.mean([f.x for f in found.after.fits], axis=0)
+    while problem.effects:
+        x = fit(problem, start, counts).x
+        progress(0.86, "predicting trials that were held out")
+        held = _held_out(baseline_fit, problem, x, seed)
+        if held is None:
+            break
+        covariance = spread(problem, x, counts, held.after.places)
+        idle = doubtful(problem, x, covariance)
+        if idle is None:
+            return Model(problem, x, covariance, held)
+        slim = problem.without(idle)
+        start = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
+        problem = slim
+    problem, x = baseline_fit.problem, baseline_fit.whole.x
+    held = _held_out(baseline_fit, problem, x, seed)
+    assert held is not None
+    return Model(problem, x, spread(problem, x, counts, held.after.places), held)
 
 
 class Held(NamedTuple):
@@ -221,57 +245,6 @@ def _held_out(
     return None
 
 
-def judged(
-    found: Search, problem: Problem, gap: Mapping[str, Gap], limits: Thresholds
-) -> tuple[Verdict, str]:
-    """The verdict in one word and in a sentence."""
-    misfit, left = found.before.misfit, found.after.misfit
-    if not problem.effects:
-        off = (
-            "on data it has not seen the tuned scene is "
-            f"{misfit:.2f} times the noise floor off"
-        )
-        usual = f"rigs without any hidden effect reach up to {limits.misfit:g}"
-        if misfit <= limits.misfit:
-            return "none", f"Nothing is missing: {off}; {usual}."
-        if excess(found.before) < limits.certainty:
-            return "none", (
-                f"Nothing is missing that these data could show: {off}. "
-                f"{capital(usual)}, but here a few moments make that error, which is "
-                "no evidence."
-            )
-        return "unknown", (
-            f"Something is missing (error {misfit:.2f} times the noise floor) and it "
-            "is none of the effects in the library; see where the error lies."
-        )
-    names = " and ".join(EFFECTS[name].title for name in problem.effects)
-    told = ", ".join(
-        f"{channel}: {g.rmse_before:.3g} to {g.rmse_after:.3g} Nm (floor "
-        f"{g.noise_floor:.3g})"
-        for channel, g in gap.items()
-    )
-    explained = 1.0 - (left**2 - 1.0) / (misfit**2 - 1.0) if misfit > 1.0 else 1.0
-    little = explained < EXPLAINED and overall(gap) < CLOSED
-    if left > limits.misfit and little:
-        return "unknown", (
-            f"Something is missing; {names} explains {explained:.0%} of it, and the "
-            f"rest is none of the effects in the library. {told}."
-        )
-    tie = next((s.rivals for s in found.rounds if len(s.rivals) > 1), ())
-    if tie:
-        either = " or ".join(EFFECTS[name].title for name in tie)
-        sure = "".join(
-            f"{EFFECTS[name].title}, and "
-            for name in problem.effects
-            if name not in tie
-        )
-        return (
-            "tie",
-            f"Missing is {sure}{either}; these data cannot tell which. {told}.",
-        )
-    return "named", f"Missing is {names}. Held-out, weighted RMS error of {told}."
-
-
 def isolability(signatures: Sequence[Signature]) -> Isolability:
     """How alike the signatures of the effects are."""
     table = np.array([[signature_cosine(a, b) for b in signatures] for a in signatures])
@@ -282,35 +255,12 @@ def isolability(signatures: Sequence[Signature]) -> Isolability:
     )
 
 
-def untestable(
-    signatures: Sequence[Signature], baseline_fit: BaselineFit
-) -> tuple[NotTestable, ...]:
-    """Effects that would not show at a plausible size."""
-    size = sum(2 * int(r.counts.sum()) for r in baseline_fit.problem.plant.records)
-    independent = max(size * baseline_fit.problem.weight**2, 1.0)
-    found = []
-    for s in signatures:
-        clarity = s.visible * float(np.sqrt(independent))
-        if clarity < SEEN:
-            typical = ", ".join(
-                f"{k.name} {k.typical:g} {k.unit}".removesuffix(" 1")
-                for k in EFFECTS[s.id].parameters[:1]
-            )
-            found.append(
-                NotTestable(
-                    s.id,
-                    f"a plausible size ({typical}) would stand out by {clarity:.1f} "
-                    "standard deviations only; it takes "
-                    f"{EFFECTS[s.id].required_excitation}",
-                )
-            )
-    return tuple(found)
-
-
 def _found(
-    rounds: Sequence[Round], problem: Problem, estimated: Mapping[str, Estimate]
+    found: Search, problem: Problem, estimated: Mapping[str, Estimate]
 ) -> tuple[Found, ...]:
-    sure = {step.added: step.confidence for step in rounds}
+    sure = {step.added: step.confidence for step in found.rounds}
+    shares = {name: found.shares[name] for name in problem.effects}
+    most = max(shares.values(), default=0.0)
     return tuple(
         Found(
             name,
@@ -319,6 +269,8 @@ def _found(
                 for parameter in EFFECTS[name].parameters
             },
             sure.get(name, 0.0),
+            shares[name],
+            shares[name] < min(REFINES, most),
         )
         for name in problem.effects
     )
@@ -358,9 +310,10 @@ def _empty(bench: Bench, statement: str, notes: Sequence[str]) -> Result:
 def _numerics(bench: Bench, baseline_fit: BaselineFit, notes: Sequence[str]) -> Result:
     plant = baseline_fit.problem.plant
     statement = (
-        f"A simulation with {2 * plant.segments} segments or half the time step "
+        f"A simulation with {2 * plant.segments} segments or {2 * plant.substeps} "
+        "steps per sample "
         f"differs by {baseline_fit.change:.2f} times the noise floor, more "
-        f"than {NUMERICS:g}: what would be named could be the numerics. Record faster "
+        f"than {HARMLESS:g}: what would be named could be the numerics. Record faster "
         f"than {1.0 / plant.records[0].dt:.0f} Hz, or reduce the wrap."
     )
     diagnosis = Diagnosis("fix-numerics", statement, problems=(statement, *notes))

@@ -14,6 +14,7 @@ cable.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -23,7 +24,8 @@ from numba import njit
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
-from cc_mujoco.diagnosis.data.trials import Dataset, Trial
+from cc_mujoco.diagnosis.data.digits import made_whole
+from cc_mujoco.diagnosis.data.trials import Dataset, Noise, Trial
 
 BAND = 25.0
 """Highest frequency compared [Hz]."""
@@ -39,6 +41,10 @@ RUN_IN = 3.0
 """Travel of the motor before samples count, over the travel that winds up the cable."""
 STILL = 3.0
 """Movement that counts as none, in deviations of the angle's noise."""
+_MOVING = 1.5
+"""Distance of the angle followed either way, over the play, that only motion makes."""
+_LEVEL = 0.3
+"""Height over the play within which a turn has its level."""
 SHORTEST = 50
 """Least samples of a stretch that is used."""
 
@@ -128,7 +134,7 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     for trial in dataset.trials:
         for part in trial.segments:
             if part.stop - part.start >= SHORTEST:
-                records.append(_record(trial, part, bands, bench, still))
+                records.append(_record(trial, part, bands, bench, still, dataset.noise))
     rate = first.rate / _thinning(first.rate)
     return tuple(records), Filtering(*bands, rate, *passed, still)
 
@@ -143,10 +149,16 @@ def _record(
     bands: tuple[float, float],
     bench: Bench,
     still: tuple[float, ...],
+    noise: Mapping[str, Noise],
 ) -> Record:
     thin = _thinning(trial.rate)
     band, motion_band = bands
-    angles = np.array([trial.motor_angle[part], trial.joint_angle[part]])
+    angles = np.array(
+        [
+            made_whole(trial.channel(name)[part], noise.get(name))
+            for name in (MOTOR_ANGLE, JOINT_ANGLE)
+        ]
+    )
     torques = np.array([trial.motor_torque[part], trial.joint_torque[part]])
     smooth = low_passed(angles, motion_band, trial.rate)[:, ::thin]
     measured = low_passed(torques, band, trial.rate)[:, ::thin]
@@ -215,14 +227,26 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
     """The angle without movements smaller than a width (samples,) [rad].
 
     It is followed with this much play, forwards and backwards in time; the mean of both
-    has no lag in steady motion, and stands still where the angle does but for noise.
+    has no lag in steady motion, and stands still where the angle does but for noise. It
+    would be cut short by the play where the motion turns, and friction answers there:
+    at a turn the two are put back by the play, as far as the turn's own level.
     """
     if width == 0.0:
         return angle
-    mean: FloatArray = 0.5 * (
-        _followed(angle, width) + _followed(angle[::-1].copy(), width)[::-1]
-    )
-    return mean
+    forwards = _followed(angle, width)
+    backwards = _followed(angle[::-1].copy(), width)[::-1]
+    found: FloatArray = 0.5 * (forwards + backwards)
+    apart = backwards - forwards
+    moving = np.where(np.abs(apart) > _MOVING * width, np.sign(apart), 0.0)
+    sure = np.flatnonzero(moving)
+    for turn in np.flatnonzero(np.diff(moving[sure])):
+        side = moving[sure[turn]]
+        part = slice(sure[turn], sure[turn + 1] + 1)
+        reach = np.minimum(side * forwards[part], side * backwards[part]) + width
+        highest = reach >= reach.max() - _LEVEL * width
+        level = np.median(side * angle[part][highest])
+        found[part] = side * np.minimum(reach, level)
+    return found
 
 
 @njit(nogil=True)

@@ -41,6 +41,7 @@ class Signature(NamedTuple):
             order: fitted to each fold's part and held against its other.
         visible: RMS of its plausible size over the floor, after retuning.
         basis: (residuals, k) orthonormal, of its signatures.
+        changes: (residuals, amplitudes) that plausible sizes make, nothing retuned.
     """
 
     id: str
@@ -49,6 +50,7 @@ class Signature(NamedTuple):
     foreseen: float
     visible: float
     basis: FloatArray
+    changes: FloatArray
 
 
 class Changes:
@@ -172,7 +174,7 @@ def screen(
     )
 
 
-def _amplitudes(name: str) -> list[EffectParameter]:
+def amplitudes(name: str) -> list[EffectParameter]:
     """Parameters whose 0 is off; the others only shape the effect."""
     return [parameter for parameter in EFFECTS[name].parameters if parameter.low <= 0.0]
 
@@ -182,7 +184,7 @@ def _columns(given: _Screen, name: str, place: int) -> FloatArray:
     start = EFFECTS[name].starts[place]
     wider = given.problem.with_effect(name, dict(start))
     columns = []
-    for parameter in _amplitudes(name):
+    for parameter in amplitudes(name):
         size = start[parameter.name] / parameter.typical
 
         def simulate(key: str = parameter.name, size: float = size) -> list[FloatArray]:
@@ -231,13 +233,14 @@ def _sign(given: _Screen, name: str, place: int) -> Signature | None:
         changes = _columns(given, name, place)
     except CableError:
         return None
-    start, parameters = dict(EFFECTS[name].starts[place]), _amplitudes(name)
+    start, parameters = dict(EFFECTS[name].starts[place]), amplitudes(name)
     error, rest = given.error, given.rest
     signature = changes - (given.tangent @ (given.tangent.T @ changes))
     lengths = np.linalg.norm(signature, axis=0)
     visible = float(lengths.max()) / np.sqrt(error.size) / given.problem.weight
     if lengths.max() <= PIECE:
-        return Signature(name, start, 0.0, 0.0, 0.0, np.zeros((error.size, 0)))
+        nothing = np.zeros((error.size, 0))
+        return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes)
     kept = lengths > PIECE
     solved = np.zeros(len(parameters))
     solved[kept] = np.linalg.lstsq(signature[:, kept], -rest, rcond=1e-6)[0]
@@ -250,7 +253,7 @@ def _sign(given: _Screen, name: str, place: int) -> Signature | None:
         start[parameter.name] = amount * parameter.typical
     basis, _ = np.linalg.qr(signature[:, kept])
     foreseen = given.foresight(changes[:, kept] / lengths[kept]) if gained > 0 else 0.0
-    return Signature(name, start, max(gained, 0.0), foreseen, visible, basis)
+    return Signature(name, start, max(gained, 0.0), foreseen, visible, basis, changes)
 
 
 class _Foresight:

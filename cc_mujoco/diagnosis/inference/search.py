@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import NamedTuple
@@ -17,6 +17,8 @@ from cc_mujoco.diagnosis.inference.folds import (
     blocks,
     cross_validate,
 )
+from cc_mujoco.diagnosis.inference.numerics import refined
+from cc_mujoco.diagnosis.inference.plausibility import amplitudes, implausible
 from cc_mujoco.diagnosis.inference.screen import (
     Changes,
     Signature,
@@ -102,12 +104,15 @@ class Search(NamedTuple):
         after: the model with all effects that were added.
         rounds: steps.
         signatures: of every effect, on top of the baseline.
+        shares: of the baseline's held-out squared error beyond the floor, what is left
+            of it where an effect is taken out again and all else is refitted.
     """
 
     before: CrossValidation
     after: CrossValidation
     rounds: tuple[Round, ...]
     signatures: tuple[Signature, ...]
+    shares: Mapping[str, float]
 
 
 def search(
@@ -143,9 +148,22 @@ def search(
                 candidate.crossed.problem.slopes.forget()
         if step.added is None:
             break
-        now = next(c.crossed for c in candidates if c.id == step.added)
-    now = _pruned(now, division, thresholds)
-    return Search(baseline, now, _settled(rounds), first)
+        now = resolved(
+            next(c.crossed for c in candidates if c.id == step.added), division
+        )
+    now, losses = _pruned(now, division, thresholds)
+    beyond = max(baseline.held_out_mse - baseline.problem.inflation**-2, 1e-12)
+    shares = {name: loss / beyond for name, loss in losses.items()}
+    return Search(baseline, now, _settled(rounds), first, shares)
+
+
+def resolved(crossed: CrossValidation, division: Sequence[Fold]) -> CrossValidation:
+    """The same, simulated finely enough for the effects that it has."""
+    while True:
+        finer = refined(crossed.problem, np.mean([f.x for f in crossed.fits], axis=0))
+        if finer is None:
+            return crossed
+        crossed = cross_validate(finer, division, [fit.x for fit in crossed.fits])
 
 
 def _settled(rounds: Sequence[Round]) -> tuple[Round, ...]:
@@ -269,15 +287,14 @@ def _objection(
         if tuned.name in parameters and parameters[tuned.name].low <= 0.0:
             if x >= tuned.high * 0.999:
                 return f"{tuned.name} runs to its bound"
-    return ""
+    return implausible(
+        crossed.problem, np.mean([fit.x for fit in crossed.fits], axis=0)
+    )
 
 
 def amplitude(crossed: CrossValidation, name: str) -> tuple[float, float]:
     """Spread between the folds and mean size of an effect's amplitude, in scales."""
-    parameters = {
-        parameter.name for parameter in EFFECTS[name].parameters if parameter.low <= 0.0
-    }
-    index = [i for i, p in enumerate(crossed.problem.tuned) if p.name in parameters]
+    index = amplitudes(crossed.problem, [name])
     found = np.array([fit.x[index] for fit in crossed.fits])
     if found.shape[0] < 2:
         return 0.0, float(np.linalg.norm(found[0]))
@@ -322,14 +339,27 @@ def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:
 
 def _pruned(
     now: CrossValidation, division: Sequence[Fold], thresholds: Thresholds
+) -> tuple[CrossValidation, dict[str, float]]:
+    """Without the effects that later ones have made useless.
+
+    And by how much the held-out mean square grows where one of the rest is taken out.
+    """
+    while True:
+        slim = {name: _without(now, name, division) for name in now.problem.effects}
+        losses = {
+            name: crossed.held_out_mse - now.held_out_mse
+            for name, crossed in slim.items()
+        }
+        useless = 0.5 * thresholds.reduction * now.held_out_mse
+        idle = [name for name in now.problem.effects[:-1] if losses[name] <= useless]
+        if not idle:
+            return now, losses
+        now = slim[idle[0]]
+
+
+def _without(
+    now: CrossValidation, name: str, division: Sequence[Fold]
 ) -> CrossValidation:
-    """Without the effects that the others have made useless."""
-    for name in now.problem.effects[:-1]:
-        slim = now.problem.without(name)
-        kept = [i for i, p in enumerate(now.problem.tuned) if p in slim.tuned]
-        crossed = cross_validate(slim, division, [fit.x[kept] for fit in now.fits])
-        if crossed.held_out_mse <= now.held_out_mse * (
-            1.0 + 0.5 * thresholds.reduction
-        ):
-            now = crossed
-    return now
+    slim = now.problem.without(name)
+    kept = [i for i, p in enumerate(now.problem.tuned) if p in slim.tuned]
+    return cross_validate(slim, division, [fit.x[kept] for fit in now.fits])

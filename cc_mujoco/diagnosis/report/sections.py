@@ -21,10 +21,10 @@ from cc_mujoco.diagnosis.report.page import (
     paragraph,
     table,
 )
+from cc_mujoco.diagnosis.report.steps import steps
 from cc_mujoco.diagnosis.verdict import Diagnosis, RunnerUp
 from cc_mujoco.diagnosis.wording import (
     MEANING,
-    NO_SCENE,
     SIGN,
     Names,
     capital,
@@ -42,22 +42,15 @@ from cc_mujoco.estimation.least_squares import Estimate
 
 
 def header(diagnosis: Diagnosis, names: Names) -> Html:
-    """The verdict: in one line, in its own words, and what it means."""
-    extra = [
-        f"{capital(names(found.id))} is the best of all candidates in "
-        f"{share(found.confidence)} of resamplings of the held-out data."
-        for found in diagnosis.effects
-    ]
-    failed = any(problem.startswith(NO_SCENE) for problem in diagnosis.problems)
-    if diagnosis.effects and not failed:
-        extra.append("The model with what was found is scene.xml beside this report.")
+    """The verdict: in one line, what to do next, its own words and what they mean."""
     return element(
         "header",
         paragraph("Diagnosis of a cable transmission", kind="small"),
         element("h1", headline(diagnosis, names)),
-        paragraph(diagnosis.statement, kind="lead"),
-        *([paragraph(diagnosis.question, kind="lead")] if diagnosis.question else []),
-        paragraph(" ".join([MEANING[diagnosis.verdict], *extra])),
+        steps(diagnosis, names),
+        paragraph(diagnosis.statement),
+        *([paragraph(diagnosis.question)] if diagnosis.question else []),
+        paragraph(MEANING[diagnosis.verdict]),
     )
 
 
@@ -229,7 +222,10 @@ def parameters(diagnosis: Diagnosis, names: Names) -> Html | None:
     """Fitted numbers of effects and baseline with their intervals."""
     parts: list[Html] = []
     for found in diagnosis.effects:
-        parts += [element("h3", capital(names(found.id))), _values(found.parameters)]
+        title = capital(names(found.id))
+        if found.refinement:
+            title += f" (refines; takes {share(found.share)} of the gap)"
+        parts += [element("h3", title), _values(found.parameters)]
     if diagnosis.baseline.parameters:
         parts += [element("h3", "Baseline"), _values(diagnosis.baseline.parameters)]
     if diagnosis.baseline.not_identifiable:

@@ -7,22 +7,41 @@ from typing import Any
 
 import pytest
 
-from cc_mujoco.diagnosis.inference.reason import judged
+from cc_mujoco.diagnosis.inference.judgement import Outcome, judged
 from cc_mujoco.diagnosis.inference.search import Thresholds
-from cc_mujoco.diagnosis.verdict import Gap
+from cc_mujoco.diagnosis.verdict import Found, Gap, Strayed
+from cc_mujoco.estimation.least_squares import Estimate
 
 GAP = {"motor_torque_nm": Gap(0.05, 0.04, 0.02, 0.43, (0.3, 0.5))}
 CLOSED = {"motor_torque_nm": Gap(0.05, 0.025, 0.02, 0.89, (0.8, 0.95))}
 ALIKE = ("stribeck_friction", "dwell_dependent_stiction")
+GAIN = "torque_sensor_gain"
+REASON = "fits only with joint_torque_gain -0.83, which is beyond -0.3 to 0.3"
 
 
-def search(misfit: float, left: float, rivals: tuple[str, ...]) -> Any:
+def search(misfit: float, left: float, reason: str = "") -> Any:
     """A search that went from one error over the floor to another."""
+    last = SimpleNamespace(id=GAIN, reason=reason)
     return SimpleNamespace(
-        before=SimpleNamespace(misfit=misfit),
+        before=SimpleNamespace(
+            misfit=misfit, problem=SimpleNamespace(inflation=1.0), errors=()
+        ),
         after=SimpleNamespace(misfit=left),
-        rounds=(SimpleNamespace(rivals=rivals),),
+        rounds=(SimpleNamespace(candidates=(last,)),),
     )
+
+
+def outcome(
+    names: tuple[str, ...],
+    gap: dict[str, Gap],
+    ties: tuple[tuple[str, ...], ...] = (),
+    strayed: tuple[Strayed, ...] = (),
+    refining: tuple[str, ...] = (),
+) -> Outcome:
+    """Effects that were found."""
+    found = [Found(name, {}, 1.0) for name in names]
+    found += [Found(name, {}, 1.0, 0.02, True) for name in refining]
+    return Outcome(tuple(found), ties, gap, strayed)
 
 
 @pytest.mark.parametrize(
@@ -39,20 +58,47 @@ def search(misfit: float, left: float, rivals: tuple[str, ...]) -> Any:
 def test_effects_that_leave_most_of_the_error_are_not_the_answer(
     left: float, rivals: tuple[str, ...], verdict: str
 ) -> None:
-    problem: Any = SimpleNamespace(effects=rivals[:1])
-    said, statement = judged(search(3.0, left, rivals), problem, GAP, Thresholds())
+    ties = (rivals,) if len(rivals) > 1 else ()
+    found = outcome(rivals[:1], GAP, ties)
+    said, statement = judged(search(3.0, left), found, Thresholds())
     assert said == verdict
     if verdict == "unknown":
-        assert "28% of it" in statement
+        assert "28 % of it" in statement
 
 
 def test_an_effect_of_few_moments_closes_the_gap() -> None:
-    problem: Any = SimpleNamespace(effects=ALIKE[:1])
-    said, _ = judged(search(3.0, 2.6, ALIKE[:1]), problem, CLOSED, Thresholds())
-    assert said == "named"
+    found = outcome(ALIKE[:1], CLOSED)
+    assert judged(search(3.0, 2.6), found, Thresholds())[0] == "named"
 
 
 def test_little_error_is_within_what_effect_free_rigs_reach() -> None:
-    problem: Any = SimpleNamespace(effects=ALIKE[:1])
-    said, _ = judged(search(1.3, 1.24, ALIKE[:1]), problem, GAP, Thresholds())
+    found = outcome(ALIKE[:1], GAP)
+    assert judged(search(1.3, 1.24), found, Thresholds())[0] == "named"
+
+
+def test_a_refinement_is_told_but_not_called_missing() -> None:
+    found = outcome(ALIKE[:1], CLOSED, refining=("sensor_delay",))
+    said, statement = judged(search(3.0, 1.0), found, Thresholds())
     assert said == "named"
+    missing, refines = statement.split(". ", 1)
+    assert "Stribeck" in missing
+    assert "late" not in missing
+    assert "recorded late refines the model" in refines
+
+
+def test_what_fits_only_with_an_impossible_size_is_evidence_for_the_unknown() -> None:
+    found = outcome(ALIKE[:1], GAP)
+    said, statement = judged(search(3.0, 2.6, REASON), found, Thresholds())
+    assert said == "unknown"
+    assert f"gain of a torque sensor {REASON}" in statement
+    _, plain = judged(search(3.0, 2.6, "its gain is 1.2"), found, Thresholds())
+    assert "gain of a torque sensor" not in plain
+
+
+def test_a_parameter_that_ran_away_is_told_where_nothing_is_missing() -> None:
+    told = "pretension had to be tuned to 59 N, where 40 N is given: ..."
+    away = Strayed("pretension", 40.0, Estimate(59.0, "N", (57.0, 61.0)), 3.9, told)
+    found = outcome((), GAP, strayed=(away,))
+    said, statement = judged(search(1.0, 1.0), found, Thresholds())
+    assert said == "none"
+    assert "Pretension had to be tuned to 59 N" in statement

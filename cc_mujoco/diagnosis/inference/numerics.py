@@ -1,0 +1,54 @@
+"""Whether a simulation is fine enough for what it is compared with, and a finer one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.inference.fitting import Problem, huber_residual
+from cc_mujoco.diagnosis.inference.jacobian import Slopes
+from cc_mujoco.diagnosis.inference.plant import Plant
+
+HARMLESS = 0.35
+"""RMS change by a finer simulation, over the noise floor, that is harmless."""
+SEGMENTS = 64
+"""Most segments per cable."""
+SUBSTEPS = 8
+"""Most simulation steps per sample."""
+
+
+def refined(problem: Problem, x: FloatArray) -> Problem | None:
+    """The same problem simulated more finely; None where that changes nothing.
+
+    Or where it is as fine as it gets.
+    """
+    change, finer = changed(problem, x)
+    if change <= HARMLESS or finer is None:
+        return None
+    return replace(problem, plant=finer, slopes=Slopes())
+
+
+def changed(problem: Problem, x: FloatArray) -> tuple[float, Plant | None]:
+    """RMS change of the torques over the floor by a finer plant, and that plant.
+
+    Segments or steps are halved, whichever changes more; the parameters stay, and
+    errors are by Huber as in fits. The plant is None where neither may be halved.
+    """
+    plant = problem.plant
+    values = problem.values(x)
+    here = plant.simulate(values, problem.effects)
+    tried = []
+    for finer in (plant.finer(segments=2), plant.finer(substeps=2)):
+        there = finer.simulate(values, problem.effects)
+        changes = [
+            huber_residual((a - b) / floor)[:, record.counts].ravel()
+            for a, b, floor, record in zip(
+                here, there, problem.floor, plant.records, strict=True
+            )
+        ]
+        change = float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
+        fine = finer.segments > SEGMENTS or finer.substeps > SUBSTEPS
+        tried.append((change, None if fine else finer))
+    return max(tried, key=lambda each: each[0])

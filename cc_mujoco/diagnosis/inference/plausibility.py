@@ -1,0 +1,83 @@
+"""Whether fitted effects can be what they are called: possible sizes, sure of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
+from cc_mujoco.diagnosis.inference.fitting import Problem
+
+FITS_ONLY = "fits only with"
+"""Beginning of the reason not to name an effect whose size is impossible."""
+SURE = 0.95
+"""Probability with which the sizes of a named effect are not all zero."""
+
+
+def implausible(problem: Problem, x: FloatArray) -> str:
+    """What is impossible of the effects of a model, in words; empty if nothing is.
+
+    Args:
+        problem: the model.
+        x: where it was fitted.
+    """
+    values = problem.values(x)
+    for name in problem.effects:
+        for parameter in EFFECTS[name].parameters:
+            low, high = _plausible(problem, parameter)
+            value = values[parameter.name]
+            slack = 1e-3 * parameter.typical
+            if not low - slack <= value <= high + slack:
+                unit = f" {parameter.unit}".removesuffix(" 1")
+                return (
+                    f"{FITS_ONLY} {parameter.name} {value:.3g}{unit}, which is "
+                    f"beyond {low:.3g} to {high:.3g}{unit}"
+                )
+    return ""
+
+
+def _plausible(problem: Problem, parameter: EffectParameter) -> tuple[float, float]:
+    low, high = parameter.plausible
+    if not parameter.of:
+        return low, high
+    plant = problem.plant
+    whole = (
+        plant.bench.motor_radius
+        if parameter.of == "motor_radius"
+        else max(float(np.ptp(record.joint_angle)) for record in plant.records)
+    )
+    return low * whole, high * whole
+
+
+def doubtful(problem: Problem, x: FloatArray, spread: FloatArray) -> str | None:
+    """The effect of a model that may as well have size 0, the most doubtful; or None.
+
+    Args:
+        problem: the model.
+        x: where it was fitted.
+        spread: (parameters, parameters) covariance of the places.
+    """
+    from scipy.stats import chi2
+
+    found = {}
+    for name in problem.effects:
+        index = amplitudes(problem, [name])
+        size = x[index]
+        part = spread[np.ix_(index, index)]
+        square = float(size @ np.linalg.solve(part, size))
+        found[name] = square / float(chi2.ppf(SURE, len(index)))
+    least = min(found, key=lambda name: found[name], default=None)
+    return least if least is not None and found[least] < 1.0 else None
+
+
+def amplitudes(problem: Problem, names: Sequence[str]) -> list[int]:
+    """Indices of the parameters that are 0 where these effects are off."""
+    off = {
+        parameter.name
+        for name in names
+        for parameter in EFFECTS[name].parameters
+        if parameter.low <= 0.0
+    }
+    return [k for k, parameter in enumerate(problem.tuned) if parameter.name in off]

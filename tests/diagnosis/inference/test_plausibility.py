@@ -1,0 +1,96 @@
+"""What is named is possible, and sure not to be nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cc_mujoco.diagnosis.effects import EFFECTS, GAIN, PLAY
+from cc_mujoco.diagnosis.inference.fitting import Problem
+from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.plausibility import doubtful, implausible
+from cc_mujoco.diagnosis.inference.records import prepare
+from diagnosis.recorded import BENCH, dataset
+
+
+@pytest.fixture(scope="module")
+def baseline() -> Problem:
+    """A model without any effect, of joints that move by about two radians."""
+    records, _ = prepare(dataset(duration=1.5), BENCH)
+    floor = tuple(np.ones(record.measured.shape) for record in records)
+    free = tuned(BENCH, records, {})
+    return Problem(Plant(BENCH, records, 4), free, (), floor, floor)
+
+
+def place(problem: Problem, **values: float) -> np.ndarray:
+    """Where the parameters have these values, all others as they start."""
+    return np.array(
+        [(values.get(p.name, p.start) - p.start) / p.scale for p in problem.tuned]
+    )
+
+
+@pytest.mark.parametrize(
+    ("effect", "possible", "impossible"),
+    [
+        (
+            "torque_sensor_gain",
+            {"joint_torque_gain": 0.9 * GAIN[1]},
+            {"joint_torque_gain": -0.83},
+        ),
+        ("joint_stiffness", {"joint_stiffness": 0.2}, {"joint_stiffness": -0.04}),
+        ("motor_inertia", {"motor_inertia": 1e-4}, {"motor_inertia": -1e-4}),
+        (
+            "pulley_eccentricity",
+            {"ovality_sine": 0.2 * BENCH.motor_radius},
+            {"ovality_sine": -0.3 * BENCH.motor_radius},
+        ),
+    ],
+)
+def test_sizes_that_no_rig_has_are_told(
+    baseline: Problem,
+    effect: str,
+    possible: dict[str, float],
+    impossible: dict[str, float],
+) -> None:
+    wider = baseline.with_effect(effect, dict(EFFECTS[effect].starts[0]))
+    assert implausible(wider, place(wider, **possible)) == ""
+    (name,) = impossible
+    assert f"fits only with {name}" in implausible(wider, place(wider, **impossible))
+
+
+def test_play_is_a_small_part_of_the_motion(baseline: Problem) -> None:
+    wider = baseline.with_effect("backlash", {"backlash": 0.01})
+    motion = max(float(np.ptp(r.joint_angle)) for r in baseline.plant.records)
+    assert implausible(wider, place(wider, backlash=0.9 * PLAY[1] * motion)) == ""
+    assert implausible(wider, place(wider, backlash=1.1 * PLAY[1] * motion))
+    half = tuple(
+        replace(r, joint_angle=0.5 * r.joint_angle) for r in baseline.plant.records
+    )
+    less = replace(wider, plant=wider.plant.limited(half))
+    assert implausible(less, place(less, backlash=0.9 * PLAY[1] * motion))
+
+
+def test_an_eccentric_pulley_can_be_tried_at_any_place(baseline: Problem) -> None:
+    wider = baseline.with_effect("pulley_eccentricity", {})
+    far = place(wider, eccentricity_sine=0.05, ovality_cosine=0.05, ovality_sine=-0.05)
+    assert all(np.isfinite(torque).all() for torque in wider.torques(far))
+
+
+def test_an_effect_whose_interval_contains_zero_is_doubtful(baseline: Problem) -> None:
+    wider = baseline.with_effect("joint_gravity", {})
+    wider = wider.with_effect("joint_stiffness", {})
+    x = place(wider, gravity_sine=0.1, gravity_cosine=0.0, joint_stiffness=0.2)
+    size = {p.name: k for k, p in enumerate(wider.tuned)}
+    spread = np.eye(x.size)
+    for name, deviation in (
+        ("gravity_sine", 0.3),
+        ("gravity_cosine", 0.3),
+        ("joint_stiffness", 0.4),
+    ):
+        spread[size[name], size[name]] = deviation**2
+    assert doubtful(wider, x, spread) is None
+    spread[size["joint_stiffness"], size["joint_stiffness"]] = 0.6**2
+    assert doubtful(wider, x, spread) == "joint_stiffness"
+    assert doubtful(baseline, place(baseline), np.eye(len(baseline.tuned))) is None

@@ -1,0 +1,134 @@
+"""Angles are freed of noise without moving the moments at which they turn."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cc_mujoco.diagnosis.data.trials import Dataset, Noise, Trial
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit
+from cc_mujoco.diagnosis.inference.floor import noise_floor
+from cc_mujoco.diagnosis.inference.plant import CLOCKS, Plant, tuned
+from cc_mujoco.diagnosis.inference.records import play_filter, prepare
+from cc_mujoco.transmission import Transmission
+from diagnosis.recorded import BENCH
+
+FINE = 1.0 / 8000.0
+RATE = 500.0
+SEGMENTS = 32
+_ANGLES = st.lists(st.floats(-3.0, 3.0, width=32), min_size=2, max_size=60)
+
+
+@given(_ANGLES, st.floats(0.01, 1.0))
+def test_it_is_the_same_backwards_and_upside_down(
+    angles: list[float], width: float
+) -> None:
+    angle = np.array(angles)
+    found = play_filter(angle, width)
+    np.testing.assert_allclose(play_filter(angle[::-1], width)[::-1], found, atol=1e-12)
+    np.testing.assert_allclose(play_filter(-angle, width), -found, atol=1e-12)
+    assert np.all(np.abs(found - angle) <= 2.0 * width + 1e-9)
+
+
+def test_turns_keep_their_height_and_rests_are_still() -> None:
+    random = np.random.default_rng(0)
+    time = np.arange(0.0, 4.0, 0.004)
+    width = 1e-3
+    noise = width / 3.0 * random.normal(size=time.size)
+    wave = 0.5 * np.sin(2.5 * time)
+    turned = play_filter(wave + noise, width)
+    assert turned.max() == pytest.approx(0.5, abs=0.8 * width)
+    near = np.abs(time - math.pi / 5.0) < 0.1
+    assert np.sqrt(np.mean((turned - wave)[near] ** 2)) < 0.4 * width
+    held = np.interp(time, [0, 1, 2, 3, 4], [-0.5, 0.5, 0.5, -0.5, -0.5])
+    kept = play_filter(held + noise, width)
+    rest = (time > 1.05) & (time < 1.95)
+    assert np.ptp(kept[rest]) < 0.1 * width
+    assert np.mean(kept[rest]) == pytest.approx(0.5, abs=0.3 * width)
+
+
+def recorded(
+    bits: tuple[int, int], motion: str = "strokes", first: float = 0.0
+) -> Dataset:
+    """A trial read at 500 Hz by encoders that round, torques that come in time.
+
+    Args:
+        bits: of the encoders of motor and joint.
+        motion: what is done.
+        first: where their digits begin.
+    """
+    time = np.arange(0.0, 6.0, FINE)
+    stroke = {
+        "strokes": 0.6 * np.sin(2.5 * time) + 0.2 * np.sin(5.1 * time),
+        "rests": np.interp(time % 4.0, [0, 1, 2, 3, 4], [0.0, 0.8, 0.8, 0.0, 0.0]),
+        "creeps": np.interp(time, [0.0, 1.0], [0.0, 0.8])
+        + np.where(time > 1.0, 6e-3 * np.sin(time - 1.0), 0.0),
+    }[motion]
+    joint = 0.95 * stroke
+    if motion == "strokes":  # else a late torque looks like a late angle
+        joint += 0.05 * np.sin(7.3 * time)
+    cables = tuple(cable.replace(segments=SEGMENTS) for cable in BENCH.cables)
+    drive = Transmission(cables, BENCH.motor_radius, BENCH.joint_radius)
+    played = drive.replay(FINE, motor_angle=stroke, joint_angle=joint)
+    read = slice(0, None, round(1.0 / RATE / FINE))
+    digits = [2.0 * np.pi / 2**bit for bit in bits]
+    random = np.random.default_rng(1)
+    scatter = random.normal(0.0, 3e-3, (2, time[read].size))
+    trial = Trial(
+        "stroke",
+        time[read],
+        digits[0] * np.round(stroke[read] / digits[0] + first),
+        played.motor_torque[read] + scatter[0],
+        digits[1] * np.round(joint[read] / digits[1] - first),
+        played.joint_torque[read] + scatter[1],
+        (slice(0, time[read].size),),
+        1.0 / RATE,
+        path="stroke.csv",
+    )
+    noise = {
+        name: Noise(digit / math.sqrt(12.0), digit, "declared")
+        for name, digit in zip(
+            ("motor_angle_rad", "joint_angle_rad"), digits, strict=True
+        )
+    }
+    torque = Noise(3e-3, 0.0, "declared")
+    noise |= {"motor_torque_nm": torque, "joint_torque_nm": torque}
+    return Dataset(trials=(trial,), noise=noise)
+
+
+def fitted(
+    data: Dataset, names: tuple[str, ...]
+) -> tuple[dict[str, float], Problem, np.ndarray]:
+    """Parameters that fit a recording, all others as in the scene, and the model."""
+    records, filtering = prepare(data, BENCH)
+    plant = Plant(BENCH, records, SEGMENTS)
+    free = tuple(
+        p._replace(prior=math.inf) for p in tuned(BENCH, records, {}) if p.name in names
+    )
+    floor = noise_floor(data, plant, filtering, {})
+    problem = Problem(plant, free, (), floor.noise, floor.tolerance)
+    x = fit(problem, np.zeros(len(free)), [r.counts for r in records]).x
+    return problem.values(x), problem, x
+
+
+def test_rounded_angles_make_no_torque_early() -> None:
+    every = [
+        fitted(recorded(bits, first=first), (*CLOCKS, "joint_angle_offset"))[0]
+        for bits in ((15, 13), (13, 15))
+        for first in (0.0, 0.25, 0.5)
+    ]
+    for name in CLOCKS:
+        assert abs(np.mean([found[name] for found in every])) < 5e-5, name
+
+
+@pytest.mark.parametrize("motion", ["rests", "creeps"])
+def test_the_floor_of_rounded_angles_is_what_they_are_off_by(motion: str) -> None:
+    _, problem, x = fitted(recorded((13, 13), motion), ("joint_angle_offset",))
+    record, noise = problem.plant.records[0], problem.noise[0]
+    error = (record.measured - problem.torques(x)[0])[:, record.counts]
+    floor = noise[:, record.counts]
+    assert np.mean(error**2) == pytest.approx(np.mean(floor**2), rel=0.7)

@@ -1,0 +1,40 @@
+"""What tuning hides is told, and what ran away for it."""
+
+from __future__ import annotations
+
+import pytest
+
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.result import Result
+from diagnosis.recorded import BENCH, dataset
+
+HIDDEN = {"load_independent_friction": 8.0, "seal_proximal": 0.0, "seal_distal": 0.0}
+IDS = ("load_independent_friction", "joint_gravity")
+
+
+@pytest.fixture(scope="module")
+def swallowed() -> Result:
+    """Friction that needs no tension, on motions at one pretension."""
+    data = dataset({IDS[0]: HIDDEN}, 2.5, seed=3, chosen=(0, 2))
+    return reason(data, BENCH, ids=IDS)
+
+
+def test_what_the_baseline_swallows_is_told_with_its_size(swallowed: Result) -> None:
+    found = swallowed.diagnosis
+    assert found.verdict == "none"
+    (away,) = found.strayed
+    assert away.parameter == "pretension"
+    assert away.given == pytest.approx(80.0)
+    assert away.tuned.value > 105.0
+    assert "friction that needs no tension" in away.statement
+    assert "second pretension" in away.statement
+    assert away.statement[1:] in found.statement
+    hidden = {each.id: each for each in found.confounded}
+    assert set(hidden) == {"load_independent_friction"}
+    size = float(hidden[IDS[0]].explains.split()[-2])
+    assert size == pytest.approx(8.0, rel=0.5)
+
+
+def test_nothing_runs_away_on_a_rig_like_the_scene() -> None:
+    data = dataset(duration=2.5, seed=3, chosen=(0, 2), changes={"pretension": 84.0})
+    assert reason(data, BENCH, ids=IDS[:1]).diagnosis.strayed == ()

@@ -28,6 +28,8 @@ THREADS = max(1, min(os.cpu_count() or 1, 8))
 FACTOR_STEP = 3e-3
 """Step of a parameter's logarithm over which simulations are differenced."""
 _FLAT = 1e-12
+_DAMPING = 1e-4
+"""Of a fit's first step, relative to the diagonal of the normal equations."""
 _Item = TypeVar("_Item")
 _Found = TypeVar("_Found")
 _WIDEST = 50.0
@@ -95,36 +97,89 @@ def fit(
     free: Sequence[Tuned],
     start: ArrayLike,
     *,
-    ftol: float = 1e-9,
-    xtol: float = 1e-7,
+    tolerance: float = 1e-9,
     evaluations: int = 60,
 ) -> Fit:
     """Least squares within bounds, from a start that is put within them.
+
+    Damped Gauss-Newton steps on the normal equations (Levenberg 1944, Marquardt 1963):
+    a simulation costs more than all algebra, so none is made that promises less than
+    what ends the fit.
 
     Args:
         residual: (residuals,) at a place (parameters,).
         jacobian: its derivative (residuals, parameters).
         free: the parameters; their priors are up to the residual.
         start: place of the parameters.
-        ftol: relative change of the cost that ends the fit.
-        xtol: the same of the place.
-        evaluations: most of them.
+        tolerance: share of the cost that a step has to take, or to promise, for the fit
+            to go on.
+        evaluations: most of the residual.
     """
-    from scipy.optimize import least_squares
-
-    low = np.array([parameter.low for parameter in free])
-    high = np.array([parameter.high for parameter in free])
-    found = least_squares(
-        residual,
-        np.clip(start, low, high),
-        jac=jacobian,
-        bounds=(low - 1e-9, high + 1e-9),
-        x_scale="jac",
-        ftol=ftol,
-        xtol=xtol,
-        max_nfev=evaluations,
+    low, high = (
+        np.array([getattr(parameter, side) for parameter in free])
+        for side in ("low", "high")
     )
-    return Fit(found.x, float(found.cost))
+    x: FloatArray = np.clip(start, low, high)
+    error = residual(x)
+    cost, damping, left = _half_square(error), _DAMPING, evaluations - 1
+    while left > 0:
+        slopes = jacobian(x)
+        square, slope = slopes.T @ slopes, slopes.T @ error
+        shorter = True
+        while shorter and left > 0:
+            step = bounded_step(square, slope, damping, low - x, high - x)
+            promised = -float(slope @ step + 0.5 * step @ square @ step)
+            if promised <= tolerance * cost:
+                return Fit(x, cost)
+            there = residual(x + step)
+            taken = cost - _half_square(there)
+            left -= 1
+            shorter = taken <= 0.0
+            damping = max(damping * (10.0 if taken < 0.25 * promised else 0.1), 1e-9)
+        if shorter:
+            break
+        x, error, cost = x + step, there, cost - taken
+        if taken < tolerance * cost and taken > 0.25 * promised:
+            break
+    return Fit(x, cost)
+
+
+def _half_square(error: FloatArray) -> float:
+    return 0.5 * float(error @ error)
+
+
+def bounded_step(
+    square: FloatArray,
+    slope: FloatArray,
+    damping: float,
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """Step that takes most of a quadratic cost, within bounds (parameters,).
+
+    Args:
+        square: (parameters, parameters) of the Jacobian.
+        slope: (parameters,) of the cost.
+        damping: added to the diagonal of `square`, relative to it.
+        low: (parameters,) least step, not above 0.
+        high: (parameters,) largest step, not below 0.
+    """
+    size = np.sqrt(np.diag(square))
+    size[size == 0.0] = 1.0
+    scaled = square / np.outer(size, size) + damping * np.eye(size.size)
+    step = np.zeros(size.size)
+    free = np.ones(size.size, dtype=bool)
+    for _ in range(size.size + 1):
+        # What stands at a bound stays; the others make the best of it.
+        rest = -(slope / size + scaled @ (step * size * ~free))[free]
+        step[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], rest, 1e-12)[0]
+        step[free] /= size[free]
+        beyond = (step < low) | (step > high)
+        if not np.any(beyond & free):
+            break
+        free &= ~beyond
+        step = np.clip(step, low, high)
+    return step
 
 
 def differences(

@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from cc_mujoco.estimation.least_squares import (
     Tuned,
+    bounded_step,
     covariance,
     differences,
     estimate,
@@ -100,3 +102,15 @@ def test_intervals_are_those_of_the_place() -> None:
     assert high / low == pytest.approx(math.exp(2.0 * 0.392))
     assert all(map(math.isfinite, estimate(factor, 0.0, 1e9).ci95))
     assert found.holds(5.0) and not found.holds(5.7)
+
+
+def test_a_step_within_bounds_is_that_of_bounded_least_squares() -> None:
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        table, error = random.normal(size=(30, 5)), random.normal(size=30)
+        high = random.uniform(0.0, 0.3, 5)
+        found = bounded_step(table.T @ table, table.T @ error, 0.0, -high, high)
+        wanted = lsq_linear(table, -error, (-high, high + 1e-12)).x
+        costs = [np.sum((error + table @ step) ** 2) for step in (found, wanted)]
+        assert np.all(np.abs(found) <= high)
+        assert costs[0] <= 1.01 * costs[1]

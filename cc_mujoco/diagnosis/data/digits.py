@@ -1,8 +1,8 @@
 """Angles of encoders that round: what is known of them between two digits.
 
 Where a reading jumps from one digit to the next, the angle stands at the edge between
-them, better known than anywhere else. In slow creep the jumps are all there is: taken as
-steps, they would shake a cable that sticks.
+them, better known than anywhere else. In slow creep the jumps are all there is: taken
+as steps, they would shake a cable that sticks.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ def made_whole(reading: FloatArray, noise: Noise | None) -> FloatArray:
     """The angle (samples,) behind a reading that was rounded; else the reading.
 
     It passes the edges when the reading jumps. Between two jumps the same way it goes
-    on at the pace of its neighbours to the middle of the digit, and rests there if it is
-    early; between two that go back over the same edge it turns as far as that pace takes
-    a parabola, at most to the middle.
+    on at the pace of its neighbours to the middle of the digit, and rests there if it
+    is early; between two that go back over the same edge it turns as far as that pace
+    takes a parabola, at most to the middle.
 
     Args:
         reading: (samples,).

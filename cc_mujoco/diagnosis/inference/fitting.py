@@ -24,12 +24,8 @@ Masks = Sequence[NDArray[np.bool_]]
 """For every record the samples that take part."""
 
 _EVALUATIONS = 12
-FAR = 20.0
-"""Inflation of the floor from which on a fit moves with care, see `Problem.far`."""
 _ENOUGH = 1e-3
 """Share of the cost by which a fit goes on."""
-_DAMPING = 1e-4
-"""Of a fit's first step, relative to the diagonal of the normal equations."""
 
 
 def knob_as_tuned(parameter: EffectParameter, start: float) -> Tuned:
@@ -90,11 +86,6 @@ class Problem:
         return replace(
             self, floor=tuple(factor * floor for floor in self.floor), inflation=factor
         )
-
-    @property
-    def far(self) -> bool:
-        """Whether the baseline is so far off that first order tells little."""
-        return self.inflation > FAR
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -228,10 +219,7 @@ def fit(
     masks: Masks,
     evaluations: int = _EVALUATIONS,
 ) -> Fit:
-    """Least squares within bounds from a start, by damped Gauss-Newton steps.
-
-    It ends where a step takes, or promises to take, less than `_ENOUGH` of the cost.
-    Where the model is far off, steps are those of a trust region instead.
+    """Least squares within bounds from a start.
 
     Args:
         problem: what is fitted to what.
@@ -239,78 +227,11 @@ def fit(
         masks: samples that take part.
         evaluations: most of them.
     """
-    low, high = (
-        np.array([getattr(parameter, side) for parameter in problem.tuned])
-        for side in ("low", "high")
+    return least_squares.fit(
+        lambda x: problem.residual(x, masks),
+        lambda x: jacobian(problem, x, masks),
+        problem.tuned,
+        start,
+        tolerance=_ENOUGH,
+        evaluations=evaluations,
     )
-    if problem.far:  # one valley among many, which long steps leave
-        return least_squares.fit(
-            lambda x: problem.residual(x, masks),
-            lambda x: jacobian(problem, x, masks),
-            problem.tuned,
-            start,
-            ftol=_ENOUGH,
-            xtol=_ENOUGH,
-            evaluations=evaluations,
-        )
-    x = np.clip(start, low, high)
-    residual = problem.residual(x, masks)
-    cost, damping, left = _half_square(residual), _DAMPING, evaluations - 1
-    while left > 0:
-        slopes = jacobian(problem, x, masks)
-        square, slope = slopes.T @ slopes, slopes.T @ residual
-        shorter = True
-        while shorter and left > 0:
-            step = bounded_step(square, slope, damping, low - x, high - x)
-            promised = -float(slope @ step + 0.5 * step @ square @ step)
-            if promised < _ENOUGH * cost:
-                return Fit(x, cost)
-            there = problem.residual(x + step, masks)
-            taken = cost - _half_square(there)
-            left -= 1
-            shorter = taken <= 0.0
-            damping = max(damping * (10.0 if taken < 0.25 * promised else 0.1), 1e-9)
-        if shorter:
-            break
-        x, residual, cost = x + step, there, cost - taken
-        if taken < _ENOUGH * cost and taken > 0.25 * promised:
-            break
-    return Fit(x, cost)
-
-
-def _half_square(residual: FloatArray) -> float:
-    return 0.5 * float(residual @ residual)
-
-
-def bounded_step(
-    square: FloatArray,
-    slope: FloatArray,
-    damping: float,
-    low: FloatArray,
-    high: FloatArray,
-) -> FloatArray:
-    """Step that takes most of a quadratic cost, within bounds (parameters,).
-
-    Args:
-        square: (parameters, parameters) of the Jacobian.
-        slope: (parameters,) of the cost.
-        damping: added to the diagonal of `square`, relative to it.
-        low: (parameters,) least step, not above 0.
-        high: (parameters,) largest step, not below 0.
-    """
-    size = np.sqrt(np.diag(square))
-    size[size == 0.0] = 1.0
-    scaled = square / np.outer(size, size) + damping * np.eye(size.size)
-    step = np.zeros(size.size)
-    free = np.ones(size.size, dtype=bool)
-    for _ in range(size.size + 1):
-        # What stands at a bound stays; the others make the best of it.
-        rest = -(slope / size + scaled @ (step * size * ~free))[free]
-        step[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], rest, 1e-12)[0]
-        step[free] /= size[free]
-        beyond = (step < low) | (step > high)
-        if not np.any(beyond & free):
-            break
-        free &= ~beyond
-        step = np.clip(step, low, high)
-    return step

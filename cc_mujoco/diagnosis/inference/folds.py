@@ -122,7 +122,7 @@ def cross_validate(
     fits: list[Fit] = []
     errors = [np.full(r.measured.shape, np.nan) for r in problem.plant.records]
     for fold, start in zip(division, starts, strict=True):
-        if fits and not problem.far:  # what one fold has learnt
+        if fits:  # what one fold has learnt
             start = start + fits[0].x - starts[0]
         found = fit(problem, start, fold.train, evaluations)
         fits.append(found)

@@ -51,16 +51,13 @@ class _Tangent:
     torque: FloatArray
     slopes: FloatArray
 
-    def follow(
-        self, x: FloatArray, torque: FloatArray, reach: FloatArray, allowed: float
-    ) -> bool:
+    def follow(self, x: FloatArray, torque: FloatArray, reach: FloatArray) -> bool:
         """Learn from a simulation elsewhere; False where they no longer hold.
 
         Args:
             x: place of the parameters.
             torque: (2, samples) there [Nm].
             reach: (parameters,) change over which derivatives hold.
-            allowed: share of the change's square that they may miss beyond that.
         """
         moved = (x - self.place) / reach
         if np.max(np.abs(moved)) < _LEAST:
@@ -68,7 +65,7 @@ class _Tangent:
         change = torque - self.torque
         missed = change - np.tensordot(x - self.place, self.slopes, 1)
         far = np.max(np.abs(x - self.taken) / reach) > 1.0
-        if far and np.sum(missed**2) > allowed * np.sum(change**2):
+        if far and np.sum(missed**2) > _MISSED * np.sum(change**2):
             return False
         along = moved / reach / (moved @ moved)
         self.slopes += along[:, None, None] * missed
@@ -117,18 +114,17 @@ class Slopes:
         new: dict[int, list[int]] = {}
         for p, (record, torque) in enumerate(zip(records, torques, strict=True)):
             if record not in self._kept:
-                known = self._begin(record, x, torque, not problem.far)
+                known = self._begin(record, x, torque)
                 new.setdefault(known, []).append(p)
         take(0, range(len(seen)), False)
         for known, places in new.items():
             take(known, places, True)
         reach = np.array([_reach(p) for p in problem.tuned])
         reach[~np.array(inner)] = np.inf
-        missed = 0.0 if problem.far else _MISSED
         gone = [
             p
             for p, (record, torque) in enumerate(zip(records, torques, strict=True))
-            if not self._kept[record].follow(x, torque, reach, missed)
+            if not self._kept[record].follow(x, torque, reach)
         ]
         for p in gone:
             tangent = self._kept[records[p]]
@@ -143,15 +139,13 @@ class Slopes:
         self._narrower = None
         self._kept.clear()
 
-    def _begin(
-        self, record: Record, x: FloatArray, torque: FloatArray, inherit: bool
-    ) -> int:
+    def _begin(self, record: Record, x: FloatArray, torque: FloatArray) -> int:
         """Make room for a record; how many parameters are known of it already."""
         slopes = np.zeros((x.size, *torque.shape))
         tangent = _Tangent(x.copy(), x.copy(), torque, slopes)
         self._kept[record] = tangent
         before = self._narrower and self._narrower._kept.get(record)
-        if not (before and inherit):
+        if not before:
             return 0
         known = len(before.slopes)
         slopes[:known] = before.slopes

@@ -51,18 +51,19 @@ class Played(NamedTuple):
     joint: FloatArray
 
 
-_KEPT: WeakKeyDictionary[Record, OrderedDict[Setting, Played]] = WeakKeyDictionary()
+REPLAYS: WeakKeyDictionary[Record, OrderedDict[Setting, Played]] = WeakKeyDictionary()
+"""Replays that are kept, of every record the last `KEPT`."""
 _LOCK = Lock()
 
 
 def played(record: Record, setting: Setting) -> Played:
     """Replay a record, or find it replayed."""
     with _LOCK:
-        kept = _KEPT.setdefault(record, OrderedDict())
+        kept = REPLAYS.setdefault(record, OrderedDict())
         if setting in kept:
             kept.move_to_end(setting)
             return kept[setting]
-    found = _replay(record, setting)
+    found = replay(record, setting)
     with _LOCK:
         kept[setting] = found
         if len(kept) > KEPT:
@@ -70,7 +71,8 @@ def played(record: Record, setting: Setting) -> Played:
     return found
 
 
-def _replay(record: Record, setting: Setting) -> Played:
+def replay(record: Record, setting: Setting) -> Played:
+    """Replay a record, whether or not it was done before."""
     proximal, distal = setting.motor_radius, setting.joint_radius
     drive = Transmission(setting.cables, proximal, distal, backlash=setting.backlash)
     joint = shifted(record.joint_angle, setting.late / record.dt) + setting.offset

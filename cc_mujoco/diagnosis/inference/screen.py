@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
-from cc_mujoco.diagnosis.inference.fitting import Masks, Problem, huber_residual
+from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
 from cc_mujoco.diagnosis.inference.folds import Fold
 from cc_mujoco.diagnosis.inference.jacobian import jacobian, residual_changes, steepness
 from cc_mujoco.errors import CableError
@@ -90,8 +90,7 @@ class _Screen:
     Attributes:
         problem: the model.
         x: where it was fitted.
-        bend: what changes of torques (k, 2, samples) per record make of the residual
-            (k, residuals less priors).
+        steep: change of the residual by the torques, see `steepness`.
         seen: indices of the records of which samples count.
         here: torques (2, samples) of these [Nm].
         error: residual (residuals,).
@@ -103,7 +102,7 @@ class _Screen:
 
     problem: Problem
     x: FloatArray
-    bend: Callable[[list[FloatArray], float], FloatArray]
+    steep: list[tuple[FloatArray, NDArray[np.bool_]]]
     seen: list[int]
     here: list[FloatArray]
     error: FloatArray
@@ -152,7 +151,7 @@ def screen(
     given = _Screen(
         problem,
         x,
-        _bend(problem, x, masks),
+        steepness(problem, x, masks),
         seen,
         here,
         error,
@@ -196,35 +195,9 @@ def _columns(given: _Screen, name: str, place: int) -> FloatArray:
             ]
 
         torques = given.changes.of((name, place, parameter.name), simulate)
-        (made,) = given.bend(torques, size)
+        (made,) = residual_changes(given.steep, torques)
         columns.append(np.append(made, np.zeros(given.error.size - made.size)))
     return np.array(columns).T
-
-
-def _bend(
-    problem: Problem, x: FloatArray, masks: Masks
-) -> Callable[[list[FloatArray], float], FloatArray]:
-    """What a change of torques by one unit makes of the residual, see `_Screen`.
-
-    Large errors count less. Near the model it is a derivative: a start of several
-    floors must not hide what less of it would do. Where the model is far off, it is the
-    difference that the start makes: small changes tell little there.
-    """
-    steep = steepness(problem, x, masks)
-    if not problem.far:
-        return lambda changes, size: residual_changes(steep, changes)
-    seen = [k for k, mask in enumerate(masks) if mask.any()]
-    plain = problem.plainly(x, seen)
-
-    def difference(changes: list[FloatArray], size: float) -> FloatArray:
-        parts = []
-        for k, error, change in zip(seen, plain, changes, strict=True):
-            moved = huber_residual(error - size * change / problem.floor[k])
-            part = problem.weight / size * (moved - huber_residual(error))
-            parts.append(part[:, :, masks[k]].reshape(len(change), -1))
-        return np.concatenate(parts, axis=1)
-
-    return difference
 
 
 def _sign(given: _Screen, name: str, place: int) -> Signature | None:

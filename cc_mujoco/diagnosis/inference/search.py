@@ -130,8 +130,7 @@ def search(
         progress(count / MOST, f"screening {len(left)} effects")
         signatures = _screened(now, division, left, changes)
         first = first or tuple(signatures)
-        hopeless = 0.0 if now.problem.far else HOPELESS
-        chosen = _chosen(signatures, hopeless * thresholds.reduction)
+        chosen = _chosen(signatures, HOPELESS * thresholds.reduction)
         candidates: list[Candidate] = []
         while chosen:
             for place, signature in enumerate(chosen):
@@ -230,13 +229,8 @@ def _overlooked(
         s
         for s in signatures
         if s.id not in done
-        and (
-            leader.crossed.problem.far
-            or (
-                max(s.explained, s.foreseen) >= PROMISING * leader.reduction
-                and s.explained > 0.0
-            )
-        )
+        and max(s.explained, s.foreseen) >= PROMISING * leader.reduction
+        and s.explained > 0.0
         and not _needless(s.id, candidates, thresholds)
         and (
             signature_cosine(s, sign) > LOOKALIKE

@@ -12,7 +12,7 @@ from html import escape
 from pathlib import Path
 from string import Template
 
-from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, PINK
+from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, PINK, SKY
 
 
 class Html(str):
@@ -151,7 +151,18 @@ code { font: .82rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace;
 .bar { display: block; width: 6rem; height: .5rem; margin-top: .2rem;
   background: #eee; print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 .bar span { display: block; height: 100%; background: $blue; }
+@media (prefers-color-scheme: dark) {
+  body { background: #16181c; color: #e6e6e6; }
+  h2 { border-color: #3a3d44; }
+  .small, figcaption { color: #a8adb5; }
+  nav a { color: $sky; }
+  img { background: #fff; border-radius: .2rem; padding: .3rem;
+    box-sizing: border-box; }
+  th, td { border-color: #32353c; }
+  .bar { background: #32353c; }
+}
 @media print {
+  body { background: #fff; color: #1a1a1a; }
   body { font-size: 10.5pt; }
   main { max-width: none; padding: 0; }
   nav { display: none; }
@@ -159,4 +170,4 @@ code { font: .82rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace;
   figure, tr, li { break-inside: avoid; }
   .wide { overflow: visible; }
 }
-""").substitute(blue=BLUE, green=GREEN, grey=GREY, orange=ORANGE, pink=PINK)
+""").substitute(blue=BLUE, green=GREEN, grey=GREY, orange=ORANGE, pink=PINK, sky=SKY)

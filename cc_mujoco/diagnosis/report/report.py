@@ -31,11 +31,11 @@ from cc_mujoco.files import replacing_folder
 REPORT = "report.html"
 
 TITLES = {
+    "traces": "Measured and simulated",
     "gap": "How large the gap is",
     "trials": "How far off every trial is",
     "where": "Where the error lies",
     "maps": "Maps of the error",
-    "traces": "Measured and simulated",
     "candidates": "What was tried",
     "likeness": "What these data can tell apart",
     "untested": "What could not be tested",
@@ -129,11 +129,11 @@ def _sections(
         "plausible effect over the noise, grey where it is smaller.",
     )
     return {
+        "traces": joined(seconds) if seconds else None,
         "gap": after(sections.gap(diagnosis), gap),
         "trials": sections.trials(diagnosis),
         "where": sections.where(diagnosis),
         "maps": after(sections.maps(evidence), maps),
-        "traces": joined(seconds) if seconds else None,
         "candidates": sections.candidates(diagnosis, names),
         "likeness": after(sections.likeness(evidence, names), alike),
         "untested": sections.untested(diagnosis, names),

@@ -23,6 +23,10 @@ Values = Mapping[str, float]
 
 GAIN = (-0.3, 0.3)
 """Error of a torque sensor's gain that calibration leaves; beyond, it is declared."""
+_BIAS = (-0.3, 0.3)
+"""Offset of a torque sensor over the largest torque, beyond which anybody sees it."""
+_ONE_WAY = (-0.5, 0.5)
+"""Difference of friction between two directions, over its mean."""
 PLAY = (0.0, 0.15)
 """Backlash over the joint's range of motion."""
 _ROUND = (-0.25, 0.25)
@@ -48,7 +52,7 @@ class EffectParameter(NamedTuple):
         plausible: least and largest value that the effect can stand for; what fits only
             beyond is not named.
         of: what `plausible` is a share of: the joint's range of motion, the motor's
-            radius, or nothing.
+            radius, the largest torque, or nothing.
     """
 
     name: str
@@ -57,7 +61,7 @@ class EffectParameter(NamedTuple):
     low: float
     high: float
     plausible: tuple[float, float] = (-math.inf, math.inf)
-    of: Literal["", "motion", "motor_radius"] = ""
+    of: Literal["", "motion", "motor_radius", "motor_torque", "joint_torque"] = ""
 
 
 @dataclass(frozen=True)
@@ -366,8 +370,8 @@ EFFECTS: dict[str, Effect] = {
             equation="mu (1 + s a)",
             where="conduit",
             parameters=(
-                EffectParameter("friction_asymmetry", "1", 0.1, -0.9, 0.9),
-                EffectParameter("asymmetry_antagonist", "1", 0.1, -0.9, 0.9),
+                EffectParameter("friction_asymmetry", "1", 0.1, -0.9, 0.9, _ONE_WAY),
+                EffectParameter("asymmetry_antagonist", "1", 0.1, -0.9, 0.9, _ONE_WAY),
             ),
             starts=({"friction_asymmetry": 0.1, "asymmetry_antagonist": 0.1},),
             required_excitation="motion in both directions at several loads",
@@ -690,8 +694,12 @@ EFFECTS: dict[str, Effect] = {
             equation="tau + b + d t",
             where="sensor",
             parameters=(
-                EffectParameter("motor_torque_bias", "Nm", 0.1, -1e3, 1e3),
-                EffectParameter("joint_torque_bias", "Nm", 0.1, -1e3, 1e3),
+                EffectParameter(
+                    "motor_torque_bias", "Nm", 0.1, -1e3, 1e3, _BIAS, "motor_torque"
+                ),
+                EffectParameter(
+                    "joint_torque_bias", "Nm", 0.1, -1e3, 1e3, _BIAS, "joint_torque"
+                ),
                 EffectParameter("motor_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
                 EffectParameter("joint_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
             ),

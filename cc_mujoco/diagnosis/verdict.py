@@ -31,6 +31,9 @@ class Found:
             effect is taken out and all else is refitted.
         refinement: whether that is so little that it may only mend the form of another
             effect: it is in the model, but not called missing.
+        agreement: share of the parts of the data that name it as well, where the model
+            stays off and they were asked.
+        disputed: whether these are too few to call it missing.
     """
 
     id: str
@@ -38,6 +41,8 @@ class Found:
     confidence: float
     share: float = 1.0
     refinement: bool = False
+    agreement: float = 1.0
+    disputed: bool = False
 
 
 @dataclass(frozen=True)
@@ -238,8 +243,10 @@ class Diagnosis:
 
     @property
     def missing(self) -> tuple[Found, ...]:
-        """Named effects without refinements."""
-        return tuple(found for found in self.effects if not found.refinement)
+        """Named effects without refinements and what parts of the data dispute."""
+        return tuple(
+            each for each in self.effects if not (each.refinement or each.disputed)
+        )
 
     def to_json(self) -> str:
         """Text of `verdict.json`; numbers that are not finite are null."""

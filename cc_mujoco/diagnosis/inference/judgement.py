@@ -54,13 +54,28 @@ def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdic
     misfit, left = found.before.misfit, found.after.misfit
     if not outcome.effects:
         return _nothing(found, limits)
-    missing = [each.id for each in outcome.effects if not each.refinement]
     refining = [each.id for each in outcome.effects if each.refinement]
+    disputed = [e for e in outcome.effects if e.disputed and not e.refinement]
+    missing = [e.id for e in outcome.effects if not (e.refinement or e.disputed)]
     told = f"On data held out, the weighted RMS error of {_gap(outcome.gap)}."
     if refining:
         told += (
             f" {capital(_titles(refining))} refines the model, but takes too little "
             "to be called missing."
+        )
+    if disputed:
+        told += " " + capital(
+            listed(
+                f"{EFFECTS[each.id].title} is named by {share(each.agreement)} of the "
+                "parts of the data only"
+                for each in disputed
+            )
+        )
+        told += ", so it may stand in for something else."
+    if not missing:
+        return "unknown", (
+            "Something is missing, and parts of these data name different effects for "
+            f"it{_impossible(found)}. {told}"
         )
     explained = 1.0 - (left**2 - 1.0) / (misfit**2 - 1.0) if misfit > 1.0 else 1.0
     little = explained < EXPLAINED and overall(outcome.gap) < CLOSED

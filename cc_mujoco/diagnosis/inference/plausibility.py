@@ -42,12 +42,14 @@ def _plausible(problem: Problem, parameter: EffectParameter) -> tuple[float, flo
     low, high = parameter.plausible
     if not parameter.of:
         return low, high
-    plant = problem.plant
-    whole = (
-        plant.bench.motor_radius
-        if parameter.of == "motor_radius"
-        else max(float(np.ptp(record.joint_angle)) for record in plant.records)
-    )
+    records = problem.plant.records
+    if parameter.of == "motor_radius":
+        whole = problem.plant.bench.motor_radius
+    elif parameter.of == "motion":
+        whole = max(float(np.ptp(record.joint_angle)) for record in records)
+    else:
+        row = ("motor_torque", "joint_torque").index(parameter.of)
+        whole = max(float(np.max(np.abs(r.measured[row]))) for r in records)
     return low * whole, high * whole
 
 

@@ -12,6 +12,7 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.evidence import Evidence, Isolability
+from cc_mujoco.diagnosis.inference.agreement import AGREED, agreement
 from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline
 from cc_mujoco.diagnosis.inference.experiment import propose
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
@@ -77,7 +78,7 @@ def reason(
     names = tuple(ids or EFFECTS)
 
     def told(share: float, doing: str) -> None:
-        progress(0.2 + 0.6 * share, doing)
+        progress(0.2 + 0.5 * share, doing)
 
     found = search(
         baseline_fit.crossed, interleaved_folds(records), names, limits, told
@@ -114,6 +115,12 @@ def _concluded(
     seed: int,
     progress: Progress,
 ) -> Result:
+    agreed = agreement(
+        baseline_fit,
+        found,
+        limits,
+        lambda share, doing: progress(0.7 + 0.12 * share, doing),
+    )
     progress(0.82, "fitting the result to all data")
     model = _borne_out(baseline_fit, found, seed, progress)
     problem, x = model.problem, model.x
@@ -123,8 +130,8 @@ def _concluded(
     estimated = estimates(problem, x, model.spread)
     hidden = confounded(baseline_fit.problem, baseline_fit.whole.x, found.signatures)
     beyond = strayed(problem, x, estimated, hidden)
-    effects = _found(found, problem, estimated)
-    missing = [effect.id for effect in effects if not effect.refinement]
+    effects = _found(found, problem, estimated, agreed)
+    missing = [e.id for e in effects if not (e.refinement or e.disputed)]
     tied = [
         step for step in found.rounds if len(step.rivals) > 1 and step.added in missing
     ]
@@ -256,7 +263,10 @@ def isolability(signatures: Sequence[Signature]) -> Isolability:
 
 
 def _found(
-    found: Search, problem: Problem, estimated: Mapping[str, Estimate]
+    found: Search,
+    problem: Problem,
+    estimated: Mapping[str, Estimate],
+    agreed: Mapping[str, float],
 ) -> tuple[Found, ...]:
     sure = {step.added: step.confidence for step in found.rounds}
     shares = {name: found.shares[name] for name in problem.effects}
@@ -271,6 +281,8 @@ def _found(
             sure.get(name, 0.0),
             shares[name],
             shares[name] < min(REFINES, most),
+            agreed.get(name, 1.0),
+            agreed.get(name, 1.0) < AGREED,
         )
         for name in problem.effects
     )

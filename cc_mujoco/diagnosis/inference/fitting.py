@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
 from cc_mujoco.diagnosis.inference.jacobian import HUBER_DELTA, Slopes, jacobian
-from cc_mujoco.diagnosis.inference.plant import Plant
+from cc_mujoco.diagnosis.inference.plant import Plant, plausible
 from cc_mujoco.estimation import least_squares
 from cc_mujoco.estimation.least_squares import Fit, Tuned, autocorrelation
 
@@ -28,8 +28,13 @@ _ENOUGH = 1e-3
 """Share of the cost by which a fit goes on."""
 
 
-def knob_as_tuned(parameter: EffectParameter, start: float) -> Tuned:
-    """A parameter of an effect as one of the fit."""
+def knob_as_tuned(parameter: EffectParameter, start: float, plant: Plant) -> Tuned:
+    """A parameter of an effect as one of the fit.
+
+    Half of the largest plausible size is its prior's deviation: where the data leave a
+    direction open, say an offset of both torques against that of an angle, it stays
+    small.
+    """
     if parameter.low > 0.0:
         low, high = math.log(parameter.low / start), math.log(parameter.high / start)
         return Tuned(parameter.name, parameter.unit, start, 1.0, low, high, True)
@@ -42,6 +47,7 @@ def knob_as_tuned(parameter: EffectParameter, start: float) -> Tuned:
         parameter.low / size,
         parameter.high / size,
         False,
+        0.5 * plausible(parameter, plant)[1] / size,
     )
 
 
@@ -104,7 +110,9 @@ class Problem:
     def with_effect(self, name: str, start: dict[str, float]) -> Problem:
         """The same with an effect more, its shape parameters from `start`."""
         more = tuple(
-            knob_as_tuned(parameter, start.get(parameter.name, parameter.typical))
+            knob_as_tuned(
+                parameter, start.get(parameter.name, parameter.typical), self.plant
+            )
             for parameter in EFFECTS[name].parameters
         )
         return replace(

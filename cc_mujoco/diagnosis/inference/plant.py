@@ -17,7 +17,13 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.trials import Constant
-from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY, Rig, Torques
+from cc_mujoco.diagnosis.effects import (
+    EFFECTS,
+    JOINT_DELAY,
+    EffectParameter,
+    Rig,
+    Torques,
+)
 from cc_mujoco.diagnosis.inference.records import Record, low_passed
 from cc_mujoco.diagnosis.inference.replays import Setting, played, shifted
 from cc_mujoco.estimation.least_squares import Tuned, in_threads
@@ -238,3 +244,19 @@ class Plant:
     def limited(self, records: Sequence[Record]) -> Plant:
         """The same plant for other records."""
         return replace(self, records=tuple(records))
+
+
+def plausible(parameter: EffectParameter, plant: Plant) -> tuple[float, float]:
+    """Least and largest value that a parameter of an effect can stand for."""
+    low, high = parameter.plausible
+    if not parameter.of:
+        return low, high
+    records = plant.records
+    if parameter.of == "motor_radius":
+        whole = plant.bench.motor_radius
+    elif parameter.of == "motion":
+        whole = max(float(np.ptp(record.joint_angle)) for record in records)
+    else:
+        row = ("motor_torque", "joint_torque").index(parameter.of)
+        whole = max(float(np.max(np.abs(r.measured[row]))) for r in records)
+    return low * whole, high * whole

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
+from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.inference.fitting import Problem
+from cc_mujoco.diagnosis.inference.plant import plausible
 
 FITS_ONLY = "fits only with"
 """Beginning of the reason not to name an effect whose size is impossible."""
@@ -26,7 +27,7 @@ def implausible(problem: Problem, x: FloatArray) -> str:
     values = problem.values(x)
     for name in problem.effects:
         for parameter in EFFECTS[name].parameters:
-            low, high = _plausible(problem, parameter)
+            low, high = plausible(parameter, problem.plant)
             value = values[parameter.name]
             slack = 1e-3 * parameter.typical
             if not low - slack <= value <= high + slack:
@@ -36,21 +37,6 @@ def implausible(problem: Problem, x: FloatArray) -> str:
                     f"beyond {low:.3g} to {high:.3g}{unit}"
                 )
     return ""
-
-
-def _plausible(problem: Problem, parameter: EffectParameter) -> tuple[float, float]:
-    low, high = parameter.plausible
-    if not parameter.of:
-        return low, high
-    records = problem.plant.records
-    if parameter.of == "motor_radius":
-        whole = problem.plant.bench.motor_radius
-    elif parameter.of == "motion":
-        whole = max(float(np.ptp(record.joint_angle)) for record in records)
-    else:
-        row = ("motor_torque", "joint_torque").index(parameter.of)
-        whole = max(float(np.max(np.abs(r.measured[row]))) for r in records)
-    return low * whole, high * whole
 
 
 def doubtful(problem: Problem, x: FloatArray, spread: FloatArray) -> str | None:

@@ -216,9 +216,17 @@ def _sign(given: _Screen, name: str, place: int) -> Signature | None:
         return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes)
     kept = lengths > PIECE
     solved = np.zeros(len(parameters))
-    solved[kept] = np.linalg.lstsq(signature[:, kept], -rest, rcond=1e-6)[0]
-    low = np.array([parameter.low / parameter.typical for parameter in parameters])
-    high = np.array([parameter.high / parameter.typical for parameter in parameters])
+    wider = given.problem.with_effect(name, start).tuned[given.x.size :]
+    known = [k for k in wider if k.name in {p.name for p in parameters}]
+    priors = np.diag([1.0 / k.prior for k in known])[:, kept]
+    solved[kept] = np.linalg.lstsq(
+        np.concatenate([signature[:, kept], priors]),
+        -np.concatenate([rest, np.zeros(len(known))]),
+        rcond=1e-6,
+    )[0]
+    low, high = (
+        np.array([getattr(k, side) for k in known]) for side in ("low", "high")
+    )
     solved = np.clip(solved, np.maximum(low, -20.0), np.minimum(high, 20.0))
     left = rest + signature @ solved
     gained = (float(rest @ rest) - float(left @ left)) / float(error @ error)

@@ -1,0 +1,60 @@
+"""What parts of the data do not name is not called missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cc_mujoco.diagnosis.data.trials import Dataset
+from cc_mujoco.diagnosis.inference.agreement import parted
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.records import prepare
+from diagnosis.recorded import BENCH, dataset
+
+IDS = ("viscous_friction", "joint_gravity")
+PULL = {"gravity_sine": 1.2, "gravity_cosine": 0.0}
+DRAG = {"viscous_friction": 60.0}
+
+
+def rig(
+    first: dict[str, dict[str, float]], last: dict[str, dict[str, float]]
+) -> Dataset:
+    """Four trials: two of one rig, two of another."""
+    made = [
+        dataset(each, 2.0, seed=k, chosen=(0, 2))
+        for k, each in enumerate((first, last))
+    ]
+    trials = [
+        replace(trial, name=f"{half}{place}", path=f"{half}{place}.csv")
+        for half, data in zip("ab", made, strict=True)
+        for place, trial in enumerate(data.trials)
+    ]
+    return replace(made[0], trials=tuple(trials))
+
+
+def test_parts_that_contradict_each_other_name_nothing() -> None:
+    found = reason(rig({IDS[1]: PULL}, {IDS[0]: DRAG}), BENCH, ids=IDS).diagnosis
+    assert found.verdict == "unknown", found.statement
+    assert found.missing == ()
+
+
+def test_what_every_part_shows_is_named_and_what_half_of_them_show_is_not() -> None:
+    found = reason(
+        rig({IDS[1]: PULL, IDS[0]: DRAG}, {IDS[1]: PULL}), BENCH, ids=IDS
+    ).diagnosis
+    print(found.statement, [(e.id, e.agreement) for e in found.effects])
+    agreed = {each.id: each.agreement for each in found.effects}
+    assert agreed["joint_gravity"] == 1.0
+
+
+def test_parts_are_halves_that_keep_repetitions_together() -> None:
+    records, _ = prepare(rig({}, {}), BENCH)
+    parts = parted(records)
+    assert len(parts) == 4
+    for one, other in (parts[:2], parts[2:]):
+        for a, b, record in zip(one, other, records, strict=True):
+            assert np.array_equal(a | b, record.free)
+            assert not np.any(a & b)
+    alike = tuple(replace(r, group=min(r.group, "b0")) for r in records)
+    assert parted(alike) == []

@@ -35,7 +35,7 @@ class Plant(NamedTuple):
     rotor_inertia: float
     material_time: float = 1.5e-5
     """Kelvin-Voigt damping of the strand over its stiffness [s]."""
-    presliding: float = 1e-5
+    presliding: float = 1e-6
     """Travel over which a contact comes to sliding at nominal tension [m]."""
     reference_tension: float = 80.0
 

@@ -130,7 +130,9 @@ def search(
         progress(count / MOST, f"screening {len(left)} effects")
         signatures = _screened(now, division, left, changes)
         first = first or tuple(signatures)
-        chosen = _chosen(signatures, HOPELESS * thresholds.reduction)
+        # At the floor there is nothing to explain, and chance rewards anything.
+        hopeful = now.misfit > 1.0
+        chosen = _chosen(signatures, HOPELESS * thresholds.reduction) if hopeful else []
         candidates: list[Candidate] = []
         while chosen:
             for place, signature in enumerate(chosen):

@@ -20,16 +20,26 @@ class Diagnose:
 
     interrupted: ClassVar[str] = "nothing was written"
 
-    data: Annotated[tuple[Path, ...], tyro.conf.Positional, in_words("DATA [DATA ...]")]
-    """Trials: CSV or Parquet files, or folders of them."""
-    scene: Annotated[Path, tyro.conf.arg(metavar="SCENE.xml")]
-    """MJCF scene of the rig: one cable or a pull-pull pair, or the name of a scene."""
+    data: Annotated[tuple[Path, ...], tyro.conf.Positional, in_words("[DATA ...]")]
+    """Trials: CSV or Parquet files, or folders of them; none with --plan."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for report.html, verdict.json, scene.xml, evidence.rrd and figures."""
+    scene: Annotated[Path | None, in_words("SCENE.xml")] = None
+    """MJCF scene of the rig: one cable or a pull-pull pair, or the name of a scene."""
     dataset: Annotated[Path | None, in_words("FILE.toml")] = None
     """What the columns mean and what is known of the rig; DATA/dataset.toml if any."""
+    earlier: Annotated[Path | None, in_words("DIR"), tyro.conf.arg(name="continue")] = (
+        None
+    )
+    """Folder of an earlier diagnosis: its data, scene and TOML are taken with DATA."""
     seed: int = 0
     """Seed of bootstraps and noise draws."""
+    plan: bool = False
+    """Before there are data: write the trials to record, as plan.md, CSV and TOML."""
+    reach: Annotated[float | None, in_words("RAD")] = None
+    """With --plan, the motor's largest angle to either side; default by the joint."""
+    speed: Annotated[float | None, in_words("RAD/S")] = None
+    """With --plan, the motor's largest speed; default 3."""
 
     def run(self) -> None:
         """Diagnose, write, and print the verdict.
@@ -40,17 +50,27 @@ class Diagnose:
         """
         if self.seed < 0:
             raise CableError(f"--seed is {self.seed}; it must be 0 or more.")
+        if self.plan:
+            self._plan()
+            return
+        for name, value in (("--reach", self.reach), ("--speed", self.speed)):
+            if value is not None:
+                raise CableError(f"{name} belongs to --plan, which is not given.")
         if not self.data:
             raise CableError("no data given; name CSV or Parquet files, or folders.")
+        scene, dataset, data = self.scene, self.dataset, self.data
+        if self.earlier is not None:
+            from cc_mujoco.diagnosis.earlier import Earlier
+
+            earlier = Earlier.of(self.earlier)
+            scene = earlier.scene if scene is None else scene
+            dataset = earlier.dataset if dataset is None else dataset
+            data = (*earlier.data, *data)
 
         from tqdm import tqdm
 
-        from cc_mujoco.assets import SCENES, scene_path
         from cc_mujoco.diagnosis.diagnose import diagnose
 
-        scene = self.scene
-        if not scene.exists() and str(scene) in SCENES:
-            scene = scene_path(str(scene))
         with tqdm(
             total=1.0,
             bar_format="{bar}| {percentage:3.0f} %  {elapsed}  {desc}",
@@ -62,10 +82,10 @@ class Diagnose:
                 bar.update(max(share - bar.n, 0.0))
 
             found = diagnose(
-                self.data,
-                scene,
+                data,
+                _found(scene),
                 self.out,
-                dataset_toml=self.dataset,
+                dataset_toml=dataset,
                 command=shlex.join(["cc-mujoco", *sys.argv[1:]]),
                 seed=self.seed,
                 progress=told,
@@ -82,3 +102,40 @@ class Diagnose:
         if found.next_experiment is not None:
             print(f"  to separate them: {found.next_experiment.description}")
         print(f"report:   {report}")
+
+    def _plan(self) -> None:
+        """Write what to record, and say what stays doubtful."""
+        if self.data:
+            raise CableError("--plan is for before there are data; give none with it.")
+
+        from cc_mujoco.diagnosis.inference.testable import SEEN
+        from cc_mujoco.diagnosis.plan import PAGE, SPEED, plan
+
+        found = plan(
+            _found(self.scene),
+            self.out,
+            reach=self.reach,
+            speed=SPEED if self.speed is None else self.speed,
+            dataset_toml=self.dataset,
+        )
+        for motion in found.trials:
+            print(f"  {motion.description}")
+        weak = [each for each in found.resolved if each.apart < SEEN]
+        told = ", ".join(f"{each.id} (like {each.likest})" for each in weak)
+        print(f"not told apart: {told or 'none'}")
+        print(f"plan:     {self.out / PAGE}")
+
+
+def _found(scene: Path | None) -> Path:
+    """The file, or that of a scene of the package.
+
+    Raises:
+        CableError: none was given.
+    """
+    from cc_mujoco.assets import SCENES, scene_path
+
+    if scene is None:
+        raise CableError("no scene given; name one by --scene.")
+    if not scene.exists() and str(scene) in SCENES:
+        return scene_path(str(scene))
+    return scene

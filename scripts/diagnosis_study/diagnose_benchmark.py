@@ -137,7 +137,8 @@ def settled(
     from cc_mujoco.assets import scene_path
     from cc_mujoco.diagnosis.data.bench import Bench
     from cc_mujoco.diagnosis.diagnose import inferred
-    from cc_mujoco.diagnosis.inference.experiment import DT, catalogue
+    from cc_mujoco.diagnosis.inference.experiment import catalogue
+    from cc_mujoco.diagnosis.inference.motions import DT
     from rig.dataset import clean_dataset, make_dataset
     from rig.generate import facts_of, write_data
     from rig.nominal import NOMINAL, make_rig
@@ -155,7 +156,12 @@ def settled(
     time = np.arange(0.0, DT * (motion.motor.size - 1), 1e-3)
     known = DT * np.arange(motion.motor.size)
     motor, joint = (np.interp(time, known, s) for s in (motion.motor, motion.joint))
-    kind = {"joint free": "free", "joint locked": "locked", "motor locked": "human"}
+    kind = {
+        "joint free": "free",
+        "joint locked": "locked",
+        "motor locked": "human",
+        "joint against a spring": "human",
+    }
     trial = asked(
         motor, joint, kind[motion.description.split(",")[0]], motion.pretension
     )

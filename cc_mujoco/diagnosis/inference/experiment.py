@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,105 +12,23 @@ from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.evidence import CHANNELS
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
-from cc_mujoco.diagnosis.inference.records import Record, wind_up
+from cc_mujoco.diagnosis.inference.motions import DT, Motion, motions
+from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.verdict import NextExperiment
 
-DT = 0.008
 CLEAR = 5.0
 """Difference over its standard deviation by the noise that settles it."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A trial that most rigs can run.
-
-    Attributes:
-        description: what to do.
-        motor: angle of the motor (samples,) [rad].
-        joint: angle of the joint (samples,) [rad].
-        pretension: relative to what the data had.
-    """
-
-    description: str
-    motor: FloatArray
-    joint: FloatArray
-    pretension: float = 1.0
 
 
 def catalogue(problem: Problem) -> list[Motion]:
     """Trials within the speeds and tensions of the data; one goes further."""
     records = problem.plant.records
-    bench = problem.plant.bench
-    ratio = bench.motor_radius / bench.joint_radius
     swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in records)
     rate = max(
         float(np.quantile(np.abs(np.gradient(r.motor_angle, r.dt)), 0.99))
         for r in records
     )
-    wind = wind_up(bench)
-    time = np.arange(0.0, 40.0, DT)
-
-    def triangle(size: float, speed: float) -> FloatArray:
-        phase = (time * speed / (4.0 * size)) % 1.0
-        found: FloatArray = size * (1.0 - 4.0 * np.abs((phase + 0.25) % 1.0 - 0.5))
-        return found
-
-    ladder = np.concatenate(
-        [
-            triangle(swing, rate * part)[: time.size // 5]
-            for part in (0.02, 0.06, 0.2, 0.5, 1.0)
-        ]
-    )
-    ladder = ladder[: time.size]
-    chirp = swing * 0.3 * np.sin(2.0 * np.pi * (0.1 * time + 0.04 * time**2))
-    dwell = swing * np.interp(
-        time, [0, 1, 2, 3, 6, 7, 15, 16, 38, 39, 40], [0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]
-    )
-    small = triangle(2.0 * wind, rate * 0.1)
-    still = np.zeros(time.size)
-    return [
-        Motion(
-            "joint free, triangles at five speeds from 2 % to 100 % of the fastest",
-            ladder,
-            ladder * ratio,
-        ),
-        Motion("joint free, chirp from 0.1 to 3 Hz", chirp, chirp * ratio),
-        Motion(
-            "joint free, moves with rests of 1, 3, 8 and 22 s", dwell, dwell * ratio
-        ),
-        Motion(
-            "joint locked, slow triangles of the motor a few times its wind-up",
-            triangle(4.0 * wind, wind),
-            still,
-        ),
-        Motion(
-            "joint locked, small reversals of the motor within its wind-up",
-            small,
-            still,
-        ),
-        Motion(
-            "motor locked, joint moved slowly to and fro by hand",
-            still,
-            triangle(4.0 * wind * ratio, wind),
-        ),
-        Motion(
-            "joint free, slow triangle over the whole range, pretension halved",
-            triangle(swing, rate * 0.2),
-            triangle(swing, rate * 0.2) * ratio,
-            0.5,
-        ),
-        Motion(
-            "joint free, slow triangle over twice the range, if the rig allows",
-            triangle(2.0 * swing, rate * 0.2),
-            triangle(2.0 * swing, rate * 0.2) * ratio,
-        ),
-        Motion(
-            "joint locked, slow triangles, pretension halved",
-            triangle(4.0 * wind, wind),
-            still,
-            0.5,
-        ),
-    ]
+    return motions(problem.plant.bench, swing, rate)
 
 
 def propose(

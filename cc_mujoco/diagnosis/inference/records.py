@@ -19,9 +19,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
-from cc_mujoco.compiled import FloatArray
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
 from cc_mujoco.diagnosis.data.digits import made_whole
@@ -249,7 +248,7 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
     return found
 
 
-@njit(nogil=True)
+@compiled
 def _followed(angle: FloatArray, width: float) -> FloatArray:
     out = np.empty(angle.size)
     x = angle[0]

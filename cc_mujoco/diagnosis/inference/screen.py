@@ -119,6 +119,7 @@ def screen(
     ids: Sequence[str],
     division: Sequence[Fold] = (),
     changes: Changes | None = None,
+    starts: int | None = None,
 ) -> list[Signature]:
     """Signatures of effects, the most helpful first; the best start of each.
 
@@ -129,6 +130,7 @@ def screen(
         ids: of the effects to try.
         division: into folds, of these samples; without any nothing is foreseen.
         changes: kept from earlier rounds.
+        starts: most of every effect that are tried; default all.
     """
     error = problem.residual(x, masks)
     slopes = jacobian(problem, x, masks)
@@ -162,7 +164,8 @@ def screen(
     )
 
     def best(name: str) -> Signature | None:
-        found = [_sign(given, name, k) for k in range(len(EFFECTS[name].starts))]
+        places = range(len(EFFECTS[name].starts))[:starts]
+        found = [_sign(given, name, k) for k in places]
         able = [signature for signature in found if signature]
         return max(able, key=lambda s: s.explained, default=None)
 
@@ -229,7 +232,8 @@ def _sign(given: _Screen, name: str, place: int) -> Signature | None:
     )
     solved = np.clip(solved, np.maximum(low, -20.0), np.minimum(high, 20.0))
     left = rest + signature @ solved
-    gained = (float(rest @ rest) - float(left @ left)) / float(error @ error)
+    beyond = max(float(error @ error), 1e-300)
+    gained = (float(rest @ rest) - float(left @ left)) / beyond
     for parameter, amount in zip(parameters, solved.tolist(), strict=True):
         start[parameter.name] = amount * parameter.typical
     basis, _ = np.linalg.qr(signature[:, kept])

@@ -16,6 +16,7 @@ import numpy as np
 from cc_mujoco import files
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.trials import Dataset
+from cc_mujoco.diagnosis.earlier import VERDICT
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
 from cc_mujoco.diagnosis.inference.plant import CLOCKS
 from cc_mujoco.diagnosis.inference.records import low_passed
@@ -31,7 +32,6 @@ from cc_mujoco.diagnosis.wording import NO_SCENE
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing_folder
 
-VERDICT = "verdict.json"
 SOMETIMES = ("scene.xml", "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
 """Files that only some verdicts come with."""
 TITLES = {name: effect.title for name, effect in EFFECTS.items()}

@@ -7,6 +7,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from cc_mujoco.compiled import FloatArray
@@ -15,16 +16,25 @@ from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
 from cc_mujoco.diagnosis.inference.plant import OFFSETS, Plant, tuned
 from cc_mujoco.diagnosis.inference.records import Record, prepare
+from cc_mujoco.estimation.least_squares import Tuned
 from diagnosis.recorded import BENCH, dataset
 
-RECORDS, _ = prepare(dataset(duration=3.0), BENCH)
-COUNTS = [record.counts for record in RECORDS]
-FREE = tuned(BENCH, RECORDS, {})
+RECORDS: list[Record] = []
+COUNTS: list[NDArray[np.bool_]] = []
+FREE: list[Tuned] = []
+
+
+@pytest.fixture(scope="module", autouse=True)
+def records() -> None:
+    """What all tests fit, made when the first of them runs."""
+    RECORDS[:], _ = prepare(dataset(duration=3.0), BENCH)
+    COUNTS[:] = [record.counts for record in RECORDS]
+    FREE[:] = tuned(BENCH, RECORDS, {})
 
 
 def problem(plant: Plant, floor: float = 0.05) -> Problem:
     flat = tuple(np.full(r.measured.shape, floor) for r in RECORDS)
-    return Problem(plant, FREE, (), flat, flat, 0.2)
+    return Problem(plant, tuple(FREE), (), flat, flat, 0.2)
 
 
 @pytest.fixture
@@ -54,7 +64,7 @@ def differenced(one: Problem, x: FloatArray, index: int) -> FloatArray:
 
 
 def test_derivatives_are_differences_of_the_residual() -> None:
-    one = problem(Plant(BENCH, RECORDS, 8))
+    one = problem(Plant(BENCH, tuple(RECORDS), 8))
     x = np.zeros(len(FREE))
     found = jacobian(one, x, COUNTS)
     for index, parameter in enumerate(FREE):
@@ -66,7 +76,9 @@ def test_derivatives_are_differences_of_the_residual() -> None:
 
 def test_derivatives_follow_simulations_elsewhere() -> None:
     """Without a difference more, the change from place to place is what was seen."""
-    one = problem(Plant(BENCH, RECORDS, 8), 5.0)  # so wide that no error is large
+    one = problem(
+        Plant(BENCH, tuple(RECORDS), 8), 5.0
+    )  # so wide that no error is large
     x = np.zeros(len(FREE))
     stale = jacobian(one, x, COUNTS)
     there = x.copy()
@@ -79,7 +91,7 @@ def test_derivatives_follow_simulations_elsewhere() -> None:
 def test_derivatives_are_taken_anew_where_they_fail(
     replays: list[replays_of.Setting],
 ) -> None:
-    one = problem(Plant(BENCH, RECORDS, 8))
+    one = problem(Plant(BENCH, tuple(RECORDS), 8))
     x = np.zeros(len(FREE))
     jacobian(one, x, COUNTS)
     x[0] = 1.5
@@ -95,7 +107,7 @@ def test_derivatives_are_taken_anew_where_they_fail(
 def test_a_wider_model_begins_with_derivatives_of_the_narrower(
     replays: list[replays_of.Setting],
 ) -> None:
-    one = problem(Plant(BENCH, RECORDS, 8))
+    one = problem(Plant(BENCH, tuple(RECORDS), 8))
     x = np.zeros(len(FREE))
     narrow = jacobian(one, x, COUNTS)
     replays.clear()
@@ -115,7 +127,7 @@ def test_a_wider_model_begins_with_derivatives_of_the_narrower(
 def test_what_only_a_torque_sensor_shows_needs_no_replay(
     replays: list[replays_of.Setting],
 ) -> None:
-    jacobian(problem(Plant(BENCH, RECORDS, 8)), np.zeros(len(FREE)), COUNTS)
+    jacobian(problem(Plant(BENCH, tuple(RECORDS), 8)), np.zeros(len(FREE)), COUNTS)
     sensors = sum("torque" in parameter.name for parameter in FREE)
     assert sensors == 4
     assert len(replays) == len(RECORDS) * (1 + len(FREE) - sensors)
@@ -124,7 +136,7 @@ def test_what_only_a_torque_sensor_shows_needs_no_replay(
 def test_replays_that_are_shared_are_those_that_are_taken_anew(
     replays: list[replays_of.Setting],
 ) -> None:
-    plant = Plant(BENCH, RECORDS, 8)
+    plant = Plant(BENCH, tuple(RECORDS), 8)
     values = problem(plant).values(np.full(len(FREE), 0.01))
     effects = ("viscous_friction", "joint_gravity")
     values |= {"viscous_friction": 9.0, "gravity_sine": 0.1, "gravity_cosine": 0.2}
@@ -142,7 +154,7 @@ def test_replays_that_are_shared_are_those_that_are_taken_anew(
 def test_fits_of_one_neighbourhood_share_their_derivatives(
     replays: list[replays_of.Setting],
 ) -> None:
-    one = problem(Plant(BENCH, RECORDS, 8))
+    one = problem(Plant(BENCH, tuple(RECORDS), 8))
     first = fit(one, np.zeros(len(FREE)), COUNTS)
     alone = len(replays)
     again = fit(one, first.x, COUNTS)
@@ -151,7 +163,7 @@ def test_fits_of_one_neighbourhood_share_their_derivatives(
 
 
 def test_a_fit_ends_where_plain_least_squares_does() -> None:
-    one = problem(Plant(BENCH, RECORDS, 8), 5.0)
+    one = problem(Plant(BENCH, tuple(RECORDS), 8), 5.0)
     low, high = (np.array([getattr(p, side) for p in FREE]) for side in ("low", "high"))
     plain = least_squares(
         lambda x: one.residual(x, COUNTS),

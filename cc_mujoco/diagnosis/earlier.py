@@ -1,0 +1,66 @@
+"""What an earlier diagnosis was made from, to be diagnosed again with more data."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cc_mujoco.errors import CableError
+
+VERDICT = "verdict.json"
+
+
+class Earlier(NamedTuple):
+    """Files of an earlier diagnosis.
+
+    Attributes:
+        data: of its trials.
+        scene: that it was asked about.
+        dataset: what its columns mean, or None.
+    """
+
+    data: tuple[Path, ...]
+    scene: Path
+    dataset: Path | None
+
+    @classmethod
+    def of(cls, folder: str | os.PathLike[str]) -> Earlier:
+        """Read them from what the diagnosis left.
+
+        Raises:
+            CableError: no diagnosis is there, or a file of it is gone or has changed
+                since: its verdict would not be that of the same data.
+        """
+        place = Path(folder) / VERDICT
+        try:
+            said = json.loads(place.read_text(encoding="utf-8"))["provenance"]
+            data = {Path(path): str(told) for path, told in said["data"].items()}
+            scene, dataset = said["scene"], said["dataset"]
+            data[Path(scene["path"])] = scene["sha256"]
+            if dataset["path"]:
+                data[Path(dataset["path"])] = dataset["sha256"]
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as wrong:
+            raise CableError(
+                f"{folder} holds no diagnosis that can be continued ({place}: {wrong})."
+            ) from None
+        for path, told in data.items():
+            _require_unchanged(path, told, place)
+        return cls(
+            tuple(Path(path) for path in said["data"]),
+            Path(scene["path"]),
+            Path(dataset["path"]) if dataset["path"] else None,
+        )
+
+
+def _require_unchanged(path: Path, told: Any, place: Path) -> None:
+    try:
+        now = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        raise CableError(f"{path}, of which {place} tells, is not there.") from None
+    if now != told:
+        raise CableError(
+            f"{path} has changed since {place} was written; diagnose all data anew."
+        )

@@ -1,0 +1,127 @@
+"""Trials that most rigs can run, from which experiments are chosen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.inference.records import wind_up
+
+DT = 0.008
+"""Time between the samples of a motion [s]."""
+SECONDS = 40.0
+"""Length of a motion."""
+TURN = 0.03
+"""Time over which a triangle is rounded where it turns [s]."""
+LOADED = 0.8
+"""Change of the tensions over the pretension where a spring holds the joint."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A trial that most rigs can run.
+
+    Attributes:
+        description: what to do.
+        motor: angle of the motor (samples,) [rad].
+        joint: angle of the joint (samples,) [rad].
+        pretension: relative to what the data had.
+    """
+
+    description: str
+    motor: FloatArray
+    joint: FloatArray
+    pretension: float = 1.0
+
+
+def motions(bench: Bench, swing: float, rate: float) -> list[Motion]:
+    """Trials within these limits; one goes to twice the swing.
+
+    Args:
+        bench: the rig.
+        swing: largest angle of the motor to either side [rad].
+        rate: largest speed of the motor [rad/s].
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    ratio = bench.motor_radius / bench.joint_radius
+    wind = wind_up(bench)
+    time = np.arange(0.0, SECONDS, DT)
+
+    def triangle(size: float, speed: float | FloatArray) -> FloatArray:
+        phase = np.cumsum(np.broadcast_to(speed, time.shape)) * DT / (4.0 * size)
+        wave = size * (1.0 - 4.0 * np.abs((phase + 0.25) % 1.0 - 0.5))
+        # No motor turns in an instant.
+        found: FloatArray = gaussian_filter1d(wave, TURN / DT, mode="nearest")
+        return found
+
+    steps = np.repeat((0.02, 0.06, 0.2, 0.5, 1.0), -(-time.size // 5))[: time.size]
+    ladder = triangle(swing, rate * steps)
+    loudness = min(0.3 * swing, rate / (2.0 * np.pi * 3.3))
+    chirp = loudness * np.sin(2.0 * np.pi * (0.1 * time + 0.04 * time**2))
+    cable = bench.cables[0]
+    # The spring takes what loosens one cable nearly and tightens the other as much.
+    stretch = LOADED * cable.pretension / cable.axial_stiffness * cable.length
+    give = 1.0 - stretch / (ratio * swing * bench.joint_radius)
+    sweep = triangle(swing, rate * 0.2)
+    dwell = swing * np.interp(
+        time, [0, 1, 2, 3, 6, 7, 15, 16, 38, 39, 40], [0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]
+    )
+    small = triangle(2.0 * wind, rate * 0.1)
+    still = np.zeros(time.size)
+    return [
+        Motion(
+            "joint free, triangles at five speeds from 2 % to 100 % of the fastest",
+            ladder,
+            ladder * ratio,
+        ),
+        Motion("joint free, chirp from 0.1 to 3 Hz", chirp, chirp * ratio),
+        Motion(
+            "joint free, moves with rests of 1, 3, 8 and 22 s", dwell, dwell * ratio
+        ),
+        Motion(
+            "joint locked, slow triangles of the motor a few times its wind-up",
+            triangle(4.0 * wind, wind),
+            still,
+        ),
+        Motion(
+            "joint locked, small reversals of the motor within its wind-up",
+            small,
+            still,
+        ),
+        Motion(
+            "motor locked, joint moved slowly to and fro by hand",
+            still,
+            triangle(4.0 * wind * ratio, wind),
+        ),
+        Motion(
+            "joint free, slow triangle over the whole range, pretension halved",
+            sweep,
+            sweep * ratio,
+            0.5,
+        ),
+        Motion(
+            "joint free, slow triangle over twice the range, if the rig allows",
+            triangle(2.0 * swing, rate * 0.2),
+            triangle(2.0 * swing, rate * 0.2) * ratio,
+        ),
+        Motion(
+            "joint locked, slow triangles, pretension halved",
+            triangle(4.0 * wind, wind),
+            still,
+            0.5,
+        ),
+        Motion(
+            "joint against a spring, triangles at five speeds",
+            ladder,
+            give * ratio * ladder,
+        ),
+        Motion(
+            "joint against a spring, chirp from 0.1 to 3 Hz",
+            chirp,
+            give * ratio * chirp,
+        ),
+    ]

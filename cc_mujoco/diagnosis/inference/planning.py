@@ -1,0 +1,272 @@
+"""Which trials to record, before there are any: all effects testable, none tied.
+
+The catalogue's motions are simulated with the scene as it is, and with each effect at a
+plausible size. What an effect changes, less what tuning can do, adds up over trials (in
+the normal equations), so every set of trials is judged without another simulation.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
+from cc_mujoco.diagnosis.data.trials import Constant, Noise
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.inference.fitting import Problem
+from cc_mujoco.diagnosis.inference.jacobian import jacobian
+from cc_mujoco.diagnosis.inference.motions import DT, Motion, motions
+from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.records import BAND, Record
+from cc_mujoco.diagnosis.inference.screen import screen
+from cc_mujoco.diagnosis.inference.testable import SEEN
+
+SEGMENTS = 16
+NOISE = 0.005
+"""Standard deviation of a torque's noise where none is declared, over its RMS."""
+DIGIT = 1e-4
+"""The same of an angle [rad]."""
+CLEARLY = 10.0 * SEEN
+"""Clarity from which more is of no further use; noise is not all that is in the way."""
+
+
+class Resolved(NamedTuple):
+    """What a set of trials says about one effect.
+
+    Attributes:
+        id: of the effect.
+        clarity: of a plausible size, in standard deviations once all is tuned.
+        least: size of its first parameter that would just show, in its unit.
+        likest: the effect it is told from least.
+        apart: clarity of a plausible size where that one is fitted as well.
+    """
+
+    id: str
+    clarity: float
+    least: float
+    likest: str
+    apart: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Trials to record and what they would resolve.
+
+    Attributes:
+        trials: in the order of what they add.
+        resolved: by the trials together, the least certain effect first.
+        noise: standard deviation of both torques that was taken [Nm].
+    """
+
+    trials: tuple[Motion, ...]
+    resolved: tuple[Resolved, ...]
+    noise: tuple[float, float]
+
+
+def planned(
+    bench: Bench,
+    swing: float,
+    rate: float,
+    constants: Mapping[str, Constant],
+    noise: Mapping[str, Noise],
+    ids: Sequence[str] = tuple(EFFECTS),
+) -> Plan:
+    """The fewest trials of the catalogue that leave no effect untestable or tied.
+
+    Args:
+        bench: the rig as the scene has it.
+        swing: largest angle of the motor to either side [rad].
+        rate: largest speed of the motor [rad/s].
+        constants: what is known of the rig.
+        noise: of the channels where it is known.
+        ids: effects to consider.
+    """
+    every = [m for m in motions(bench, swing, rate) if "twice" not in m.description]
+    records = tuple(_record(motion, bench) for motion in every)
+    plant = Plant(bench, records, SEGMENTS)
+    free = tuned(bench, records, constants)
+    place = np.zeros(len(free))
+    blank = Problem(plant, free, (), (), ())
+    torques = plant.simulate(blank.values(place))
+    whole = np.concatenate(torques, axis=1)
+    sizes = [
+        noise[name].deviation if name in noise else NOISE * float(np.std(row))
+        for name, row in zip(("motor_torque_nm", "joint_torque_nm"), whole, strict=True)
+    ]
+    floor = tuple(
+        _floor(plant, blank, record, torque, np.array(sizes), noise)
+        for record, torque in zip(records, torques, strict=True)
+    )
+    seen = plant.limited(
+        [
+            replace(record, measured=torque)
+            for record, torque in zip(records, torques, strict=True)
+        ]
+    )
+    # Torques are compared up to `BAND`: so many of the samples are independent.
+    weight = min(1.0, 2.0 * BAND * DT) ** 0.5
+    problem = Problem(seen, free, (), floor, floor, weight)
+    grams, owners = _grams(problem, place, ids)
+    chosen = _chosen(grams, owners, len(free))
+    together = np.sum([grams[k] for k in chosen], axis=0)
+    resolved = _resolved(together, owners, len(free))
+    return Plan(
+        tuple(every[k] for k in chosen),
+        tuple(sorted(resolved, key=lambda each: each.apart)),
+        (sizes[0], sizes[1]),
+    )
+
+
+def _record(motion: Motion, bench: Bench) -> Record:
+    size = min(motion.motor.size, motion.joint.size)
+    return Record(
+        trial=motion.description,
+        dt=DT,
+        step=DT,
+        time=DT * np.arange(size, dtype=np.float64),
+        motor_angle=motion.motor[:size],
+        joint_angle=motion.joint[:size],
+        measured=np.zeros((2, size)),
+        band=BAND,
+        counts=np.ones(size, dtype=bool),
+        pretension=bench.cables[0].pretension * motion.pretension,
+        start=0.0,
+        split=None,
+        group=motion.description,
+    )
+
+
+def _floor(
+    plant: Plant,
+    blank: Problem,
+    record: Record,
+    torque: FloatArray,
+    sizes: FloatArray,
+    noise: Mapping[str, Noise],
+) -> FloatArray:
+    """What noise of torques and angles makes of both torques (2, samples) [Nm]."""
+    random = np.random.default_rng(0)
+    deviation = [
+        noise[name].deviation if name in noise else DIGIT
+        for name in (MOTOR_ANGLE, JOINT_ANGLE)
+    ]
+    # Slow enough to pass the filters, and to strain a cable that sticks.
+    slow = [
+        np.repeat(random.normal(0.0, each, -(-record.time.size // 8)), 8)
+        for each in deviation
+    ]
+    moved = replace(
+        record,
+        motor_angle=record.motor_angle + slow[0][: record.time.size],
+        joint_angle=record.joint_angle + slow[1][: record.time.size],
+    )
+    (there,) = plant.limited([moved]).simulate(blank.values(np.zeros(len(blank.tuned))))
+    scatter = np.sqrt(np.mean((there - torque) ** 2, axis=1))
+    found: FloatArray = np.broadcast_to(np.hypot(scatter, sizes)[:, None], torque.shape)
+    return found
+
+
+def _grams(
+    problem: Problem, x: FloatArray, ids: Sequence[str]
+) -> tuple[list[FloatArray], list[tuple[str, int]]]:
+    """Products of all changes in each record (columns, columns), and whose they are.
+
+    First the baseline's parameters, then the amplitudes of every effect; the priors of
+    the baseline count once, with the first record, whichever are chosen.
+    """
+    records = problem.plant.records
+    masks = [record.counts for record in records]
+    slopes = jacobian(problem, x, masks)
+    signatures = screen(problem, x, masks, ids, starts=1)
+    owners = [("", k) for k in range(len(problem.tuned))]
+    columns = [slopes]
+    for sign in signatures:
+        columns.append(sign.changes)
+        owners += [(sign.id, k) for k in range(sign.changes.shape[1])]
+    table = np.concatenate(columns, axis=1)
+    ends = np.cumsum([0, *(2 * record.time.size for record in records)])
+    grams = [
+        table[first:end].T @ table[first:end] for first, end in itertools.pairwise(ends)
+    ]
+    priors = table[ends[-1] :]
+    share = priors.T @ priors
+    return [gram + share / len(grams) for gram in grams], owners
+
+
+def _chosen(
+    grams: Sequence[FloatArray], owners: Sequence[tuple[str, int]], base: int
+) -> list[int]:
+    """Records added one by one, while each makes effects clearer or tells two apart."""
+    chosen: list[int] = []
+    best = 0.0
+    while len(chosen) < len(grams):
+        tried = {
+            k: _worth(np.sum([grams[j] for j in (*chosen, k)], axis=0), owners, base)
+            for k in range(len(grams))
+            if k not in chosen
+        }
+        k = max(tried, key=lambda each: tried[each])
+        if tried[k] < best + 0.02:
+            break
+        chosen.append(k)
+        best = tried[k]
+    return chosen
+
+
+def _worth(gram: FloatArray, owners: Sequence[tuple[str, int]], base: int) -> float:
+    """Effects that would show, in part or whole, and are told from all others."""
+    return sum(
+        0.5 * min(each.clarity / CLEARLY, 1.0) + 0.5 * min(each.apart / CLEARLY, 1.0)
+        for each in _resolved(gram, owners, base)
+    )
+
+
+def _resolved(
+    gram: FloatArray, owners: Sequence[tuple[str, int]], base: int
+) -> list[Resolved]:
+    known = gram[:base, :base]
+    cross = gram[:base, base:]
+    size = np.sqrt(np.diag(known))
+    size[size == 0.0] = 1.0
+    shift = np.linalg.lstsq(known / np.outer(size, size), cross / size[:, None])[0]
+    left = gram[base:, base:] - (cross / size[:, None]).T @ shift
+    index: dict[str, list[int]] = {}
+    for place, (name, _) in enumerate(owners[base:]):
+        index.setdefault(name, []).append(place)
+    white = {name: _white(left[np.ix_(own, own)]) for name, own in index.items()}
+    found = []
+    for name, own in index.items():
+        clarity = float(np.sqrt(np.max(np.diag(left)[own])))
+        alike = {
+            other: _cosine(left[np.ix_(own, theirs)], white[name], white[other])
+            for other, theirs in index.items()
+            if other != name
+        }
+        likest = max(alike, key=lambda other: alike[other])
+        first = EFFECTS[name].parameters[0]
+        least = SEEN * first.typical / max(clarity, 1e-12)
+        apart = clarity * float(np.sqrt(1.0 - alike[likest] ** 2))
+        found.append(Resolved(name, clarity, least, likest, apart))
+    return found
+
+
+def _white(own: FloatArray) -> FloatArray:
+    """Combinations of an effect's changes that are orthonormal (amplitudes, k)."""
+    values, vectors = np.linalg.eigh(own)
+    kept = values > 1e-6 * max(float(values[-1]), 1e-300)
+    found: FloatArray = vectors[:, kept] / np.sqrt(values[kept])
+    return found
+
+
+def _cosine(cross: FloatArray, one: FloatArray, other: FloatArray) -> float:
+    """Largest cosine between what two effects change."""
+    if not one.size or not other.size:
+        return 0.0
+    values = np.linalg.svd(one.T @ cross @ other, compute_uv=False)
+    return float(min(values[0], 1.0))

@@ -1,0 +1,198 @@
+"""Before there are data: which trials a rig should record, ready to be played.
+
+from cc_mujoco.diagnosis.plan import plan
+
+plan("bench.xml", "trials", reach=0.8, speed=3.0).resolved
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+
+from cc_mujoco.diagnosis.data import channels
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, read_dataset_file
+from cc_mujoco.diagnosis.data.trials import Noise
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.inference.motions import DT, Motion
+from cc_mujoco.diagnosis.inference.planning import CLEARLY, Plan, planned
+from cc_mujoco.diagnosis.inference.testable import SEEN
+from cc_mujoco.diagnosis.scene.requirements import require_repairable
+from cc_mujoco.diagnosis.wording import number, plain
+from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing_folder, require_ours
+from cc_mujoco.markdown import table
+
+PAGE = "plan.md"
+DATASET = "dataset.toml"
+REACH = 0.8
+"""Angle of the motor to either side where the scene does not limit the joint [rad]."""
+SPEED = 3.0
+"""Largest speed of the motor where none is given [rad/s]."""
+_TITLE = "# Trials to record"
+
+
+def plan(
+    scene: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    reach: float | None = None,
+    speed: float = SPEED,
+    dataset_toml: str | os.PathLike[str] | None = None,
+    ids: Sequence[str] = tuple(EFFECTS),
+) -> Plan:
+    """Choose trials by which every effect of the library shows and is told apart.
+
+    Args:
+        scene: MJCF file of the rig.
+        out: folder for `plan.md`, one CSV a trial and the beginning of a
+            `dataset.toml`; written whole or not at all.
+        reach: largest angle of the motor to either side [rad]; default what the
+            joint's range allows.
+        speed: largest speed of the motor [rad/s].
+        dataset_toml: what is known of the rig and the noise of its channels.
+        ids: effects to consider.
+
+    Raises:
+        CableError: a scene that cannot be diagnosed, limits that are none, or a folder
+            with files that no plan wrote.
+    """
+    bench = Bench.of(Path(scene))
+    require_repairable(bench)
+    swing = _reach(bench) if reach is None else reach
+    for name, value in (("reach", swing), ("speed", speed)):
+        if not 0.0 < value < math.inf:
+            raise CableError(f"{name} is {value:g}; it must be more than 0 and finite.")
+    names = tuple(f"motion_{k:02d}.csv" for k in range(1, 20))
+    require_ours(Path(out), (PAGE, DATASET, *names), _is_plan)
+    file = (
+        DatasetFile() if dataset_toml is None else read_dataset_file(Path(dataset_toml))
+    )
+    bench = bench.known(file.rig)
+    found = planned(bench, swing, speed, file.rig, _noise(file), ids)
+    with replacing_folder(out) as place:
+        for name, motion in zip(names, found.trials, strict=False):
+            _write_motion(place / name, motion)
+        (place / DATASET).write_text(_dataset(found, bench), encoding="utf-8")
+        (place / PAGE).write_text(page(found, bench, swing, speed), encoding="utf-8")
+    for name in names[len(found.trials) :]:  # of an earlier, longer plan
+        (Path(out) / name).unlink(missing_ok=True)
+    return found
+
+
+def _is_plan(folder: Path) -> bool:
+    try:
+        return (folder / PAGE).read_text(encoding="utf-8").startswith(_TITLE)
+    except (OSError, ValueError):
+        return False
+
+
+def _reach(bench: Bench) -> float:
+    """What the range of the joint allows the motor to either side [rad]."""
+    model = mujoco.MjModel.from_xml_path(str(bench.path))
+    joint = model.joint(bench.joint)
+    if not model.jnt_limited[joint.id]:
+        return REACH
+    room = float(min(abs(end) for end in model.jnt_range[joint.id]))
+    return min(REACH, room * bench.joint_radius / bench.motor_radius) or REACH
+
+
+def _noise(file: DatasetFile) -> dict[str, Noise]:
+    """Noise that is declared, by channel."""
+    found = {}
+    for name, source in file.columns.items():
+        if source.noise is not None:
+            factor = channels.kind(name).factors[file.unit(name, source.name or name)]
+            digit = (source.resolution or 0.0) * factor
+            found[name] = Noise(source.noise * factor, digit, "declared")
+    return found
+
+
+def _write_motion(path: Path, motion: Motion) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(("time_s", "motor_angle_rad", "joint_angle_rad"))
+        rows.writerows(
+            (f"{DT * k:.3f}", f"{motor:.6f}", f"{joint:.6f}")
+            for k, (motor, joint) in enumerate(
+                zip(motion.motor, motion.joint, strict=False)
+            )
+        )
+
+
+def _dataset(found: Plan, bench: Bench) -> str:
+    """What is known already of the trials, as TOML."""
+    lines = ["# What is planned; correct it where the rig did otherwise.", ""]
+    for k, motion in enumerate(found.trials, start=1):
+        tension = bench.cables[0].pretension * motion.pretension
+        lines += [f'[trials."trial_{k:02d}"]', f"pretension = {tension:g}"]
+        if motion.description.startswith("joint locked"):
+            lines.append('locked = "joint"')
+        lines += [f'notes = "{motion.description}"', ""]
+    return "\n".join(lines)
+
+
+def page(found: Plan, bench: Bench, swing: float, speed: float) -> str:
+    """The plan in words and two tables."""
+    motor, joint = (number(each) for each in found.noise)
+    trials = table(
+        ("file", "what to do", "pretension [N]", "seconds"),
+        [
+            (
+                f"`motion_{k:02d}.csv`",
+                motion.description,
+                number(bench.cables[0].pretension * motion.pretension),
+                number(DT * motion.motor.size),
+            )
+            for k, motion in enumerate(found.trials, start=1)
+        ],
+    )
+    resolved = table(
+        ("effect", "shows from", "plausible", "most like", "told apart by"),
+        [
+            (
+                each.id,
+                f"{_size(each.id, each.least)}",
+                f"{_size(each.id, EFFECTS[each.id].parameters[0].typical)}",
+                each.likest,
+                f"{each.apart:.0f} sd" + ("" if each.apart >= SEEN else " (tied)"),
+            )
+            for each in found.resolved
+        ],
+    )
+    return "\n".join(
+        [
+            _TITLE,
+            "",
+            f"For {bench.path.name}: motor within {number(swing)} rad and "
+            f"{number(speed)} rad/s; noise of the torques {motor} and {joint} Nm.",
+            "",
+            trials,
+            "",
+            "Each file has the motor's angle to play, and the joint's as expected: "
+            "hold it there where it is locked or against a spring, leave it free else. "
+            "Record both angles and torques at 200 Hz or more, call the recordings "
+            "`trial_01.csv` and so on, and put them and `dataset.toml` into a folder "
+            "of their own.",
+            "",
+            "What these trials would resolve, in the scene as it is, once everything "
+            "else is tuned. An effect shows from the size that is "
+            f"{SEEN:g} standard deviations of the noise; told apart: a plausible size "
+            "where the effect most like it is fitted as well. A real rig differs from "
+            f"the scene by more than noise: {CLEARLY:g} is comfortable.",
+            "",
+            resolved,
+            "",
+        ]
+    )
+
+
+def _size(name: str, value: float) -> str:
+    first = EFFECTS[name].parameters[0]
+    return f"{plain(first.name)} {number(value)} {first.unit}".removesuffix(" 1")

@@ -1,0 +1,63 @@
+"""An earlier diagnosis is continued with its own data, or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+
+from cc_mujoco.diagnosis.earlier import VERDICT, Earlier
+from cc_mujoco.errors import CableError
+
+
+@pytest.fixture
+def diagnosed(tmp_path: Path) -> Path:
+    """What a diagnosis of two trials leaves of where it came from."""
+    texts = {"a.csv": "1", "b.csv": "2", "bench.xml": "<m/>", "dataset.toml": ""}
+    told = {}
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        told[name] = hashlib.sha256(text.encode()).hexdigest()
+
+    def both(name: str) -> dict[str, str]:
+        return {"path": str(tmp_path / name), "sha256": told[name]}
+
+    data = {str(tmp_path / name): told[name] for name in ("a.csv", "b.csv")}
+    out = tmp_path / "out"
+    out.mkdir()
+    provenance = {
+        "data": data,
+        "scene": both("bench.xml"),
+        "dataset": both("dataset.toml"),
+    }
+    (out / VERDICT).write_text(json.dumps({"provenance": provenance}), encoding="utf-8")
+    return out
+
+
+def test_it_is_found_with_everything_it_was_made_from(diagnosed: Path) -> None:
+    earlier = Earlier.of(diagnosed)
+    assert [path.name for path in earlier.data] == ["a.csv", "b.csv"]
+    assert earlier.scene.name == "bench.xml"
+    assert earlier.dataset is not None
+    assert earlier.dataset.name == "dataset.toml"
+
+
+@pytest.mark.parametrize("name", ["b.csv", "bench.xml", "dataset.toml"])
+def test_what_has_changed_or_gone_is_told(diagnosed: Path, name: str) -> None:
+    file = diagnosed.parent / name
+    file.write_text("other", encoding="utf-8")
+    with pytest.raises(CableError, match=f"{name} has changed since"):
+        Earlier.of(diagnosed)
+    file.unlink()
+    with pytest.raises(CableError, match=f"{name}, of which .* is not there"):
+        Earlier.of(diagnosed)
+
+
+def test_a_folder_without_a_diagnosis_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CableError, match="holds no diagnosis that can be continued"):
+        Earlier.of(tmp_path)
+    (tmp_path / VERDICT).write_text("[]", encoding="utf-8")
+    with pytest.raises(CableError, match="holds no diagnosis that can be continued"):
+        Earlier.of(tmp_path)

@@ -1,0 +1,78 @@
+"""Trials that are planned show every effect of the library, and are ready to play."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cc_mujoco.assets import scene_path
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
+from cc_mujoco.diagnosis.inference.motions import DT, motions
+from cc_mujoco.diagnosis.inference.planning import Plan
+from cc_mujoco.diagnosis.inference.testable import SEEN
+from cc_mujoco.diagnosis.plan import PAGE, plan
+from cc_mujoco.errors import CableError
+
+REACH, SPEED = 0.8, 3.0
+IDS = (
+    "viscous_friction",
+    "end_compliance",
+    "joint_gravity",
+    "joint_stiffness",
+    "torque_sensor_offset",
+)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, Path]:
+    out = tmp_path_factory.mktemp("plan") / "out"
+    return plan(scene_path("bench"), out, reach=REACH, speed=SPEED, ids=IDS), out
+
+
+def test_effects_show_and_are_told_from_each_other(
+    made: tuple[Plan, Path],
+) -> None:
+    found, _ = made
+    assert {each.id for each in found.resolved} == set(IDS)
+    assert len(found.trials) < 10
+    assert all(each.apart >= SEEN for each in found.resolved)
+    assert all(each.clarity >= each.apart for each in found.resolved)
+
+
+def test_files_are_what_the_page_says(made: tuple[Plan, Path]) -> None:
+    found, out = made
+    page = (out / PAGE).read_text(encoding="utf-8")
+    facts = read_dataset_file(out / "dataset.toml").facts
+    for k, motion in enumerate(found.trials, start=1):
+        table = np.genfromtxt(out / f"motion_{k:02d}.csv", delimiter=",", names=True)
+        np.testing.assert_allclose(table["motor_angle_rad"], motion.motor, atol=1e-6)
+        assert np.allclose(np.diff(table["time_s"]), DT)
+        assert f"motion_{k:02d}.csv" in page
+        told = facts[f"trial_{k:02d}"]
+        assert told["pretension"] == pytest.approx(80.0 * motion.pretension)
+    assert all(name in page for name in IDS)
+
+
+def test_motions_stay_within_the_limits_and_have_no_jumps() -> None:
+    bench = Bench.of(scene_path("bench"))
+    for motion in motions(bench, REACH, SPEED):
+        reach = REACH * (2.0 if "twice" in motion.description else 1.0)
+        assert np.max(np.abs(motion.motor)) <= reach * (1.0 + 1e-9)
+        speed = np.abs(np.diff(motion.motor)) / DT
+        assert np.max(speed) <= SPEED * 1.01, motion.description
+        played = bench.transmission.replay(
+            DT, motor_angle=motion.motor, joint_angle=motion.joint
+        )
+        assert np.all(np.isfinite(played.joint_torque))
+
+
+def test_limits_that_are_none_and_files_of_others_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(CableError, match="reach is 0; it must be more than 0"):
+        plan(scene_path("bench"), tmp_path / "a", reach=0.0)
+    (tmp_path / "motion_01.csv").write_text("mine", encoding="utf-8")
+    with pytest.raises(CableError, match="which no such run wrote"):
+        plan(scene_path("bench"), tmp_path, reach=0.5)
+    assert (tmp_path / "motion_01.csv").read_text(encoding="utf-8") == "mine"

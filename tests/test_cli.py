@@ -158,7 +158,7 @@ import gymnasium, tqdm
 from cc_mujoco import cli, recording
 play = recording.play
 def told(*given, **named):
-    threading.Timer(0.5, os.kill, (os.getpid(), NUMBER)).start()
+    threading.Timer(0.2, os.kill, (os.getpid(), NUMBER)).start()
     return play(*given, **named)
 recording.play = told
 """

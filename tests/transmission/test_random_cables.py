@@ -93,7 +93,7 @@ def test_friction_never_acts_with_the_slip(term, seed):
 
 @pytest.mark.parametrize("drag", ["coulomb", "load_independent", "seals"])
 @given(seed=SEEDS)
-@settings(max_examples=8)
+@settings(max_examples=4)
 def test_energy_of_bristles_adds_up_where_the_cable_goes_slack(drag, seed):
     rng = np.random.default_rng(seed)
     cable = cable_of(rng, drag).replace(
@@ -116,7 +116,7 @@ def test_energy_of_bristles_adds_up_where_the_cable_goes_slack(drag, seed):
 
 @pytest.mark.parametrize("term", [term for term in CABLES if term not in END_BY_END])
 @given(seed=SEEDS)
-@settings(max_examples=12)
+@settings(max_examples=5)
 def test_a_cable_turned_around_pulls_alike(term, seed):
     rng = np.random.default_rng(seed)
     cable = cable_of(rng, term)
@@ -142,7 +142,7 @@ def test_static_friction_barely_above_kinetic_changes_nothing(seed):
 
 @pytest.mark.parametrize(("term", "small"), VANISHING)
 @given(seed=SEEDS)
-@settings(max_examples=8)
+@settings(max_examples=4)
 def test_a_vanishing_term_changes_nothing(term, small, seed):
     rng = np.random.default_rng(seed)
     cable = cable_of(rng).replace(pretension=20.0, segments=50)

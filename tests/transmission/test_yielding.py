@@ -16,7 +16,7 @@ JUMPS = ("static_friction",)  # where a tension has two values
 
 @pytest.mark.parametrize("term", [name for name in CABLES if name not in JUMPS])
 @given(seed=st.integers(0, 2**31))
-@settings(max_examples=15)
+@settings(max_examples=6)
 def test_a_step_ends_where_it_would_if_its_ends_were_driven_there(
     term: str, seed: int
 ) -> None:

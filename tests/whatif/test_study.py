@@ -309,7 +309,7 @@ def test_a_saved_policy_drives_designs_as_their_environments(
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
 def test_every_controller_drives_different_designs_as_each_alone(name: str) -> None:
     vary = {"motor_radius": [0.02, 0.03]}
-    plan = make_plan("wrist", vary, controller=name, **SHORT)
+    plan = make_plan("wrist", vary, controller=name, **{**SHORT, "duration": 0.06})
     together = evaluate(plan.protocol, plan.designs)
     for design, result in zip(plan.designs, together, strict=True):
         (alone,) = evaluate(plan.protocol, [design])
@@ -330,7 +330,7 @@ def test_every_controller_drives_different_designs_as_each_alone(name: str) -> N
 def test_a_task_of_the_phase_alone_is_asked_of_every_design(
     name: str, vary: dict[str, Any]
 ) -> None:
-    plan = make_plan("ankle", vary, controller=name, duration=0.1, task="assist",
+    plan = make_plan("ankle", vary, controller=name, duration=0.05, task="assist",
                      metrics=("tracking_error", "peak_motor_power"))  # fmt: skip
     together = evaluate(plan.protocol, plan.designs)
     alone = [evaluate(plan.protocol, [design])[0] for design in plan.designs]

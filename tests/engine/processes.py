@@ -14,7 +14,8 @@ import cc_mujoco
 ROOT = Path(cc_mujoco.__file__).parents[1]
 DRIVER = """
 import os
-for folder, script in SCRIPTS:
+# What a script spawns imports this anew, and runs no script.
+for folder, script in SCRIPTS if __name__ == "__main__" else ():
     child = os.fork() if len(SCRIPTS) > 1 else 0
     if child == 0:
         os.chdir(folder)

@@ -60,9 +60,8 @@ assert step() == first
 """,
     "spawn": """
 import multiprocessing
-if __name__ == "__main__":
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        assert pool.apply(step) == step()
+with multiprocessing.get_context("spawn").Pool(1) as pool:
+    assert pool.apply(step) == step()
 """,
     "threads": """
 from concurrent.futures import ThreadPoolExecutor
@@ -95,10 +94,7 @@ builtins.alive = alive
 
 @pytest.fixture(scope="module")
 def ended(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ended]:
-    home = tmp_path_factory.mktemp("scripts")
-    alone = {"spawn": SCRIPTS["spawn"]}  # starts Python anew
-    others = {name: text for name, text in SCRIPTS.items() if name not in alone}
-    return processes(STEP, others, home) | processes(STEP, alone, home)
+    return processes(STEP, SCRIPTS, tmp_path_factory.mktemp("scripts"))
 
 
 @pytest.mark.parametrize("name", SCRIPTS)

@@ -78,18 +78,21 @@ class Cluster:
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    """With one worker, of the same code."""
-    laws = tmp_path_factory.mktemp("laws")
-    _write_law(laws, 0.1)
+    """Without workers as yet."""
     started = Cluster(tmp_path_factory.mktemp("cluster"))
-    started.work(HOME, laws)
     yield started
     started.stop(0)
 
 
 @pytest.fixture
-def cluster(served: Cluster) -> Iterator[Cluster]:
-    """The same, rid of what a test adds to it."""
+def cluster(
+    served: Cluster, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Cluster]:
+    """With one worker, of the same code; rid of what a test adds to it."""
+    if len(served.processes) == 1:
+        laws = tmp_path_factory.mktemp("laws")
+        _write_law(laws, 0.1)
+        served.work(HOME, laws)
     yield served
     served.stop(2)
     with served.client() as client:
@@ -111,6 +114,38 @@ def _plan() -> Plan:
         duration=0.3,
         metrics=("tracking_error", "slack_margin"),
     )
+
+
+Asked = Callable[..., str]
+
+
+@pytest.fixture
+def refusal(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Asked:
+    """Runs a study and returns the one sentence that refuses it."""
+
+    def ask(address: str, *words: str) -> str:
+        arguments = ["whatif", "--vary", "friction=0.1,0.2", "--duration", "0.2"]
+        arguments += ["--metric", "tracking_error", "--scheduler", address]
+        arguments += ["--out", str(tmp_path / "refused"), *words]
+        assert cli.main(arguments) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1 and said.startswith("cc-mujoco: ")
+        return said
+
+    return ask
+
+
+def test_no_workers_are_not_waited_for_without_end(
+    served: Cluster, refusal: Asked
+) -> None:
+    served.stop(1)
+    with served.client() as client:
+        while client.nthreads():
+            time.sleep(0.01)
+    started = time.monotonic()
+    said = refusal(served.address, "--worker-timeout", "1")
+    assert "no worker for 1 s; start one with `dask worker tcp://" in said
+    assert time.monotonic() - started < 15.0
 
 
 def test_a_killed_worker_loses_nothing(tmp_path: Path, cluster: Cluster) -> None:
@@ -152,25 +187,6 @@ def no_package(tmp_path: Path) -> Path:
     home.mkdir()
     (home / "cc_mujoco.py").write_text("raise ImportError('it is not here')\n")
     return home
-
-
-Asked = Callable[..., str]
-
-
-@pytest.fixture
-def refusal(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Asked:
-    """Runs a study and returns the one sentence that refuses it."""
-
-    def ask(address: str, *words: str) -> str:
-        arguments = ["whatif", "--vary", "friction=0.1,0.2", "--duration", "0.2"]
-        arguments += ["--metric", "tracking_error", "--scheduler", address]
-        arguments += ["--out", str(tmp_path / "refused"), *words]
-        assert cli.main(arguments) == 2
-        said = capsys.readouterr().err
-        assert said.count("\n") == 1 and said.startswith("cc-mujoco: ")
-        return said
-
-    return ask
 
 
 def test_a_worker_without_the_package_is_refused(
@@ -220,19 +236,6 @@ def test_the_controller_of_a_worker_is_that_of_the_client(
     cluster.work(HOME, tmp_path / "other")
     words = ("--controller", "law_of_mine:make")
     assert "differs in law_of_mine.py" in refusal(cluster.address, *words)
-
-
-def test_no_workers_are_not_waited_for_without_end(
-    tmp_path: Path, refusal: Asked
-) -> None:
-    empty = Cluster(tmp_path)
-    started = time.monotonic()
-    try:
-        said = refusal(empty.address, "--worker-timeout", "1")
-    finally:
-        empty.stop(0)
-    assert "no worker for 1 s; start one with `dask worker tcp://" in said
-    assert time.monotonic() - started < 15.0
 
 
 @pytest.mark.parametrize("greeting", [b"SSH-2.0-OpenSSH_9.6\r\n", b"HTTP/1.1 400\r\n"])

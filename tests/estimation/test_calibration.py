@@ -56,13 +56,13 @@ def test_a_fit_from_wrong_values_finds_the_truth() -> None:
 @pytest.mark.parametrize("memory", [0.0, 0.9])
 def test_intervals_cover_also_where_noise_has_a_memory(memory: float) -> None:
     held = np.zeros(2)
-    for seed in range(10):
+    for seed in range(5):
         found = calibrate(
             [trial(seed, memory)], rig(CABLE), ("friction", "axial_stiffness"), starts=0
         )
         for place, name in enumerate(("friction", "axial_stiffness")):
             held[place] += found[name].holds(getattr(CABLE, name))
-    assert np.all(held >= 8)
+    assert np.all(held >= 4)
 
 
 def torque_trial() -> Measurement:

@@ -24,7 +24,7 @@ def test_torque_is_the_chopped_triangle() -> None:
 
 @pytest.mark.parametrize("friction", [0.02, 0.21])
 def test_output_feels_the_motor_when_the_first_front_arrives(friction: float) -> None:
-    cable = magnitudes.COULOMB.replace(friction=friction, segments=400)
+    cable = magnitudes.COULOMB.replace(friction=friction, segments=150)
     expected = rig.onset(cable)
     assert magnitudes.simulated_onset(cable) == pytest.approx(expected, rel=0.02)
 
@@ -51,10 +51,10 @@ def test_reconciled_differs_from_table_2_2_in_friction_alone() -> None:
 
 
 def test_pretension_and_loops_widen_the_loop_and_take_efficiency() -> None:
-    cables = [rig.RECONCILED.replace(pretension=value) for value in (5.0, 10.0, 20.0)]
-    cables += [rig.RECONCILED.replace(conduit=rig.loops(n)) for n in (1, 2, 3)]
+    cables = [rig.RECONCILED.replace(pretension=value) for value in (5.0, 20.0)]
+    cables += [rig.RECONCILED.replace(conduit=rig.loops(n)) for n in (1, 3)]
     found = [rig.blocked(cable) for cable in cables]
-    for rows in (found[:3], found[3:]):
+    for rows in (found[:2], found[2:]):
         assert np.all(np.diff([row.efficiency for row in rows]) < 0.0)
         assert np.all(np.diff([row.backlash for row in rows]) > 0.0)
         assert all(row.friction_work > 0.0 for row in rows)

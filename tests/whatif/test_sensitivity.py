@@ -99,7 +99,7 @@ KNOWN = {
 }
 
 
-@pytest.mark.parametrize(("samples", "seed"), [(40, 1), (60, 0), (120, 1), (240, 0)])
+@pytest.mark.parametrize(("samples", "seed"), [(40, 1), (120, 1), (240, 0)])
 @pytest.mark.parametrize("function", KNOWN)
 def test_known_indices_lie_in_their_intervals_and_dummies_have_none(
     function: Callable[[np.ndarray], np.ndarray], seed: int, samples: int

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -54,12 +55,14 @@ def test_a_large_amount_shows(
 
 @pytest.mark.parametrize("name", list(EFFECTS))
 def test_amount_zero_is_nothing_to_the_last_bit(
-    rig: Rig, reversing: Trial, plain: NDArray[np.float64], name: str
+    rig: Rig, reversing: Trial, shortened: Callable[[Trial, float], Trial], name: str
 ) -> None:
     """Though phases, places and signs have been drawn."""
+    begun = shortened(reversing, 0.3)
+    plain = seen(truth_of(rig, {}, seed=3), rig, begun)
     rng = np.random.default_rng([3, zlib.crc32(name.encode())])
     off = EFFECTS[name].hide(truth_of(rig, {}, seed=3), 0.0, rng)
-    assert np.array_equal(seen(off, rig, reversing), plain)
+    assert np.array_equal(seen(off, rig, begun), plain)
 
 
 def test_noise_does_not_know_what_is_hidden() -> None:

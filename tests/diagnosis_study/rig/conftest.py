@@ -33,7 +33,7 @@ def cut(trial: Trial, seconds: float) -> Trial:
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def shortened() -> Callable[[Trial, float], Trial]:
     return cut
 

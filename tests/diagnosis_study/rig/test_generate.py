@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +18,18 @@ from rig.trials import SETS, Trial, ramps
 OPTIONS = ["--trials", "ramps", "--seed", "4"]
 
 
-@pytest.fixture(autouse=True)
-def two_trials(
-    monkeypatch: pytest.MonkeyPatch, shortened: Callable[[Trial, float], Trial]
-) -> None:
+@pytest.fixture(autouse=True, scope="module")
+def two_trials(shortened: Callable[[Trial, float], Trial]) -> Iterator[None]:
     """Two trials of 4 s instead of eight of 8 s, which is quicker."""
-    monkeypatch.setitem(
-        SETS, "ramps", lambda rng: [shortened(each, 4.0) for each in ramps(rng)[1:3]]
-    )
-    monkeypatch.setitem(strength.LOOKED_AT, "ramps", (0,))
+    strength.forget()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(
+            SETS,
+            "ramps",
+            lambda rng: [shortened(each, 4.0) for each in ramps(rng)[1:3]],
+        )
+        patch.setitem(strength.LOOKED_AT, "ramps", (0,))
+        yield
     strength.forget()
 
 
@@ -37,9 +40,21 @@ def made(folder: Path, effect: str, strength: str = "3") -> Path:
     return folder
 
 
-def test_data_betray_nothing_but_their_numbers(tmp_path: Path) -> None:
-    plain = made(tmp_path / "a", "none") / "data"
-    hidden = made(tmp_path / "b", "motor_cogging,torque_sensor_gain") / "data"
+@pytest.fixture(scope="module")
+def nothing(two_trials: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data set that hides nothing."""
+    return made(tmp_path_factory.mktemp("nothing") / "set", "none")
+
+
+@pytest.fixture(scope="module")
+def two(two_trials: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One that hides two effects, in a folder that was not there."""
+    folder = tmp_path_factory.mktemp("two") / "new" / "set"
+    return made(folder, "joint_gravity,torque_sensor_gain")
+
+
+def test_data_betray_nothing_but_their_numbers(nothing: Path, two: Path) -> None:
+    plain, hidden = nothing / "data", two / "data"
     names = sorted(path.name for path in plain.iterdir())
     assert names == ["dataset.toml", "trial_00.csv", "trial_01.csv"]
     assert sorted(path.name for path in hidden.iterdir()) == names
@@ -58,30 +73,29 @@ def test_data_betray_nothing_but_their_numbers(tmp_path: Path) -> None:
     assert not any(name in everything for name in EFFECTS)
 
 
-def test_label_says_what_is_hidden(tmp_path: Path) -> None:
-    folder = made(tmp_path / "new" / "set", "joint_gravity")
-    assert sorted(path.name for path in folder.parent.iterdir()) == ["set"]
-    label = json.loads((folder / "sealed" / "label.json").read_text())
-    (effect,) = label["effects"]
-    assert effect["id"] == "joint_gravity"
+def test_label_says_what_is_hidden(two: Path) -> None:
+    assert sorted(path.name for path in two.parent.iterdir()) == ["set"]
+    label = json.loads((two / "sealed" / "label.json").read_text())
+    effect, other = label["effects"]
+    assert (effect["id"], other["id"]) == ("joint_gravity", "torque_sensor_gain")
+    assert other["strength"]["refit"] == pytest.approx(3, rel=0.1)
     assert effect["unit"] == "Nm"
     assert effect["strength"]["refit"] == pytest.approx(3, rel=0.1)
     assert effect["details"]["gravity"] == effect["amount"]
     assert label["rig"]["seed"] == label["seed"] == 4
 
 
-def test_files_hold_what_the_function_returns(tmp_path: Path) -> None:
-    folder = made(tmp_path / "a", "none")
-    table = np.loadtxt(folder / "data" / "trial_01.csv", delimiter=",", skiprows=1)
+def test_files_hold_what_the_function_returns(nothing: Path) -> None:
+    table = np.loadtxt(nothing / "data" / "trial_01.csv", delimiter=",", skiprows=1)
     rig = generate.make_rig(4)
     columns = dataset.make_dataset(rig, {}, "ramps", seed=4)[1]
     assert np.abs(table - np.stack(list(columns.values()), axis=1)).max() < 1e-6
 
 
-def test_same_seed_same_bytes(tmp_path: Path) -> None:
-    one, two = made(tmp_path / "a", "none"), made(tmp_path / "b", "none")
-    for path in one.rglob("*.*"):
-        assert path.read_bytes() == (two / path.relative_to(one)).read_bytes()
+def test_same_seed_same_bytes(nothing: Path, tmp_path: Path) -> None:
+    again = made(tmp_path / "again", "none")
+    for path in nothing.rglob("*.*"):
+        assert path.read_bytes() == (again / path.relative_to(nothing)).read_bytes()
 
 
 @pytest.mark.parametrize(

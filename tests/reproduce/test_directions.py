@@ -38,7 +38,7 @@ def test_leaving_out_sensors_biases_and_one_matrix_does_not() -> None:
 
 
 def test_observer_beats_the_consensus_in_time() -> None:
-    run = directions.in_time(seconds=3.0)
+    run = directions.in_time(seconds=2.0)
     vote, observer = run.rms("vote, as printed"), run.rms(directions.observed(300.0))
     assert observer < 0.8 * directions.RUN_NOISE < vote
     assert run.right[directions.observed(300.0)] > 0.9

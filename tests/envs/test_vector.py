@@ -12,6 +12,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from cc_mujoco.control import CONTROLLERS
+from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 
@@ -54,8 +55,11 @@ def march(a: VectorEnv, b: VectorEnv, steps: int) -> int:
 
 
 @pytest.mark.parametrize(
-    ("trajectory", "threads"),
-    [("multisine", 1), ("walk", 2)],
+    ("name", "trajectory", "threads"),
+    [
+        (WRIST, "walk", 1),
+        *((device.environment, "multisine", 2) for device in DEVICES.values()),
+    ],
 )
 def test_it_equals_sync_through_autoresets(
     name: str, trajectory: str, threads: int

@@ -76,9 +76,7 @@ def test_derivatives_are_differences_of_the_residual() -> None:
 
 def test_derivatives_follow_simulations_elsewhere() -> None:
     """Without a difference more, the change from place to place is what was seen."""
-    one = problem(
-        Plant(BENCH, tuple(RECORDS), 8), 5.0
-    )  # so wide that no error is large
+    one = problem(Plant(BENCH, tuple(RECORDS), 8), 5.0)  # no error is large
     x = np.zeros(len(FREE))
     stale = jacobian(one, x, COUNTS)
     there = x.copy()

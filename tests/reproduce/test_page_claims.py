@@ -14,7 +14,7 @@ from cc_mujoco.reproduce import EXPERIMENTS, Claim, run, table
 PAGE = (Path(__file__).parents[2] / "cc_mujoco" / "reproduce" / "README.md").read_text(
     encoding="utf-8"
 )
-FAST = ("loops", "follower", "kalman")
+FAST = ("pretension", "loops", "follower", "kalman")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 
 

@@ -40,10 +40,18 @@ def dataset(
     seed: int = 0,
     changes: Mapping[str, float] | None = None,
     chosen: Sequence[int] = (0, 1, 2),
+    balance: float = 0.0,
 ) -> Dataset:
-    """Trials of a bench whose cables differ by `changes` and that has these effects."""
+    """Trials of a bench whose cables differ by `changes` and that has these effects.
+
+    The first has this share more of friction than both on average, the second less.
+    """
     effects = effects or {}
     cables = tuple(cable.replace(**dict(changes or {})) for cable in BENCH.cables)
+    cables = tuple(
+        cable.replace(friction=cable.friction * (1.0 + side))
+        for cable, side in zip(cables, (balance, -balance), strict=True)
+    )
     rig = Rig(BENCH.motor_radius, BENCH.joint_radius)
     for name, values in effects.items():
         change = EFFECTS[name].cables

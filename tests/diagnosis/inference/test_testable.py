@@ -35,6 +35,16 @@ def test_what_the_baseline_swallows_is_told_with_its_size(swallowed: Result) -> 
     assert size == pytest.approx(8.0, rel=0.5)
 
 
+def test_cables_of_different_friction_are_told() -> None:
+    data = dataset(duration=2.5, seed=3, chosen=(0, 2), balance=0.125)
+    found = reason(data, BENCH, ids=IDS[1:]).diagnosis
+    assert found.verdict == "none"
+    (away,) = found.strayed
+    assert away.parameter == "friction_balance"
+    assert away.tuned.value == pytest.approx(0.125, rel=0.1)
+    assert "pull each cable by itself" in found.statement
+
+
 def test_nothing_runs_away_on_a_rig_like_the_scene() -> None:
     data = dataset(duration=2.5, seed=3, chosen=(0, 2), changes={"pretension": 84.0})
     assert reason(data, BENCH, ids=IDS[:1]).diagnosis.strayed == ()

@@ -31,6 +31,21 @@ REWARDS = ("reward_tracking", "reward_effort")
 """Keys of the terms of the reward in `info`; the reward is their sum."""
 
 
+def check_options(
+    given: dict[str, Any] | None, known: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Options of a reset.
+
+    Raises:
+        CableError: If one is not known: it would be ignored without a word.
+    """
+    unknown = [name for name in given or {} if name not in known]
+    if unknown:
+        may = f"it may hold {', '.join(known)}" if known else "there are none"
+        raise CableError(f"reset() has no option {unknown[0]!r}; {may}.")
+    return given or {}
+
+
 class Exo:
     """A device with a wearer, a trajectory and a task."""
 

@@ -16,7 +16,7 @@ from cc_mujoco.devices import Setup
 from cc_mujoco.human import Task, Trajectory, Wearer
 
 from .device import Array, physics_of
-from .exo import REWARDS, Exo
+from .exo import REWARDS, Exo, check_options
 from .picture import Camera, Film, check_mode
 from .script import Script
 
@@ -118,7 +118,12 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Start an episode; `options` are not used."""
+        """Start an episode.
+
+        Raises:
+            CableError: If there are `options`; there are none.
+        """
+        check_options(options)
         super().reset(seed=seed)
         self._script = self.exo.author.write(self.np_random)
         self._step = 0

@@ -21,7 +21,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
 
 from .device import Array, Physics, physics_of
-from .exo import REWARDS, Exo
+from .exo import REWARDS, Exo, check_options
 from .picture import Camera, Film, check_mode
 from .script import Scripts
 
@@ -32,9 +32,9 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
     """Many devices of one kind, stepped together by `mujoco.batch.Batch`.
 
     It equals, bit for bit and whatever the number of threads, a `SyncVectorEnv` of the
-    single environments with the same arguments: seeds count up from the first, and an
-    environment whose episode is over is reset by the next step, whose action it ignores
-    (`AutoresetMode.NEXT_STEP`).
+    single environments with the same arguments: seeds count up from the first, and what
+    becomes of an environment whose episode is over is Gymnasium's `AutoresetMode`. By
+    default the next step resets it and ignores its action (`NEXT_STEP`).
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012, as in Gymnasium
@@ -54,6 +54,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         render_mode: str | None = None,
         max_episode_steps: int | None = None,
         threads: int = 0,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
     ) -> None:
         """Load the scene.
 
@@ -67,6 +68,9 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             render_mode: See there.
             max_episode_steps: Truncates episodes that are longer.
             threads: Threads that simulate; 0 means one per processor.
+            autoreset_mode: `NEXT_STEP`; `SAME_STEP`, where a step that ends an episode
+                begins the next and `info` has `final_obs` and `final_info`; or
+                `DISABLED`, where `reset(options={"reset_mask": over})` does.
 
         Raises:
             CableError: If an argument cannot be used.
@@ -82,7 +86,15 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             render_mode,
             max_episode_steps,
             threads,
+            autoreset_mode,
         )
+        try:
+            self.mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            names = ", ".join(mode.value for mode in AutoresetMode)
+            raise CableError(
+                f"autoreset_mode must be one of {names}, not {autoreset_mode!r}."
+            ) from None
         for name, value, least in (("num_envs", num_envs, 1), ("threads", threads, 0)):
             if not (isinstance(value, int) and value >= least):
                 raise CableError(
@@ -90,7 +102,11 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
                 )
         check_mode(render_mode, self.metadata["render_modes"])
         self.exo = Exo(self.SETUP, trajectory, task, duration, frame_skip, wearer, None)
-        self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
+        self.metadata = {
+            **self.metadata,
+            "render_fps": round(1 / self.exo.period),
+            "autoreset_mode": self.mode,
+        }
         self.render_mode = render_mode
         self.num_envs = num_envs
         self.single_observation_space = self.exo.observation_space
@@ -130,18 +146,17 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Array, dict[str, Any]]:
-        """Start an episode in every environment.
+        """Start an episode in every environment, or in those of a mask.
 
         Args:
             seed: Of the first environment; the others count up from it. Or one each.
-            options: Not used; a `reset_mask` is refused, for environments are reset by
-                `step`.
+            options: May hold a `reset_mask` (num_envs,) of bool; `info` then tells of
+                these environments only.
+
+        Raises:
+            CableError: If there are other options, or the mask is none.
         """
-        if options and "reset_mask" in options:
-            raise CableError(
-                "options['reset_mask'] needs AutoresetMode.DISABLED; here step() "
-                "resets the environments whose episodes are over."
-            )
+        masked = self._mask(options)
         seeds: Sequence[int | None]
         if seed is None or isinstance(seed, int):
             seeds = [None if seed is None else seed + i for i in range(self.num_envs)]
@@ -153,14 +168,31 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
                 f"environments, not {len(seeds)}."
             )
         for row, own in enumerate(seeds):
-            if own is not None:
+            if own is not None and masked[row]:
                 self._random[row], _ = seeding.np_random(own)
-        self._begin(np.arange(self.num_envs))
-        self._over[:] = False
+        self._begin(np.flatnonzero(masked))
+        self._over[masked] = False
         self._started = True
         observation, columns = self._sample()
         nothing = np.zeros(self.num_envs)
-        return observation, self._info(columns, (nothing, nothing))
+        return observation, self._info(columns, (nothing, nothing), masked)
+
+    def _mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
+        """Environments that a reset is to begin."""
+        given = check_options(options, ("reset_mask",)).get("reset_mask")
+        if given is None:
+            return np.ones(self.num_envs, dtype=np.bool_)
+        mask = np.asarray(given)
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+            raise CableError(
+                f"options['reset_mask'] must be {self.num_envs} of bool, one of them "
+                f"True, not {given!r}."
+            )
+        if not (self._started or mask.all()):
+            raise CableError(
+                "options['reset_mask'] leaves out environments that were never reset."
+            )
+        return mask
 
     def step(
         self, actions: NDArray[np.float32]
@@ -170,9 +202,16 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         Raises:
             CableError: If the actions are not of shape (num_envs, 1) and, where an
                 environment is not reset, finite.
+            gymnasium.error.ResetNeeded: Before the first reset, and where nothing
+                resets what is over.
         """
         if not self._started:
             raise gymnasium.error.ResetNeeded("call reset() before the first step().")
+        if self.mode is AutoresetMode.DISABLED and self._over.any():
+            rows = ", ".join(map(str, np.flatnonzero(self._over)))
+            raise gymnasium.error.ResetNeeded(
+                f"environments {rows} are over: reset(options={{'reset_mask': ...}})."
+            )
         exo, control, fresh = self.exo, self._control, self._over
         going = ~fresh
         normalised = exo.normalised(actions, going)
@@ -195,13 +234,36 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         terminated = self.batch.warning[:, :, 1].any(axis=1)
         truncated = self._steps >= self._last
         self._over = terminated | truncated
-        return (
-            observation,
-            terms[0] + terms[1],
-            terminated,
-            truncated,
-            self._info(columns, terms),
-        )
+        reward = terms[0] + terms[1]
+        info: dict[str, Any] = {}
+        if self.mode is AutoresetMode.SAME_STEP and self._over.any():
+            over, self._over = self._over, np.zeros_like(self._over)
+            info = self._final(observation, columns, terms, over)
+            self._begin(np.flatnonzero(over))
+            observation, columns = self._sample()
+            for term in terms:
+                term[over] = 0.0
+        info |= self._info(columns, terms)
+        return observation, reward, terminated, truncated, info
+
+    def _final(
+        self,
+        observation: Array,
+        columns: dict[str, Any],
+        terms: tuple[Array, Array],
+        over: NDArray[np.bool_],
+    ) -> dict[str, Any]:
+        """What `info` says of episodes that ended, where the step begins the next."""
+        last = np.full(self.num_envs, None, dtype=object)
+        for row in np.flatnonzero(over):
+            last[row] = observation[row].copy()
+        told = self._info(dict(columns), tuple(term.copy() for term in terms), over)
+        return {
+            "final_obs": last,
+            "_final_obs": over.copy(),
+            "final_info": told,
+            "_final_info": over.copy(),
+        }
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Pictures of all devices, each (height, width, 3), in mode `rgb_array`.
@@ -245,13 +307,26 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         return self.exo.sample(self._physics, self._steps, marks)
 
     def _info(
-        self, columns: dict[str, Any], terms: tuple[Array, Array]
+        self,
+        columns: dict[str, Any],
+        terms: tuple[Array, ...],
+        told: NDArray[np.bool_] | None = None,
     ) -> dict[str, Any]:
-        """A fresh `info` as Gymnasium batches it: arrays and a mask for each."""
+        """A fresh `info` as Gymnasium batches it: arrays and a mask for each.
+
+        Args:
+            columns: Of an episode log.
+            terms: Of the reward.
+            told: Environments that it tells of; all of them by default.
+        """
         info: dict[str, Any] = {}
         columns |= zip(REWARDS, terms, strict=True)
         masks = np.ones((len(columns), self.num_envs), dtype=np.bool_)
+        if told is not None:
+            masks &= told
         for (name, value), mask in zip(columns.items(), masks, strict=True):
             info[name] = np.array(value)
+            if told is not None:
+                info[name][~told] = 0
             info[f"_{name}"] = mask
         return info

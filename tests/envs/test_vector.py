@@ -26,9 +26,11 @@ def equal(a: Any, b: Any) -> None:
     for x, y in zip(a, b, strict=True):
         if isinstance(x, dict):
             assert x.keys() == y.keys()
-            for key in x:
-                assert x[key].dtype == y[key].dtype, key
-                assert np.array_equal(x[key], y[key]), key
+            equal(list(x.values()), [y[key] for key in x])
+        elif x is None:
+            assert y is None
+        elif x.dtype == object:
+            equal(list(x), list(y))
         else:
             assert x.dtype == y.dtype
             assert np.array_equal(x, y)
@@ -71,6 +73,58 @@ def test_it_equals_sync_through_autoresets(
     march(a, b, 15)
     equal(a.reset(), b.reset())
     march(a, b, 5)
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
+def test_it_equals_sync_in_the_other_autoreset_modes(mode: str) -> None:
+    given = {"trajectory": "multisine", "duration": 0.01}
+    a = gymnasium.make_vec(WRIST, COUNT, autoreset_mode=mode, **given)
+    b = gymnasium.make_vec(
+        WRIST,
+        COUNT,
+        vectorization_mode="sync",
+        vector_kwargs={"autoreset_mode": AutoresetMode(mode)},
+        **given,
+    )
+    assert a.metadata["autoreset_mode"] is AutoresetMode(mode)
+    equal(a.reset(seed=3), b.reset(seed=3))
+    if mode == "SameStep":
+        assert march(a, b, 25) == 2 * COUNT
+        return
+    assert march(a, b, 10) == COUNT
+    with pytest.raises(gymnasium.error.ResetNeeded, match="environments 0, 1, 2"):
+        a.step(np.zeros((COUNT, 1), np.float32))
+    for mask in ([1, 0, 1, 1, 0], [0, 1, 0, 0, 1]):
+        chosen = np.array(mask, dtype=np.bool_)
+        seeds = [5, 6, None, 8, 9]
+        equal(
+            a.reset(seed=seeds, options={"reset_mask": chosen}),
+            b.reset(seed=seeds, options={"reset_mask": chosen}),
+        )
+    assert march(a, b, 9) == 0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"friction": 0.2},
+        {"reset_mask": np.zeros(2, dtype=np.bool_)},
+        {"reset_mask": [1, 1]},
+        {"reset_mask": np.array([True, False])},
+    ],
+    ids=["unknown", "none", "no bool", "never reset"],
+)
+def test_options_that_mean_nothing_are_refused(options: dict[str, Any]) -> None:
+    many = gymnasium.make_vec(WRIST, 2, duration=0.01)
+    with pytest.raises(CableError, match="option"):
+        many.reset(options=options)
+    with pytest.raises(CableError, match="no option"):
+        gymnasium.make(WRIST, duration=0.01).reset(options=options)
+
+
+def test_an_autoreset_mode_that_is_none_is_refused() -> None:
+    with pytest.raises(CableError, match="autoreset_mode must be one of NextStep"):
+        gymnasium.make_vec(WRIST, 2, autoreset_mode="Never")
 
 
 def test_it_equals_sync_over_a_long_episode(name: str) -> None:
@@ -213,5 +267,3 @@ def test_bad_calls_are_refused(name: str) -> None:
             env.step(bad)
     with pytest.raises(CableError, match="seed"):
         env.reset(seed=[1, 2, 3])
-    with pytest.raises(CableError, match="reset_mask"):
-        env.reset(options={"reset_mask": np.ones(2, np.bool_)})

@@ -40,9 +40,8 @@ class Setup:
     """How the wearer moves unless told otherwise."""
     task: str
     """What the wearer should feel unless told otherwise."""
-    trajectories: tuple[str, ...]
-    """What a benchmark plays, and for each of them:"""
-    tasks: tuple[str, ...]
+    safe_torque: float
+    """Most that the cables may put into the joint of a wearer [Nm]."""
     strength: float
     """Breaking load of a cable [N]."""
     diameter: float
@@ -80,8 +79,8 @@ DEVICES = {
         pull_pull=True,
         trajectory="sweep",
         task="tunnel",
-        trajectories=("sine", "sweep", "multisine"),
-        tasks=("spring", "transparent"),
+        # About the strength of a wrist (assumed).
+        safe_torque=8.0,
         # The wire rope of the scene's comment: 0.15 mm^2 of metal at 1770 N/mm^2, the
         # common grade of rope wire (EN 10264-2). Its pulleys are there too.
         strength=265.0,
@@ -110,8 +109,8 @@ DEVICES = {
         pull_pull=False,
         trajectory="walk",
         task="assist",
-        trajectories=("walk",),
-        tasks=("assist", "transparent"),
+        # Twice what `assist` asks for, half the biological moment.
+        safe_torque=60.0,
         # The synthetic rope and the drum of the scene's comments.
         strength=8000.0,
         diameter=3e-3,
@@ -138,8 +137,8 @@ DEVICES = {
         pull_pull=False,
         trajectory="sine",
         task="hold",
-        trajectories=("sine", "reach"),
-        tasks=("hold", "transparent"),
+        # About a quarter of the strength of a finger (assumed).
+        safe_torque=0.8,
         # Braided line of that diameter (assumed), and the drum of the scene's comment.
         strength=500.0,
         diameter=0.9e-3,
@@ -166,8 +165,8 @@ DEVICES = {
         pull_pull=False,
         trajectory="walk",
         task="swing",
-        trajectories=("walk",),
-        tasks=("swing", "transparent"),
+        # Twice what `swing` may ask for and half the biological moment.
+        safe_torque=40.0,
         # Rope of that diameter (assumed), and the drum of the scene's comment.
         strength=3500.0,
         diameter=2e-3,

@@ -7,8 +7,8 @@
 
 A plant gives columns, numbers or arrays over devices; the controller is told what is
 measured of them; observers are shown the columns and the torque; the plant advances.
-An episode that is recorded, a cell of the benchmark, a batch of designs and a
-simulation of the thesis differ in their plants and observers.
+An episode that is recorded, cells of the benchmark, a batch of designs and a simulation
+of the thesis differ in their plants and observers.
 """
 
 from __future__ import annotations
@@ -116,36 +116,6 @@ class Single:
                 f"the simulation diverged at {columns['time_s']:g} s; a softer cable, "
                 "a softer wearer or a smaller time step is stable."
             )
-        return columns
-
-
-class Many:
-    """The devices of a vector environment, of which some may fail."""
-
-    def __init__(self, env: Any, seeds: Sequence[int]) -> None:
-        """Prepare.
-
-        Args:
-            env: One of this package's vector environments.
-            seeds: One for each.
-        """
-        self._env, self._seeds = env, list(seeds)
-        self.steps: int = env.exo.steps
-        self.going = np.ones(len(self._seeds), dtype=np.bool_)
-        """Those that have not failed: neither diverged nor were given no number."""
-
-    def start(self) -> Columns:
-        """Reset; see `Plant.start`."""
-        columns: Columns = self._env.reset(seed=self._seeds)[1]
-        return columns
-
-    def advance(self, torque: NDArray[np.float64]) -> Columns:
-        """Step; see `Plant.advance`."""
-        finite = np.isfinite(torque)
-        usable = np.broadcast_to(np.where(finite, torque, 0.0), self.going.shape)
-        columns: Columns
-        _, _, diverged, _, columns = self._env.step(self._env.action(usable))
-        self.going &= ~diverged & finite
         return columns
 
 

@@ -1,19 +1,17 @@
 r"""Put parameters, claims and both benchmarks into their pages.
 
-    python scripts/train_policy.py --out runs/policy.zip
     python scripts/diagnosis_study/diagnose_benchmark.py \
         --naive binned sparse bic --out runs/sealed
     python scripts/fill_readme.py [parameters] [claims] [benchmark] [diagnosis]
 
 Runs what is not done yet of claims and benchmark, and replaces what stands between the
-marks of each block, on its page and, in short, on the front page. The benchmark is its
-default run, and at the wrist the policy.
+marks of each block, on its page and, in short, on the front page. The benchmark is
+`cc-mujoco benchmark --suite v1 --controllers pi model stiction`.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import sys
 from collections import Counter
@@ -24,15 +22,17 @@ from tqdm import tqdm
 
 from cc_mujoco.benchmark import Plan, run
 from cc_mujoco.benchmark.report import (
+    BASELINE,
     OVERVIEW,
-    Results,
+    conditions_table,
     definitions,
-    errors_table,
     overview_table,
+    plants_table,
+    ranks_table,
     scores_table,
+    times_table,
 )
-from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.benchmark.results import Results, rms_errors
 from cc_mujoco.files import replacing
 from cc_mujoco.reproduce import EXPERIMENTS, Claim, reproduce, table
 from cc_mujoco.transmission import PARAMETERS
@@ -51,6 +51,8 @@ PAGES = {
     "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "README.md",
 }
 """Page of every block."""
+ENTRIES = ("pi", "model", "stiction")
+"""Controllers in the table of the benchmark, beside `none` and the references."""
 SHORT = {"claims": 1, "benchmark": 2, "diagnosis": 1}
 """Paragraphs of a block that the front page shows, if any."""
 
@@ -69,36 +71,32 @@ def block(claims: Mapping[str, Sequence[Claim]]) -> str:
 
 
 def tables(results: Results) -> str:
-    """Markdown of a benchmark: the overview; folded, all scores and what they are."""
+    """Markdown of a benchmark: the overview; folded, all else and what it is."""
     parts = [OVERVIEW, overview_table(results)]
-    parts.append("<details><summary>All scores, and what they are</summary>")
-    for scene in dict.fromkeys(cell.scene for cell, _ in results):
+    parts.append("<details><summary>Ranks, conditions, all scores</summary>")
+    for scene, own in rms_errors(results).items():
         parts += [
-            f"**{scene}**, RMS error [Nm]:",
-            errors_table(results, scene),
-            f"**{scene}**, mean over trajectories and tasks:",
+            f"**{scene}**, ranks:",
+            ranks_table(own, BASELINE),
+            f"**{scene}**, normalised error by condition:",
+            conditions_table(results, scene),
+            f"**{scene}**, mean over conditions and seeds:",
             scores_table(results, scene),
+            f"**{scene}**, what was drawn in the ordinary condition (and believed):",
+            plants_table(results, scene),
         ]
-    parts += [definitions(), "</details>"]
+    parts += ["Computing time of a step of one device:", times_table(results)]
+    parts += ["</details>", definitions()]
     return "\n\n".join(parts)
 
 
-def played(folder: Path, policy: Path) -> Results:
-    """The default run, and a policy at the wrist, which it was trained for."""
-    plans = (
-        Plan(tuple(DEVICES), tuple(CONTROLLERS)),
-        Plan(("wrist",), (policy.as_posix(),)),
-    )
-    for plan in plans:
-        plan.check()
-    found = []
-    with tqdm(total=sum(len(plan.cells()) for plan in plans), unit="cell") as bar:
-        for plan in plans:
-            workers = os.cpu_count() or 1
-            found += run(
-                plan, folder, workers=workers, finished=lambda *_: bar.update()
-            )
-    return found
+def played(folder: Path, seeds: int) -> Results:
+    """The suite, and what of it is not played yet."""
+    plan = Plan(ENTRIES, seeds=seeds)
+    with tqdm(total=len(plan.cells()), unit="cell") as bar:
+        return run(
+            plan, folder, workers=0, progress=lambda done: bar.update(done - bar.n)
+        )
 
 
 def studies(folder: Path) -> str:
@@ -149,8 +147,8 @@ def main() -> None:
     parser.add_argument("blocks", nargs="*", choices=PAGES, default=list(PAGES))
     parser.add_argument("--results", type=Path, default=Path("runs", "reproduce"))
     parser.add_argument("--benchmark", type=Path, default=Path("runs", "benchmark"))
+    parser.add_argument("--seeds", type=int, default=0)
     parser.add_argument("--sealed", type=Path, default=Path("runs", "sealed"))
-    parser.add_argument("--policy", type=Path, default=Path("runs", "policy.zip"))
     options = parser.parse_args()
     if "parameters" in options.blocks:
         write("parameters", as_table(PARAMETERS))
@@ -158,7 +156,7 @@ def main() -> None:
         records = reproduce([], options.results)
         write("claims", block({record.name: record.claims for record in records}))
     if "benchmark" in options.blocks:
-        write("benchmark", tables(played(options.benchmark, options.policy)))
+        write("benchmark", tables(played(options.benchmark, options.seeds)))
     if "diagnosis" in options.blocks:
         write("diagnosis", studies(options.sealed))
 

@@ -365,9 +365,9 @@ def test_an_interruption_at_the_start_is_one_sentence(
 RUNS = {
     "play": (["play", "wrist", "--duration", "0.1"], FILES),
     "benchmark": (
-        "benchmark --scene wrist --controllers pi --trajectories sine --tasks tunnel "
+        "benchmark --scene wrist --controllers pi --conditions ordinary-rough "
         "--seeds 1 --duration 1.2 --workers 1".split(),
-        ("table.md", "scores.parquet", "wrist-loops.png"),
+        ("table.md", "results.parquet", "wrist-pareto.png"),
     ),
     "reproduce": (["reproduce", "noise"], ("summary.md", "noise/result.json")),
     "whatif": (

@@ -1,31 +1,43 @@
 """A benchmark of torque controllers on the devices of this package.
 
-    cc-mujoco benchmark --scene wrist --controllers pi stiction my_module:my_function
+    cc-mujoco benchmark --suite v1 --controllers pi stiction my_module:my_function
 
-Every controller meets every trajectory, task and seed, through the environments with
-inertia, limits of the motor, noisy and delayed sensors (`cc_mujoco.sensing`), and, if
-it has a model, with a wrong one (`mismatch`). A seed is the same noise, the same wrong
-model and the same motion for every controller, so that controllers are compared in
-pairs.
+Every controller meets every condition of a suite (`conditions`) with every seed: a
+plant that is drawn (`plant`), sensors with noise, bias and delay (`sensors`), and, if
+it has a model, a wrong one. A condition and a seed are the same plant, noise and motion
+for every controller, so that controllers are compared in pairs (`ranking`), beside
+references that give the numbers a scale (`references`).
 """
 
 from __future__ import annotations
 
-from cc_mujoco.benchmark.cell import Cell, CellResult, play
+from cc_mujoco.benchmark.cell import Cell, CellResult, play, play_group, together
+from cc_mujoco.benchmark.conditions import SUITES, Condition, Suite
+from cc_mujoco.benchmark.ranking import normalised, ranking
+from cc_mujoco.benchmark.references import REFERENCES, Reference
 from cc_mujoco.benchmark.report import Interval, interval, markdown
 from cc_mujoco.benchmark.runner import Plan, run
 from cc_mujoco.benchmark.scores import SCORES, Score
 
 __all__ = [
+    "REFERENCES",
     "SCORES",
+    "SUITES",
     "Cell",
     "CellResult",
+    "Condition",
     "Interval",
     "Plan",
+    "Reference",
     "Score",
+    "Suite",
     "interval",
     "markdown",
+    "normalised",
     "play",
+    "play_group",
+    "ranking",
     "run",
+    "together",
 ]
 """Everything that a program of its own needs to run cells and to sum them up."""

@@ -1,71 +1,77 @@
-"""One cell of the benchmark: a controller, a trajectory, a task, and all seeds.
+"""One cell of the benchmark: a controller, or a reference, in a condition; all seeds.
 
-    played = play(Cell("wrist", "stiction", "sine", "spring", seeds=(0, 1, 2)))
+    ordinary = SUITES["v1"].conditions("wrist")[0]
+    played = play(Cell(ordinary, "stiction", seeds=(0, 1, 2)))
     played.scores["rms_error"]                  # (seeds,) [Nm]
 
-A cell is one batch of environments. What it gives depends on nothing but the cell.
+A cell is one batch of simulations. What it gives, computing times excepted, depends on
+nothing but the cell.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-import gymnasium
 import numpy as np
+from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
-import cc_mujoco  # noqa: F401, registers the environments
-from cc_mujoco import engine
-from cc_mujoco.benchmark.mismatch import Mismatch
-from cc_mujoco.benchmark.scores import SCORES, score
-from cc_mujoco.control import controller
+from cc_mujoco.benchmark.conditions import ERRORS, LEAST, Condition
+from cc_mujoco.benchmark.plant import Belief, Plant, believed, draw
+from cc_mujoco.benchmark.references import REFERENCES, Reference
+from cc_mujoco.benchmark.scores import SCORES, Limits, score
+from cc_mujoco.benchmark.sensors import DrawnSensors
+from cc_mujoco.control import Controller, Drive, controller
 from cc_mujoco.devices import DEVICES
-from cc_mujoco.episode import Columns, Many, Trace, run
-from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.recording.episode import describe
-from cc_mujoco.recording.log import EpisodeLog, Recorder
-from cc_mujoco.sensing import Measuring, Sensing
+from cc_mujoco.envs.exo import Exo
+from cc_mujoco.episode import Columns, Trace, run
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Spring
+from cc_mujoco.sensing import Sensing
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.laws import Unpowered
+from cc_mujoco.whatif.simulate import Fleet
+from cc_mujoco.whatif.variables import Value
 
 Array = NDArray[np.float64]
 
-WARM_UP = 0.5
+WARM_UP = 0.5 * LEAST
 """Beginning of an episode that no score counts [s]."""
 
-TRACE = ("time_s", "joint_angle_rad", "joint_torque_nm", "desired_torque_nm")
-KEPT = (*TRACE, "motor_torque_nm")
+FRAME_SKIP = 2
+"""Physics steps in a control step."""
+
+TRACED = ("joint_angle_rad", "joint_torque_nm", "desired_torque_nm")
+PHASES = ("phase_sine", "phase_cosine")
+KEPT = (*TRACED, *PHASES, "motor_torque_nm", "least_tension_n", "tension_n")
+THIN = 10
+"""Control steps between two samples of a trace."""
 
 
 @dataclass(frozen=True)
 class Cell:
     """What is played together."""
 
-    scene: str
+    condition: Condition
     controller: str
-    trajectory: str
-    task: str
+    """Name of a controller or a reference."""
     seeds: tuple[int, ...] = (0,)
-    duration: float = 6.0
-    """Of an episode [s]."""
-    mismatch: Mismatch = field(default_factory=Mismatch)
+    belief: Belief | None = None
+    """That of the condition by default."""
     sensing: Sensing | None = None
-    """That of the scene by default."""
+    """That of the device by default."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be played."""
-        look_up("scene", self.scene, DEVICES)
         if not self.seeds or min(self.seeds) < 0:
             raise CableError("a cell needs at least one seed, none below 0.")
-        if not self.duration > 2.0 * WARM_UP:
-            raise CableError(
-                f"duration must be above {2.0 * WARM_UP:g} s, not {self.duration!r}."
-            )
 
     @property
     def name(self) -> str:
         """Name of the cell, fit for a file."""
-        parts = (self.scene, self.controller, self.trajectory, self.task)
+        parts = (self.condition.scene, self.condition.name, self.controller)
         return "-".join(
             "".join(c if c.isalnum() else "_" for c in part) for part in parts
         )
@@ -77,88 +83,231 @@ class CellResult:
 
     Attributes:
         scores: by name, (seeds,).
-        trace: columns of `TRACE` of the first seed, (samples,).
-        log: of the first seed, where it was asked for.
+        plants: of every seed, what was drawn and what was believed of the cables that
+            the motor winds, lists in the order of `Device.driven`.
+        trace: where the condition is the ordinary one, columns (samples * seeds,).
     """
 
     scores: dict[str, Array]
+    plants: dict[str, list[Any]]
     trace: dict[str, Array]
-    log: EpisodeLog | None
 
 
-def play(cell: Cell, *, record: bool = False) -> CellResult:
-    """Play a cell.
+@dataclass
+class Stage:
+    """All that an episode of a cell needs."""
 
-    Args:
-        cell: What to play.
-        record: Whether the first seed's episode is logged.
+    plants: list[Plant]
+    fleet: Fleet
+    driven: tuple[str, ...]
+    drive: Drive
+    law: Controller
+    sensors: DrawnSensors
+    period: float
+    torque_noise: float
+    """Standard deviation of the device's joint torque sensor [Nm]."""
+    steps: int
+    """Control steps in an episode."""
+
+    def start(self) -> Columns:
+        """See `episode.Plant.start`."""
+        return self.fleet.start()
+
+    def advance(self, torque: Array) -> Columns:
+        """See `episode.Plant.advance`; who gives no number has failed."""
+        torque = np.broadcast_to(torque, self.fleet.going.shape)
+        finite = np.isfinite(torque)
+        columns = self.fleet.advance(np.where(finite, torque, 0.0))
+        self.fleet.going &= finite
+        return columns
+
+
+def together(cells: Iterable[Cell]) -> list[list[Cell]]:
+    """Cells in groups that can be played as one batch, which costs far less.
+
+    They have a controller, a task, a length and a device in common.
+    """
+    found: dict[object, list[Cell]] = {}
+    for cell in cells:
+        at = cell.condition
+        about = at.scene, at.task, at.moving_route, at.duration
+        key = cell.controller, cell.seeds, cell.sensing, *about
+        found.setdefault(key, []).append(cell)
+    return list(found.values())
+
+
+def design_of(plant: Plant, reference: Reference | None) -> dict[str, Value]:
+    """The cables of a plant, as a reference changes them."""
+    changes = {} if reference is None else reference.changes
+    return {
+        **plant.design,
+        **{f"{c}.{key}": v for c in plant.cables for key, v in changes.items()},
+    }
+
+
+def stage(cells: Sequence[Cell]) -> Stage:
+    """Make all that the episodes of a group need, a row for each cell and seed.
 
     Raises:
         CableError: If a name is unknown or a controller cannot be used.
     """
-    count = len(cell.seeds)
-    env: Any = gymnasium.make_vec(
-        DEVICES[cell.scene].environment,
-        num_envs=count,
-        trajectory=cell.trajectory,
-        task=cell.task,
-        duration=cell.duration,
-        threads=1,
-    )
-    try:
-        return _play(cell, env.unwrapped, record)
-    finally:
-        env.close()
-
-
-def _play(cell: Cell, env: Any, record: bool) -> CellResult:
-    device, count = DEVICES[cell.scene], len(cell.seeds)
-    sensing = cell.sensing or device.sensing
-    drive = cell.mismatch.believed(sensing.equip(env.drive), cell.seeds)
-    cables = engine.cables(env.model)
-    law = controller(cell.controller, drive)
-    plant = Many(env, cell.seeds)
-    driven = env.exo.device.driven
-    measuring = Measuring(sensing, drive, driven, cell.seeds, plant.steps)
-    slack = [f"slack_{name}_m" for name in driven]
-    trace = Trace((*KEPT, *slack), plant.steps, plant.going)
-    recorder = None
-    if record:
-        about = describe(env, sensing, cell.seeds[0], _about(cell))
-        recorder = Recorder(cables, about)
-
-    def observe(step: int, columns: Columns, _: object) -> None:
-        if recorder is not None and plant.going[0]:
-            recorder.record({name: values[0] for name, values in columns.items()})
-
-    measure, name = measuring.measure, cell.controller
-    run(plant, law, trace.keep, observe, measure=measure, name=name)
-    rows = trace.columns
-    first = round(WARM_UP / env.exo.period)
-    found: dict[str, list[float]] = {s.name: [] for s in SCORES}
-    for row in range(count):
-        columns = {name: rows[name][first:, row] for name in KEPT}
-        columns["slack_m"] = np.stack([rows[n][first:, row] for n in slack], axis=1)
-        scored = score(
-            columns,
-            task=cell.task,
-            period=env.exo.period,
-            pull_pull=device.pull_pull,
+    one = cells[0]
+    at, reference, setup = one.condition, _reference(one), DEVICES[one.condition.scene]
+    builder = Builder(at.scene)
+    plants: list[Plant] = []
+    beliefs: list[Belief] = []
+    for cell in cells:
+        plants += draw(cell.condition, cell.seeds)
+        own = cell.belief or Belief(ERRORS[cell.condition.error])
+        beliefs += [(reference and reference.belief) or own] * len(cell.seeds)
+    exos = [
+        Exo(
+            setup,
+            plant.trajectory,
+            at.task,
+            at.duration,
+            FRAME_SKIP,
+            plant.wearer,
+            builder.model(design_of(plant, reference)),
         )
+        for plant in plants
+    ]
+    scripts = [
+        exo.author.write(seeding.np_random(plant.seed)[0])
+        for exo, plant in zip(exos, plants, strict=True)
+    ]
+    exo = exos[0]
+    fleet = Fleet(exo, [e.device for e in exos], scripts)
+    driven = exo.device.driven
+    sensing = one.sensing or setup.sensing
+    drive = believed(sensing.equip(exo.drive), driven, plants, beliefs)
+    name = reference.controller if reference else one.controller
+    law = Unpowered(drive) if name is None else controller(name, drive)
+    sensors = DrawnSensors(sensing, drive, driven, plants, fleet.steps)
+    return Stage(
+        plants,
+        fleet,
+        driven,
+        drive,
+        law,
+        sensors,
+        exo.period,
+        sensing.torque_noise,
+        fleet.steps,
+    )
+
+
+def _reference(cell: Cell) -> Reference | None:
+    return REFERENCES.get(cell.controller)
+
+
+def play(cell: Cell) -> CellResult:
+    """Play a cell by itself; see `play_group`."""
+    return play_group([cell])[0]
+
+
+def play_group(cells: Sequence[Cell]) -> list[CellResult]:
+    """Play cells that `together` has put into one group.
+
+    Returns:
+        A result for each, the same as if it were played by itself.
+
+    Raises:
+        CableError: If a name is unknown or a controller cannot be used.
+    """
+    made = stage(cells)
+    fleet = made.fleet
+    trace = Trace(KEPT, fleet.steps, fleet.going)
+    with np.errstate(all="ignore"):  # what diverged is not a number
+        run(
+            made,
+            made.law,
+            trace.keep,
+            measure=made.sensors.measure,
+            name=cells[0].controller,
+        )
+    rows: dict[str, NDArray[Any]] = dict(trace.columns)
+    time = np.arange(fleet.steps + 1) * made.period
+    ends = [fleet.cables.index(name) for name in made.driven]
+    reference = _reference(cells[0])
+    if reference is not None and reference.ideal:
+        _transmit(made, rows)
+    rows["slack"] = rows["least_tension_n"][:, :, ends] < 0.0
+    found: list[CellResult] = []
+    for place, cell in enumerate(cells):
+        count = len(cell.seeds)
+        own = slice(place * count, (place + 1) * count)
+        part = {name: values[:, own] for name, values in rows.items()}
+        found.append(
+            CellResult(
+                _scores(cell, part, time, made.period),
+                _plants(made, own),
+                _trace(cell, part, time) if cell.condition.usual else {},
+            )
+        )
+    return found
+
+
+def _transmit(made: Stage, rows: Mapping[str, NDArray[Any]]) -> None:
+    """Let the desired torque reach the joint, late and within the motor's reach."""
+    desired = rows["desired_torque_nm"]
+    for row, plant in enumerate(made.plants):
+        late = np.maximum(np.arange(len(desired)) - plant.delay, 0)
+        given = np.clip(desired[late, row], *made.drive.reach)
+        rows["joint_torque_nm"][:, row] = given
+        rows["motor_torque_nm"][:, row] = given / made.drive.ratio
+    rows["least_tension_n"][:] = 1.0  # such a transmission is never slack
+
+
+def _scores(
+    cell: Cell, rows: Mapping[str, NDArray[Any]], time: Array, period: float
+) -> dict[str, Array]:
+    setup = DEVICES[cell.condition.scene]
+    limits = Limits(setup.safe_torque, setup.strength, setup.pull_pull)
+    spring = isinstance(cell.condition.task, Spring)
+    first = round(WARM_UP / period)
+    found: dict[str, list[float]] = {s.name: [] for s in SCORES}
+    for row in range(len(cell.seeds)):
+        columns = {name: values[first:, row] for name, values in rows.items()}
+        columns["time_s"] = time[first:]
+        scored = score(columns, spring=spring, period=period, limits=limits)
         for name, value in scored.items():
             found[name].append(value)
-    return CellResult(
-        {name: np.array(values) for name, values in found.items()},
-        {name: rows[name][::10, 0] for name in TRACE},
-        None if recorder is None else recorder.log(),
-    )
+    return {name: np.array(values) for name, values in found.items()}
 
 
-def _about(cell: Cell) -> dict[str, Any]:
-    """What the log of a cell says of it."""
-    return {
-        "trajectory": cell.trajectory,
-        "task": cell.task,
-        "controller": cell.controller,
-        "mismatch": dataclasses.asdict(cell.mismatch),
-    }
+def _plants(made: Stage, own: slice) -> dict[str, list[Any]]:
+    """Columns of what was drawn, and believed, for some of the rows."""
+    found: dict[str, list[Any]] = {}
+    believed_of = made.drive.cable_drives
+    for plant, row in zip(made.plants[own], believed_of[own], strict=True):
+        actual = [plant.cables[name] for name in made.driven]
+        known = [cable_drive.cable for cable_drive in row]
+        told: dict[str, Any] = {
+            f"{who}_{key}": [getattr(cable, key) for cable in cables]
+            for who, cables in (("plant", actual), ("believed", known))
+            for key in ("friction", "axial_stiffness", "pretension")
+        }
+        told |= {
+            "plant_wrap": [cable.wrap for cable in actual],
+            "plant_delay": plant.delay,
+            "plant_noise": plant.noise,
+            "plant_bias": plant.bias[0] * made.torque_noise,
+            "plant_wearer": plant.wearer.stiffness,
+        }
+        for name, value in told.items():
+            found.setdefault(name, []).append(value)
+    return found
+
+
+def _trace(
+    cell: Cell, rows: Mapping[str, NDArray[Any]], time: Array
+) -> dict[str, Array]:
+    count = len(cell.seeds)
+    thin = slice(None, None, THIN)
+    phase = np.arctan2(rows[PHASES[0]], rows[PHASES[1]])[thin] / (2.0 * np.pi) % 1.0
+    found = {name: rows[name][thin].ravel() for name in TRACED}
+    found["phase"] = phase.ravel()
+    found["time_s"] = np.repeat(time[thin], count)
+    found["seed"] = np.tile(np.array(cell.seeds, dtype=float), time[thin].size)
+    return found

@@ -1,4 +1,4 @@
-"""Figures of the benchmark: errors, loops side by side, error against effort."""
+"""Figures of the benchmark: what accuracy costs, the cycle, what makes it worse."""
 
 from __future__ import annotations
 
@@ -6,133 +6,152 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cc_mujoco.benchmark.report import Results, interval, over_conditions
-from cc_mujoco.figures import BLUE, COLORS, GREY, ORANGE, figure, style
+from cc_mujoco.benchmark.conditions import ERRORS, TRANSMISSIONS
+from cc_mujoco.benchmark.ranking import normalised
+from cc_mujoco.benchmark.references import REFERENCES, SCALE
+from cc_mujoco.benchmark.results import Results, rms_errors
+from cc_mujoco.figures import BLACK, COLORS, GREY, figure, style
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
-def _laws(results: Results, scene: str) -> list[str]:
-    return list(
-        dict.fromkeys(cell.controller for cell, _ in results if cell.scene == scene)
-    )
-
-
-def errors(results: Results, scene: str) -> Figure:
-    """RMS error of every controller, by trajectory and task, with intervals."""
-    laws = _laws(results, scene)
-    plays = list(
-        dict.fromkeys(
-            (cell.trajectory, cell.task) for cell, _ in results if cell.scene == scene
-        )
-    )
-    found = {
-        (cell.controller, cell.trajectory, cell.task): played.scores["rms_error"]
-        for cell, played in results
-        if cell.scene == scene
-    }
-    with style():
-        drawing = figure(9.0, 0.6 + 0.34 * len(laws) + 0.25 * len(plays))
-        axes = drawing.add_subplot()
-        for place, play in enumerate(plays):
-            offset = 0.6 * ((place + 0.5) / len(plays) - 0.5)
-            stats = [interval(found[(law, *play)]) for law in laws]
-            axes.errorbar(
-                [s.mean for s in stats],
-                np.arange(len(laws)) + offset,
-                xerr=np.nan_to_num([s.half for s in stats]),
-                fmt="o",
-                markersize=4,
-                color=COLORS[place % len(COLORS)],
-                label=f"{play[0]}, {play[1]}",
-            )
-        axes.set_xscale("log")
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.set_yticks(range(len(laws)), [law.rpartition("/")[2] for law in laws])
-        axes.invert_yaxis()
-        axes.set(title=f"{scene}: error of the joint torque", xlabel="RMS error [Nm]")
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return drawing
-
-
-def loops(results: Results, scene: str) -> Figure:
-    """Torque against angle of the first seed, controllers side by side."""
-    laws = _laws(results, scene)
-    first = next(cell for cell, _ in results if cell.scene == scene)
-    shown = {
-        cell.controller: played.trace
-        for cell, played in results
-        if (cell.scene, cell.trajectory, cell.task)
-        == (scene, first.trajectory, first.task)
-    }
-    across = min(4, len(laws))
-    down = -(-len(laws) // across)
-    with style():
-        drawing = figure(2.8 * across, 2.6 * down + 0.3)
-        panels = drawing.subplots(down, across, sharex=True, sharey=True, squeeze=False)
-        for axes in panels.flat[len(laws) :]:
-            axes.set_visible(False)
-        for axes, law in zip(panels.flat, laws, strict=False):
-            trace = shown[law]
-            axes.plot(
-                trace["joint_angle_rad"], trace["joint_torque_nm"], color=BLUE, lw=0.8
-            )
-            axes.plot(
-                trace["joint_angle_rad"],
-                trace["desired_torque_nm"],
-                color=ORANGE,
-                lw=0.9,
-            )
-            axes.set_title(law.rpartition("/")[2])
-        drawing.supxlabel("joint angle [rad]", fontsize=9)
-        drawing.supylabel("joint torque [Nm], orange: desired", fontsize=9)
-        drawing.suptitle(
-            f"{scene}, {first.trajectory}, {first.task}", x=0.01, ha="left", fontsize=11
-        )
-    return drawing
+BINS = 100
+"""Of a cycle."""
 
 
 def pareto(results: Results, scene: str) -> Figure:
-    """Error against effort, mean over trajectories and tasks; the best are joined."""
-    laws = _laws(results, scene)
-    points = {}
-    for law in laws:
-        error = interval(over_conditions(results, scene, law, "rms_error")).mean
-        effort = interval(over_conditions(results, scene, law, "effort")).mean
-        if np.isfinite(error) and np.isfinite(effort):
-            points[law] = (effort, error)
-    best = [
-        point
-        for point in points.values()
-        if not any(
-            other != point and other[0] <= point[0] and other[1] <= point[1]
-            for other in points.values()
-        )
-    ]
+    """Normalised error against effort and against chatter; the best are joined."""
+    errors = normalised(rms_errors(results)[scene], SCALE)
     with style():
-        drawing = figure(6.4, 4.2)
-        axes = drawing.add_subplot()
-        line = np.array(sorted(best))
-        if line.size:
+        drawing = figure(9.6, 4.2)
+        panels = drawing.subplots(1, 2, sharey=True)
+        for axes, cost in zip(panels, ("effort", "chatter"), strict=True):
+            points = {
+                law: (_mean(results, scene, law, cost), float(np.mean(values)))
+                for law, values in errors.items()
+                if law not in ("unplugged", "motor-off")
+            }
+            line = np.array(sorted(_best(list(points.values()))))
             axes.plot(line[:, 0], line[:, 1], color=GREY, lw=0.8, zorder=1)
-        for place, (law, point) in enumerate(points.items()):
-            color = COLORS[place % len(COLORS)]
-            axes.plot(
-                *point,
-                "os"[place // len(COLORS) % 2],
-                color=color,
-                markersize=6,
-                label=law.rpartition("/")[2],
-            )
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("{x:g}")
+            for law, point in points.items():
+                axes.plot(*point, _marker(law), color=_color(errors, law), label=law)
+            axes.set(xlabel=f"{cost}: RMS torque of the motor [Nm]", yscale="log")
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter("{x:g}")
+            for law in ("unplugged", "motor-off"):
+                level = float(np.mean(errors[law]))
+                axes.axhline(level, color=BLACK, lw=0.7, ls=_dash(law), label=law)
+        panels[1].set(xscale="symlog")
+        panels[1].set_xscale("symlog", linthresh=1e-3)
+        panels[0].set(title=f"{scene}: error against effort", ylabel="normalised error")
+        panels[1].set(title="and against chatter")
+        panels[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return drawing
+
+
+def cycle(results: Results, scene: str) -> Figure:
+    """Error over the cycle of the motion in the ordinary condition, RMS over seeds."""
+    errors = rms_errors(results)[scene]
+    shown = {
+        cell.controller: played.trace
+        for cell, played in results
+        if cell.condition.scene == scene and played.trace
+    }
+    shown.pop("unplugged", None)
+    with style():
+        drawing = figure(7.6, 3.8)
+        axes = drawing.add_subplot()
+        for law, trace in shown.items():
+            counted = trace["time_s"] >= 1.0
+            place = np.minimum((trace["phase"] * BINS).astype(int), BINS - 1)[counted]
+            error = (trace["joint_torque_nm"] - trace["desired_torque_nm"])[counted]
+            total = np.bincount(place, error**2, BINS)
+            number = np.bincount(place, minlength=BINS)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                rms = np.sqrt(total / number)
+            at = (np.arange(BINS) + 0.5) / BINS
+            known = np.isfinite(rms)
+            color, dash = _color(errors, law), "--" if law in REFERENCES else "-"
+            axes.plot(at[known], rms[known], dash, color=color, lw=1.0, label=law)
         axes.set(
-            title=f"{scene}: error against effort",
-            xlabel="RMS torque of the motor [Nm]",
+            title=f"{scene}: error over the cycle, ordinary condition",
+            xlabel="phase of the cycle",
             ylabel="RMS error [Nm]",
         )
-        if points:
+        if shown:
             axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return drawing
+
+
+def levels(results: Results, scene: str) -> Figure:
+    """Normalised error over transmissions and errors of the model, a line each."""
+    rms = rms_errors(results)[scene]
+    errors = normalised(rms, SCALE)
+    names = list(rms[SCALE])
+    kinds = [e for e in ERRORS if any(n.endswith(f"-{e}") for n in names)]
+    with style():
+        drawing = figure(3.1 * max(len(kinds), 1) + 1.6, 3.6)
+        panels = drawing.subplots(1, max(len(kinds), 1), sharey=True, squeeze=False)[0]
+        for axes, error in zip(panels, kinds, strict=False):
+            _lines(axes, errors, names, error)
+            axes.set(title=f"model {error}", yscale="log")
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter("{x:g}")
+        panels[0].set(ylabel="normalised error")
+        panels[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        drawing.suptitle(
+            f"{scene}: transmissions and errors of the model", x=0.01, ha="left"
+        )
+    return drawing
+
+
+def _lines(
+    axes: Axes, errors: dict[str, np.ndarray], names: list[str], error: str
+) -> None:
+    """A line per controller over the transmissions that were played."""
+    known = [t for t in TRANSMISSIONS if f"{t}-{error}" in names]
+    for law, values in errors.items():
+        means = [np.mean(values[names.index(f"{t}-{error}")]) for t in known]
+        dash = "--" if law in REFERENCES else "-"
+        color = _color(errors, law)
+        axes.plot(known, means, f"o{dash}", color=color, markersize=3, label=law)
+
+
+def _mean(results: Results, scene: str, law: str, score: str) -> float:
+    """Mean of a score over conditions and seeds."""
+    return float(
+        np.nanmean(
+            np.concatenate(
+                [
+                    played.scores[score]
+                    for cell, played in results
+                    if (cell.condition.scene, cell.controller) == (scene, law)
+                ]
+            )
+        )
+    )
+
+
+def _best(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    return [
+        point
+        for point in points
+        if not any(
+            other != point and other[0] <= point[0] and other[1] <= point[1]
+            for other in points
+        )
+    ]
+
+
+def _color(laws: object, law: str) -> str:
+    place = list(laws).index(law)  # type: ignore[call-overload]
+    return COLORS[place % len(COLORS)]
+
+
+def _marker(law: str) -> str:
+    return "D" if law in REFERENCES else "o"
+
+
+def _dash(law: str) -> str:
+    return ":" if law == "unplugged" else "--"

@@ -1,28 +1,36 @@
-"""Tables of the benchmark: means over seeds with intervals, differences in pairs."""
+"""Tables of the benchmark: ranks, errors by condition, all scores, what was drawn."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark.cell import Cell, CellResult
+from cc_mujoco.benchmark.conditions import plants_of
+from cc_mujoco.benchmark.ranking import (
+    Place,
+    difference,
+    normalised,
+    ranking,
+    resampled,
+)
+from cc_mujoco.benchmark.references import REFERENCES, SCALE
+from cc_mujoco.benchmark.results import Errors, Results, rms_errors
 from cc_mujoco.benchmark.scores import SCORES
 from cc_mujoco.markdown import table
 
+Array = NDArray[np.float64]
+
 BASELINE = "pi"
-"""The controller that all others are compared with, seed by seed."""
-CONFIDENCE = 0.95
+"""The controller that others are compared with unless another is named."""
 OVERVIEW = (
-    "RMS error [Nm], mean over trajectories, tasks and seeds, "
-    "± half of the 95 % interval over seeds:"
+    "Normalised error (`none` is 1, the smaller the better), mean over conditions and "
+    "seeds with its 95 % interval; and failed episodes:"
 )
 """Of `overview_table`."""
-
-Results = Sequence[tuple[Cell, CellResult]]
 
 
 class Interval(NamedTuple):
@@ -31,12 +39,12 @@ class Interval(NamedTuple):
     mean: float
     half: float
     known: int = 0
-    """Seeds that it is of."""
-    seeds: int = 0
-    """All seeds."""
+    """Values that it is of."""
+    all: int = 0
+    """All values, those that are not numbers too."""
 
     def __str__(self) -> str:
-        """Mean and half width to the digits that count; seeds, if some are missing."""
+        """Mean and half width to the digits that count; values, if some are missing."""
         if math.isnan(self.mean):
             return "-"
         if math.isnan(self.half) or self.half < 1e-9:
@@ -44,134 +52,222 @@ class Interval(NamedTuple):
         else:
             digits = max(0, 1 - math.floor(math.log10(self.half)))
             text = f"{self.mean:.{digits}f} ± {self.half:.{digits}f}"
-        return (
-            f"{text} ({self.known} of {self.seeds})"
-            if self.known < self.seeds
-            else text
-        )
+        return f"{text} ({self.known} of {self.all})" if self.known < self.all else text
 
 
-def interval(values: NDArray[np.float64]) -> Interval:
-    """Mean over seeds with its 95 % interval (Student), without NaN."""
+def interval(values: Array) -> Interval:
+    """Mean with its 95 % interval (Student), without NaN."""
     from scipy.stats import t as student
 
-    seeds, values = values.size, values[np.isfinite(values)]
+    count, values = values.size, values[np.isfinite(values)]
     if values.size == 0:
-        return Interval(math.nan, math.nan, 0, seeds)
+        return Interval(math.nan, math.nan, 0, count)
     mean = float(np.mean(values))
     if values.size == 1:
-        return Interval(mean, math.nan, 1, seeds)
+        return Interval(mean, math.nan, 1, count)
     spread = float(np.std(values, ddof=1)) / math.sqrt(values.size)
-    factor = float(student.ppf(0.5 + CONFIDENCE / 2.0, values.size - 1))
-    return Interval(mean, factor * spread, values.size, seeds)
+    return Interval(
+        mean, float(student.ppf(0.975, values.size - 1)) * spread, values.size, count
+    )
 
 
-def over_conditions(
-    results: Results, scene: str, controller: str, score: str
-) -> NDArray[np.float64]:
-    """A score of every seed, mean over trajectories and tasks (seeds,).
-
-    Those in which no controller has the score do not count. In the others a seed
-    without it has no mean: an episode that diverged must not make the mean better.
-    """
-    rows = {
-        (cell.controller, cell.trajectory, cell.task): played.scores[score]
-        for cell, played in results
-        if cell.scene == scene
-    }
-    telling = {key[1:] for key, values in rows.items() if np.isfinite(values).any()}
-    own = {key[1:]: values for key, values in rows.items() if key[0] == controller}
-    counted = [own[play] for play in own if play in telling] or list(own.values())
-    mean: NDArray[np.float64] = np.mean(counted, axis=0)
-    return mean
-
-
-def markdown(results: Results) -> str:
+def markdown(results: Results, baseline: str = BASELINE) -> str:
     """All tables as Markdown."""
+    errors = rms_errors(results)
     parts = ["# Benchmark of torque controllers", OVERVIEW, overview_table(results)]
-    for scene in dict.fromkeys(cell.scene for cell, _ in results):
+    for scene, own in errors.items():
         parts += [
             f"## {scene}",
-            "RMS error [Nm], mean over seeds ± half of the 95 % interval:",
-            errors_table(results, scene),
-            f"RMS error less that of `{BASELINE}` in the same seeds [Nm]:",
-            errors_table(results, scene, paired=True),
-            "All scores, mean over trajectories and tasks:",
+            "Ranks; a controller is better than another where the interval of their "
+            "difference leaves out 0, for all pairs at once:",
+            ranks_table(own, baseline),
+            "Normalised error by condition, mean over seeds:",
+            conditions_table(results, scene),
+            "All scores, mean over conditions and seeds:",
             scores_table(results, scene),
+            "What was drawn in the ordinary condition, and in brackets what was "
+            "believed of it:",
+            plants_table(results, scene),
         ]
-    parts.append(definitions())
+    times = times_table(results)
+    if times:
+        parts += ["## Computing time of a step of one device", times]
+    parts += ["## What it all is", definitions()]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
 def definitions() -> str:
-    """What every score is, as a list."""
-    return "\n".join(f"- `{s.name}` [{s.unit}]: {s.meaning}" for s in SCORES)
+    """What every row and every score is, a line each."""
+    lines = [f"- *{name}*: {row.meaning}" for name, row in REFERENCES.items()]
+    lines.append(
+        "- `error` [1]: `rms_error` over the mean of that of `none` in the same "
+        "condition, at most 10, which an episode that diverged has"
+    )
+    lines += [f"- `{s.name}` [{s.unit}]: {s.meaning}" for s in SCORES]
+    return "\n".join(lines)
 
 
 def overview_table(results: Results) -> str:
-    """RMS error of every controller and scene, paired difference, share of failures."""
-    scenes = list(dict.fromkeys(cell.scene for cell, _ in results))
+    """Normalised error and failures of every controller and device."""
+    errors = rms_errors(results)
     laws = dict.fromkeys(cell.controller for cell, _ in results)
-    played = {(cell.scene, cell.controller) for cell, _ in results}
-    head, rows = ["controller"], [[f"`{law}`"] for law in laws]
-    for scene in scenes:
-        head += [scene, f"{scene}, less `{BASELINE}`", f"{scene}, failed"]
-        for law, row in zip(laws, rows, strict=True):
-            if (scene, law) not in played:
-                row += ["-", "-", "-"]
+    head, rows = ["controller"], {law: [_called(law)] for law in laws}
+    for scene, own in errors.items():
+        head += [scene, f"{scene}, failed"]
+        places = {p.name: p for p in ranking(normalised(own, SCALE), _plants(own))}
+        for law, row in rows.items():
+            if law not in own:
+                row += ["-", "-"]
                 continue
-            values = over_conditions(results, scene, law, "rms_error")
-            row.append(str(interval(values)))
-            if law == BASELINE or (scene, BASELINE) not in played:
-                row.append("-")
-            else:
-                base = over_conditions(results, scene, BASELINE, "rms_error")
-                row.append(str(interval(values - base)))
-            failed = over_conditions(results, scene, law, "failed")
-            row.append(f"{np.mean(failed):.0%}")
-    return table(head, rows)
+            failed = np.concatenate(
+                [
+                    played.scores["failed"]
+                    for cell, played in results
+                    if (cell.condition.scene, cell.controller) == (scene, law)
+                ]
+            )
+            row += [_scored(places[law]), f"{np.mean(failed):.0%}"]
+    return table(head, rows.values())
 
 
-def errors_table(results: Results, scene: str, *, paired: bool = False) -> str:
-    """RMS errors, a row per controller and a column per trajectory and task."""
-    found = {
-        (cell.controller, cell.trajectory, cell.task): played.scores["rms_error"]
-        for cell, played in results
-        if cell.scene == scene
-    }
-    laws = list(dict.fromkeys(key[0] for key in found))
-    plays = list(dict.fromkeys(key[1:] for key in found))
-    if paired and BASELINE not in laws:
-        return ""
+def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> str:
+    """Controllers without the references, the best first."""
+    errors = normalised(rms, SCALE)
+    errors = {n: e for n, e in errors.items() if n not in REFERENCES}
+    plants = _plants(rms)
+    draws, places = resampled(errors, plants), ranking(errors, plants)
+    compared = baseline in errors
+    head = ["rank", "controller", "error"]
+    head += [f"less `{baseline}`"] if compared else []
     rows = []
-    for law in laws:
-        if paired and law == BASELINE:
-            continue
-        cells = []
-        for play in plays:
-            values = found[(law, *play)]
-            if paired:
-                values = values - found[(BASELINE, *play)]
-            cells.append(str(interval(values)))
-        rows.append([f"`{law}`", *cells])
-    return table(["controller", *(f"{a}, {b}" for a, b in plays)], rows)
+    for place in places:
+        rank = str(place.first)
+        if place.last > place.first:
+            rank += f" to {place.last}"
+        row = [rank, _called(place.name), _scored(place)]
+        if compared and place.name != baseline:
+            mean = place.score - float(np.mean(errors[baseline]))
+            row.append(str(difference(draws[place.name], draws[baseline], mean)))
+        elif compared:
+            row.append("-")
+        better = [_called(n) for n in errors if n in place.better_than]
+        rows.append([*row, ", ".join(better) or "-"])
+    return table([*head, "better than"], rows)
+
+
+def conditions_table(results: Results, scene: str) -> str:
+    """Normalised errors, a row per condition, beside the error that is 1."""
+    rms = rms_errors(results)[scene]
+    errors = normalised(rms, SCALE)
+    laws = [law for law in errors if law != SCALE]
+    rows = []
+    for place, (condition, unit) in enumerate(rms[SCALE].items()):
+        means = [f"{np.mean(errors[law][place]):.2f}" for law in laws]
+        rows.append([condition, f"{np.nanmean(unit):.3g} Nm", *means])
+    return table(["condition", f"`{SCALE}`", *map(_called, laws)], rows)
 
 
 def scores_table(results: Results, scene: str) -> str:
     """Every score, a row per controller."""
-    laws = dict.fromkeys(cell.controller for cell, _ in results if cell.scene == scene)
+    found: dict[str, dict[str, list[Array]]] = {}
+    for cell, played in results:
+        if cell.condition.scene == scene:
+            own = found.setdefault(cell.controller, {})
+            for name, values in played.scores.items():
+                own.setdefault(name, []).append(values)
+    telling = {
+        score.name
+        for score in SCORES
+        if any(np.isfinite(own[score.name]).any() for own in found.values())
+    }
+    shown = [score for score in SCORES if score.name in telling]
     rows = []
-    for law in laws:
+    for law, own in found.items():
         cells = []
-        for score in SCORES:
-            values = over_conditions(results, scene, law, score.name)
-            if score.name == "failed":
-                cells.append(f"{np.mean(values):.0%}")
+        for score in shown:
+            values = np.concatenate(own[score.name])
+            if score.unit == "1":
+                cells.append(f"{np.nanmean(values):.1%}")
             else:
-                cells.append(str(interval(values)))
-        rows.append([f"`{law}`", *cells])
+                known = values[np.isfinite(values)]
+                cells.append(f"{np.mean(known):.3g}" if known.size else "-")
+        rows.append([_called(law), *cells])
     heads = [
         score.name.replace("_", " ") + (f" [{score.unit}]" if score.unit != "1" else "")
-        for score in SCORES
+        for score in shown
     ]
     return table(["controller", *heads], rows)
+
+
+def plants_table(results: Results, scene: str) -> str:
+    """Plants of the ordinary condition, or of the first, a row per seed."""
+    of_scene = [(c, r) for c, r in results if c.condition.scene == scene]
+    chosen = [(c, r) for c, r in of_scene if c.condition.usual] or of_scene
+    cell, played = next((c, r) for c, r in chosen if c.controller == SCALE)
+    drawn = played.plants
+    heads = ["seed", "friction", "EA [kN]", "pretension [N]", "wrap [rad]"]
+    heads += ["wearer [Nm/rad]", "delay [steps]", "bias of torque [Nm]"]
+    rows = []
+    for row, seed in enumerate(cell.seeds):
+
+        def both(name: str, scale: float = 1.0, row: int = row) -> str:
+            pairs = zip(
+                drawn[f"plant_{name}"][row], drawn[f"believed_{name}"][row], strict=True
+            )
+            return ", ".join(f"{scale * p:.3g} ({scale * b:.3g})" for p, b in pairs)
+
+        rows.append(
+            [
+                str(seed),
+                both("friction"),
+                both("axial_stiffness", 1e-3),
+                both("pretension"),
+                ", ".join(f"{wrap:.3g}" for wrap in drawn["plant_wrap"][row]),
+                f"{drawn['plant_wearer'][row]:.3g}",
+                str(drawn["plant_delay"][row]),
+                f"{drawn['plant_bias'][row]:.2g}",
+            ]
+        )
+    return table(heads, rows)
+
+
+def times_table(results: Results) -> str:
+    """Median and worst time of a step, as measured while the results were made."""
+    scenes: dict[str, dict[str, str]] = {}
+    for cell, played in results:
+        median = played.plants.get("step_median_s", [None])[0]
+        worst = played.plants.get("step_worst_s", [None])[0]
+        if median is not None and worst is not None:
+            told = f"{1e6 * median:.3g} µs, {1e6 * worst:.3g} µs"
+            scenes.setdefault(cell.condition.scene, {})[cell.controller] = told
+    laws = dict.fromkeys(law for own in scenes.values() for law in own)
+    rows = [
+        [_called(law), *(own.get(law, "-") for own in scenes.values())] for law in laws
+    ]
+    heads = [f"{scene}: median, worst" for scene in scenes]
+    return table(["controller", *heads], rows) if rows else ""
+
+
+def comparison(errors: Errors, differing: list[str]) -> str:
+    """Ranks of two files of results together, device by device."""
+    parts = ["# Two results compared"]
+    if differing:
+        parts.append(f"What made them differs in {', '.join(differing)}.")
+    for scene, own in errors.items():
+        parts += [f"## {scene}", ranks_table(own, SCALE)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _plants(rms: Mapping[str, Mapping[str, Array]]) -> list[str]:
+    """Names of the plants of every condition."""
+    return [plants_of(condition) for condition in rms[SCALE]]
+
+
+def _called(law: str) -> str:
+    return f"*{law}*" if law in REFERENCES else f"`{law}`"
+
+
+def _scored(place: Place) -> str:
+    if math.isnan(place.low):
+        return f"{place.score:.3f}"
+    return f"{place.score:.3f} ({place.low:.3f} to {place.high:.3f})"

@@ -1,123 +1,158 @@
-"""Running all cells: on several processes, keeping what is done.
+"""Running all cells: on several processes or a cluster, keeping what is done.
 
-Every finished cell has two files in `cells`; a later run of the same code and settings
-passes over it. Cells share nothing, so the number of processes changes no bit.
+Every finished cell has its files in `cells`; a later run of the same code and settings
+passes over it. Cells share nothing, so where they are played changes no bit.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-import json
-import multiprocessing
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cc_mujoco.benchmark.cell import Cell, CellResult, play
-from cc_mujoco.benchmark.mismatch import Mismatch
+from cc_mujoco.benchmark.cell import Cell, CellResult, play_group, stage, together
+from cc_mujoco.benchmark.conditions import SUITES, Condition
+from cc_mujoco.benchmark.references import REFERENCES, SCALE, require_free
+from cc_mujoco.benchmark.timing import Times, time_steps
 from cc_mujoco.control import controller
-from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.files import is_marked, replacing
 from cc_mujoco.files import require_ours as require_ours_in
 from cc_mujoco.identity import differences, made_by, seal, sealed, told
+from cc_mujoco.workers import WORKER_TIMEOUT, Tick, run_here, run_on_cluster
 
-MAX_SEEDS = 10_000
+MAX_SEEDS = 1000
 """Of more, not even the names of the results are quickly listed."""
 
-CELLS, SCORES, TABLE = "cells", "scores.parquet", "table.md"
-PARTS = ("scores", "trace")
-"""Of a cell: its files."""
-FIGURES = ("errors", "loops", "pareto")
+CELLS, RESULTS, TABLE = "cells", "results.parquet", "table.md"
+FIGURES = ("pareto", "cycle", "levels")
 """Of a scene."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to run; empty is what the scene has by default."""
+    """What to run; empty is all that the suite has."""
 
-    scenes: tuple[str, ...]
     controllers: tuple[str, ...]
-    trajectories: tuple[str, ...] = ()
-    tasks: tuple[str, ...] = ()
-    seeds: int = 5
-    duration: float = 6.0
-    """Of an episode [s]."""
-    mismatch: Mismatch = dataclasses.field(default_factory=Mismatch)
+    suite: str = "v1"
+    scenes: tuple[str, ...] = ()
+    conditions: tuple[str, ...] = ()
+    """Names of some, of the devices that have them."""
+    seeds: int = 0
+    """How many; 0 is what the suite has."""
+    duration: float | None = None
+    """Of an episode; that of the conditions by default [s]."""
+
+    def players(self) -> tuple[str, ...]:
+        """References, `none`, and the controllers, each once."""
+        return tuple(dict.fromkeys((*REFERENCES, SCALE, *self.controllers)))
+
+    def played(self) -> list[Condition]:
+        """All conditions.
+
+        Raises:
+            CableError: If a name is unknown.
+        """
+        suite = look_up("suite", self.suite, SUITES)
+        found = [
+            condition
+            for scene in self.scenes or tuple(suite.makers)
+            for condition in suite.conditions(scene)
+        ]
+        names = {condition.name: None for condition in found}
+        for name in self.conditions:
+            look_up("condition", name, names)
+        if self.conditions:
+            found = [c for c in found if c.name in self.conditions]
+        if self.duration is not None:
+            found = [dataclasses.replace(c, duration=self.duration) for c in found]
+        return found
 
     def cells(self) -> list[Cell]:
         """All cells, in the order of tables.
 
         Raises:
-            CableError: If there are none, a scene is unknown, or the files of two would
+            CableError: If there are none, a name is unknown, or the files of two would
                 have the same name.
         """
-        if self.seeds > MAX_SEEDS:
+        if not self.controllers:
+            raise CableError("a benchmark needs at least one controller.")
+        for name in self.controllers:
+            require_free(name)
+        count = self.seeds or look_up("suite", self.suite, SUITES).seeds
+        if not 1 <= count <= MAX_SEEDS:
             raise CableError(
-                f"a benchmark has at most {MAX_SEEDS:,} seeds, not {self.seeds:,}."
+                f"a benchmark has 1 to {MAX_SEEDS:,} seeds, not {self.seeds:,}."
             )
-        if not (self.scenes and self.controllers and self.seeds >= 1):
-            raise CableError(
-                "a benchmark needs at least one scene, one controller and one seed."
-            )
+        seeds = tuple(range(count))
         found: dict[str, Cell] = {}
-        for scene in self.scenes:
-            device = look_up("scene", scene, DEVICES)
-            trajectories = self.trajectories or device.trajectories
-            tasks = self.tasks or device.tasks
-            for trajectory, task, law in product(trajectories, tasks, self.controllers):
-                seeds = tuple(range(self.seeds))
-                cell = Cell(
-                    scene, law, trajectory, task, seeds, self.duration, self.mismatch
-                )
+        for condition in self.played():
+            for name in self.players():
+                cell = Cell(condition, name, seeds)
                 # What is named twice is played once.
                 other = found.setdefault(cell.name, cell)
                 if other != cell:
                     raise CableError(
-                        f"controllers {other.controller!r} and {law!r} would have the "
+                        f"controllers {other.controller!r} and {name!r} would have the "
                         f"same files, {cell.name}; rename one."
                     )
         return list(found.values())
 
-    def check(self) -> tuple[str, ...]:
-        """Find out, before long work, whether every name can be used.
 
-        Returns:
-            A sentence for each scene and task that asks for more than the motor gives.
+@dataclass(frozen=True)
+class Playing:
+    """A plan as a `workers.Job` whose pieces are groups of cells."""
+
+    plan: Plan
+
+    def rehearse(self) -> None:
+        """Find out, before long work, whether every name can be used.
 
         Raises:
             CableError: If a name cannot be used.
         """
-        warnings: dict[str, str] = {}
-        for scene in self.scenes:
-            device = look_up("scene", scene, DEVICES)
-            for trajectory, task in product(
-                self.trajectories or device.trajectories,
-                self.tasks or device.tasks,
-            ):
-                env: Any = gymnasium.make(
-                    device.environment,
-                    disable_env_checker=True,
-                    trajectory=trajectory,
-                    task=task,
-                    duration=self.duration,
-                )
-                env.reset(seed=0)
-                drive = env.unwrapped.drive
-                if beyond := env.unwrapped.beyond():
-                    warnings[f"{scene}, {task}"] = beyond
-                env.close()
-            for law in self.controllers:
-                controller(law, drive)
-        return tuple(f"{name}: {beyond}" for name, beyond in warnings.items())
+        shortest = {
+            c.scene: dataclasses.replace(c, duration=1.1) for c in self.plan.played()
+        }
+        self.plan.cells()
+        for condition in shortest.values():
+            drive = stage([Cell(condition, SCALE)]).drive
+            for name in self.plan.controllers:
+                controller(name, drive)
+
+    def made_by(self) -> dict[str, Any]:
+        """See `Job.made_by`."""
+        return made_by_all(self.plan.controllers)
+
+    def size(self, piece: Sequence[Cell]) -> int:
+        """Number of cells."""
+        return len(piece)
+
+    def do(self, piece: Sequence[Cell], tick: Tick) -> list[tuple[pa.Table, ...]]:
+        """Play a group; the sealed tables of every cell."""
+        results = play_group(piece)
+        found = []
+        for cell, result in zip(piece, results, strict=True):
+            entry = cell.controller not in REFERENCES and cell.condition.usual
+            times = time_steps(cell) if entry else None
+            found.append(_tables(cell, result, times))
+        return found
+
+
+def made_by_all(controllers: Sequence[str]) -> dict[str, Any]:
+    """What makes the results of several controllers; see `identity.made_by`."""
+    every = [made_by(name) for name in ("", *controllers)]
+    files: dict[str, str] = {}
+    for one in every:
+        files |= one["files"]
+    return every[0] | {"files": files}
 
 
 def require_ours(plan: Plan, out: str | os.PathLike[str]) -> None:
@@ -126,15 +161,12 @@ def require_ours(plan: Plan, out: str | os.PathLike[str]) -> None:
     Raises:
         CableError: If not; see `files.require_ours`.
     """
-    cells = [f"{cell.name}.{part}.parquet" for cell in plan.cells() for part in PARTS]
+    cells = [f"{CELLS}/{file}" for cell in plan.cells() for file in _files(cell)]
+    scenes = dict.fromkeys(condition.scene for condition in plan.played())
+    pictures = [f"{scene}-{stem}.png" for scene in scenes for stem in FIGURES]
     require_ours_in(
         out,
-        (
-            TABLE,
-            SCORES,
-            *(f"{scene}-{stem}.png" for scene in plan.scenes for stem in FIGURES),
-            *(f"{CELLS}/{name}" for name in cells),
-        ),
+        (TABLE, RESULTS, *pictures, *cells),
         lambda place: any(map(is_marked, (place / CELLS).glob("*.parquet"))),
     )
 
@@ -144,8 +176,10 @@ def run(
     out: str | os.PathLike[str],
     *,
     workers: int = 1,
+    scheduler: str | None = None,
+    worker_timeout: float = WORKER_TIMEOUT,
     again: bool = False,
-    finished: Callable[[Cell, bool], None] = lambda cell, fresh: None,
+    progress: Callable[[float], None] = lambda done: None,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> list[tuple[Cell, CellResult]]:
     """Run every cell that is not done and return all, in the order of the plan.
@@ -153,9 +187,11 @@ def run(
     Args:
         plan: What to run.
         out: Folder; cells lie in `cells` inside.
-        workers: Processes.
+        workers: Processes; 0 means one per processor.
+        scheduler: Address of a Dask scheduler whose workers play instead.
+        worker_timeout: Time without any worker after which to give up [s].
         again: Run also what is done.
-        finished: Called with every cell as it comes, and whether it was run just now.
+        progress: Called with the number of cells that are done.
         say: Called with a sentence on what an earlier run left, if it left something.
 
     Raises:
@@ -163,7 +199,8 @@ def run(
             cannot be written or holds files that are not a benchmark's.
     """
     require_ours(plan, out)
-    plan.check()
+    job = Playing(plan)
+    job.rehearse()
     folder = Path(out) / CELLS
     folder.mkdir(parents=True, exist_ok=True)
     cells = plan.cells()
@@ -174,27 +211,25 @@ def run(
         changed += other
         if again or there is None:
             left.append(cell)
-    kept = [cell for cell in cells if cell not in left]
+    kept = len(cells) - len(left)
     if kept or changed:
-        say(told(len(kept), len(cells), "cells", changed))
-    for cell in kept:
-        finished(cell, False)
-    if workers == 1 or len(left) <= 1:
-        for cell in left:
-            _write(folder, cell, *_work(cell))
-            finished(cell, True)
+        say(told(kept, len(cells), "cells", changed))
+    progress(float(kept))
+    pieces = dict(enumerate(together(left)))
+
+    def count(done: float) -> None:
+        progress(kept + done)
+
+    if scheduler is None:
+        playing = run_here(job, pieces, count, count=workers, processes=True)
     else:
-        # A fresh interpreter each: threads of the parent would not survive a fork.
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(workers, len(left)), context) as pool:
-            try:
-                going = {pool.submit(_work, cell): cell for cell in left}
-                for done in as_completed(going):
-                    _write(folder, going[done], *done.result())
-                    finished(going[done], True)
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        playing = run_on_cluster(job, pieces, scheduler, count, worker_timeout)
+    with contextlib.closing(playing):
+        for number, found in playing if pieces else ():
+            for cell, tables in zip(pieces[number], found, strict=True):
+                for file, table in zip(_files(cell), tables, strict=True):
+                    with replacing(folder / file) as partial:
+                        pq.write_table(table, partial)
     played = []
     for cell in cells:
         result, other = _read(folder, cell)
@@ -208,51 +243,36 @@ def run(
     return played
 
 
-def write_scores(
-    path: str | os.PathLike[str], played: Sequence[tuple[Cell, CellResult]]
-) -> None:
-    """Write the scores of all episodes as Parquet, a row each."""
-    columns: dict[str, list[Any]] = {}
-    for cell, result in played:
-        about = {
-            name: getattr(cell, name)
-            for name in ("scene", "controller", "trajectory", "task")
-        }
-        for place, seed in enumerate(cell.seeds):
-            row = about | {"seed": seed}
-            row |= {name: float(v[place]) for name, v in result.scores.items()}
-            for name, value in row.items():
-                columns.setdefault(name, []).append(value)
-    with replacing(path) as partial:
-        pq.write_table(pa.table(columns), partial)
-
-
-def _work(cell: Cell) -> tuple[CellResult, dict[str, Any]]:
-    """Play a cell; also what made it, in the process that did."""
-    played = play(cell)
-    return played, _about(cell)
+def _files(cell: Cell) -> list[str]:
+    parts = ("scores", "trace") if cell.condition.usual else ("scores",)
+    return [f"{cell.name}.{part}.parquet" for part in parts]
 
 
 def _about(cell: Cell) -> dict[str, Any]:
     """What decides a cell, whose controller was made before."""
-    makers = made_by(cell.controller, cell.trajectory)
-    return {"cell": json.loads(json.dumps(dataclasses.asdict(cell))), "made_by": makers}
+    return {"cell": repr(cell), "made_by": made_by(cell.controller)}
 
 
-def _write(folder: Path, cell: Cell, played: CellResult, about: dict[str, Any]) -> None:
-    for stem, columns in (("trace", played.trace), ("scores", played.scores)):
-        table = sealed(pa.table(columns), about)
-        with replacing(folder / f"{cell.name}.{stem}.parquet") as partial:
-            pq.write_table(table, partial)
+def _tables(
+    cell: Cell, result: CellResult, times: Times | None
+) -> tuple[pa.Table, ...]:
+    """What the files of a cell hold."""
+    about = _about(cell)
+    median, worst = times or (None, None)
+    columns = {**result.scores, **result.plants}
+    columns |= {"step_median_s": [median] * len(cell.seeds)}
+    columns |= {"step_worst_s": [worst] * len(cell.seeds)}
+    found = [columns, result.trace] if cell.condition.usual else [columns]
+    return tuple(sealed(pa.table(part), about) for part in found)
 
 
 def _read(folder: Path, cell: Cell) -> tuple[CellResult | None, list[str]]:
     """A finished cell; None, and how it differs, if it is not of this code."""
-    found: list[dict[str, Any]] = []
+    found: list[pa.Table] = []
     now = _about(cell)
-    for stem in PARTS:
+    for file in _files(cell):
         try:
-            table = pq.read_table(folder / f"{cell.name}.{stem}.parquet")
+            table = pq.read_table(folder / file)
         except (OSError, pa.ArrowInvalid):
             return None, []
         then = seal(table)
@@ -261,5 +281,18 @@ def _read(folder: Path, cell: Cell) -> tuple[CellResult | None, list[str]]:
             if then.get("cell", now["cell"]) != now["cell"]:
                 return None, ["their settings"]
             return None, differences(then.get("made_by"), now["made_by"])
-        found.append({name: table[name].to_numpy() for name in table.column_names})
-    return CellResult(found[0], found[1], None), []
+        found.append(table)
+    scores = {
+        name: found[0][name].to_numpy()
+        for name in found[0].column_names
+        if not name.startswith(("plant_", "believed_", "step_"))
+    }
+    rest = {
+        name: found[0][name].to_pylist()
+        for name in found[0].column_names
+        if name not in scores
+    }
+    trace = (
+        {n: found[1][n].to_numpy() for n in found[1].column_names} if found[1:] else {}
+    )
+    return CellResult(scores, rest, trace), []

@@ -16,14 +16,12 @@ Array = NDArray[np.float64]
 
 SMOOTH = 0.05
 """Window of the mean that chatter is told from, and backlash measured on [s]."""
-ASKED = 0.02
-"""Share of the largest desired torque below which none is asked for."""
-FREE_SHARE = 0.25
-"""Share of the time for which none must be asked for to tell transparency."""
+THIN = 5
+"""Samples in a step of the correlation, whose peak is refined beyond it."""
 TAUT = 0.1
 """Share of the largest desired torque above which a cable that only pulls is taut."""
-SLACK_SHARE = 0.01
-"""Share of the time that cables may be slack when they must not."""
+TOO_LONG = 0.01
+"""Time for which a torque beyond what is safe is a failure [s]."""
 
 
 @dataclass(frozen=True)
@@ -48,32 +46,50 @@ SCORES = (
         "backlash",
         "rad",
         "between the angles at which the joint torque crosses zero on the way out and "
-        "back, means over 50 ms; spring",
+        "back, means over 50 ms; where a spring is asked for",
     ),
     Score("effort", "Nm", "RMS of the motor's torque"),
     Score("chatter", "Nm", "RMS of the motor's torque less its mean over 50 ms"),
-    Score("transparency", "Nm", "RMS of joint torque while none is asked for"),
+    Score(
+        "slack",
+        "1",
+        "share of the time with a slack cable where more than a tenth of the largest "
+        "torque is asked for; of two cables that pull against each other, both slack",
+    ),
     Score(
         "failed",
         "1",
-        "episodes that diverged or were slack for 1 % of the time when they must not",
+        "episodes that diverged, or put more than the device's `safe_torque` into the "
+        "joint for 10 ms, or tore a cable",
     ),
 )
-"""All scores, in the order of tables."""
+"""All scores of an episode, in the order of tables."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What an episode is judged against."""
+
+    torque: float
+    """Most that the cables may put into the joint [Nm]."""
+    strength: float
+    """Breaking load of a cable [N]."""
+    pull_pull: bool
+    """Whether two cables pull against each other."""
 
 
 def score(
-    columns: Mapping[str, Array], *, task: str, period: float, pull_pull: bool
+    columns: Mapping[str, Array], *, spring: bool, period: float, limits: Limits
 ) -> dict[str, float]:
     """Score one episode.
 
     Args:
-        columns: time, angle, joint torque, desired torque, motor torque and the slack
-            of every cable (`slack_m`, (samples, cables)), without the warm-up.
-        task: Its name.
+        columns: time, angle, joint torque, desired torque, motor torque, slack of the
+            cables that the motor winds (`slack`, (samples, cables)) and tensions
+            (`tension_n`, (samples, ends)), without the warm-up.
+        spring: Whether a spring is asked for.
         period: Time between samples [s].
-        pull_pull: Whether it is a failure only if all cables are slack at once, else
-            whenever more than `TAUT` is asked for.
+        limits: What is safe.
 
     Returns:
         By name, NaN where an episode cannot tell.
@@ -84,32 +100,41 @@ def score(
         return {s.name: math.nan for s in SCORES} | {"failed": 1.0}
     error = torque - desired
     most = float(np.max(np.abs(desired)))
-    free = np.abs(desired) <= ASKED * most
-    slack = columns["slack_m"] > 0.0
+    hanging = columns["slack"]
     wrong = (
-        slack.all(axis=1)
-        if pull_pull
-        else slack.any(axis=1) & (np.abs(desired) > TAUT * most)
+        hanging.all(axis=1)
+        if limits.pull_pull
+        else hanging.any(axis=1) & (np.abs(desired) > TAUT * most)
     )
     mean = _smooth(motor, period)
     first = (motor.size - mean.size) // 2
     rough = motor[first : first + mean.size] - mean
     delay = (
-        lag(columns["time_s"], desired, torque, signed=True) if most > 0 else math.nan
+        lag(columns["time_s"][::THIN], desired[::THIN], torque[::THIN], signed=True)
+        if most > 0
+        else math.nan
     )
     angle = columns["joint_angle_rad"]
+    unsafe = _longest(np.abs(torque) > limits.torque) * period >= TOO_LONG
+    torn = bool(np.max(columns["tension_n"]) > limits.strength)
     return {
         "rms_error": _rms(error),
         "peak_error": float(np.max(np.abs(error))),
         "lag": 1e3 * delay,
         "backlash": loop_opening(_smooth(angle, period), _smooth(torque, period))
-        if task == "spring"
+        if spring
         else math.nan,
         "effort": _rms(motor),
         "chatter": _rms(rough),
-        "transparency": _rms(torque[free]) if np.mean(free) > FREE_SHARE else math.nan,
-        "failed": float(np.mean(wrong) > SLACK_SHARE),
+        "slack": float(np.mean(wrong)),
+        "failed": float(unsafe or torn),
     }
+
+
+def _longest(mask: NDArray[np.bool_]) -> int:
+    """Length of the longest run of samples for which a mask is set."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def _smooth(values: Array, period: float) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,89 +12,92 @@ import tyro
 from cc_mujoco.commands.options import Flag, Names, in_words
 from cc_mujoco.errors import CableError
 
+Pair = Annotated[tuple[Path, Path] | None, in_words("A.parquet B.parquet")]
+
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Play every controller, trajectory, task and seed; write tables and figures."""
+    """Play controllers and references in a suite; write results, tables, figures."""
 
-    interrupted: ClassVar[str] = "cells that were finished are kept"
+    interrupted: ClassVar[str] = (
+        "cells that were finished are kept; the same command goes on"
+    )
 
-    scene: Annotated[str, tyro.conf.arg(metavar="SCENE")] = "all"
-    """A device, or all; `cc-mujoco list` shows every name that can be given."""
+    suite: Annotated[str, tyro.conf.arg(metavar="NAME")] = "v1"
+    """What is played; a suite never changes."""
     controllers: Names = ()
     """Names, MODULE:FUNCTION of yours or POLICY.zip; every name unless given."""
-    trajectories: Names = ()
-    """How the wearer moves; the defaults depend on the scene."""
-    tasks: Names = ()
-    """What the wearer should feel; the defaults depend on the scene."""
-    seeds: int = 5
-    """Number of seeds: noise, errors of the models, random motions."""
-    duration: float = 6.0
-    """Length of an episode in seconds."""
+    scene: Names = ()
+    """Devices; all of the suite unless given."""
+    conditions: Names = ()
+    """Some of the suite's conditions by name, as in its tables; all unless given."""
+    seeds: int = 0
+    """Number of seeds: plants, noise, motions; 0 is what the suite has."""
+    duration: Annotated[float | None, in_words("FLOAT")] = None
+    """Length of an episode in seconds; that of the suite unless given."""
+    baseline: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
+    """Controller that the others are compared with, seed by seed."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs", "benchmark")
     """Folder for the results."""
     workers: Annotated[int, in_words()] = 0
     """Processes that play; one per processor unless given. They change no result."""
-    record: Names = ()
-    """Cells whose first seed is recorded too, as SCENE-CONTROLLER-TRAJECTORY-TASK."""
+    scheduler: Annotated[str | None, in_words("ADDRESS")] = None
+    """tcp://HOST:PORT of a Dask scheduler, whose workers play instead."""
+    worker_timeout: float = 60.0
+    """Seconds after which that is given up if the scheduler has no workers."""
     again: Flag = False
     """Play also what an earlier run of the same code has finished."""
+    compare: Pair = None
+    """Two files of results to rank together, instead of playing."""
 
     def run(self) -> None:
         """Play what is not done yet; print the tables."""
-        for name, value, least in (
-            ("seeds", self.seeds, 1),
-            ("workers", self.workers, 0),
-        ):
-            if value < least:
-                raise CableError(f"--{name} must be {least} or greater, not {value}.")
+        for name, value in (("seeds", self.seeds), ("workers", self.workers)):
+            if value < 0:
+                raise CableError(f"--{name} must be 0 or greater, not {value}.")
+        if self.compare is not None:
+            from cc_mujoco.benchmark.report import comparison
+            from cc_mujoco.benchmark.results import joined, read_results
+
+            one, other = map(read_results, self.compare)
+            print(comparison(*joined(one, other)))
+            return
 
         from tqdm import tqdm
 
-        from cc_mujoco.benchmark import Cell, Plan, run
-        from cc_mujoco.benchmark.runner import require_ours
-        from cc_mujoco.benchmark.writing import (
-            recording_folder,
-            write,
-            write_recording,
-        )
+        from cc_mujoco.benchmark import Plan, run
+        from cc_mujoco.benchmark.writing import write
         from cc_mujoco.control import CONTROLLERS
-        from cc_mujoco.devices import DEVICES
-        from cc_mujoco.recording import episode
 
         plan = Plan(
-            tuple(DEVICES) if self.scene == "all" else (self.scene,),
             self.controllers or tuple(CONTROLLERS),
-            self.trajectories,
-            self.tasks,
+            self.suite,
+            self.scene,
+            self.conditions,
             self.seeds,
             self.duration,
         )
-        cells = {cell.name: cell for cell in plan.cells()}
-        for name in self.record:
-            if name not in cells:
-                raise CableError.unknown("cell", name, cells)
-        require_ours(plan, self.out)
-        for name in self.record:
-            episode.require_ours(recording_folder(self.out, cells[name]))
-        for warning in plan.check():
-            print(f"warning: {warning}", file=sys.stderr)
+        if self.baseline not in plan.players():
+            raise CableError(
+                f"--baseline {self.baseline!r} is none of the controllers, which are "
+                f"{', '.join(plan.players())}."
+            )
         with tqdm(
-            total=len(cells), unit="cell", disable=not sys.stderr.isatty()
+            total=len(plan.cells()),
+            unit="cell",
+            bar_format="{l_bar}{bar}| {n:.0f} of {total} cells  {elapsed}<{remaining}",
+            disable=not sys.stderr.isatty(),
         ) as bar:
-
-            def told(cell: Cell, fresh: bool) -> None:
-                bar.update()
-
             results = run(
                 plan,
                 self.out,
-                workers=self.workers or os.cpu_count() or 1,
+                workers=self.workers,
+                scheduler=self.scheduler,
+                worker_timeout=self.worker_timeout,
                 again=self.again,
-                finished=told,
+                progress=lambda done: bar.update(done - bar.n),
                 say=tqdm.write,
             )
-        print(write(self.out, results))
-        for name in self.record:
-            print(f"recorded:   {write_recording(self.out, cells[name])}")
+        print(write(self.out, plan, results, self.baseline))
+        print(f"results:    {self.out / 'results.parquet'}")
         print(f"see also:   {self.out}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cc_mujoco.human.motion import Motion, Scripted, Trajectory
 from cc_mujoco.human.moves import Ramp, Reach, Reversals, Sweep
+from cc_mujoco.human.perturbed import Perturbed
 from cc_mujoco.human.recorded import Recorded, from_csv
 from cc_mujoco.human.tasks import (
     TASKS,
@@ -30,6 +31,7 @@ __all__ = [
     "Hold",
     "Motion",
     "Multisine",
+    "Perturbed",
     "Ramp",
     "Reach",
     "Recorded",

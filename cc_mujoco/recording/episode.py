@@ -43,7 +43,7 @@ def play(
         env: One of this package's environments; its `info` fills the log.
         controller: What drives the motor, made for the environment's drive.
         sensing: What the controller sees with; the sensors of the device by default.
-        seed: Seed of the reset and of the noise of the sensors, that of the benchmark.
+        seed: Seed of the reset and of the noise of the sensors.
         about: Metadata for the log, besides that of the device, the wearer, the
             sensors and the versions: names of trajectory, task and controller.
         progress: Called with the simulated time in seconds after every step.

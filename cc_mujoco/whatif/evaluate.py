@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from cc_mujoco.control import controller
 from cc_mujoco.human import Wearer
+from cc_mujoco.identity import made_by
 from cc_mujoco.sensing import PERFECT
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.metrics import (
@@ -33,8 +35,9 @@ from cc_mujoco.whatif.protocol import (
     Hold,
     Swing,
 )
-from cc_mujoco.whatif.simulate import Episode, Rollout, Tick, play
+from cc_mujoco.whatif.simulate import Episode, Rollout, play
 from cc_mujoco.whatif.variables import Value
+from cc_mujoco.workers import Tick
 
 Design = dict[str, Value]
 
@@ -141,6 +144,29 @@ def rehearse(protocol: EpisodeProtocol, builder: Builder) -> None:
         exo = episode.exo(model)
         exo.author.write(np.random.default_rng(protocol.seed))
         controller(protocol.controller, PERFECT.equip(exo.drive))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A protocol as a `workers.Job` whose pieces are designs of equal layout."""
+
+    protocol: EpisodeProtocol
+
+    def rehearse(self) -> None:
+        """See `Job.rehearse`."""
+        rehearse(self.protocol, Builder(self.protocol.scene, self.protocol.timestep))
+
+    def made_by(self) -> dict[str, Any]:
+        """See `Job.made_by`; a trajectory from a file goes with the protocol."""
+        return made_by(self.protocol.controller)
+
+    def size(self, piece: Sequence[Design]) -> int:
+        """Number of designs."""
+        return len(piece)
+
+    def do(self, piece: Sequence[Design], tick: Tick) -> list[Result]:
+        """Try designs; see `evaluate`."""
+        return evaluate(self.protocol, piece, tick)
 
 
 def _held(main: Episode, model: mujoco.MjModel) -> tuple[Episode, float, bool]:

@@ -2,13 +2,14 @@
 
 The arithmetic of a design is that of the environment played alone, number by number, so
 its results are the same bits in any company and on any number of threads. A study
-compares transmissions, so its sensors are perfect, where the benchmark has noisy ones.
+compares transmissions, so its sensors are perfect, where the benchmark, which plays its
+drawn plants as such a batch too, has noisy ones.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,11 +28,9 @@ from cc_mujoco.episode import Columns, Trace, run
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.sensing import PERFECT, Measuring
 from cc_mujoco.whatif.laws import Laws, Unpowered
+from cc_mujoco.workers import Tick
 
 Array = NDArray[np.float64]
-
-Tick = Callable[[float], None]
-"""Takes the share that is done, 0 to 1; may raise to stop."""
 
 TICK_STEPS = 200
 """Control steps between two calls of a tick."""
@@ -132,7 +131,7 @@ def play(
     drives = [PERFECT.equip(device.drive(exo.period)) for device in devices]
     name = episode.controller
     law = Unpowered(drives[0]) if name is None else Laws(name, drives)
-    fleet = Fleet(exo, devices, script, threads)
+    fleet = Fleet(exo, devices, (script,), threads)
     driven = exo.device.driven
     measuring = Measuring(PERFECT, drives[0], driven, episode.seed, exo.steps)
     trace = Trace(KEPT, exo.steps, fleet.going)
@@ -161,14 +160,18 @@ class Fleet:
     """The simulations of a batch, a device each; a `Plant`."""
 
     def __init__(
-        self, exo: Exo, devices: Sequence[Device], script: Script, threads: int
+        self,
+        exo: Exo,
+        devices: Sequence[Device],
+        scripts: Sequence[Script],
+        threads: int = 1,
     ) -> None:
         """Make the batch.
 
         Args:
             exo: Of the first device.
             devices: Of equal layout.
-            script: What the wearer does.
+            scripts: What the wearer does, one for all or for each.
             threads: That simulate.
         """
         models = [device.model for device in devices]
@@ -178,7 +181,10 @@ class Fleet:
         """Those that have not failed."""
         self.failed = [""] * count
         """Why, where they have."""
-        self._exo, self._script, self._devices = exo, script, devices
+        self._exo, self._devices = exo, devices
+        self._angles = [scripts[row % len(scripts)].angles for row in range(count)]
+        self._commands = np.stack([script.commands for script in scripts])
+        self._marks = np.stack([script.marks for script in scripts])
         self._scale = np.array([device.motor_scale for device in devices])
         self._limit = np.array([device.torque_limit for device in devices])
         readers = [Reader(models[0], name) for name in self.cables]
@@ -200,7 +206,8 @@ class Fleet:
         now = self._bound.apart()
         for row, device in enumerate(self._devices):
             data = mujoco.MjData(device.model)
-            device.start(data, self._script.angles, self._script.commands[0])
+            commands = self._commands[row % len(self._commands), 0]
+            device.start(data, self._angles[row], commands)
             mujoco.mj_getState(device.model, data, self._batch.state[row], _STATE)
             now.take(physics_of(data), row)
         return self._columns(now)
@@ -214,7 +221,7 @@ class Fleet:
         share = share.astype(np.float32).astype(np.float64)
         control[:, :, device.motor_control] = (share * self._scale)[:, None]
         first = self._step * skip
-        commands = self._script.commands[first : first + skip]
+        commands = self._commands[:, first : first + skip]
         control[:, :, device.script_controls] = commands
         everyone = self.going.all()
         chosen = control if everyone else control[self.going]
@@ -234,7 +241,7 @@ class Fleet:
         """What can be measured now, and what is kept of it beside."""
         state = now.plugin_state
         columns: dict[str, Any] = self._exo.device.read_motion(now)
-        _, phase, sine, cosine = self._script.marks[self._step]
+        _, phase, sine, cosine = self._marks[:, self._step].T
         count = self.going.size
         told = np.empty((3, count))
         told[0] = self._exo.task.torque(

@@ -13,11 +13,11 @@ from pathlib import Path
 import pyarrow as pa
 
 from cc_mujoco.identity import told
-from cc_mujoco.whatif.cluster import WORKER_TIMEOUT, run_on_cluster
 from cc_mujoco.whatif.designs import Given
+from cc_mujoco.whatif.evaluate import Trial
 from cc_mujoco.whatif.plan import Plan, make_plan
-from cc_mujoco.whatif.run import Progress, run_here
 from cc_mujoco.whatif.store import Store
+from cc_mujoco.workers import WORKER_TIMEOUT, Progress, run_here, run_on_cluster
 
 
 def study(
@@ -124,10 +124,12 @@ def carry_out(
         progress(before + done)
 
     count(0.0)
+    trial = Trial(plan.protocol)
+    pieces = {n: [plan.designs[i] for i in plan.batches[n]] for n in missing}
     if scheduler is None:
-        batches = run_here(plan, missing, threads, count)
+        batches = run_here(trial, pieces, count, count=threads)
     else:
-        batches = run_on_cluster(plan, missing, scheduler, count, worker_timeout)
+        batches = run_on_cluster(trial, pieces, scheduler, count, worker_timeout)
     # Closed at once if it is interrupted here, so that what is under way ends too.
     with contextlib.closing(batches):
         for number, results in batches if missing else ():

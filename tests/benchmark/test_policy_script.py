@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import runpy
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.benchmark import Cell, play
+from cc_mujoco.benchmark import SUITES, Cell, play
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "train_policy.py"
 
@@ -21,10 +22,8 @@ def test_script_trains_a_policy_that_the_benchmark_takes(tmp_path: Path) -> None
     path = tmp_path / "policy.zip"
     words = [sys.executable, "-P", str(SCRIPT), "--steps", "1", "--out", str(path)]
     subprocess.run(words, check=True, capture_output=True, cwd=SCRIPT.parents[1])
-    cells = [
-        Cell("wrist", law, "sine", "spring", duration=1.2)
-        for law in (str(path), "none")
-    ]
+    condition = dataclasses.replace(SUITES["v1"].conditions("wrist")[0], duration=1.2)
+    cells = [Cell(condition, law) for law in (str(path), "none")]
     trained, none = (play(cell).scores for cell in cells)
     assert trained["failed"][0] == 0.0
     assert np.isfinite(trained["rms_error"][0])

@@ -15,13 +15,16 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import cc_mujoco
 from cc_mujoco import cli
+from cc_mujoco.benchmark import Plan as Benchmark
+from cc_mujoco.benchmark import run as play_all
 from cc_mujoco.whatif import carry_out, make_plan
-from cc_mujoco.whatif import cluster as connecting
 from cc_mujoco.whatif.plan import Plan
+from cc_mujoco.workers import cluster as connecting
 
 pytestmark = [
     pytest.mark.skipif(find_spec("distributed") is None, reason="Dask is not here"),
@@ -270,6 +273,20 @@ def test_a_wrong_address_is_one_sentence(
     started = time.monotonic()
     assert f"no Dask scheduler answers at {address}" in refusal(address)
     assert time.monotonic() - started < 5.0
+
+
+def test_a_benchmark_plays_on_a_cluster_as_it_does_here(
+    tmp_path: Path, cluster: Cluster
+) -> None:
+    plan = Benchmark(("none",), "v1", ("wrist",), ("ordinary-rough",), 1, 1.05)
+    here = play_all(plan, tmp_path / "a")
+    there = play_all(plan, tmp_path / "b", scheduler=cluster.address)
+    for (one, found), (other, same) in zip(here, there, strict=True):
+        assert one == other
+        for part in ("scores", "trace"):
+            mine, its = getattr(found, part), getattr(same, part)
+            for name in mine:
+                assert np.array_equal(mine[name], its[name], equal_nan=True)
 
 
 def test_a_worker_is_no_scheduler(cluster: Cluster, refusal: Asked) -> None:

@@ -137,7 +137,7 @@ def test_an_interrupted_study_goes_on_where_it_was(
     calls = []
     real = evaluate
     monkeypatch.setattr(
-        "cc_mujoco.whatif.run.evaluate",
+        "cc_mujoco.whatif.evaluate.evaluate",
         lambda *arguments: calls.append(1) or real(*arguments),
     )
     resumed: list[float] = []

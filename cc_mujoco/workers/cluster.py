@@ -1,4 +1,4 @@
-"""Running a plan on the workers of a Dask cluster, which need the same code.
+"""Running the pieces of a job on the workers of a Dask cluster, with the same code.
 
 Every task first compares the code of its worker with that of the client, so that a
 worker that joins later is asked too; those that are there are asked before the first.
@@ -10,16 +10,14 @@ import asyncio
 import importlib
 import pickle
 import time
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from functools import lru_cache
 from typing import Any
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.identity import differences, made_by
-from cc_mujoco.whatif.build import Builder
-from cc_mujoco.whatif.evaluate import Design, Result, evaluate, rehearse
-from cc_mujoco.whatif.plan import Plan
+from cc_mujoco.workers.job import Job, Progress
 
 CONNECTING = 5.0
 """Time that a scheduler has to answer [s]."""
@@ -28,30 +26,30 @@ WORKER_TIMEOUT = 60.0
 POLL = 1.0
 """Time between two looks at whether there are workers [s]."""
 
-Answer = tuple[list[Result], str]
-"""Of a worker: results, and why it has none."""
+Answer = tuple[Any, str]
+"""Of a worker: a result, and why it has none."""
 
 
 def run_on_cluster(
-    plan: Plan,
-    batches: Iterable[int],
+    job: Job,
+    pieces: Mapping[int, Any],
     scheduler: str,
-    progress: Callable[[float], None],
+    progress: Progress = lambda done: None,
     worker_timeout: float = WORKER_TIMEOUT,
-) -> Generator[tuple[int, list[Result]], None, None]:
-    """Run batches on the workers of a cluster.
+) -> Generator[tuple[int, Any], None, None]:
+    """Run pieces on the workers of a cluster.
 
     What a worker that dies was doing, Dask gives to another.
 
     Args:
-        plan: the study.
-        batches: numbers of those to run.
+        job: what to do with them.
+        pieces: by number.
         scheduler: address of the scheduler, `tcp://HOST:PORT`.
-        progress: called with the number of designs done.
+        progress: called with what is done.
         worker_timeout: time without any worker after which to give up [s].
 
     Yields:
-        Batches as they are finished, in no particular order.
+        Numbers and results of pieces as they are finished, in no particular order.
 
     Raises:
         CableError: Dask is not installed, no scheduler answers, a worker has other
@@ -66,8 +64,7 @@ def run_on_cluster(
             "--scheduler needs Dask: pip install 'cc_mujoco[dask]'."
         ) from None
     _require_scheduler(distributed, scheduler)
-    makers = pickle.dumps(made_by(plan.protocol.controller))
-    protocol = pickle.dumps(plan.protocol)
+    makers, told = pickle.dumps(job.made_by()), pickle.dumps(job)
     ask = _portable()
     lost = (distributed.KilledWorker, CancelledError, asyncio.CancelledError, OSError)
     done = 0
@@ -78,15 +75,16 @@ def run_on_cluster(
             watch = _Watch(client, scheduler, worker_timeout)
             while not client.nthreads():
                 watch.look()
-            found = client.run(ask, makers, protocol, (), on_error="return")
+            found = client.run(ask, makers, told, None, on_error="return")
             for worker, answer in found.items():
                 if not isinstance(answer, OSError):  # it has left
                     _accepted(answer, worker)
             numbers = {}
-            for number in batches:
-                designs = [plan.designs[i] for i in plan.batches[number]]
-                # Not pure: Dask must not take it for an earlier study's batch.
-                future = client.submit(ask, makers, protocol, designs, pure=False)
+            for number, piece in pieces.items():
+                # Not pure: Dask must not take it for a piece of an earlier run.
+                future = client.submit(
+                    ask, makers, told, pickle.dumps(piece), pure=False
+                )
                 numbers[future] = number
             completed = distributed.as_completed(list(numbers), loop=client.loop)
             while numbers:
@@ -94,43 +92,45 @@ def run_on_cluster(
                     watch.look()
                     continue
                 for future in completed.next_batch(block=False):
-                    results = _accepted(future.result())
-                    done += len(results)
+                    result, number = _accepted(future.result()), numbers.pop(future)
+                    done += job.size(pieces[number])
                     progress(float(done))
-                    yield numbers.pop(future), results
+                    yield number, result
     except lost as error:
         raise CableError(
-            f"the cluster at {scheduler} gave up a batch of designs: "
+            f"the cluster at {scheduler} gave up a piece of the work: "
             f"{str(error) or type(error).__name__}; the others are kept, and the same "
-            "study goes on."
+            "command goes on."
         ) from None
 
 
-def answer(makers: bytes, protocol: bytes, designs: Sequence[Design]) -> Answer:
-    """Try designs on a worker, if its code is that of the client.
+def answer(makers: bytes, job: bytes, piece: bytes | None) -> Answer:
+    """Do a piece on a worker, if its code is that of the client.
 
     Args:
-        makers: what makes the table, by the client; pickled.
-        protocol: pickled.
-        designs: maybe none.
+        makers: what makes the results, by the client; pickled.
+        job: pickled.
+        piece: pickled; without one the worker is only asked.
     """
-    if why := _refusal(makers, protocol):
-        return [], why
-    return evaluate(pickle.loads(protocol), designs) if designs else [], ""
+    if why := _refusal(makers, job):
+        return None, why
+    if piece is None:
+        return None, ""
+    return pickle.loads(job).do(pickle.loads(piece), lambda share: None), ""
 
 
 @lru_cache(maxsize=8)
-def _refusal(makers: bytes, protocol: bytes) -> str:
+def _refusal(makers: bytes, job: bytes) -> str:
     """Why this process cannot take part; empty if it can."""
     theirs = pickle.loads(makers)
     other = differences({**theirs, "files": {}}, made_by())
     if not other:
-        found = pickle.loads(protocol)
+        found: Job = pickle.loads(job)
         try:
-            rehearse(found, Builder(found.scene, found.timestep))
+            found.rehearse()
         except CableError as error:
-            return f"cannot play the study: {error}"
-        other = differences(theirs, made_by(found.controller))
+            return f"cannot do its part: {error}"
+        other = differences(theirs, found.made_by())
     return f"has other code, which differs in {', '.join(other)}" if other else ""
 
 
@@ -146,29 +146,29 @@ def _portable() -> Callable[..., tuple[str, Answer]]:
         except (ImportError, ValueError):
             name = "of the cluster"
         try:
-            from cc_mujoco.whatif.cluster import answer
+            from cc_mujoco.workers.cluster import answer
         except Exception as error:
-            return name, ([], f"cannot import this version of cc_mujoco ({error})")
+            return name, (None, f"cannot import this version of cc_mujoco ({error})")
         return name, answer(*question)
 
     return ask
 
 
-def _accepted(answer: Any, worker: str = "") -> list[Result]:
-    """The results in the answer of a worker.
+def _accepted(answer: Any, worker: str = "") -> Any:
+    """The result in the answer of a worker.
 
     Raises:
         CableError: it has none.
     """
     if isinstance(answer, BaseException):
         raise CableError(f"worker {worker} cannot take part: {answer}.")
-    name, (results, why) = answer
+    name, (result, why) = answer
     if why:
         raise CableError(
             f"worker {name} {why.rstrip('.')}; give every worker the same code and "
             "versions and start it anew."
         )
-    return list(results)
+    return result
 
 
 class _Watch:

@@ -1,0 +1,184 @@
+"""Devices as they are: drawn with every seed, and not what a controller believes.
+
+    plants = draw(condition, seeds=(0, 1))
+    plants[0].cables["flexor"].friction      # of the plant
+    Belief(0.1).of(plants[0].cables["flexor"], random)     # of the controller
+
+A condition and a seed are one plant, one motion and one noise for every controller, so
+that controllers are compared in pairs. Conditions that differ in the error of the model
+alone share their plants; all others draw independently of each other.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cc_mujoco.benchmark.conditions import TRANSMISSIONS, Condition, plants_of
+from cc_mujoco.checks import parameter
+from cc_mujoco.control import CableDrive, Drive
+from cc_mujoco.human import Perturbed, Trajectory, Walk, Wearer
+from cc_mujoco.transmission import Cable
+from cc_mujoco.transmission.parameters import BENDS, PATHS
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.variables import Value
+
+MOST = 3.0
+"""Draws beyond this many standard deviations are cut."""
+
+SPREAD = {
+    "friction": 0.15,
+    "axial_stiffness": 0.1,
+    "pretension": 0.2,
+    "wrap": 0.1,
+}
+"""Relative standard deviations of the cables of a plant around their nominal values."""
+
+IMPEDANCE, CADENCE = 0.2, 0.03
+"""Relative standard deviations of the wearer's impedance and of a gait's period."""
+
+BIAS = 2.0
+"""Standard deviation of a sensor's bias, as a multiple of that of its noise."""
+
+SENSORS = 3
+"""Tension sensors on a cable, see `Sensing.equip`."""
+
+
+@dataclass(frozen=True)
+class Plant:
+    """One device, its wearer and its sensors."""
+
+    seed: int
+    """Of its motion and noise; that of the episode and its condition make it."""
+    design: Mapping[str, Value]
+    """Of its cables; see `whatif.build.Builder`."""
+    cables: Mapping[str, Cable]
+    """All cables of the device."""
+    wearer: Wearer
+    trajectory: Trajectory
+    delay: int
+    """Control steps by which measurements are late."""
+    noise: float
+    """Of all sensors, as a multiple of the device's."""
+    bias: tuple[float, ...]
+    """Of the joint torque sensor, then of every tension sensor, as a multiple of the
+    standard deviation of the device's noise."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Standard deviations of the relative errors of what a controller believes."""
+
+    error: float = 0.1
+    """Of both friction coefficients, axial stiffness and pretension."""
+    bias: float = 0.0
+    """Relative error of friction that is the same for all, added to the draw."""
+
+    def __post_init__(self) -> None:
+        """Refuse errors that leave nothing of a parameter."""
+        parameter(self, "error", 0.0, 0.3, "")
+        parameter(self, "bias", -0.9, 5.0, "")
+
+    def of(self, cable: Cable, random: np.random.Generator) -> Cable:
+        """What is believed of a cable; its route is known."""
+        friction, stiffness, pretension = (self.error * _cut(random) for _ in range(3))
+        factor = max(1.0 + self.bias + friction, 0.05)
+        return cable.replace(
+            friction=factor * cable.friction,
+            static_friction=factor * cable.static_friction,
+            axial_stiffness=(1.0 + stiffness) * cable.axial_stiffness,
+            pretension=(1.0 + pretension) * cable.pretension,
+        )
+
+
+def draw(condition: Condition, seeds: Sequence[int]) -> list[Plant]:
+    """The plants of a condition, one for each seed."""
+    builder = Builder(condition.scene)
+    return [_drawn(condition, seed, builder) for seed in seeds]
+
+
+def _drawn(condition: Condition, seed: int, builder: Builder) -> Plant:
+    place = zlib.crc32(f"{condition.scene} {plants_of(condition.name)}".encode())
+    own = int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
+    random = np.random.default_rng([own, 2])
+    design: dict[str, Value] = {}
+    for name, cable in builder.cables.items():
+        factors = {n: 1.0 + s * _cut(random) for n, s in SPREAD.items()}
+        liner = TRANSMISSIONS[condition.transmission]
+        drawn: dict[str, Value] = {
+            "friction": factors["friction"] * liner.friction,
+            "static_friction": factors["friction"] * liner.static_friction,
+            "axial_stiffness": factors["axial_stiffness"] * cable.axial_stiffness,
+            "pretension": factors["pretension"] * cable.pretension,
+        }
+        if cable.path == PATHS[0] and condition.moving_route:
+            drawn["bend"] = BENDS[1]
+        elif cable.path == PATHS[0]:
+            drawn["wrap"] = factors["wrap"] * cable.wrap
+        design |= {f"{name}.{key}": value for key, value in drawn.items()}
+    wearer = _wearer(builder, condition.impedance * (1.0 + IMPEDANCE * _cut(random)))
+    source = condition.trajectory
+    cadence = 1.0 + CADENCE * _cut(random)
+    low, high = condition.delay
+    sensors = 1 + SENSORS * len(builder.cables)
+    return Plant(
+        seed=own,
+        design=design,
+        cables=builder.cables_of(design),
+        wearer=wearer,
+        trajectory=_paced(source, cadence),
+        # In turns: of few seeds each delay has its share, as so much depends on it.
+        delay=low + (seed + place) % (high - low + 1),
+        noise=condition.noise,
+        bias=tuple(condition.noise * BIAS * _cut(random) for _ in range(sensors)),
+    )
+
+
+def believed(
+    drive: Drive,
+    driven: Sequence[str],
+    plants: Sequence[Plant],
+    beliefs: Sequence[Belief],
+) -> Drive:
+    """The drive as the controller of every plant believes it to be.
+
+    Args:
+        drive: Of the device; gives the arms of the cables.
+        driven: Names of the cables that the motor winds.
+        plants: One per device.
+        beliefs: How wrong they are, one per device.
+    """
+    rows = []
+    for plant, belief in zip(plants, beliefs, strict=True):
+        random = np.random.default_rng([plant.seed, 3])
+        rows.append(
+            tuple(
+                CableDrive(belief.of(plant.cables[name], random), s.proximal, s.distal)
+                for name, s in zip(driven, drive.cables, strict=True)
+            )
+        )
+    return dataclasses.replace(drive, cable_drives=tuple(rows))
+
+
+def _wearer(builder: Builder, factor: float) -> Wearer:
+    """The scene's wearer, stiffer and more damped by a factor."""
+    mover = builder.spec.actuator("wearer")
+    return Wearer(factor * float(mover.gainprm[0]), -factor * float(mover.biasprm[2]))
+
+
+def _paced(source: Trajectory, factor: float) -> Trajectory:
+    """A gait with a longer period; also inside of another trajectory."""
+    if isinstance(source, Walk):
+        return dataclasses.replace(source, period=factor * source.period)
+    if isinstance(source, Perturbed):
+        return dataclasses.replace(source, base=_paced(source.base, factor))
+    return source
+
+
+def _cut(random: np.random.Generator) -> float:
+    """A standard normal number, cut at `MOST`."""
+    return float(min(max(random.normal(), -MOST), MOST))

@@ -1,0 +1,184 @@
+"""The one file of a benchmark's results, and how two of them compare.
+
+A row is an episode: scene, condition, controller, seed, normalised error, scores, what
+was drawn and what was believed. The metadata say what made them: code, conditions,
+machine.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from cc_mujoco.benchmark.cell import Cell, CellResult
+from cc_mujoco.benchmark.ranking import normalised
+from cc_mujoco.benchmark.references import REFERENCES, SCALE
+from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing
+from cc_mujoco.identity import differences, seal, sealed
+
+Array = NDArray[np.float64]
+Results = Sequence[tuple[Cell, CellResult]]
+Errors = dict[str, dict[str, dict[str, Array]]]
+"""RMS errors by scene, controller and condition, (seeds,)."""
+
+
+def rms_errors(results: Results) -> Errors:
+    """RMS errors of a run."""
+    found: Errors = {}
+    for cell, played in results:
+        own = found.setdefault(cell.condition.scene, {})
+        errors = played.scores["rms_error"]
+        own.setdefault(cell.controller, {})[cell.condition.name] = errors
+    return found
+
+
+def machine() -> dict[str, str | int]:
+    """Where this process runs."""
+    return {
+        "system": platform.platform(),
+        "processor": _processor(),
+        "processors": os.cpu_count() or 1,
+        "python": platform.python_version(),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if "model name" in line]
+    return names[0] if names else platform.processor()
+
+
+def write_results(
+    path: str | os.PathLike[str],
+    results: Results,
+    suite: str,
+    makers: Mapping[str, Any],
+) -> None:
+    """Write the file of results.
+
+    Args:
+        path: Of the file.
+        results: Of a run.
+        suite: Its name.
+        makers: See `identity.made_by`.
+    """
+    scaled = {s: normalised(own, SCALE) for s, own in rms_errors(results).items()}
+    places: dict[tuple[str, str], int] = {}
+    columns: dict[str, list[Any]] = {}
+    for cell, played in results:
+        at = cell.condition
+        place = places.get((at.scene, cell.controller), 0)
+        places[at.scene, cell.controller] = place + 1
+        for row, seed in enumerate(cell.seeds):
+            told: dict[str, Any] = {
+                "scene": at.scene,
+                "condition": at.name,
+                "transmission": at.transmission,
+                "model_error": at.error,
+                "controller": cell.controller,
+                "seed": seed,
+                "error": float(scaled[at.scene][cell.controller][place, row]),
+            }
+            told |= {name: float(v[row]) for name, v in played.scores.items()}
+            told |= {name: v[row] for name, v in played.plants.items()}
+            for name, value in told.items():
+                columns.setdefault(name, []).append(value)
+    conditions = {
+        f"{c.condition.scene} {c.condition.name}": repr(c.condition) for c, _ in results
+    }
+    about = {
+        "suite": suite,
+        "conditions": conditions,
+        "made_by": dict(makers),
+        "machine": machine(),
+    }
+    with replacing(path) as partial:
+        pq.write_table(sealed(pa.table(columns), about), partial)
+
+
+def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
+    """RMS errors of a file of results, and what made them.
+
+    Raises:
+        CableError: If it is no such file.
+    """
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowException):
+        raise CableError(f"{path} is no Parquet file that can be read.") from None
+    about = seal(table)
+    if not (isinstance(about, dict) and {"suite", "conditions"} <= about.keys()):
+        raise CableError(f"{path} is no file of results of `cc-mujoco benchmark`.")
+    found: dict[str, dict[str, dict[str, list[tuple[int, float]]]]] = {}
+    names = ("scene", "controller", "condition", "seed", "rms_error")
+    rows = zip(*(table[name].to_pylist() for name in names), strict=True)
+    for scene, law, condition, seed, error in rows:
+        own = found.setdefault(scene, {}).setdefault(law, {})
+        own.setdefault(condition, []).append((seed, error))
+    return {
+        scene: {
+            law: {c: np.array([e for _, e in sorted(v)]) for c, v in own.items()}
+            for law, own in laws.items()
+        }
+        for scene, laws in found.items()
+    }, about
+
+
+def joined(
+    one: tuple[Errors, Mapping[str, Any]], other: tuple[Errors, Mapping[str, Any]]
+) -> tuple[Errors, list[str]]:
+    """Two files of results as one, and what differs in what made them.
+
+    A controller whose errors differ is there twice, as `NAME (a)` and `NAME (b)`.
+
+    Raises:
+        CableError: If they have no device in common, or not the same conditions or
+            seeds in it.
+    """
+    (first, about), (second, of_other) = one, other
+    common = [scene for scene in first if scene in second]
+    if not common:
+        raise CableError(
+            f"nothing to compare: one has {', '.join(first)}, the other "
+            f"{', '.join(second)}."
+        )
+    found: Errors = {}
+    for scene in common:
+        a, b = first[scene], second[scene]
+        shapes = [{c: len(v) for c, v in own[SCALE].items()} for own in (a, b)]
+        texts = [
+            {n: t for n, t in told["conditions"].items() if n.startswith(f"{scene} ")}
+            for told in (about, of_other)
+        ]
+        if shapes[0] != shapes[1] or texts[0] != texts[1]:
+            raise CableError(
+                f"the conditions or the seeds of {scene} are not the same in both "
+                "files; run both with the same suite, --conditions and --seeds."
+            )
+        own = found.setdefault(scene, {})
+        for name in dict.fromkeys((*a, *b)):
+            both = name in a and name in b
+            if not both or _same(a[name], b[name]):
+                own[name] = a.get(name, b.get(name, {}))
+            else:
+                own[f"{name} (a)"], own[f"{name} (b)"] = a[name], b[name]
+        own.setdefault(SCALE, a[SCALE])
+        for name in (*REFERENCES, f"{SCALE} (a)", f"{SCALE} (b)"):
+            own.pop(name, None)
+    return found, differences(about["made_by"], of_other["made_by"])
+
+
+def _same(one: Mapping[str, Array], other: Mapping[str, Array]) -> bool:
+    return all(np.array_equal(v, other[c], equal_nan=True) for c, v in one.items())

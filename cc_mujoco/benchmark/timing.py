@@ -1,0 +1,60 @@
+"""How long a controller takes for a step of one device, on this machine."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.benchmark.cell import Cell, stage
+from cc_mujoco.control import controller
+from cc_mujoco.episode import run
+from cc_mujoco.sensing import TENSIONS
+
+TIMED = 1.1
+"""Length of the episode that is timed [s]; what is compiled has been before."""
+
+
+class Times(NamedTuple):
+    """Of a call of `Controller.torque` with the numbers of one device."""
+
+    median: float
+    """[s]."""
+    worst: float
+    """[s]."""
+
+
+def time_steps(cell: Cell) -> Times:
+    """Time the steps of a cell's controller, for the first seed of its condition."""
+    short = dataclasses.replace(cell.condition, duration=TIMED)
+    made = stage([dataclasses.replace(cell, condition=short, seeds=cell.seeds[:1])])
+    law = controller(cell.controller, made.drive)
+    law.reset()
+    taken: list[float] = []
+
+    def timed(seen: Mapping[str, Any]) -> Mapping[str, Any]:
+        one = {n: v[0] if n == TENSIONS else float(v[0]) for n, v in seen.items()}
+        begun = time.perf_counter()
+        law.torque(one)
+        taken.append(time.perf_counter() - begun)
+        return seen
+
+    with np.errstate(all="ignore"):
+        run(
+            made,
+            made.law,
+            _nothing,
+            measure=lambda columns: timed(made.sensors.measure(columns)),
+            name=cell.controller,
+        )
+    # The first calls fill caches.
+    counted = np.array(taken[round(len(taken) / 3) :])
+    return Times(float(np.median(counted)), float(np.max(counted)))
+
+
+def _nothing(step: int, columns: Mapping[str, Any], _: NDArray[np.float64]) -> None:
+    """Observe nothing."""

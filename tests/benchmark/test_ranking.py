@@ -1,0 +1,147 @@
+"""Ranks say no more than the seeds do; results of two runs rank together."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cc_mujoco.benchmark import (
+    REFERENCES,
+    SCORES,
+    SUITES,
+    Cell,
+    CellResult,
+    interval,
+    markdown,
+    normalised,
+    ranking,
+)
+from cc_mujoco.benchmark.ranking import WORST, resampled
+from cc_mujoco.benchmark.report import comparison
+from cc_mujoco.benchmark.results import joined, read_results, write_results
+from cc_mujoco.errors import CableError
+
+SEEDS = 6
+MAKERS = {"versions": {}, "sources": "one", "files": {}}
+
+
+def noisy(mean: float, seed: int, conditions: int = 5) -> np.ndarray:
+    """Errors around a mean, all parts of which but a tenth are common to a seed."""
+    common = np.random.default_rng(0).normal(size=(conditions, SEEDS))
+    own = np.random.default_rng(seed).normal(size=(conditions, SEEDS))
+    return mean + 0.2 * common + 0.02 * own
+
+
+def test_pairs_tell_what_intervals_of_each_do_not() -> None:
+    errors = {"near": noisy(0.55, 1), "best": noisy(0.5, 2), "twin": noisy(0.5, 3)}
+    places = {place.name: place for place in ranking(errors)}
+    assert places["near"].low < places["best"].high
+    assert "near" in places["best"].better_than
+    assert places["best"].better_than == places["twin"].better_than == ("near",)
+    assert [(p.first, p.last) for p in ranking(errors)] == [(1, 2), (1, 2), (3, 3)]
+
+
+def test_intervals_are_as_wide_as_seeds_make_them() -> None:
+    values = np.random.default_rng(4).normal(1.0, 0.3, size=(200, SEEDS))
+    spread = np.std(resampled({"one": values})["one"])
+    assert spread == pytest.approx(0.3 / math.sqrt(values.size), rel=0.06)
+    shared = np.repeat(values[:100], 2, axis=0)
+    plants = [str(row // 2) for row in range(200)]
+    wider = np.std(resampled({"one": shared}, plants)["one"])
+    assert wider == pytest.approx(0.3 / math.sqrt(100 * SEEDS), rel=0.09)
+    (place,) = ranking({"one": values[:, :1]})
+    assert math.isnan(place.low)
+
+
+def test_an_error_is_a_multiple_of_that_without_compensation() -> None:
+    rms = {
+        "none": {"a": np.array([1.0, 3.0]), "b": np.array([10.0, math.nan])},
+        "mine": {"a": np.array([1.0, math.nan]), "b": np.array([5.0, 500.0])},
+    }
+    found = normalised(rms, "none")
+    assert found["none"].tolist() == [[0.5, 1.5], [1.0, WORST]]
+    assert found["mine"].tolist() == [[0.5, WORST], [0.5, WORST]]
+
+
+def fake(laws: dict[str, float], scene: str = "wrist") -> list[tuple[Cell, CellResult]]:
+    """Made-up results: errors around a mean."""
+    results = []
+    drawn = {"friction": [0.1, 0.1], "axial_stiffness": [4e3] * 2, "pretension": [10.0]}
+    plants = {
+        f"{who}_{n}": [v] * SEEDS
+        for n, v in drawn.items()
+        for who in ("plant", "believed")
+    }
+    plants |= {"plant_wrap": [[7.0]] * SEEDS, "plant_wearer": [50.0] * SEEDS}
+    plants |= {"plant_delay": [1] * SEEDS, "plant_bias": [0.01] * SEEDS}
+    for row, condition in enumerate(SUITES["v1"].conditions(scene)[-9:]):
+        for law, mean in laws.items():
+            scores = {s.name: np.full(SEEDS, 0.25) for s in SCORES}
+            scores["rms_error"] = noisy(mean, len(law), 9)[row]
+            cell = Cell(condition, law, tuple(range(SEEDS)))
+            results.append((cell, CellResult(scores, plants, {})))
+    return results
+
+
+LAWS = {**dict.fromkeys(REFERENCES, 2.0), "none": 1.0, "pi": 0.8, "model": 0.5}
+
+
+def test_tables_have_every_row_and_say_what_it_is() -> None:
+    text = markdown(fake(LAWS), baseline="model")
+    for name, row in REFERENCES.items():
+        assert f"| *{name}* | " in text and f"- *{name}*: {row.meaning}" in text
+    for score in SCORES:
+        assert f"- `{score.name}` [{score.unit}]: {score.meaning}" in text
+    ranks = text.partition("for all pairs at once:")[2].partition("Normalised")[0]
+    assert "| 1 | `model` | 0." in ranks and "less `model`" in ranks
+    assert "`none`, `pi` |" in ranks and "unplugged" not in ranks
+    unit = np.mean(noisy(1.0, len("none"), 9)[4])
+    assert f"| ordinary-rough | {unit:.3g} Nm | 2." in text
+    assert "0.1 (0.1), 0.1 (0.1) | 4 (4), 4 (4)" in text
+
+
+def test_files_of_results_rank_together(tmp_path: Path) -> None:
+    paths = tmp_path / "a.parquet", tmp_path / "b.parquet"
+    write_results(paths[0], fake(LAWS), "v1", MAKERS)
+    other = {**dict.fromkeys(REFERENCES, 2.0), "none": 1.0, "pi": 0.7, "mine:m": 0.4}
+    write_results(paths[1], fake(other), "v1", MAKERS | {"sources": "two"})
+    errors, differing = joined(*map(read_results, paths))
+    assert differing == ["the sources of cc_mujoco"]
+    assert list(errors["wrist"]) == ["none", "pi (a)", "pi (b)", "model", "mine:m"]
+    text = comparison(errors, differing)
+    assert "differs in the sources" in text and "| 1 | `mine:m` | 0.4" in text
+    again, nothing = joined(*map(read_results, (paths[0], paths[0])))
+    assert list(again["wrist"]) == ["none", "pi", "model"] and nothing == []
+
+
+def test_results_of_other_conditions_are_not_compared(tmp_path: Path) -> None:
+    kinds = [fake(LAWS), fake(LAWS)[: 5 * len(LAWS)], fake(LAWS, "ankle")]
+    shorter = [
+        (dataclasses.replace(c, seeds=c.seeds[:2]), dataclasses.replace(
+            r, scores={n: v[:2] for n, v in r.scores.items()}))
+        for c, r in kinds[0]
+    ]  # fmt: skip
+    paths = []
+    for number, kind in enumerate([*kinds, shorter]):
+        paths.append(tmp_path / f"{number}.parquet")
+        write_results(paths[-1], kind, "v1", MAKERS)
+    whys = {1: "not the same", 2: "nothing to compare", 3: "the seeds"}
+    for other, why in whys.items():
+        with pytest.raises(CableError, match=why):
+            joined(read_results(paths[0]), read_results(paths[other]))
+    (tmp_path / "x.parquet").write_text("mine")
+    with pytest.raises(CableError, match="no Parquet file"):
+        read_results(tmp_path / "x.parquet")
+
+
+def test_interval_is_that_of_student() -> None:
+    found = interval(np.array([1.0, 2.0, 3.0, math.nan]))
+    assert found.mean == 2.0
+    assert found.half == pytest.approx(4.302652729911275 / math.sqrt(3.0))
+    assert str(found) == "2.0 ± 2.5 (3 of 4)"
+    assert str(interval(np.array([1.0, 2.0, 3.0]))) == "2.0 ± 2.5"
+    assert str(interval(np.array([math.nan]))) == "-"

@@ -1,0 +1,66 @@
+"""What controllers of the devices are told: steps of encoders, noise, delay."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import cc_mujoco  # noqa: F401
+from cc_mujoco.errors import CableError
+from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS, Measuring, Sensing
+
+
+def readings(sensing: Sensing, seeds: tuple[int, ...], steps: int = 30) -> list[Any]:
+    """What is measured of a wrist that the motor turns."""
+    env = gymnasium.make_vec("cc_mujoco/WristHandle-v0", len(seeds), threads=1)
+    wrist = env.unwrapped
+    drive = sensing.equip(wrist.drive)
+    measuring = Measuring(sensing, drive, ("flexor", "extensor"), seeds, steps)
+    _, info = env.reset(seed=0)
+    found = []
+    for _ in range(steps):
+        found.append((info, measuring.measure(info)))
+        *_, info = env.step(wrist.action(np.full(len(seeds), 0.5)))
+    env.close()
+    return found
+
+
+def test_perfect_sensors_tell_the_truth() -> None:
+    for info, seen in readings(PERFECT, (0, 1)):
+        for name in MEASURED:
+            assert np.array_equal(seen[name], info[name])
+        assert seen[TENSIONS].shape == (2, 2, 3)
+        assert np.array_equal(
+            seen[TENSIONS][:, 1, 2], info["tension_extensor_distal_n"]
+        )
+
+
+def test_encoders_step_and_measurements_are_late() -> None:
+    coarse = Sensing(0.0, 0.0, motor_steps=100.0, joint_steps=0.0, delay=3)
+    rows = readings(coarse, (0,))
+    for _, seen in rows:
+        count = seen["motor_angle_rad"] * 100.0 / (2.0 * math.pi)
+        assert count == pytest.approx(np.round(count), abs=1e-9)
+    for late, early in zip(rows[3:], rows, strict=False):
+        assert late[1]["joint_angle_rad"] == early[0]["joint_angle_rad"]
+
+
+def test_a_seed_is_the_same_noise_in_any_company() -> None:
+    sensing = Sensing(0.1, 1.0)
+    together, alone = readings(sensing, (4, 7)), readings(sensing, (7,))
+    for (_, many), (_, one) in zip(together, alone, strict=True):
+        assert many["joint_torque_nm"][1] == one["joint_torque_nm"][0]
+        assert np.array_equal(many[TENSIONS][1], one[TENSIONS][0])
+    noise = [
+        seen["joint_torque_nm"] - info["joint_torque_nm"] for info, seen in together
+    ]
+    assert np.std(noise[5:]) > 0.03
+
+
+def test_a_negative_delay_is_refused() -> None:
+    with pytest.raises(CableError, match="delay"):
+        Sensing(0.0, 0.0, delay=-1)

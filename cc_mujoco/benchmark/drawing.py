@@ -2,48 +2,62 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.benchmark.conditions import ERRORS, TRANSMISSIONS
 from cc_mujoco.benchmark.ranking import normalised
 from cc_mujoco.benchmark.references import REFERENCES, SCALE
 from cc_mujoco.benchmark.results import Results, rms_errors
-from cc_mujoco.figures import BLACK, COLORS, GREY, figure, style
+from cc_mujoco.figures import COLORS, GREY, figure, style
+from cc_mujoco.human import Walk
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BINS = 100
-"""Of a cycle."""
+Array = NDArray[np.float64]
+
+BINS = 30
+"""Of a cycle, or of the time after a reversal."""
+LONGEST = 0.6
+"""Time after a reversal that is shown [s]."""
+STARTED = 1.0
+"""Beginning of an episode that the cycle leaves out: motions grow in it [s]."""
+PASSIVE = ("unplugged", "motor-off")
+"""References whose motor does nothing."""
 
 
 def pareto(results: Results, scene: str) -> Figure:
     """Normalised error against effort and against chatter; the best are joined."""
     errors = normalised(rms_errors(results)[scene], SCALE)
+    looks = _looks(errors)
     with style():
-        drawing = figure(9.6, 4.2)
+        drawing = figure(9.6, 4.0)
         panels = drawing.subplots(1, 2, sharey=True)
         for axes, cost in zip(panels, ("effort", "chatter"), strict=True):
             points = {
                 law: (_mean(results, scene, law, cost), float(np.mean(values)))
                 for law, values in errors.items()
-                if law not in ("unplugged", "motor-off")
+                if law not in PASSIVE
             }
-            line = np.array(sorted(_best(list(points.values()))))
+            entries = [point for law, point in points.items() if law not in REFERENCES]
+            line = np.array(sorted(_best(entries)))
             axes.plot(line[:, 0], line[:, 1], color=GREY, lw=0.8, zorder=1)
             for law, point in points.items():
-                axes.plot(*point, _marker(law), color=_color(errors, law), label=law)
-            axes.set(xlabel=f"{cost}: RMS torque of the motor [Nm]", yscale="log")
-            axes.yaxis.set_major_formatter("{x:g}")
-            axes.yaxis.set_minor_formatter("{x:g}")
-            for law in ("unplugged", "motor-off"):
-                level = float(np.mean(errors[law]))
-                axes.axhline(level, color=BLACK, lw=0.7, ls=_dash(law), label=law)
-        panels[1].set(xscale="symlog")
-        panels[1].set_xscale("symlog", linthresh=1e-3)
+                about = looks[law] | {"linestyle": "", "markersize": 6}
+                axes.plot(*point, label=law, clip_on=False, **about)
+            for law in PASSIVE:
+                about = looks[law] | {"marker": "", "lw": 0.9}
+                axes.axhline(float(np.mean(errors[law])), label=law, **about)
+            axes.set(ylim=(0.0, None))
+            axes.set_xlabel(
+                "effort: RMS torque of the motor [Nm]"
+                if cost == "effort"
+                else "chatter: RMS of the same less its mean over 50 ms [Nm]"
+            )
         panels[0].set(title=f"{scene}: error against effort", ylabel="normalised error")
         panels[1].set(title="and against chatter")
         panels[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -51,33 +65,30 @@ def pareto(results: Results, scene: str) -> Figure:
 
 
 def cycle(results: Results, scene: str) -> Figure:
-    """Error over the cycle of the motion in the ordinary condition, RMS over seeds."""
-    errors = rms_errors(results)[scene]
+    """Error over the gait, or after a reversal of the joint; ordinary condition."""
+    looks = _looks(rms_errors(results)[scene])
     shown = {
-        cell.controller: played.trace
+        cell.controller: (cell, played.trace)
         for cell, played in results
         if cell.condition.scene == scene and played.trace
     }
-    shown.pop("unplugged", None)
     with style():
         drawing = figure(7.6, 3.8)
         axes = drawing.add_subplot()
-        for law, trace in shown.items():
-            counted = trace["time_s"] >= 1.0
-            place = np.minimum((trace["phase"] * BINS).astype(int), BINS - 1)[counted]
-            error = (trace["joint_torque_nm"] - trace["desired_torque_nm"])[counted]
-            total = np.bincount(place, error**2, BINS)
-            number = np.bincount(place, minlength=BINS)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                rms = np.sqrt(total / number)
-            at = (np.arange(BINS) + 0.5) / BINS
-            known = np.isfinite(rms)
-            color, dash = _color(errors, law), "--" if law in REFERENCES else "-"
-            axes.plot(at[known], rms[known], dash, color=color, lw=1.0, label=law)
+        label = "time since the joint last reversed [s]"
+        for law, (cell, trace) in shown.items():
+            gait = isinstance(cell.condition.trajectory, Walk)
+            most = 1.0 if gait else LONGEST
+            label = "phase of the gait" if gait else label
+            place = trace["phase"] if gait else _since_reversal(trace)
+            rms = _over(place / most, trace)
+            at = most * (np.arange(BINS) + 0.5) / BINS
+            axes.plot(at, rms, label=law, **looks[law] | {"marker": "", "lw": 1.1})
         axes.set(
             title=f"{scene}: error over the cycle, ordinary condition",
-            xlabel="phase of the cycle",
+            xlabel=label,
             ylabel="RMS error [Nm]",
+            ylim=(0.0, None),
         )
         if shown:
             axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -85,52 +96,57 @@ def cycle(results: Results, scene: str) -> Figure:
 
 
 def levels(results: Results, scene: str) -> Figure:
-    """Normalised error over transmissions and errors of the model, a line each."""
+    """Normalised error over transmissions, a panel for each error of the model."""
     rms = rms_errors(results)[scene]
-    errors = normalised(rms, SCALE)
-    names = list(rms[SCALE])
-    kinds = [e for e in ERRORS if any(n.endswith(f"-{e}") for n in names)]
+    errors, names = normalised(rms, SCALE), list(rms[SCALE])
+    looks = _looks(errors)
+    kinds = [e for e in ERRORS if any(n.endswith(f"-{e}") for n in names)] or [""]
     with style():
-        drawing = figure(3.1 * max(len(kinds), 1) + 1.6, 3.6)
-        panels = drawing.subplots(1, max(len(kinds), 1), sharey=True, squeeze=False)[0]
-        for axes, error in zip(panels, kinds, strict=False):
-            _lines(axes, errors, names, error)
-            axes.set(title=f"model {error}", yscale="log")
-            axes.yaxis.set_major_formatter("{x:g}")
-            axes.yaxis.set_minor_formatter("{x:g}")
+        drawing = figure(2.9 * len(kinds) + 1.8, 3.6)
+        panels = drawing.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
+        for axes, error in zip(panels, kinds, strict=True):
+            known = [t for t in TRANSMISSIONS if f"{t}-{error}" in names]
+            for law, values in errors.items():
+                means = [np.mean(values[names.index(f"{t}-{error}")]) for t in known]
+                axes.plot(known, means, label=law, **looks[law] | {"markersize": 3.5})
+            axes.set(title=f"model: {error}", ylim=(0.0, None))
         panels[0].set(ylabel="normalised error")
         panels[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-        drawing.suptitle(
-            f"{scene}: transmissions and errors of the model", x=0.01, ha="left"
-        )
+        title = f"{scene}: transmissions and errors of the model"
+        drawing.suptitle(title, x=0.01, ha="left", fontsize=11)
     return drawing
 
 
-def _lines(
-    axes: Axes, errors: dict[str, np.ndarray], names: list[str], error: str
-) -> None:
-    """A line per controller over the transmissions that were played."""
-    known = [t for t in TRANSMISSIONS if f"{t}-{error}" in names]
-    for law, values in errors.items():
-        means = [np.mean(values[names.index(f"{t}-{error}")]) for t in known]
-        dash = "--" if law in REFERENCES else "-"
-        color = _color(errors, law)
-        axes.plot(known, means, f"o{dash}", color=color, markersize=3, label=law)
+def _since_reversal(trace: Mapping[str, Array]) -> Array:
+    """Time since the joint of an episode last turned (samples * seeds,) [s]."""
+    found = np.full(trace["time_s"].size, np.inf)
+    for seed in np.unique(trace["seed"]):
+        own = trace["seed"] == seed
+        time, angle = trace["time_s"][own], trace["joint_angle_rad"][own]
+        way = np.sign(np.gradient(angle))
+        turned = np.concatenate([[True], way[1:] * way[:-1] < 0.0])
+        found[own] = time - np.maximum.accumulate(np.where(turned, time, 0.0))
+    return found
+
+
+def _over(place: Array, trace: Mapping[str, Array]) -> Array:
+    """RMS error in bins of a place from 0 to 1 (BINS,), NaN where there is none."""
+    counted = (trace["time_s"] >= STARTED) & (place < 1.0)
+    bins = (place[counted] * BINS).astype(int)
+    error = (trace["joint_torque_nm"] - trace["desired_torque_nm"])[counted]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        square = np.bincount(bins, error**2, BINS) / np.bincount(bins, minlength=BINS)
+    return np.asarray(np.sqrt(square))
 
 
 def _mean(results: Results, scene: str, law: str, score: str) -> float:
     """Mean of a score over conditions and seeds."""
-    return float(
-        np.nanmean(
-            np.concatenate(
-                [
-                    played.scores[score]
-                    for cell, played in results
-                    if (cell.condition.scene, cell.controller) == (scene, law)
-                ]
-            )
-        )
-    )
+    values = [
+        played.scores[score]
+        for cell, played in results
+        if (cell.condition.scene, cell.controller) == (scene, law)
+    ]
+    return float(np.nanmean(np.concatenate(values)))
 
 
 def _best(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -144,14 +160,15 @@ def _best(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     ]
 
 
-def _color(laws: object, law: str) -> str:
-    place = list(laws).index(law)  # type: ignore[call-overload]
-    return COLORS[place % len(COLORS)]
-
-
-def _marker(law: str) -> str:
-    return "D" if law in REFERENCES else "o"
-
-
-def _dash(law: str) -> str:
-    return ":" if law == "unplugged" else "--"
+def _looks(laws: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Line and marker of every controller; references are grey."""
+    laws = list(laws)
+    dashes, markers = (":", "--", "-.", (0, (5, 1))), ("v", "^", "D", "s")
+    found: dict[str, dict[str, Any]] = {}
+    for place, law in enumerate(name for name in laws if name in REFERENCES):
+        look = {"linestyle": dashes[place % 4], "marker": markers[place % 4]}
+        found[law] = look | {"color": GREY}
+    for place, law in enumerate(name for name in laws if name not in REFERENCES):
+        color, marker = COLORS[place % 7], "os"[place // 7 % 2]
+        found[law] = {"linestyle": "-", "marker": marker, "color": color}
+    return found

@@ -238,7 +238,7 @@ def times_table(results: Results) -> str:
         median = played.plants.get("step_median_s", [None])[0]
         worst = played.plants.get("step_worst_s", [None])[0]
         if median is not None and worst is not None:
-            told = f"{1e6 * median:.3g} µs, {1e6 * worst:.3g} µs"
+            told = f"{1e6 * median:.0f} µs, {1e6 * worst:.0f} µs"
             scenes.setdefault(cell.condition.scene, {})[cell.controller] = told
     laws = dict.fromkeys(law for own in scenes.values() for law in own)
     rows = [

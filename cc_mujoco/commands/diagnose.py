@@ -21,7 +21,7 @@ class Diagnose:
     interrupted: ClassVar[str] = "nothing was written"
 
     data: Annotated[tuple[Path, ...], tyro.conf.Positional, in_words("[DATA ...]")]
-    """Trials: CSV or Parquet files, or folders of them; none with --plan."""
+    """Trials: files (CSV, Parquet, MATLAB, HDF5) or folders; none with --plan."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for report.html, verdict.json, scene.xml, evidence.rrd and figures."""
     scene: Annotated[Path | None, in_words("SCENE.xml")] = None
@@ -57,7 +57,7 @@ class Diagnose:
             if value is not None:
                 raise CableError(f"{name} belongs to --plan, which is not given.")
         if not self.data:
-            raise CableError("no data given; name CSV or Parquet files, or folders.")
+            raise CableError("no data given; name files of trials, or folders.")
         scene, dataset, data = self.scene, self.dataset, self.data
         if self.earlier is not None:
             from cc_mujoco.diagnosis.earlier import Earlier

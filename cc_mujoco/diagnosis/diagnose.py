@@ -39,7 +39,7 @@ def diagnose(
     """Diagnose trials against a scene and write report, verdict, scene and recording.
 
     Args:
-        data: CSV or Parquet files or folders of trials.
+        data: files of trials (see `data.tables.ENDINGS`) or folders of them.
         scene: MJCF file of the rig.
         out: folder for what is found; written whole or not at all.
         dataset_toml: what the columns mean and what is known, see `dataset_file`.

@@ -22,14 +22,10 @@ from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.clock import Track, lay_out
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.diagnosis.data.findings import Finding, error, warning
-from cc_mujoco.diagnosis.data.reading import (
-    Recording,
-    around,
-    beside,
-    data_files,
-    read,
-    trial_names,
-)
+from cc_mujoco.diagnosis.data.folders import around, beside, data_files, trial_names
+from cc_mujoco.diagnosis.data.order import in_order
+from cc_mujoco.diagnosis.data.parts import Part, together
+from cc_mujoco.diagnosis.data.reading import Recording, read, read_parts
 from cc_mujoco.diagnosis.data.thinning import thinned
 from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Trial
 from cc_mujoco.errors import CableError
@@ -42,8 +38,8 @@ def load(
     """Read and check trials.
 
     Args:
-        paths: CSV or Parquet files, or folders of them; their order is kept, folders
-            are sorted by name.
+        paths: files (see `tables.ENDINGS`), or folders of them; their order is kept,
+            folders are sorted by name.
         dataset_toml: what the columns mean; without it, the `dataset.toml` in the
             folder of the data, if there is one.
 
@@ -62,13 +58,17 @@ def load(
     file = DatasetFile() if toml is None else read_dataset_file(toml)
     if toml is not None and dataset_toml is None:
         findings.append(warning(f"{toml} says what the columns mean."))
-    names = trial_names(files)
+    names, parts = _trials(files, file)
     file.check_trials(names, around(files, file.path))
     trials: list[Trial] = []
     known: dict[str, Path] = {}
     for path, name in names.items():
         try:
-            recording = read(path, file, name)
+            recording = (
+                read_parts(parts[path], file, name)
+                if path in parts
+                else read(path, file, name)
+            )
         except CableError as wrong:
             findings.append(error(str(wrong), name))
             continue
@@ -78,6 +78,11 @@ def load(
             findings.append(warning(told, name))
             continue
         facts = file.facts_of(path, names)
+        ordered, found = in_order(recording)
+        findings += found
+        if ordered is None:
+            continue
+        recording = ordered
         track, found = lay_out(recording, facts, file)
         findings += found
         if track is None:
@@ -98,6 +103,22 @@ def load(
     dataset = replace(dataset, noise=noise_of(dataset, file))
     floor, found = floor_of(dataset)
     return replace(dataset, floor=floor), findings + found
+
+
+def _trials(
+    files: list[Path], file: DatasetFile
+) -> tuple[dict[Path, str], dict[Path, tuple[Part, ...]]]:
+    """Names of the trials by their first file, in order; the files of some."""
+    alone, several = together(files, file)
+    names = trial_names(alone)
+    if twins := set(names.values()) & set(several):
+        raise CableError(
+            f"{file.path}, [files]: {min(twins)!r} is also the name of a file that is "
+            "a trial by itself; call one of them otherwise."
+        )
+    parts = {own[0].path: own for own in several.values()}
+    names |= {own[0].path: name for name, own in several.items()}
+    return {path: names[path] for path in files if path in names}, parts
 
 
 def _trial(recording: Recording, track: Track, facts: Facts) -> Trial:
@@ -123,4 +144,5 @@ def _trial(recording: Recording, track: Track, facts: Facts) -> Trial:
         path=str(recording.path),
         sha256=recording.sha256,
         labels=recording.labels,
+        paths={channel: str(path) for channel, path in recording.paths.items()},
     )

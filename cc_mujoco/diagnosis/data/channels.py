@@ -128,6 +128,11 @@ def is_tension(column: str) -> bool:
     return _TENSION.fullmatch(column) is not None
 
 
+def bare(column: str) -> str:
+    """Name of a column without the struct, group, topic or file that it is in."""
+    return re.split(r"[./]", column)[-1]
+
+
 def spellings(channel: str) -> dict[str, str]:
     """Names that a column of this channel may have by itself, with their units."""
     measured = kind(channel)

@@ -1,7 +1,8 @@
 """The time of a recording: from rows as recorded to stretches sampled evenly.
 
 A gap, a missing reading or a masked row ends a stretch; nothing is interpolated across
-it. Only where times jitter inside a stretch is it sampled anew, linearly.
+it. Only where times jitter inside a stretch is it sampled anew, linearly: between times
+that are those of the readings, however uneven, the error is that of the chord.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from cc_mujoco.diagnosis.data.channels import TEMPERATURE, TIME, VALID
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
 from cc_mujoco.diagnosis.data.findings import Finding, error, warning
+from cc_mujoco.diagnosis.data.order import MANY_MISSING
 from cc_mujoco.diagnosis.data.reading import Recording
 from cc_mujoco.diagnosis.data.trials import Facts, FloatArray
 
@@ -26,9 +28,8 @@ SHORTEST, FEWEST = 0.2, 20
 """A stretch is at least so long [s], and has so many samples."""
 
 _MILLI, _FASTEST = 1e3, 5e3  # rates of times that are milliseconds [Hz]
-_MANY_DUPLICATES = 0.01
-_MANY_IRREGULAR = 0.05
-_MANY_MISSING = 0.3
+_BUNCHED = 0.1  # intervals of less than so many usual ones come in bunches
+_MANY_BUNCHED = 0.05
 _EVEN = 0.1  # share of a step by which times may be off an even grid
 
 
@@ -54,24 +55,26 @@ def lay_out(
 ) -> tuple[Track | None, list[Finding]]:
     """Find the stretches of a recording that can be used.
 
+    Args:
+        recording: whose times increase (see `order`).
+        facts: what is known of the trial.
+        file: what the columns mean.
+
     Returns:
         The stretches, None if there is nothing to use; and what was noticed.
     """
-    name, findings = recording.name, []
+    name = recording.name
+    findings = [warning(told, name) for told in recording.remarks]
     if recording.rows < 2:
         rows = "one row of data" if recording.rows else "no rows of data"
         told = f"{recording.path} has {rows}; a trial needs at least {SHORTEST} s."
         return None, [error(told, name)]
-    usable, found = _increasing(recording)
-    findings += found
-    if usable is None:
-        return None, findings
-    time = recording.values[TIME][usable]
+    time = recording.values[TIME]
     step = float(np.median(np.diff(time)))
     rate, found = _rate(recording, step)
     findings += found
-    values = _on_one_clock(recording, usable, time, file)
-    good, found = _counts(recording, usable, time, values, facts)
+    values = _on_one_clock(recording, file)
+    good, found = _counts(recording, time, values, facts)
     findings += found
     breaks, found = _gaps(recording, time, step)
     findings += found
@@ -91,55 +94,6 @@ def lay_out(
     return track, findings + found
 
 
-def _increasing(
-    recording: Recording,
-) -> tuple[NDArray[np.intp] | slice | None, list[Finding]]:
-    """Rows whose times increase, or None where times cannot be trusted."""
-    name, where = recording.name, recording.column(TIME)
-    time = recording.values[TIME]
-    findings = []
-    rows: NDArray[np.intp] | slice = slice(None)
-    if np.isnan(time).any():
-        rows = np.flatnonzero(~np.isnan(time))
-        lost = len(time) - len(rows)
-        if lost > _MANY_MISSING * len(time) or len(rows) < 2:
-            told = f"{where} lacks {lost} of {len(time)} times; every row needs one."
-            return None, [error(told, name, TIME)]
-        findings.append(
-            warning(f"{where} lacks {lost} times; their rows are left out.", name, TIME)
-        )
-        time = time[rows]
-    change = np.diff(time)
-    if (change < 0).any():
-        k = int(np.argmax(change < 0))
-        back = int(np.count_nonzero(change < 0))
-        many = f", and {back - 1} more times" if back > 1 else ""
-        return None, [
-            *findings,
-            error(
-                f"{where} goes back from {time[k]:.6g} to {time[k + 1]:.6g} s at row "
-                f"{k + 2}{many}; time must increase, so split recordings that were "
-                "joined and bring channels to one clock.",
-                name,
-                TIME,
-            ),
-        ]
-    same = int(np.count_nonzero(change == 0))
-    if same == len(change):
-        told = f"{where} is {time[0]:.6g} s in every row; time must increase."
-        return None, [*findings, error(told, name, TIME)]
-    if same:
-        told = f"{where} repeats the time of the row before in {same} rows"
-        if same > _MANY_DUPLICATES * len(change):
-            advice = "write times with more digits, or the clock is too coarse."
-            findings.append(error(f"{told}; {advice}", name, TIME))
-        else:
-            findings.append(warning(f"{told}; the first of each is used.", name, TIME))
-        kept = np.concatenate([[True], change > 0])
-        rows = np.arange(len(recording.values[TIME]))[rows][kept]
-    return rows, findings
-
-
 def _rate(recording: Recording, step: float) -> tuple[float, list[Finding]]:
     """Samples per second, and whether they are enough."""
     rate = 1.0 / step
@@ -157,33 +111,25 @@ def _rate(recording: Recording, step: float) -> tuple[float, list[Finding]]:
     return rate, []
 
 
-def _on_one_clock(
-    recording: Recording,
-    usable: NDArray[np.intp] | slice,
-    time: FloatArray,
-    file: DatasetFile,
-) -> dict[str, FloatArray]:
+def _on_one_clock(recording: Recording, file: DatasetFile) -> dict[str, FloatArray]:
     """Values at the common times, of channels with a delay or clock interpolated."""
+    time = recording.values[TIME]
     values = {}
-    for channel, recorded in recording.values.items():
+    for channel, value in recording.values.items():
         if channel == TIME:
             continue
-        value = recorded[usable]
-        source = file.source(channel)
+        delay = file.source(channel).delay
         clock = recording.clocks.get(channel)
-        if clock is not None:
-            value = _at(time + source.delay, clock, recorded)
-        elif source.delay != 0.0:
-            value = _at(time + source.delay, time, value)
+        if clock is not None or delay != 0.0:
+            value = _at(time + delay, time if clock is None else clock, value)
+        if channel == VALID and clock is not None:  # between 1 and 0 nothing counts
+            value = np.where((value > 0.0) & (value < 1.0), 0.0, value)
         values[channel] = value
     return values
 
 
 def _at(wanted: FloatArray, clock: FloatArray, values: FloatArray) -> FloatArray:
     """Values at other times; NaN outside, in gaps and beside missing readings."""
-    known = np.isfinite(clock)
-    known[1:] &= np.diff(clock, prepend=clock[0])[1:] > 0
-    clock, values = clock[known], values[known]
     if len(clock) < 2:
         return np.full_like(wanted, np.nan)
     interval = np.diff(clock)
@@ -195,7 +141,6 @@ def _at(wanted: FloatArray, clock: FloatArray, values: FloatArray) -> FloatArray
 
 def _counts(
     recording: Recording,
-    usable: NDArray[np.intp] | slice,
     time: FloatArray,
     values: dict[str, FloatArray],
     facts: Facts,
@@ -232,7 +177,7 @@ def _counts(
         if channel == TEMPERATURE:  # which is only told, and worth no trial
             del values[channel]
             findings.append(warning(f"{told}; it is left out.", name, channel))
-        elif lost > _MANY_MISSING * total:
+        elif lost > MANY_MISSING * total:
             advice = "repair the sensor or leave the trial out."
             findings.append(error(f"{told}; {advice}", name, channel))
         else:
@@ -247,7 +192,7 @@ def _counts(
 def _gaps(
     recording: Recording, time: FloatArray, step: float
 ) -> tuple[NDArray[np.intp], list[Finding]]:
-    """Rows before which there is a gap; whether the rest is regular."""
+    """Rows before which there is a gap; whether the rest comes in bunches."""
     name = recording.name
     change = np.diff(time)
     gap = change > GAP * step
@@ -263,13 +208,14 @@ def _gaps(
                 TIME,
             )
         )
-    irregular = np.count_nonzero((np.abs(change - step) > 0.5 * step) & ~gap)
-    if irregular > _MANY_IRREGULAR * len(change):
+    bunched = np.count_nonzero((change < _BUNCHED * step) | gap)
+    if bunched > _MANY_BUNCHED * len(change):
         findings.append(
             error(
-                f"{recording.column(TIME)}: {irregular / len(change):.0%} of the "
-                f"intervals are off the usual {1e3 * step:.4g} ms by more than half; "
-                "use the times of the sampling clock, not those of arrival.",
+                f"{recording.column(TIME)}: {bunched / len(change):.0%} of the "
+                f"intervals are less than a tenth of the usual {1e3 * step:.4g} ms or "
+                f"more than {GAP:g} times as long, as where readings arrive in "
+                "bunches; use the times of the sampling clock, not those of arrival.",
                 name,
                 TIME,
             )

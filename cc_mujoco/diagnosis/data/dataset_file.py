@@ -15,6 +15,10 @@ All of it is optional. An example with every key:
     noise = 0.01                    # standard deviation, in `unit`
     resolution = 0.02               # quantisation step, in `unit`
 
+    [files."run_*"]                 # a trial in several files, each with its times;
+    motor = "motor/run_*.csv"       # `*` stands for the same in all of them
+    joint = { file = "joint/run_*.csv", time = "t", unit = "ms", offset = 350 }
+
     [rig]                           # uncertainty: one standard deviation
     motor_radius = { value = 20, uncertainty = 0.1, unit = "mm" }
     joint_radius = 0.104
@@ -35,13 +39,17 @@ The channels are `time_s`, `motor_angle_rad`, `motor_torque_nm`, `joint_angle_ra
 `tension_<cable>_distal_n`, `temperature_c` and `valid` (1 where the sample counts).
 Positive motor rotation pulls the joint positive; the motor torque is what the motor
 puts into its pulley, the joint torque what the transmission puts into the joint.
+
+In `[files]`, `offset` is the reading of a file's clock when that of the trial is at
+zero, in the `unit` of its `time`; columns that two files have are called by the file's
+key as well: `name = "joint.angle"`.
 """
 
 from __future__ import annotations
 
 import fnmatch
 import hashlib
-import math
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -50,6 +58,7 @@ from typing import Any, get_args
 
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.tables import ENDINGS
+from cc_mujoco.diagnosis.data.toml_table import Table, finite
 from cc_mujoco.diagnosis.data.trials import Constant, Facts, Locked, Split
 from cc_mujoco.errors import CableError, look_up
 
@@ -96,12 +105,39 @@ class Source:
 
 
 @dataclass(frozen=True)
+class PartFile:
+    """One of the files of a trial: time = (reading - offset) * factor.
+
+    Attributes:
+        file: its name, `*` standing for what it shares with the trial's.
+        time: column of its times; None is that of `[columns.time_s]`.
+        unit: of these times; None is what the name says.
+        offset: reading at the trial's zero of time, in that unit; None is not known.
+    """
+
+    file: str
+    time: str | None = None
+    unit: str | None = None
+    offset: float | None = None
+
+    def stands_for(self, path: Path) -> tuple[Path, str] | None:
+        """Folder and what `*` stands for, if this is the file; else None."""
+        depth = 1 + self.file.count("/")
+        tail = Path(*path.parts[-depth:]).as_posix()
+        found = re.fullmatch(re.escape(self.file).replace(r"\*", "([^/]*)"), tail)
+        if found is None:
+            return None
+        return Path(*path.parts[:-depth]), (found[1] if "*" in self.file else "")
+
+
+@dataclass(frozen=True)
 class DatasetFile:
     """The contents of a `dataset.toml`; the default is what an empty one says."""
 
     columns: Mapping[str, Source] = field(default_factory=dict)
     rig: Mapping[str, Constant] = field(default_factory=dict)
     facts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    files: Mapping[str, Mapping[str, PartFile]] = field(default_factory=dict)
     name: str = ""
     notes: str = ""
     path: str = ""
@@ -113,7 +149,8 @@ class DatasetFile:
 
     def unit(self, channel: str, column: str) -> str:
         """Unit of a channel's readings: declared, else in the column's name."""
-        told = self.source(channel).unit or channels.spellings(channel).get(column)
+        spelled = channels.spellings(channel)
+        told = self.source(channel).unit or spelled.get(channels.bare(column))
         return told or channels.kind(channel).unit
 
     def facts_of(self, path: Path, names: Mapping[Path, str] | None = None) -> Facts:
@@ -143,7 +180,11 @@ class DatasetFile:
         Raises:
             CableError: one does not.
         """
-        unread = {path: path.stem for path in others} if self._absent(names) else {}
+        unread = (
+            {path: self._trial_of(path) for path in others}
+            if self._absent(names)
+            else {}
+        )
         everything = {**unread, **names}
         for pattern, known in self.facts.items():
             where = f"{self.path}, [trials.{pattern!r}]"
@@ -160,6 +201,14 @@ class DatasetFile:
                     f"{where}, repeat_of: {original!r} cannot repeat itself; name the "
                     "trial that was recorded first."
                 )
+
+    def _trial_of(self, path: Path) -> str:
+        """Name of the trial in this file, which may be one of several."""
+        for trial, parts in self.files.items():
+            for part in parts.values():
+                if found := part.stands_for(path):
+                    return trial.replace("*", found[1])
+        return path.stem
 
     def _absent(self, names: Mapping[Path, str]) -> bool:
         """Whether something is said of a trial that is not among these."""
@@ -182,12 +231,13 @@ def read_dataset_file(path: str | Path) -> DatasetFile:
         raise CableError(f"cannot read {path}: {reason}.") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise CableError(f"{path} is not a TOML file: {error}.") from None
-    top = _Table(str(path), content)
-    top.only("name", "notes", "columns", "rig", "trials")
+    top = Table(str(path), content)
+    top.only("name", "notes", "columns", "files", "rig", "trials")
     return DatasetFile(
         columns={n: _source(t, n) for n, t in top.tables("columns").items()},
         rig=_rig(top.table("rig")),
         facts={n: _facts(t) for n, t in top.tables("trials").items()},
+        files={n: _files(t, n) for n, t in top.tables("files").items()},
         name=top.text("name") or "",
         notes=top.text("notes") or "",
         path=str(path),
@@ -195,71 +245,7 @@ def read_dataset_file(path: str | Path) -> DatasetFile:
     )
 
 
-@dataclass(frozen=True)
-class _Table:
-    """A table of the file, and how to call it in a sentence."""
-
-    where: str
-    content: dict[str, Any]
-
-    def only(self, *allowed: str) -> None:
-        """Refuse other keys."""
-        for key in self.content:
-            if key not in allowed:
-                raise CableError.unknown(f"key in {self.where}", key, allowed)
-
-    def wrong(self, key: str, right: str) -> CableError:
-        """The error for a value that cannot be."""
-        return CableError(f"{self.where}, {key} must be {right}, not {self.told(key)}.")
-
-    def told(self, key: str) -> str:
-        """A value as text, not too long."""
-        told = repr(self.content[key])
-        return told if len(told) <= 60 else f"{told[:57]}..."
-
-    def table(self, key: str) -> _Table:
-        """A table inside this one, empty if it is not there."""
-        content = self.content.get(key, {})
-        if not isinstance(content, dict):
-            raise self.wrong(key, f"a table, written as [{key}]")
-        return _Table(f"{self.where}, [{key}]", content)
-
-    def tables(self, key: str) -> dict[str, _Table]:
-        """The tables of a table."""
-        outer = self.table(key)
-        inner = {}
-        for name, content in outer.content.items():
-            if not isinstance(content, dict):
-                raise outer.wrong(name, f"a table, written as [{key}.{name}]")
-            inner[name] = _Table(f"{self.where}, [{key}.{name}]", content)
-        return inner
-
-    def text(self, key: str) -> str | None:
-        """A text, or None if it is not there."""
-        value = self.content.get(key)
-        if value is not None and not isinstance(value, str):
-            raise self.wrong(key, "a text in quotes")
-        return value
-
-    def number(self, key: str, low: float = -math.inf) -> float | None:
-        """A finite number not below `low`, or None if it is not there."""
-        if key not in self.content:
-            return None
-        value = _number(self.content[key])
-        if value is None or value < low:
-            least = "" if low == -math.inf else f" of at least {low:g}"
-            raise self.wrong(key, f"a finite number{least}")
-        return value
-
-    def choice(self, key: str, allowed: Iterable[str]) -> str | None:
-        """One of the words allowed, or None if it is not there."""
-        value = self.text(key)
-        if value is not None and value not in tuple(allowed):
-            raise CableError.unknown(f"{key} in {self.where}", value, allowed)
-        return value
-
-
-def _source(table: _Table, channel: str) -> Source:
+def _source(table: Table, channel: str) -> Source:
     """One table of `[columns]`."""
     try:
         units = channels.kind(channel).factors
@@ -286,15 +272,40 @@ def _source(table: _Table, channel: str) -> Source:
     )
 
 
-def _rig(table: _Table) -> dict[str, Constant]:
+def _files(table: Table, trial: str) -> dict[str, PartFile]:
+    """One table of `[files]`: the files of a trial, by what they are called there."""
+    if len(table.content) < 2:
+        raise CableError(
+            f"{table.where} must name two files or more; one file needs no table."
+        )
+    parts = {}
+    for key, given in table.content.items():
+        content = given if isinstance(given, dict) else {"file": given}
+        inner = Table(f"{table.where}, {key}", content)
+        inner.only(*PartFile.__dataclass_fields__)
+        name = inner.text("file")
+        if not name:
+            raise CableError(f"{inner.where} needs a `file`.")
+        if name.count("*") != trial.count("*") or trial.count("*") > 1:
+            raise inner.wrong(
+                "file", "a name with one * if the trial's has one, else with none"
+            )
+        parts[key] = PartFile(
+            file=name,
+            time=inner.text("time"),
+            unit=inner.choice("unit", channels.CLOCK.factors),
+            offset=inner.number("offset"),
+        )
+    return parts
+
+
+def _rig(table: Table) -> dict[str, Constant]:
     """The table `[rig]`."""
     constants = {}
     for name, given in table.content.items():
         units = look_up(f"constant in {table.where}", name, RIG)
         is_table = isinstance(given, dict)
-        inner = _Table(
-            f"{table.where}, {name}", given if is_table else {"value": given}
-        )
+        inner = Table(f"{table.where}, {name}", given if is_table else {"value": given})
         inner.only("value", "uncertainty", "unit")
         value = inner.number("value", 0.0)
         if value is None:
@@ -310,7 +321,7 @@ def _rig(table: _Table) -> dict[str, Constant]:
     return constants
 
 
-def _facts(table: _Table) -> dict[str, Any]:
+def _facts(table: Table) -> dict[str, Any]:
     """One table of `[trials]`: the facts that it gives."""
     table.only(*Facts.__dataclass_fields__)
     known = {
@@ -325,7 +336,7 @@ def _facts(table: _Table) -> dict[str, Any]:
     return {key: value for key, value in known.items() if value is not None}
 
 
-def _stretches(table: _Table) -> tuple[tuple[float, float], ...] | None:
+def _stretches(table: Table) -> tuple[tuple[float, float], ...] | None:
     """Stretches of time, or None if they are not there."""
     given = table.content.get("valid")
     if given is None:
@@ -337,22 +348,11 @@ def _stretches(table: _Table) -> tuple[tuple[float, float], ...] | None:
     for pair in given:
         if not isinstance(pair, list) or len(pair) != 2:
             raise error
-        start, stop = _number(pair[0]), _number(pair[1])
+        start, stop = finite(pair[0]), finite(pair[1])
         if start is None or stop is None or not start < stop:
             raise error
         stretches.append((start, stop))
     return tuple(stretches)
-
-
-def _number(value: object) -> float | None:
-    """A finite number, or None if it is something else."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:  # TOML allows integers of any size
-        return None
-    return number if math.isfinite(number) else None
 
 
 def _named(given: str | None, names: Mapping[Path, str]) -> str | None:

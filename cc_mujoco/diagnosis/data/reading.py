@@ -1,4 +1,4 @@
-"""Files of trials, found and read: channels in SI units under their own names.
+"""Files of trials, read: channels in SI units under their own names.
 
 What a file calls its columns, and in which units, comes from its `dataset.toml` or from
 the names themselves: `motor_angle_deg` is the motor angle in degrees.
@@ -6,23 +6,26 @@ the names themselves: `motor_angle_deg` is the motor angle in degrees.
 
 from __future__ import annotations
 
-import difflib
 import hashlib
-import os
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from cc_mujoco.diagnosis.data import channels, tables
-from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
+from cc_mujoco.diagnosis.data import channels, columns, tables
+from cc_mujoco.diagnosis.data.columns import DATASET_FILE
+from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, PartFile
+from cc_mujoco.diagnosis.data.parts import Part
+from cc_mujoco.diagnosis.data.streams import Stream, joined, rows_of_topics
 from cc_mujoco.diagnosis.data.trials import FloatArray
 from cc_mujoco.errors import CableError
 
 LARGEST, LATEST = 1e6, 1e11
 """Readings and times [s] beyond these are taken for missing."""
-DATASET_FILE = "dataset.toml"
+_SAME_ZERO = (
+    1.0  # clocks that begin within so much of 0 may have zeros of their own [s]
+)
 
 
 @dataclass
@@ -31,12 +34,15 @@ class Recording:
 
     Attributes:
         name: of the trial.
-        path: the file.
+        path: the file, or the first of several.
         sha256: of its bytes.
-        values: (rows,) by channel in SI units, with signs and offsets applied.
-        clocks: (rows,) [s], times of the channels that have a clock of their own.
+        values: (rows,) by channel in SI units, with signs and offsets applied; of a
+            channel with a clock of its own perhaps another number of rows.
+        clocks: [s], times of the channels that have a clock of their own.
         labels: name in the file of every channel.
         names: all columns of the file.
+        paths: files of the channels that are in another than `path`.
+        remarks: what was done to bring channels to one clock, a sentence each.
     """
 
     name: str
@@ -46,6 +52,8 @@ class Recording:
     clocks: dict[str, FloatArray]
     labels: dict[str, str]
     names: list[str]
+    paths: dict[str, Path] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
 
     @property
     def rows(self) -> int:
@@ -54,74 +62,8 @@ class Recording:
 
     def column(self, channel: str) -> str:
         """File and column of a channel, for a sentence."""
-        return f"{self.path}, column {self.labels.get(channel, channel)}"
-
-
-def data_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
-    """Data files in these files and folders, each once, folders sorted by name.
-
-    Raises:
-        CableError: a path does not exist or is no data file, or there is none in all.
-    """
-    found: dict[Path, Path] = {}
-    given = [Path(path) for path in paths]
-    for path in given:
-        if path.is_dir():
-            files = [file for file in sorted(path.rglob("*")) if _is_data(file, path)]
-        elif not path.exists():
-            raise CableError(f"{path} does not exist; give data files or folders.")
-        elif path.suffix.lower() not in tables.ENDINGS:
-            raise CableError(
-                f"{path} is no data file; its name must end in "
-                f"{' or '.join(tables.ENDINGS)}."
-            )
-        else:
-            files = [path]
-        for file in files:
-            found.setdefault(file.resolve(), file)
-    if not found:
-        places = ", ".join(str(path) for path in given) or "nothing"
-        raise CableError(
-            f"there is no data file in {places}; trials are files whose names end in "
-            f"{' or '.join(tables.ENDINGS)}."
-        )
-    return list(found.values())
-
-
-def around(files: Iterable[Path], dataset_file: str) -> Iterator[Path]:
-    """Data files in the folders of these files and of their `dataset.toml`."""
-    folders = [path.parent for path in files]
-    if dataset_file:
-        folders.append(Path(dataset_file).parent)
-    for folder in dict.fromkeys(folders):
-        yield from (path for path in folder.rglob("*") if _is_data(path, folder))
-
-
-def trial_names(files: Iterable[Path]) -> dict[Path, str]:
-    """Names of the trials in these files: no longer than it takes to differ."""
-    files = list(files)
-    for depth in range(1, 1 + max((len(path.parts) for path in files), default=0)):
-        ends = [Path(*path.parts[-depth:]) for path in files]
-        for names in ([end.with_suffix("") for end in ends], ends):
-            if len(set(names)) == len(files):
-                return dict(zip(files, (n.as_posix() for n in names), strict=True))
-    return {path: path.as_posix() for path in files}
-
-
-def beside(files: Iterable[Path]) -> Path | None:
-    """The `dataset.toml` in the folder of the data files, or None.
-
-    Raises:
-        CableError: there are several, so that one must be named.
-    """
-    folders = dict.fromkeys(path.parent for path in files)
-    found = [folder / DATASET_FILE for folder in folders]
-    found = [path for path in found if path.is_file()]
-    if len(found) > 1:
-        raise CableError(
-            f"there are {' and '.join(map(str, found))}; give the one that counts."
-        )
-    return found[0] if found else None
+        path = self.paths.get(channel, self.path)
+        return f"{path}, column {self.labels.get(channel, channel)}"
 
 
 def read(path: Path, file: DatasetFile, name: str | None = None) -> Recording:
@@ -135,69 +77,207 @@ def read(path: Path, file: DatasetFile, name: str | None = None) -> Recording:
     Raises:
         CableError: the file cannot be read, lacks a column or holds text.
     """
-    names = tables.column_names(path)
-    sources = _sources(path, names, file)
-    clocks = {
-        channel: clock
-        for channel in sources
-        if (clock := file.source(channel).clock) is not None
+    return read_parts((Part("", path, PartFile("")),), file, name or path.stem)
+
+
+def read_parts(parts: Sequence[Part], file: DatasetFile, name: str) -> Recording:
+    """Read the channels of a trial that is in one file or in several.
+
+    Args:
+        parts: its files.
+        file: what their columns mean.
+        name: of the trial.
+
+    Raises:
+        CableError: a file cannot be read, lacks a column or holds text; clocks of
+            several files share no time or do not say how they are related.
+    """
+    where = " and ".join(str(part.path) for part in parts)
+    tabled = [_Table.of(part, file) for part in parts]
+    # In full where there are several: their columns may have the same names.
+    homes = {
+        f"{table.part.key}.{column}" if len(parts) > 1 else column: (table, column)
+        for table in tabled
+        for column in table.names
+        if len(parts) == 1 or column != table.time
     }
-    for channel, clock in clocks.items():
-        if clock not in names:
-            raise _missing(path, f"the clock of {channel}", clock, names)
-    wanted = dict.fromkeys([name for name, _ in sources.values()] + [*clocks.values()])
-    for column in wanted:
-        if names.count(column) > 1:
-            raise CableError(
-                f"{path} has {names.count(column)} columns {column}; names must differ."
-            )
-    switches = [sources[channels.VALID][0]] if channels.VALID in sources else []
-    columns = tables.read_columns(path, wanted, switches)
-    # The clocks first: conversion may happen in place.
-    second = channels.CLOCK.factors[sources[channels.TIME][1]]
-    times = {channel: columns[clock] * second for channel, clock in clocks.items()}
-    values = {
-        channel: _converted(columns[column], channel, unit, file)
-        for channel, (column, unit) in sources.items()
+    found = columns.sources(where, list(homes), file)
+    for channel, (column, unit) in found.items():
+        table, own = homes[column]
+        table.channels[channel] = (own, unit)
+    streams: dict[str, Stream] = {}
+    topical = False
+    for table in tabled:
+        read_here, of_topics = table.streams(file)
+        streams.update(read_here)
+        topical |= of_topics
+    first = tabled[0]
+    labels = {
+        c: column for table in tabled for c, (column, _) in table.channels.items()
     }
-    return Recording(
-        name=path.stem if name is None else name,
-        path=path,
-        sha256=_sha256(path),
-        values=values,
-        clocks=times,
-        labels={channel: column for channel, (column, _) in sources.items()},
-        names=names,
+    recording = Recording(
+        name=name,
+        path=first.part.path,
+        sha256=_sha256([part.path for part in parts]),
+        values={channels.TIME: first.stamps}
+        | {channel: streams[channel].values for channel in found},
+        clocks={
+            channel: stream.time
+            for channel, stream in streams.items()
+            if file.source(channel).clock is not None
+        },
+        labels={channels.TIME: first.time} | labels,
+        names=[n for table in tabled for n in table.plain(topical, len(parts) > 1)],
+        paths={channel: stream.path for channel, stream in streams.items()},
+    )
+    if len(parts) == 1 and not topical:
+        return recording
+    if len(parts) > 1:
+        _zeros(where, tabled, name)
+    together = joined(name if len(parts) > 1 else where, streams)
+    of = next(table for table in tabled if together.leader in table.channels)
+    return replace(
+        recording,
+        values={channels.TIME: together.time} | together.values,
+        clocks=together.clocks,
+        labels=labels | {channels.TIME: file.source(together.leader).clock or of.time},
+        paths=recording.paths | {channels.TIME: of.part.path},
+        remarks=together.remarks,
     )
 
 
-def _sources(
-    path: Path, names: list[str], file: DatasetFile
-) -> dict[str, tuple[str, str]]:
-    """Column and unit of every channel that a file has."""
-    optional = [channel for name in names if (channel := _tension(path, name))]
-    optional += [channels.TEMPERATURE, channels.VALID]
-    sources = {}
-    for channel in dict.fromkeys([*channels.REQUIRED, *file.columns, *optional]):
-        source = file.source(channel)
-        own = channels.spellings(channel)
-        if source.name is not None:
-            places = [source.name] if source.name in names else []
-            expected = source.name
-        else:
-            places = [name for name in own if name in names]
-            expected = channel
-        if len(places) > 1:
-            raise CableError(
-                f"{path} has {' and '.join(places)}; say in {DATASET_FILE} which of "
-                f"them is {channel}: [columns.{channel}], name."
+@dataclass
+class _Table:
+    """One file while it is read.
+
+    Attributes:
+        part: the file.
+        names: of its columns, and of the stamps that two columns make up.
+        time: the column of its times.
+        second: factor of that column's unit.
+        offset: reading at zero of the trial's time.
+        channels: column and unit by channel.
+        stamps: (rows,) [s], once they are read.
+    """
+
+    part: Part
+    names: list[str]
+    time: str
+    second: float
+    offset: float
+    channels: dict[str, tuple[str, str]] = field(default_factory=dict)
+    stamps: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    @classmethod
+    def of(cls, part: Part, file: DatasetFile) -> _Table:
+        """A file of which the columns are known, and nothing is read."""
+        names = tables.column_names(part.path)
+        names += [stem for stem in columns.stamps(names) if stem not in names]
+        source, given = file.source(channels.TIME), part.times
+        given = replace(
+            given, time=given.time or source.name, unit=given.unit or source.unit
+        )
+        time, unit = columns.times(str(part.path), names, given)
+        offset = source.offset if given.offset is None else given.offset
+        return cls(part, names, time, channels.CLOCK.factors[unit], offset)
+
+    def streams(self, file: DatasetFile) -> tuple[dict[str, Stream], bool]:
+        """Read the channels; whether the rows belong to topics.
+
+        Raises:
+            CableError: the file cannot be read, or a column has no times.
+        """
+        path = self.part.path
+        clocks = {
+            channel: columns.find(
+                str(path), f"the clock of {channel}", clock, self.names
             )
-        if places:
-            name = places[0]
-            sources[channel] = (name, file.unit(channel, name))
-        elif channel in channels.REQUIRED or channel in file.columns:
-            raise _missing(path, channel, expected, names)
-    return sources
+            for channel in self.channels
+            if (clock := file.source(channel).clock) is not None
+        }
+        used = [self.time, *(name for name, _ in self.channels.values())]
+        raw = self._read([*used, *clocks.values()])
+        # The clocks first: conversion may happen in place.
+        times = {channel: raw[clock] * self.second for channel, clock in clocks.items()}
+        self.stamps = _scaled(raw[self.time], self.offset, self.second, LATEST)
+        values = {
+            channel: _converted(raw[column], channel, unit, file)
+            for channel, (column, unit) in self.channels.items()
+        }
+        for channel, value in values.items():
+            time = times.get(channel, self.stamps)
+            if len(value) != len(time):
+                stamps = clocks.get(channel, self.time)
+                raise CableError(
+                    f"{path}, column {self.channels[channel][0]} has {len(value)} "
+                    f"readings, but its times, column {stamps}, are {len(time)}; "
+                    "every reading needs one."
+                )
+        rows = len(self.stamps)
+        logged = rows_of_topics({c: v for c, v in values.items() if len(v) == rows})
+        streams = {}
+        for channel, value in values.items():
+            time = times.get(channel, self.stamps)
+            if channel in logged:
+                time, value = time[logged[channel]], value[logged[channel]]
+            elif channel in times:  # which may have fewer rows than the file
+                known = ~(np.isnan(time) & np.isnan(value))
+                time, value = time[known], value[known]
+            streams[channel] = Stream(time, value, path)
+        return streams, bool(logged)
+
+    def plain(self, topical: bool, several: bool) -> list[str]:
+        """Columns that are no times of the file nor stamps of messages."""
+        known = columns.stamps(self.names)
+        left = {*known, *(name for pair in known.values() for name in pair)}
+        if several:
+            left.add(self.time)
+        return [
+            name
+            for name in self.names
+            if name not in left and not (topical and name.endswith("stamp"))
+        ]
+
+    def _read(self, wanted: Iterable[str]) -> dict[str, FloatArray]:
+        """Columns as they stand there, stamps in seconds."""
+        path = self.part.path
+        wanted = dict.fromkeys(wanted)
+        pairs = columns.stamps(self.names)
+        single = dict.fromkeys(
+            piece for name in wanted for piece in pairs.get(name, (name,))
+        )
+        for column in single:
+            if self.names.count(column) > 1:
+                raise CableError(
+                    f"{path} has {self.names.count(column)} columns {column}; names "
+                    "must differ."
+                )
+        switch = self.channels.get(channels.VALID)
+        raw = tables.read_columns(path, single, [switch[0]] if switch else [])
+        for name in wanted:
+            if name in pairs:
+                whole, nano = pairs[name]
+                raw[name] = (raw[whole] + 1e-9 * raw[nano]) / self.second
+        return raw
+
+
+def _zeros(where: str, tabled: Sequence[_Table], name: str) -> None:
+    """Refuse clocks of which nobody knows whether they count from the same zero."""
+    unknown = []
+    for table in tabled:
+        known = table.stamps[np.isfinite(table.stamps)]
+        begins = abs(float(known.min())) if len(known) else np.inf
+        if table.part.times.offset is None and begins < _SAME_ZERO:
+            unknown.append(table)
+    if len(unknown) > 1:
+        keys = " and ".join(table.part.key for table in unknown)
+        last = unknown[-1].part
+        raise CableError(
+            f"{where}: the times of {keys} all begin at about 0 s, perhaps each at the "
+            "start of its own file; give the reading of one clock when the other is at "
+            f"0 in {DATASET_FILE}, [files], or 0 if they are one clock: {last.key} = "
+            f"{{ file = ..., offset = ... }} (trial {name!r})."
+        )
 
 
 def _converted(
@@ -206,67 +286,26 @@ def _converted(
     """Readings as values in the channel's own unit; what no rig has is missing."""
     source = file.source(channel)
     factor = source.sign * channels.kind(channel).factors[unit]
-    value = reading if source.offset == 0.0 else reading - source.offset
+    return _scaled(reading, source.offset, factor, LARGEST)
+
+
+def _scaled(
+    reading: FloatArray, offset: float, factor: float, limit: float
+) -> FloatArray:
+    """(reading - offset) * factor, missing where that is beyond a limit."""
+    value = reading if offset == 0.0 else reading - offset
     value = value if factor == 1.0 else value * factor
-    limit = LATEST if channel == channels.TIME else LARGEST
     if not (len(value) and -limit < value.min() and value.max() < limit):
         value = np.where(np.abs(value) < limit, value, np.nan)
     return value
 
 
-def _tension(path: Path, column: str) -> str:
-    """Channel of a column that is a tension by its name, else empty."""
-    try:
-        return channels.tension(column)
-    except CableError as error:
-        raise CableError(f"{path}: {error}") from None
-
-
-def _missing(path: Path, channel: str, name: str, names: list[str]) -> CableError:
-    """The error for a column that is not there.
-
-    Args:
-        path: the file.
-        channel: that it is for, or what else.
-        name: of the column.
-        names: of all columns.
-    """
-    told = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    if channel != name:
-        near = _nearest(name, names)
-        hint = f" (is it {near!r}?)" if near else ""
-        return CableError(f"{path} has no column {name!r} for {channel}{hint}: {told}.")
-    missing = f"{path} has no column {channel!r}, only {told}"
-    measured = channels.kind(channel)
-    taken = {own for other in channels.REQUIRED for own in channels.spellings(other)}
-    free = [n for n in names if n not in taken and not channels.tension(n)]
-    alike = [n for n in free if channels.unit_of(n, measured)]
-    if column := _nearest(name, alike, 0.0):
-        return CableError(
-            f"{missing}; if it is {column!r}, say so in {DATASET_FILE}, which converts "
-            f"it: [columns.{channel}] name = {column!r}, unit = "
-            f"{channels.unit_of(column, measured)!r}."
-        )
-    others = [n for n in free if channels.no_channel(n)]
-    plain = [n for n in free if n not in others]
-    if near := _nearest(name, plain):
-        missing += f" (is it {near!r}?)"
-    elif other := _nearest(name, others, 0.4):
-        return CableError(f"{missing}; {other!r} is {channels.no_channel(other)}.")
-    return CableError(f"{missing}; rename one or map it in {DATASET_FILE}.")
-
-
-def _nearest(name: str, names: list[str], cutoff: float = 0.6) -> str:
-    """The name most like another, or empty."""
-    return next(iter(difflib.get_close_matches(name, names, 1, cutoff)), "")
-
-
-def _is_data(path: Path, folder: Path) -> bool:
-    """Whether a path inside a folder is a data file that is not hidden."""
-    hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
-    return not hidden and path.is_file() and path.suffix.lower() in tables.ENDINGS
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _sha256(paths: Sequence[Path]) -> str:
+    """Of a file's bytes; of several, of their hashes in a row."""
+    hashes = []
+    for path in paths:
+        with path.open("rb") as file:
+            hashes.append(hashlib.file_digest(file, "sha256").hexdigest())
+    if len(hashes) == 1:
+        return hashes[0]
+    return hashlib.sha256("".join(hashes).encode()).hexdigest()

@@ -1,8 +1,8 @@
-"""Columns of numbers from a CSV or Parquet file, as they stand there.
+"""Columns of numbers from a file, as they stand there; `arrays` reads MATLAB and HDF5.
 
-Files are streamed, so that of a large one no more is held than the columns wanted. CSV
-files may be separated by commas, semicolons, tabs or bars, have comment lines (`#`) on
-top and, unless separated by commas, decimal commas.
+CSV and Parquet files are streamed, so that of a large one no more is held than the
+columns wanted. CSV files may be separated by commas, semicolons, tabs or bars, have
+comment lines (`#`) on top and, unless separated by commas, decimal commas.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
+from cc_mujoco.diagnosis.data import arrays
 from cc_mujoco.diagnosis.data.trials import FloatArray
 from cc_mujoco.errors import CableError
 
-ENDINGS = (".csv", ".parquet")
+ENDINGS = (".csv", ".parquet", *arrays.ENDINGS)
 """Endings of files that can be read, in any case."""
 
 _ABSENT = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None"]
@@ -57,6 +58,8 @@ def column_names(path: Path) -> list[str]:
     Raises:
         CableError: the file cannot be read, or the first line names no columns.
     """
+    if path.suffix.lower() in arrays.ENDINGS:
+        return arrays.column_names(path)
     with _Readable(path):
         if path.suffix.lower() == ".parquet":
             return [str(name) for name in pq.ParquetFile(path).schema_arrow.names]
@@ -74,12 +77,14 @@ def read_columns(
         switches: those of them that may hold true and false, read as 1 and 0.
 
     Returns:
-        Arrays (rows,) by name.
+        Arrays (rows,) by name, in MATLAB and HDF5 files perhaps of different lengths.
 
     Raises:
         CableError: the file cannot be read or holds something else than numbers.
     """
     names = list(names)
+    if path.suffix.lower() in arrays.ENDINGS:
+        return arrays.read_columns(path, names)
     with _Readable(path):
         if path.suffix.lower() == ".parquet":
             return _gathered(names, _parquet_batches(path, names))

@@ -105,6 +105,7 @@ class Trial:
         path: the file.
         sha256: of the file's bytes, hexadecimal.
         labels: name in the file of every channel.
+        paths: files of the channels that are in another than `path`.
     """
 
     name: str
@@ -121,6 +122,7 @@ class Trial:
     path: str = ""
     sha256: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
+    paths: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def rate(self) -> float:
@@ -165,7 +167,8 @@ class Trial:
 
     def column(self, channel: str) -> str:
         """File and column of a channel, for a sentence."""
-        return f"{self.path}, column {self.labels.get(channel, channel)}"
+        path = self.paths.get(channel, self.path)
+        return f"{path}, column {self.labels.get(channel, channel)}"
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, Source
-from cc_mujoco.diagnosis.data.reading import beside, data_files, read
+from cc_mujoco.diagnosis.data.folders import beside, data_files
+from cc_mujoco.diagnosis.data.reading import read
 from cc_mujoco.errors import CableError
 from diagnosis.bench import Columns, recording, write
 
@@ -57,7 +58,7 @@ def test_folders_are_sorted_and_files_taken_once(tmp_path: Path) -> None:
     ("path", "sentence"),
     [
         ("none.csv", "does not exist"),
-        ("notes.txt", "must end in .csv or .parquet"),
+        ("notes.txt", "must end in .csv, .parquet, .mat"),
         ("empty", "there is no data file in"),
     ],
 )

@@ -1,0 +1,168 @@
+"""Which column of a file is which channel, and in which unit.
+
+A column in a struct, group, topic or file of a trial may be called by its last name
+alone (`motor_angle_deg` for `data.motor_angle_deg`) where there is one such.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+
+from cc_mujoco.diagnosis.data import channels
+from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, PartFile
+from cc_mujoco.errors import CableError
+
+DATASET_FILE = "dataset.toml"
+
+_PLOTJUGGLER = "__time"
+_STAMP = re.compile(r"(.*stamp[._/])(secs?)")
+_NANO = {"sec": ("nanosec", "nsec"), "secs": ("nsecs",)}
+
+
+def stamps(names: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Columns of seconds and of nanoseconds of stamps of messages, by their stem."""
+    found = {}
+    for name in names:
+        if (stamp := _STAMP.fullmatch(name)) is not None:
+            for nano in _NANO[stamp[2]]:
+                if stamp[1] + nano in names:
+                    found[stamp[1][:-1]] = (name, stamp[1] + nano)
+    return found
+
+
+def called(name: str, names: Sequence[str]) -> list[str]:
+    """Columns of this name: as it stands there, else by their last names."""
+    if name in names:
+        return [name]
+    return [full for full in names if channels.bare(full) == name]
+
+
+def find(where: str, what: str, name: str, names: Sequence[str]) -> str:
+    """The one column of this name.
+
+    Args:
+        where: the file, for a sentence.
+        what: the column is for.
+        name: as `dataset.toml` has it.
+        names: of all columns.
+
+    Raises:
+        CableError: there is none, or there are several.
+    """
+    places = called(name, names)
+    if len(set(places)) > 1:
+        raise _several(where, places, what)
+    if not places:
+        raise _missing(where, what, name, names)
+    return places[0]
+
+
+def times(where: str, names: Sequence[str], given: PartFile) -> tuple[str, str]:
+    """Column and unit of the times of a file.
+
+    Raises:
+        CableError: there is none, or there are several.
+    """
+    if given.time is not None:
+        name = find(where, channels.TIME, given.time, names)
+    else:
+        own = channels.spellings(channels.TIME)
+        places = [full for word in own for full in called(word, names)]
+        places = places or called(_PLOTJUGGLER, names) or [*stamps(names)]
+        if len(set(places)) > 1:
+            raise _several(where, places, channels.TIME)
+        if not places:
+            raise _missing(where, channels.TIME, channels.TIME, names)
+        name = places[0]
+    spelled = channels.spellings(channels.TIME).get(channels.bare(name))
+    return name, given.unit or spelled or channels.CLOCK.unit
+
+
+def sources(
+    where: str, names: Sequence[str], file: DatasetFile
+) -> dict[str, tuple[str, str]]:
+    """Column and unit of every channel that a trial has, time aside.
+
+    Raises:
+        CableError: one is missing, or there are several.
+    """
+    optional = [channel for name in names if (channel := _tension(where, name))]
+    optional += [channels.TEMPERATURE, channels.VALID]
+    found = {}
+    for channel in dict.fromkeys([*channels.DRIVE, *file.columns, *optional]):
+        if channel == channels.TIME:
+            continue
+        source = file.source(channel)
+        if source.name is not None:
+            column = find(where, channel, source.name, names)
+        else:
+            own = channels.spellings(channel)
+            places = [full for word in own for full in called(word, names)]
+            if len(set(places)) > 1:
+                raise _several(where, places, channel)
+            if not places:
+                if channel in channels.DRIVE or channel in file.columns:
+                    raise _missing(where, channel, channel, names)
+                continue
+            column = places[0]
+        found[channel] = (column, file.unit(channel, column))
+    return found
+
+
+def _several(where: str, places: Sequence[str], channel: str) -> CableError:
+    """The error for a name that several columns have."""
+    return CableError(
+        f"{where} has {' and '.join(dict.fromkeys(places))}; say in {DATASET_FILE} "
+        f"which of them is {channel}: [columns.{channel}], name."
+    )
+
+
+def _tension(where: str, column: str) -> str:
+    """Channel of a column that is a tension by its name, else empty."""
+    try:
+        return channels.tension(channels.bare(column))
+    except CableError as error:
+        raise CableError(f"{where}: {error}") from None
+
+
+def _missing(where: str, channel: str, name: str, names: Sequence[str]) -> CableError:
+    """The error for a column that is not there.
+
+    Args:
+        where: the file.
+        channel: that it is for, or what else.
+        name: of the column.
+        names: of all columns.
+    """
+    told = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    if channel != name:
+        near = _nearest(name, names)
+        hint = f" (is it {near!r}?)" if near else ""
+        return CableError(
+            f"{where} has no column {name!r} for {channel}{hint}: {told}."
+        )
+    missing = f"{where} has no column {channel!r}, only {told}"
+    measured = channels.kind(channel)
+    taken = {own for other in channels.REQUIRED for own in channels.spellings(other)}
+    free = [n for n in names if n not in taken and not channels.tension(n)]
+    alike = [n for n in free if channels.unit_of(n, measured)]
+    if column := _nearest(name, alike, 0.0):
+        return CableError(
+            f"{missing}; if it is {column!r}, say so in {DATASET_FILE}, which converts "
+            f"it: [columns.{channel}] name = {column!r}, unit = "
+            f"{channels.unit_of(column, measured)!r}."
+        )
+    others = [n for n in free if channels.no_channel(n)]
+    plain = [n for n in free if n not in others]
+    if near := _nearest(name, plain):
+        missing += f" (is it {near!r}?)"
+    elif other := _nearest(name, others, 0.4):
+        return CableError(f"{missing}; {other!r} is {channels.no_channel(other)}.")
+    return CableError(f"{missing}; rename one or map it in {DATASET_FILE}.")
+
+
+def _nearest(name: str, names: Sequence[str], cutoff: float = 0.6) -> str:
+    """The name most like another, or empty."""
+    return next(iter(difflib.get_close_matches(name, names, 1, cutoff)), "")

@@ -7,21 +7,35 @@ any source of its part, or of the parts that it calls, is removed at import.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import update_wrapper
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import llvmlite.binding  # type: ignore[import-untyped]
+import llvmlite.ir as ir  # type: ignore[import-untyped]
+import numba
 import numpy as np
-from numba import njit
+from numba import cfunc, njit
+from numba.core import cgutils, errors, event
+from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+types: Any = numba.types
+"""Numba's types; calling one makes a signature, which its annotations do not tell."""
 
 FloatArray = NDArray[np.float64]
 """What compiled functions take; one-dimensional and contiguous unless said."""
+INTEGER, REAL, REALS = types.int64, types.float64, types.float64[::1]
+"""The same and single numbers, for the signatures of `exported`."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _CALLS = {
-    "transmission": ("transmission", "engine"),
+    "transmission": ("transmission",),
     "engine": ("transmission", "engine"),
     "control": ("transmission", "engine", "control"),
     "predecessors": ("transmission", "engine", "predecessors"),
@@ -47,11 +61,131 @@ def _drop_stale_code() -> None:
 
 _drop_stale_code()
 
+_NOTICE = "cc_mujoco: compiling the cable plugin; this happens once, about a minute\n"
+_told: list[bool] = []
+
+
+def internal(function: Function) -> Function:
+    """Compile for other compiled code alone, whose cache entry covers it.
+
+    Without what Python would call, a small function compiles in half the time.
+    """
+    options: dict[str, Any] = {
+        "nogil": True,
+        "error_model": "numpy",
+        "no_cpython_wrapper": True,
+        "no_cfunc_wrapper": True,
+    }
+    dispatcher: Any = njit(**options)(function)
+    specialise = dispatcher.get_call_template
+
+    def call_template(args: Any, kws: Any) -> Any:
+        return specialise([_widest(given) for given in args], kws)
+
+    dispatcher.get_call_template = call_template
+    return cast("Function", dispatcher)
+
+
+def _widest(given: Any) -> Any:
+    """The type to compile for: one for all integers, whatever Numba knows of them."""
+    given = types.unliteral(given)
+    return INTEGER if isinstance(given, types.Integer) else given
+
 
 def compiled(function: Function) -> Function:
     """Compile for use from Python and from other compiled code, without the GIL."""
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+    options: dict[str, Any] = {
+        "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
+    }  # fmt: skip
     try:
         return cast("Function", njit(cache=True, **options)(function))
     except RuntimeError:  # Numba finds no folder that it may write its cache to
         return cast("Function", njit(**options)(function))
+
+
+@contextmanager
+def announced() -> Iterator[None]:
+    """Say that compiling takes long where it does, once in a process."""
+    # What Numba finds in its cache it does not compile, however slow the machine is.
+    compiling: Any = event.RecordingListener()  # type: ignore[no-untyped-call]
+
+    def tell() -> None:
+        if compiling.buffer and not _told:
+            _told.append(True)
+            sys.stderr.write(_NOTICE)
+
+    notice = threading.Timer(6.0, tell)
+    notice.daemon = True
+    notice.start()
+    try:
+        with event.install_listener("numba:compile", compiling):
+            yield
+    finally:
+        notice.cancel()
+
+
+_EXPORTED: dict[str, Any] = {}
+"""Signatures of exported functions, by what they are called in compiled code."""
+
+
+def exported(signature: Any) -> Callable[[Function], Function]:
+    """Compile at once for a signature, as `compiled`, but never into a caller.
+
+    Numba compiles all that a function calls into it, again in each caller of a caller.
+    These are called by name instead; a name stays good in a cache, an address does not.
+    """
+
+    def decorate(function: Function) -> Function:
+        name = f"{function.__module__}.{function.__qualname__} {signature}"
+        with announced():
+            try:
+                code = cfunc(signature, cache=True, error_model="numpy")(function)
+            except RuntimeError:
+                code = cfunc(signature, error_model="numpy")(function)
+        llvmlite.binding.add_symbol(name, code.address)
+        _EXPORTED[name] = signature, code  # the code lives as long as its name
+
+        def call(*given: Any) -> Any:
+            return _enter(name, given)
+
+        call.__name__, call.__qualname__ = function.__name__, function.__qualname__
+        bound = compiled(cast("Function", call))
+        return cast("Function", update_wrapper(bound, function))
+
+    return decorate
+
+
+@intrinsic(prefer_literal=True)
+def _enter_by_name(context: Any, name: Any, given: Any) -> Any:
+    if not isinstance(name, types.StringLiteral):
+        return None
+    signature, _ = _EXPORTED[name.literal_value]
+    for wanted, type_ in zip(signature.args, given.types, strict=True):
+        if isinstance(wanted, types.Array) and not (
+            isinstance(type_, types.Array)
+            and (type_.dtype, type_.ndim, type_.layout)
+            == (wanted.dtype, wanted.ndim, wanted.layout)
+        ):
+            raise errors.TypingError(
+                f"{name.literal_value} takes {wanted} where it is given {type_}"
+            )
+
+    def codegen(context: Any, builder: Any, called: Any, args: Any) -> Any:
+        values = []
+        for i, wanted in enumerate(signature.args):
+            value = builder.extract_value(args[1], i)
+            if not isinstance(wanted, types.Array):
+                value = context.cast(builder, value, given.types[i], wanted)
+            values.append(value)
+        kind = ir.FunctionType(
+            context.get_value_type(signature.return_type),
+            [context.get_value_type(wanted) for wanted in signature.args],
+        )
+        declare: Any = cgutils.get_or_insert_function
+        callee = declare(builder.module, kind, name.literal_value)
+        return builder.call(callee, values)
+
+    return signature.return_type(name, given), codegen
+
+
+_enter: Any = _enter_by_name

@@ -33,6 +33,7 @@ from cc_mujoco.engine import ends, fields, pieces
 from cc_mujoco.engine.block import (
     AREA,
     DISTAL,
+    EVALUATION,
     EXPLICIT,
     FRESH,
     GUIDED,
@@ -42,6 +43,7 @@ from cc_mujoco.engine.block import (
     ROUTE,
     SCRATCH,
     SEGMENTS,
+    STIFFNESS,
     TIED,
     displacement,
     opens,
@@ -51,8 +53,13 @@ from cc_mujoco.engine.block import (
     wound,
 )
 from cc_mujoco.engine.memory import (
+    add,
     apply_force,
+    assign,
+    dot,
+    equal,
     factorise,
+    fill,
     floats,
     full_inertia,
     internal,
@@ -62,8 +69,10 @@ from cc_mujoco.engine.memory import (
     load_word,
     solve_factorised,
     solve_inertia,
+    store_real,
     store_word,
     times_inertia,
+    vanishes,
 )
 from cc_mujoco.transmission import kernel, packing
 
@@ -111,7 +120,8 @@ def area_size(model: int) -> int:
 
 @internal
 def forget(block: int) -> None:
-    """Have the step be looked at anew; of the first cable of a model."""
+    """Begin another evaluation, whose step is looked at anew; of the first cable."""
+    store_word(block + EVALUATION, load_word(block + EVALUATION) + 1)
     if load_word(block + AREA) != 0:
         store_word(block + load_word(block + AREA), _UNKNOWN)
 
@@ -136,7 +146,6 @@ def implicit(model: int, block: int) -> bool:
         return False
     step = fields.timestep(model)
     n = load_word(block + SEGMENTS)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
     for end in range(2):
         if load_word(block + TIED + 8 * end) != 0:
             continue
@@ -150,7 +159,12 @@ def implicit(model: int, block: int) -> bool:
         else:
             mobility = fields.real(model, fields.TENDON_INVWEIGHT0, target)
         mobility *= ends.gear(model, output) ** 2
-        if step * step * mobility * kernel.end_stiffness(prm, n, end == 1) > 1.0:
+        stiffness = load_real(block + STIFFNESS + 8 * end)
+        if stiffness == 0.0:
+            prm = floats(parameters_at(block), kernel.parameter_size(n))
+            stiffness = kernel.end_stiffness(prm, n, end == 1)
+            store_real(block + STIFFNESS + 8 * end, stiffness)
+        if step * step * mobility * stiffness > 1.0:
             return True
     return False
 
@@ -202,19 +216,19 @@ def foresee(model: int, data: int, kind: int, area: int) -> None:
 def _smooth(model: int, data: int, kind: int, force: Floats, acted: Floats) -> None:
     """Sum of all forces but those of constraints (nv,)."""
     nv = fields.dofs(model)
-    force[:] = floats(load_word(data + fields.PASSIVE), nv)
-    force -= floats(load_word(data + fields.BIAS), nv)
-    force += floats(load_word(data + fields.APPLIED), nv)
+    assign(force, floats(load_word(data + fields.PASSIVE), nv))
+    add(force, floats(load_word(data + fields.BIAS), nv), -1.0)
+    add(force, floats(load_word(data + fields.APPLIED), nv), 1.0)
     applied = load_word(data + fields.XFRC)
     for body in range(1, fields.bodies(model)):
         given = floats(applied + 48 * body, 6)
-        if np.any(given != 0.0):
+        if not vanishes(given):
             point = load_word(data + fields.XIPOS) + 24 * body
             apply_force(
                 model, data, applied + 48 * body, point, body, force.ctypes.data,
                 given[0], given[1], given[2],
             )  # fmt: skip
-    acted[:] = 0.0
+    fill(acted, 0.0)
     for actuator in range(fields.actuators(model)):
         plugin = fields.integer(model, fields.ACTUATOR_PLUGIN, actuator)
         if plugin >= 0 and fields.integer(model, fields.PLUGIN, plugin) == kind:
@@ -245,7 +259,7 @@ def _smooth(model: int, data: int, kind: int, force: Floats, acted: Floats) -> N
             _add_moment(data, load_word(block + DISTAL), -max(node[n], 0.0), acted)
         if opens(block):
             if load_word(block + FRESH) == 0:
-                force -= floats(pulls_at(block, n), nv)
+                add(force, floats(pulls_at(block, n), nv), -1.0)
             pieces.pull(
                 model, data, load_word(block + ROUTE), load_word(block + MOUTH),
                 floats(shape_at(block, n, 0), pieces.shape_size(n)), n,
@@ -262,7 +276,7 @@ def _smooth(model: int, data: int, kind: int, force: Floats, acted: Floats) -> N
             low = fields.real(model, fields.JNT_ACTFRCRANGE, 2 * joint)
             high = fields.real(model, fields.JNT_ACTFRCRANGE, 2 * joint + 1)
             acted[dof] = min(max(acted[dof], low), high)
-    force += acted
+    add(force, acted, 1.0)
 
 
 @internal
@@ -281,7 +295,7 @@ def _add_moment(data: int, output: int, force: float, target: Floats) -> None:
 def _damp(model: int, data: int, integrator: int, out: Floats, scratch: Floats) -> bool:
     """Damping (nv * nv,) that the integrator takes implicitly; whether there is any."""
     nv, any_damping = fields.dofs(model), False
-    out[:] = 0.0
+    fill(out, 0.0)
     euler = integrator == _EULER
     if not fields.disabled(model, _NO_DAMPER) and not (
         euler and fields.disabled(model, _NO_EULER_DAMPING)
@@ -302,7 +316,7 @@ def _damp(model: int, data: int, integrator: int, out: Floats, scratch: Floats) 
             gain = fields.real(model, fields.GAINPRM, _PARAMETERS * actuator + 2)
             rate -= gain * fields.real(data, fields.CTRL, control)
         if rate > 0.0:
-            scratch[:] = 0.0
+            fill(scratch, 0.0)
             output = fields.integer(model, fields.ACTUATOR_OUTADR, actuator)
             _add_moment(data, output, 1.0, scratch)
             _add_square(rate, scratch, out)
@@ -310,7 +324,7 @@ def _damp(model: int, data: int, integrator: int, out: Floats, scratch: Floats) 
     for tendon in range(fields.tendons(model)):
         rate = fields.real(model, fields.TENDON_DAMPING, tendon)
         if rate > 0.0 and not fields.disabled(model, _NO_DAMPER):
-            scratch[:] = 0.0
+            fill(scratch, 0.0)
             start = fields.integer(model, fields.TEN_J_ROWADR, tendon)
             columns = load_word(model + fields.TEN_J_COLIND) + 4 * start
             values = load_word(data + fields.TEN_J) + 8 * start
@@ -355,7 +369,7 @@ def _constrain(
     """
     nv = fields.dofs(model)
     sparse = is_sparse(model) != 0
-    found[:] = floats(load_word(data + fields.WARMSTART), nv)
+    assign(found, floats(load_word(data + fields.WARMSTART), nv))
     state, before, given = np.zeros(count), np.full(count, -1.0), np.zeros(count)
     weight = floats(load_word(data + fields.EFC_D), count)
     aim = floats(load_word(data + fields.EFC_AREF), count)
@@ -374,10 +388,11 @@ def _constrain(
                 off += load_real(jacobian + 8 * (start + k)) * found[a]
             given[i] = -weight[i] * off
             push[i] = _push(data, i, given, state)
-        if trial > 0 and np.all(state == before):
+        if trial > 0 and equal(state, before):
             return
-        before[:] = state
-        factor[:], right[:] = base, force
+        assign(before, state)
+        assign(factor, base)
+        assign(right, force)
         for i in range(count):
             start, number = nv * i, nv
             if sparse:
@@ -453,7 +468,7 @@ def aim(model: int, data: int, block: int, kind: int, area: int, out: Floats) ->
         if load_word(block + TIED + 8 * end) != 0:
             continue
         output = load_word(block + (DISTAL if end else PROXIMAL))
-        row[:] = 0.0
+        fill(row, 0.0)
         _add_moment(data, output, lever, row)
         if known == _PLAIN:
             solve_inertia(model, data, answer.ctypes.data, row.ctypes.data, 1)
@@ -464,7 +479,7 @@ def aim(model: int, data: int, block: int, kind: int, area: int, out: Floats) ->
             solve_factorised(answer.ctypes.data, damped, between.ctypes.data, nv)
         moved = lever * fields.real(data, fields.VELOCITY, output)
         out[end] += ahead * moved
-        out[end] += step * step * _ACCELERATION * (row * found).sum()
+        out[end] += step * step * _ACCELERATION * dot(row, found)
         total = 0.0
         for other in range(fields.plugins(model)):
             with_it = 0

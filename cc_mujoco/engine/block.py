@@ -9,7 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from cc_mujoco.engine import config, ends, fields, pieces
-from cc_mujoco.engine.memory import floats, internal, load_real, load_word
+from cc_mujoco.engine.memory import (
+    floats,
+    internal,
+    load_real,
+    load_word,
+    store_real,
+    store_word,
+)
 from cc_mujoco.transmission import eccentric, kernel
 
 # Byte offsets in the memory block of an instance; after the header follow the packed
@@ -39,7 +46,10 @@ SEEN = 200  # displacements for which `INPUTS` were found
 LOOKS = 216  # whether it looked ahead for `INPUTS`
 EXPLICIT = 224  # whether it never does
 SCRATCH = 232  # a force, and no torque
-STAGES = 280  # u_proximal, u_distal, dt, time of the last four evaluations under RK4
+STIFFNESS = 280  # of both ends with the present parameters, or 0
+WALKED = 296  # the evaluation in which it was led along its path, or 0
+EVALUATION = 304  # of a model's first cable: counts the evaluations
+STAGES = 312  # u_proximal, u_distal, dt, time of the last four evaluations under RK4
 STAGE = 32
 HEADER = STAGES + 4 * STAGE
 TEXT_CAPACITY = 4096
@@ -98,6 +108,14 @@ def pulls_at(block: int, n: int) -> int:
 def scratch_at(block: int, n: int) -> int:
     """Address of scratch, for forces (nv,) or for lengths of nodes (n + 1,)."""
     return pulls_at(block, n) + 8 * load_word(block + DOFS)
+
+
+@internal
+def outdate(block: int) -> None:
+    """Forget what follows from the packed parameters."""
+    store_word(block + KNOWN, 0)
+    store_real(block + STIFFNESS, 0.0)
+    store_real(block + STIFFNESS + 8, 0.0)
 
 
 @internal

@@ -41,6 +41,7 @@ from cc_mujoco.engine.block import (
     CHECKED,
     DISTAL,
     DOFS,
+    EVALUATION,
     EXPLICIT,
     FOLLOWS,
     FRESH,
@@ -63,12 +64,14 @@ from cc_mujoco.engine.block import (
     TEXT_CAPACITY,
     TEXT_SIZE,
     TIED,
+    WALKED,
     committed_time,
     displacement,
     memory,
     new_at,
     old_at,
     opens,
+    outdate,
     parameters_at,
     rest_displacement,
     shape_at,
@@ -85,9 +88,12 @@ from cc_mujoco.engine.memory import (
     append,
     append_integer,
     append_millimetres,
+    assign,
     clear,
     copy,
+    copy_words,
     export,
+    fill,
     floats,
     internal,
     load_byte,
@@ -96,6 +102,7 @@ from cc_mujoco.engine.memory import (
     quote,
     release,
     said_before,
+    same_words,
     store_real,
     store_word,
     types,
@@ -127,10 +134,8 @@ _NO_PASSIVE = constant(
 # would be compiled again inside every callback that calls them.
 _REFUSED = types.int32(types.intp, types.int32)
 _PACK = types.int32(types.intp, types.intp, types.int32)
-_ADVANCE = types.int32(types.intp, types.float64, types.float64, types.float64)
 _refused = types.ExternalFunction("cc_mujoco_refused", _REFUSED)
 _pack = types.ExternalFunction("cc_mujoco_pack", _PACK)
-_advance = types.ExternalFunction("cc_mujoco_advance", _ADVANCE)
 _TURN = types.float64(types.intp, types.intp, types.int32)
 _WRAP = types.void(types.intp, types.intp, types.int32, types.intp)
 _limits = types.ExternalFunction("cc_mujoco_limits", _WRAP)
@@ -165,10 +170,7 @@ def _bent_as_last(block: int) -> bool:
     """Whether the path is now what it was at the last stage of RK4."""
     n = load_word(block + SEGMENTS)
     now, last = shape_at(block, n, 0), shape_at(block, n, 4)
-    for i in range(0, load_word(block + SHAPE), 8):
-        if load_word(now + i) != load_word(last + i):
-            return False
-    return True
+    return same_words(now, last, load_word(block + SHAPE) // 8)
 
 
 @internal
@@ -237,6 +239,19 @@ def _follow_all(model: int, data: int, instance: int) -> None:
 
 
 @internal
+def _follow_others(model: int, data: int, instance: int, evaluation: int) -> None:
+    """Lead all open cables along their paths that were not in this evaluation."""
+    for other in range(fields.plugins(model)):
+        kind = fields.integer(model, fields.PLUGIN, other)
+        if kind == fields.integer(model, fields.PLUGIN, instance):
+            block = fields.block(data, other)
+            walked = block == 0 or load_word(block + WALKED) == evaluation
+            if not walked and opens(block):
+                follow(block, model, data, fields.state(model, data, other))
+                store_word(block + WALKED, evaluation)
+
+
+@internal
 def _inputs(block: int) -> tuple[float, float, tuple[float, float], float]:
     """What the last evaluation was of: displacements, how far ends yield, and dt."""
     at = block + INPUTS
@@ -277,26 +292,25 @@ def _evaluate(
     """
     n = load_word(block + SEGMENTS)
     old = old_at(block, n)
-    size = 8 * kernel.state_size(n)
+    size = kernel.state_size(n)
     known = load_word(block + KNOWN) == 1
     given = (u_proximal, u_distal, yield_proximal, yield_distal, dt)
     for i in range(5):
         before = load_word(block + INPUTS + 8 * i)
         store_real(block + INPUTS + 8 * i, given[i])
         known = known and before == load_word(block + INPUTS + 8 * i)
-    i = 0
-    while known and i < size:
-        known = load_word(old + i) == load_word(state + i)
-        i += 8
-    if known:
+    if known and same_words(old, state, size):
         return True
-    for i in range(0, size, 8):
-        store_word(old + i, load_word(state + i))
+    copy_words(state, old, size)
     prm = floats(parameters_at(block), kernel.parameter_size(n))
     kernel.expect_yielding(prm, yield_proximal, yield_distal)
-    finite: bool = _advance(block, u_proximal, u_distal, dt) == kernel.OK
-    store_word(block + KNOWN, 1 if finite else 0)
-    return finite
+    status = kernel.step(
+        prm, n, floats(old, size), kernel.POSITION, u_proximal, kernel.POSITION,
+        u_distal, dt, floats(new_at(block, n), size),
+        floats(work_at(block, n), kernel.work_size(n)),
+    )  # fmt: skip
+    store_word(block + KNOWN, 1 if status == kernel.OK else 0)
+    return status == kernel.OK
 
 
 @internal
@@ -325,7 +339,7 @@ def _begin(
         committed_time(state, n), before if fields.integrator(model) == _RK4 else 0.0
     )
     if opens(block):
-        memory(state, n)[:] = 0.0
+        fill(memory(state, n), 0.0)
 
 
 def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
@@ -388,7 +402,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         values = np.empty(config.SCALARS)
         sections = np.empty((MAX_SECTIONS, 2))
         key, count = config.read(attributes, values, sections)
-        store_word(block + KNOWN, 0)
+        outdate(block)
+        store_word(block + WALKED, 0)
         store_word(block + TEXT_SIZE, 0)
         if key != config.VALID or config.segments(attributes) != n:
             return 0
@@ -428,25 +443,6 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     export("cc_mujoco_pack", pack.address)
 
-    @cfunc(_ADVANCE, **options)
-    def step(block: int, u_proximal: float, u_distal: float, dt: float) -> int:
-        """Step the kernel from the old to the new state in the block."""
-        _ = stamp
-        n = load_word(block + SEGMENTS)
-        size = kernel.state_size(n)
-        return kernel.advance(
-            floats(parameters_at(block), kernel.parameter_size(n)),
-            n,
-            floats(old_at(block, n), size),
-            u_proximal,
-            u_distal,
-            dt,
-            floats(new_at(block, n), size),
-            floats(work_at(block, n), kernel.work_size(n)),
-        )
-
-    export("cc_mujoco_advance", step.address)
-
     @cfunc(_TURN, **options)
     def turn(model: int, data: int, tendon: int) -> float:
         """Sum of the turning angles of a tendon's path at the last position [rad]."""
@@ -469,7 +465,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         follow(block, model, data, fields.state(model, data, instance))
         n = load_word(block + SEGMENTS)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
-        floats(out, n)[:] = kernel.segment_angles(prm, n)
+        assign(floats(out, n), kernel.segment_angles(prm, n))
 
     export("cc_mujoco_wrap", wrap.address)
 
@@ -486,7 +482,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         prm = floats(parameters_at(block), kernel.parameter_size(n))
         state = fields.state(model, data, instance)
         found = floats(out, n + 2)
-        found[: n + 1] = packing.node_compliance(prm, n)
+        assign(found[: n + 1], packing.node_compliance(prm, n))
         found[n + 1] = kernel.stored(prm, n, floats(state, kernel.state_size(n)))
 
     export("cc_mujoco_compliance", compliance.address)
@@ -508,7 +504,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         lead = fields.block(data, ahead.first(model, instance))
         area = lead + load_word(lead + AREA)
         if ahead.unknown(area):
-            _follow_all(model, data, instance)
+            _follow_others(model, data, instance, load_word(lead + EVALUATION))
             ahead.foresee(model, data, kind, area)
         block = fields.block(data, instance)
         ahead.aim(model, data, block, kind, area, floats(out, 4))
@@ -522,7 +518,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         longest = np.empty(3)
         _limits(model, data, instance, longest.ctypes.data)
         if ahead.implicit(model, fields.block(data, instance)):
-            longest[:2] = np.inf
+            longest[0] = longest[1] = np.inf
         step, worst = fields.timestep(model), int(np.argmin(longest))
         limit = longest[worst]
         if step <= limit:
@@ -644,7 +640,10 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         dt = 0.0
         if fits:
             dt = _elapsed(model, data, load_real(committed_time(state, n)))
-            follow(block, model, data, state)
+            evaluation = load_word(lead + EVALUATION)
+            if load_word(block + WALKED) != evaluation:
+                follow(block, model, data, state)
+                store_word(block + WALKED, evaluation)
             if load_real(block + CHECKED) != fields.timestep(model):
                 store_real(block + CHECKED, fields.timestep(model))
                 _check(model, data, instance)
@@ -657,6 +656,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 aim = np.empty(4)
                 _aim(model, data, instance, aim.ctypes.data)
                 u_proximal, u_distal, yields = aim[0], aim[1], (aim[2], aim[3])
+        store_word(block + WALKED, 0)
         if cut:
             _warn_cut(model, instance)
         store_real(block + SEEN, seen[0])
@@ -736,9 +736,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                     shape = shape_at(block, n, 1)
                     lay(block, shape, state)
         if _evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt):
-            new = new_at(block, n)
-            for i in range(0, 8 * kernel.state_size(n), 8):
-                store_word(state + i, load_word(new + i))
+            copy_words(new_at(block, n), state, kernel.state_size(n))
             store_real(committed_time(state, n), time)
             if opens(block):
                 seen = floats(shape, pieces.shape_size(n))

@@ -13,6 +13,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from cc_mujoco.compiled import exported, types
 from cc_mujoco.engine.decimal import is_digit, is_space, number, strip
 from cc_mujoco.engine.memory import Bytes, append, internal, quote, text
 from cc_mujoco.transmission.parameters import (
@@ -163,60 +164,6 @@ def mixed(block: int) -> bool:
 
 
 @internal
-def read(
-    block: int, values: npt.NDArray[np.float64], sections: npt.NDArray[np.float64]
-) -> tuple[int, int]:
-    """Read the attribute block of an instance.
-
-    Args:
-        block: address of the attribute block.
-        values: out, scalar parameters in the order of `PARAMETERS`.
-        sections: out, (`MAX_SECTIONS`, 2) length and bend radius [m].
-
-    Returns:
-        Index of the first key that cannot be used or `VALID`; number of sections.
-    """
-    for key in range(SCALARS):
-        written = value(block, key)
-        if written.size == 0:
-            if _REQUIRED[key]:
-                return key, 0
-            values[key] = _DEFAULT[key]
-            continue
-        x = number(written)
-        above = x > _LOW[key] if _LOW_OPEN[key] else x >= _LOW[key]
-        if not (above and x <= _HIGH[key]):
-            return key, 0
-        values[key] = x
-    if 0.0 < values[_STATIC] < values[_FRICTION]:
-        return _STATIC, 0
-    if values[_EXPONENT] != 0.0 and values[_PRETENSION] == 0.0:
-        return _EXPONENT, 0
-    if segments(block) == 0:
-        return SEGMENTS, 0
-    bend = value(block, BEND)
-    follows = moves(block) and value(block, ROUTE).size > 0
-    if not (bend.size == 0 or same(bend, _FIXED) or follows):
-        return BEND, 0
-    path = value(block, PATH)
-    free = opens(block)
-    if not (path.size == 0 or same(path, _GUIDED) or free):
-        return PATH, 0
-    if free and value(block, ROUTE).size == 0:
-        return PATH, 0
-    if (value(block, MOUTH).size > 0) != mixed(block):
-        return MOUTH, 0
-    ends = value(block, ENDS_KEY)
-    if not (ends.size == 0 or same(ends, _AUTO) or explicit(block)):
-        return ENDS_KEY, 0
-    for seal in _SEALS:
-        if values[seal] != 0.0 and same(path, _OPEN):
-            return seal, 0
-    count = _sections(value(block, CONDUIT), sections)
-    return (VALID if count > 0 else CONDUIT), count
-
-
-@internal
 def length(block: int) -> float:
     """Length of the conduit [m]; the configuration must be valid."""
     sections = np.empty((MAX_SECTIONS, 2))
@@ -285,3 +232,61 @@ def explain(message: Bytes, used: int, block: int, key: int) -> int:
     else:
         used = quote(message, used, written)
     return append(message, used, _TEXT[middle + 1 : end])
+
+
+@exported(
+    types.UniTuple(types.int64, 2)(
+        types.intp, types.float64[::1], types.float64[:, ::1]
+    )
+)
+def read(
+    block: int, values: npt.NDArray[np.float64], sections: npt.NDArray[np.float64]
+) -> tuple[int, int]:
+    """Read the attribute block of an instance.
+
+    Args:
+        block: address of the attribute block.
+        values: out, scalar parameters in the order of `PARAMETERS`.
+        sections: out, (`MAX_SECTIONS`, 2) length and bend radius [m].
+
+    Returns:
+        Index of the first key that cannot be used or `VALID`; number of sections.
+    """
+    for key in range(SCALARS):
+        written = value(block, key)
+        if written.size == 0:
+            if _REQUIRED[key]:
+                return key, 0
+            values[key] = _DEFAULT[key]
+            continue
+        x = number(written)
+        above = x > _LOW[key] if _LOW_OPEN[key] else x >= _LOW[key]
+        if not (above and x <= _HIGH[key]):
+            return key, 0
+        values[key] = x
+    if 0.0 < values[_STATIC] < values[_FRICTION]:
+        return _STATIC, 0
+    if values[_EXPONENT] != 0.0 and values[_PRETENSION] == 0.0:
+        return _EXPONENT, 0
+    if segments(block) == 0:
+        return SEGMENTS, 0
+    bend = value(block, BEND)
+    follows = moves(block) and value(block, ROUTE).size > 0
+    if not (bend.size == 0 or same(bend, _FIXED) or follows):
+        return BEND, 0
+    path = value(block, PATH)
+    free = opens(block)
+    if not (path.size == 0 or same(path, _GUIDED) or free):
+        return PATH, 0
+    if free and value(block, ROUTE).size == 0:
+        return PATH, 0
+    if (value(block, MOUTH).size > 0) != mixed(block):
+        return MOUTH, 0
+    ends = value(block, ENDS_KEY)
+    if not (ends.size == 0 or same(ends, _AUTO) or explicit(block)):
+        return ENDS_KEY, 0
+    for seal in _SEALS:
+        if values[seal] != 0.0 and same(path, _OPEN):
+            return seal, 0
+    count = _sections(value(block, CONDUIT), sections)
+    return (VALID if count > 0 else CONDUIT), count

@@ -11,7 +11,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from cc_mujoco.engine.memory import Bytes, internal
+from cc_mujoco.compiled import exported, internal, types
+from cc_mujoco.engine.memory import Bytes
 
 Integers = npt.NDArray[np.int64]
 
@@ -42,50 +43,6 @@ def strip(text: Bytes) -> Bytes:
     while end > begin and is_space(text[end - 1]):
         end -= 1
     return text[begin:end]
-
-
-@internal
-def number(text: Bytes) -> float:
-    """The number that `text` is, or NaN where it is none (or not finite)."""
-    text = strip(text)
-    i = 0
-    negative = False
-    if text.size > 0 and (text[0] == 43 or text[0] == 45):
-        negative = text[0] == 45
-        i = 1
-    digits = np.zeros(text.size + 1, np.int64)
-    count, seen, exponent, point = 0, 0, 0, False
-    while i < text.size and (is_digit(text[i]) or (text[i] == 46 and not point)):
-        if text[i] == 46:
-            point = True
-        else:
-            seen += 1
-            if count > 0 or text[i] != 48:
-                digits[count] = text[i] - 48
-                count += 1
-            if point:
-                exponent -= 1
-        i += 1
-    if seen == 0:
-        return math.nan
-    if i < text.size and (text[i] == 101 or text[i] == 69):
-        i += 1
-        down = i < text.size and text[i] == 45
-        if i < text.size and (text[i] == 43 or text[i] == 45):
-            i += 1
-        if i == text.size:
-            return math.nan
-        power = 0
-        while i < text.size and is_digit(text[i]):
-            power = min(power * 10 + (text[i] - 48), 1_000_000_000)
-            i += 1
-        exponent += -power if down else power
-    if i != text.size:
-        return math.nan
-    value = _nearest(digits[:count], exponent)
-    if math.isinf(value):
-        return math.nan
-    return -value if negative else value
 
 
 @internal
@@ -134,3 +91,47 @@ def _nearest(digits: Integers, exponent: int) -> float:
 @internal
 def _bit(limbs: Integers, position: int) -> int:
     return int(limbs[position // _BITS] >> (position % _BITS)) & 1
+
+
+@exported(types.float64(types.uint8[::1]))
+def number(text: Bytes) -> float:
+    """The number that `text` is, or NaN where it is none (or not finite)."""
+    text = strip(text)
+    i = 0
+    negative = False
+    if text.size > 0 and (text[0] == 43 or text[0] == 45):
+        negative = text[0] == 45
+        i = 1
+    digits = np.zeros(text.size + 1, np.int64)
+    count, seen, exponent, point = 0, 0, 0, False
+    while i < text.size and (is_digit(text[i]) or (text[i] == 46 and not point)):
+        if text[i] == 46:
+            point = True
+        else:
+            seen += 1
+            if count > 0 or text[i] != 48:
+                digits[count] = text[i] - 48
+                count += 1
+            if point:
+                exponent -= 1
+        i += 1
+    if seen == 0:
+        return math.nan
+    if i < text.size and (text[i] == 101 or text[i] == 69):
+        i += 1
+        down = i < text.size and text[i] == 45
+        if i < text.size and (text[i] == 43 or text[i] == 45):
+            i += 1
+        if i == text.size:
+            return math.nan
+        power = 0
+        while i < text.size and is_digit(text[i]):
+            power = min(power * 10 + (text[i] - 48), 1_000_000_000)
+            i += 1
+        exponent += -power if down else power
+    if i != text.size:
+        return math.nan
+    value = _nearest(digits[:count], exponent)
+    if math.isinf(value):
+        return math.nan
+    return -value if negative else value

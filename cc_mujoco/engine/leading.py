@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numba import cfunc
 
 from cc_mujoco.engine import config, ends, fields, path, pieces
@@ -30,22 +29,30 @@ from cc_mujoco.engine.block import (
     memory,
     new_at,
     opens,
+    outdate,
     parameters_at,
     pulls_at,
     scratch_at,
     shape_at,
 )
 from cc_mujoco.engine.memory import (
+    Floats,
+    add,
+    assign,
+    equal,
     evaluate_bodies,
     evaluate_tendons,
     export,
+    fill,
     floats,
     internal,
+    load_real,
     load_word,
+    store_real,
     store_word,
     types,
 )
-from cc_mujoco.transmission import kernel, packing
+from cc_mujoco.transmission import kernel, packing, prepare
 from cc_mujoco.transmission.parameters import MAX_SECTIONS
 
 _FOLLOW = types.void(types.intp, types.intp, types.intp, types.intp)
@@ -60,33 +67,27 @@ _survey = types.ExternalFunction("cc_mujoco_survey", _SURVEY)
 
 
 @internal
-def _equal(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> bool:
-    """Whether two arrays hold the same numbers."""
-    for i in range(a.size):
-        if a[i] != b[i]:
-            return False
-    return True
+def _rest_mocap(model: int, held: Floats) -> None:
+    """Where mocap bodies are at the start: position and orientation (bodies, 7)."""
+    for body in range(fields.bodies(model)):
+        for i in range(7):
+            field = fields.BODY_POS if i < 3 else fields.BODY_QUAT
+            at = 3 * body + i if i < 3 else 4 * body + i - 3
+            held[body, i] = fields.real(model, field, at)
 
 
 @internal
-def _exchange_mocap(
-    model: int, data: int, held: npt.NDArray[np.float64], back: bool
-) -> None:
-    """Put mocap bodies where they are at the start, or back from `held`."""
+def _exchange_mocap(model: int, data: int, held: Floats) -> None:
+    """Put mocap bodies where `held` (bodies, 7) says, and into it where they were."""
     for body in range(fields.bodies(model)):
         place = fields.integer(model, fields.BODY_MOCAP, body)
-        if place < 0:
-            continue
-        position = floats(load_word(data + fields.MOCAP_POS) + 24 * place, 3)
-        turn = floats(load_word(data + fields.MOCAP_QUAT) + 32 * place, 4)
-        if back:
-            position[:] = held[body, :3]
-            turn[:] = held[body, 3:]
-            continue
-        held[body, :3] = position
-        held[body, 3:] = turn
-        position[:] = floats(load_word(model + fields.BODY_POS) + 24 * body, 3)
-        turn[:] = floats(load_word(model + fields.BODY_QUAT) + 32 * body, 4)
+        for i in range(7 if place >= 0 else 0):
+            at = load_word(data + fields.MOCAP_POS) + 24 * place + 8 * i
+            if i >= 3:
+                at = load_word(data + fields.MOCAP_QUAT) + 32 * place + 8 * (i - 3)
+            before = load_real(at)
+            store_real(at, held[body, i])
+            held[body, i] = before
 
 
 def compile_leading(stamp: str, options: dict[str, Any]) -> None:
@@ -110,8 +111,8 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         )  # fmt: skip
         if state == 0:
             return
-        pieces.angles(seen, n)[:guided] = pieces.angles(reference, n)[:guided]
-        pieces.contacts(seen, n)[:guided] = pieces.contacts(reference, n)[:guided]
+        assign(pieces.angles(seen, n)[:guided], pieces.angles(reference, n))
+        assign(pieces.contacts(seen, n)[:guided], pieces.contacts(reference, n))
         if load_word(block + FOLLOWS) == 1:
             length = fields.real(data, fields.TEN_LENGTH, tendon) - reach
             inside = pieces.contacts(reference, n)[:guided]
@@ -129,18 +130,20 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
             load_word(data + fields.POSITION),
             load_word(model + fields.REST),
         )
-        kept = floats(present, nq).copy()
-        floats(present, nq)[:] = floats(rest, nq)
+        kept = np.empty(nq)
+        assign(kept, floats(present, nq))
+        assign(floats(present, nq), floats(rest, nq))
         held = np.empty((fields.bodies(model), 7))
-        _exchange_mocap(model, data, held, False)
+        _rest_mocap(model, held)
+        _exchange_mocap(model, data, held)
         evaluate_bodies(model, data)
         evaluate_tendons(model, data)
         size = pieces.shape_size(n)
         reference = floats(shape_at(block, n, REFERENCE), size)
-        reference[:] = 0.0
+        fill(reference, 0.0)
         _survey(block, model, data, 0, shape_at(block, n, REFERENCE))
-        floats(present, nq)[:] = kept
-        _exchange_mocap(model, data, held, True)
+        assign(floats(present, nq), kept)
+        _exchange_mocap(model, data, held)
         evaluate_bodies(model, data)
         evaluate_tendons(model, data)
 
@@ -151,26 +154,26 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         prm = floats(parameters_at(block), kernel.parameter_size(n))
         angles, contacts = kernel.segment_angles(prm, n), packing.contact_length(prm, n)
         lengths = packing.node_length(prm, n)
-        lengths[:] = 0.0
+        fill(lengths, 0.0)
         if guided > 0:
             inside = np.empty(kernel.parameter_size(guided))
             kernel.pack(values, sections[:count], guided, inside)
-            pieces.angles(reference, n)[:guided] = kernel.segment_angles(inside, guided)
-            pieces.contacts(reference, n)[:guided] = packing.contact_length(
-                inside, guided
-            )
-            lengths[: guided + 1] = packing.node_length(inside, guided)
+            bent = kernel.segment_angles(inside, guided)
+            assign(pieces.angles(reference, n)[:guided], bent)
+            rubs = packing.contact_length(inside, guided)
+            assign(pieces.contacts(reference, n)[:guided], rubs)
+            assign(lengths[: guided + 1], packing.node_length(inside, guided))
         outside = pieces.lengths(reference, n)
         for i in range(guided + 1 if guided > 0 else 0, n + 1):
             lengths[i] = max(outside[i], pieces.SHORTEST)
-        angles[:] = pieces.angles(reference, n)
-        contacts[:] = pieces.contacts(reference, n)
+        assign(angles, pieces.angles(reference, n))
+        assign(contacts, pieces.contacts(reference, n))
         prm[packing.LENGTH] = lengths.sum()
         prm[packing.GUIDED] = guided
         kernel.pack_mesh(values, n, prm)
         kernel.expect_change(prm)
         kernel.expect_lengthening(prm)
-        store_word(block + KNOWN, 0)
+        outdate(block)
         store_word(block + REFERRED, 1)
 
     export("cc_mujoco_refer", refer_path.address)
@@ -181,24 +184,19 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         _ = stamp
         n = load_word(block + SEGMENTS)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
-        wanted, present = floats(shape, n), kernel.segment_angles(prm, n)
-        differs = not _equal(wanted, present)
+        contacts = packing.contact_length(prm, n)
         if opens(block):
             size = pieces.shape_size(n)
             path_now = floats(shape, size)
             reference = floats(shape_at(block, n, REFERENCE), size)
             gained = floats(scratch_at(block, n), n + 1)
-            contacts = packing.contact_length(prm, n)
+            contacts = pieces.contacts(path_now, n)
             pieces.lengthen(path_now, reference, memory(state, n), n, gained)
-            if not _equal(gained, packing.lengthening(prm, n)):
-                packing.lengthening(prm, n)[:] = gained
+            if not equal(gained, packing.lengthening(prm, n)):
+                assign(packing.lengthening(prm, n), gained)
                 store_word(block + KNOWN, 0)
-            if not _equal(pieces.contacts(path_now, n), contacts):
-                contacts[:] = pieces.contacts(path_now, n)
-                differs = True
-        if differs:
-            kernel.rebend(prm, n, wanted)
-            store_word(block + KNOWN, 0)
+        if prepare.relay(prm, n, floats(shape, n), contacts):
+            outdate(block)
 
     export("cc_mujoco_lay", lay_path.address)
 
@@ -233,7 +231,7 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         target = load_word(data + fields.PASSIVE)
         last = floats(pulls_at(block, n), nv)
         forces = floats(scratch_at(block, n), nv)
-        forces[:] = 0.0
+        fill(forces, 0.0)
         tied = 0.0
         for end in (PROXIMAL, DISTAL):
             if load_word(block + TIED + end - PROXIMAL) != 0:
@@ -249,9 +247,9 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         passive = floats(target, nv)
         if load_word(block + FRESH) == 0:
             # MuJoCo evaluates the actuators again, alone.
-            passive -= last
-        passive += forces
-        last[:] = forces
+            add(passive, last, -1.0)
+        add(passive, forces, 1.0)
+        assign(last, forces)
         store_word(block + FRESH, 0)
 
     export("cc_mujoco_pull", pull_path.address)

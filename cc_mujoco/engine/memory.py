@@ -16,24 +16,21 @@ from typing import Any
 import llvmlite.binding  # type: ignore[import-untyped]
 import llvmlite.ir as ir  # type: ignore[import-untyped]
 import mujoco
-import numba
 import numpy as np
 import numpy.typing as npt
 from mujoco.introspect.enums import ENUMS
-from numba import carray, njit  # type: ignore[attr-defined]
+from numba import carray  # type: ignore[attr-defined]
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from cc_mujoco.compiled import internal as internal
+from cc_mujoco.compiled import types as types
 from cc_mujoco.engine.layout import offset, structure
 
 Bytes = npt.NDArray[np.uint8]
+Floats = npt.NDArray[np.float64]
 
-types: Any = numba.types
-"""Numba's types; calling one makes a signature, which its annotations do not tell."""
 _carray: Any = carray
-
-internal = njit(nogil=True, error_model="numpy")
-"""Decorator of functions that only callbacks call, whose cache entry covers them."""
 
 _PATTERNS = {"win32": "mujoco.dll", "darwin": "libmujoco*.dylib"}
 _FOLDER = Path(mujoco.__file__).parent
@@ -204,6 +201,79 @@ def floats(address: int, count: int) -> npt.NDArray[np.float64]:
     """View on `count` doubles."""
     view: npt.NDArray[np.float64] = _carray(_pointer(address), (count,), np.float64)
     return view
+
+
+@internal
+def words(address: int, count: int) -> npt.NDArray[np.int64]:
+    """View on `count` aligned words of 8 bytes."""
+    view: npt.NDArray[np.int64] = _carray(_pointer(address), (count,), np.int64)
+    return view
+
+
+@internal
+def same_words(a: int, b: int, count: int) -> bool:
+    """Whether as many aligned words at two addresses are equal, bit by bit."""
+    one, other, different = words(a, count), words(b, count), 0
+    for i in range(count):
+        different |= one[i] ^ other[i]
+    return different == 0
+
+
+@internal
+def copy_words(source: int, target: int, count: int) -> None:
+    """Copy aligned words of 8 bytes."""
+    given, taken = words(source, count), words(target, count)
+    for i in range(count):
+        taken[i] = given[i]
+
+
+# Loops, as Numba takes ten times as long to compile the same on whole arrays.
+@internal
+def fill(target: Floats, value: float) -> None:
+    """Set all numbers of an array."""
+    for i in range(target.size):
+        target[i] = value
+
+
+@internal
+def assign(target: Floats, source: Floats) -> None:
+    """Copy an array into one of its size."""
+    for i in range(target.size):
+        target[i] = source[i]
+
+
+@internal
+def add(target: Floats, source: Floats, factor: float) -> None:
+    """Add a multiple of an array to one of its size."""
+    for i in range(target.size):
+        target[i] += factor * source[i]
+
+
+@internal
+def dot(a: Floats, b: Floats) -> float:
+    """Scalar product."""
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
+
+
+@internal
+def equal(a: Floats, b: Floats) -> bool:
+    """Whether two arrays hold the same numbers."""
+    for i in range(a.size):
+        if a[i] != b[i]:
+            return False
+    return True
+
+
+@internal
+def vanishes(a: Floats) -> bool:
+    """Whether an array is all 0."""
+    for i in range(a.size):
+        if a[i] != 0.0:
+            return False
+    return True
 
 
 @internal

@@ -23,7 +23,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cc_mujoco.engine import fields
-from cc_mujoco.engine.memory import internal, load_real, load_word
+from cc_mujoco.engine.memory import (
+    fill,
+    internal,
+    load_real,
+    load_word,
+)
 
 Floats = npt.NDArray[np.float64]
 Point = tuple[float, float, float]
@@ -167,7 +172,7 @@ def bend(
         segments: length of each segment (n,) [m].
         out: out, wrap angles from the first point to the last (n,) [rad].
     """
-    out[:] = 0.0
+    fill(out, 0.0)
     if not total > 0.0:
         return
     scale = segments.sum() / total

@@ -28,7 +28,14 @@ import numpy as np
 import numpy.typing as npt
 
 from cc_mujoco.engine import fields
-from cc_mujoco.engine.memory import apply_force, internal, load_real, load_word
+from cc_mujoco.engine.memory import (
+    apply_force,
+    assign,
+    fill,
+    internal,
+    load_real,
+    load_word,
+)
 from cc_mujoco.engine.path import SHORT, Point, arc, turning
 
 Floats = npt.NDArray[np.float64]
@@ -239,7 +246,7 @@ def survey(
     total, turned = _row(shape, n, _TOTAL), _row(shape, n, _TURNED)
     touch, extent = _row(shape, n, _TOUCH), _row(shape, n, _EXTENT)
     period, length = _row(shape, n, _PERIOD), lengths(shape, n)
-    extent[:] = 0.0
+    fill(extent, 0.0)
     seen, span = 0, 0  # geoms and spans
     j = guided
     k = 0
@@ -314,7 +321,7 @@ def touch_of(memory: Floats, n: int, j: int) -> float:
 @internal
 def remember(shape: Floats, n: int, memory: Floats) -> None:
     """Write what a state remembers of a path."""
-    memory[:] = shape[_TOTAL * (n + 1) : (_TOUCH + 1) * (n + 1)]
+    assign(memory, shape[_TOTAL * (n + 1) : (_TOUCH + 1) * (n + 1)])
 
 
 @internal
@@ -330,7 +337,7 @@ def lengthen(
         n: number of segments.
         gained: out, (n + 1,) [m].
     """
-    gained[:] = 0.0
+    fill(gained, 0.0)
     extent, touch = _row(shape, n, _EXTENT), _row(shape, n, _TOUCH)
     total, turned = _row(shape, n, _TOTAL), _row(shape, n, _TURNED)
     period = _row(shape, n, _PERIOD)

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-import sys
-import threading
 from pathlib import Path
-from typing import Any
 
 import mujoco
 from mujoco.introspect.enums import ENUMS
-from numba.core import event
 
+from cc_mujoco.compiled import announced
 from cc_mujoco.engine import layout
 from cc_mujoco.engine.callbacks import compile_callbacks
 from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.engine.memory import LIBRARY
 from cc_mujoco.transmission import kernel
 from cc_mujoco.transmission.parameters import KEYS
-
-_NOTICE = "cc_mujoco: compiling the cable plugin; this happens once, 2-3 min\n"
 
 
 def _stamp() -> str:
@@ -59,12 +54,6 @@ class _Plugin(ctypes.Structure):
     )
 
 
-def _tell(compiling: Any) -> None:
-    """Say that it takes long, where it is not the machine that is slow."""
-    if compiling.buffer:
-        sys.stderr.write(_NOTICE)
-
-
 def register() -> None:
     """Register the plugin with MuJoCo, once per process.
 
@@ -85,19 +74,11 @@ def register() -> None:
         return
     layout.verify()
     stamp = _stamp()
-    # What Numba finds in its cache it does not compile.
-    compiling: Any = event.RecordingListener()  # type: ignore[no-untyped-call]
-    notice = threading.Timer(6.0, _tell, (compiling,))
-    notice.daemon = True
-    notice.start()
-    try:
-        with event.install_listener("numba:compile", compiling):
-            try:
-                callbacks = compile_callbacks(stamp, cache=True)
-            except RuntimeError:  # Numba finds no folder for its cache.
-                callbacks = compile_callbacks(stamp, cache=False)
-    finally:
-        notice.cancel()
+    with announced():
+        try:
+            callbacks = compile_callbacks(stamp, cache=True)
+        except RuntimeError:  # Numba finds no folder for its cache.
+            callbacks = compile_callbacks(stamp, cache=False)
     plugin = _Plugin()
     LIBRARY.mjp_defaultPlugin(ctypes.byref(plugin))
     plugin.name = PLUGIN.encode()

@@ -46,12 +46,15 @@ from cc_mujoco.engine.memory import (
     Bytes,
     append,
     append_milliseconds,
+    dot,
+    fill,
     floats,
     internal,
     load_integer,
     load_real,
     load_word,
     solve_inertia,
+    vanishes,
 )
 from cc_mujoco.transmission import kernel
 
@@ -97,14 +100,14 @@ def limits(model: int, data: int, instance: int, out: Floats) -> None:
                 begin, end = row, row + rows
             row += rows
     for i in range(count):
-        if np.any(moment[i] != 0.0):
+        if not vanishes(moment[i]):
             solve_inertia(model, data, solved[i].ctypes.data, moment[i].ctypes.data, 1)
-            square[i] = max((moment[i] * solved[i]).sum(), 0.0)
-    out[:] = math.inf
+            square[i] = max(dot(moment[i], solved[i]), 0.0)
+    fill(out, math.inf)
     for i in range(begin, end):
         total = 0.0
         for j in range(count if square[i] > 0.0 else 0):
-            shared = abs((moment[i] * solved[j]).sum())
+            shared = abs(dot(moment[i], solved[j]))
             total += shared * math.sqrt(square[j] / square[i])
         if total > 0.0:
             near = min(i - begin, 2)

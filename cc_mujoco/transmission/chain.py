@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import FloatArray, internal
 
 
-@compiled
+@internal
 def slipping(
     slip_direction: float,
     hold_distal: float,
@@ -32,7 +32,7 @@ def slipping(
     return 1.0 / hold_proximal, -drag / hold_proximal, viscosity / hold_proximal
 
 
-@compiled
+@internal
 def solve(
     n: int,
     tension: FloatArray,
@@ -100,7 +100,7 @@ def solve(
         constant, slope = t + k * w, k
 
 
-@compiled
+@internal
 def lay(
     first: int,
     last: int,
@@ -130,7 +130,7 @@ def lay(
         shift[i] = proximal
 
 
-@compiled
+@internal
 def lay_slack(
     n: int,
     free: FloatArray,

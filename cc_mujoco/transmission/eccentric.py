@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import math
 
-from cc_mujoco.compiled import compiled
+from cc_mujoco.compiled import internal
 
 
-@compiled
+@internal
 def wound(
     length: float, gear: float, e: float, phase: float, ovality: float, second: float
 ) -> float:
@@ -30,7 +30,7 @@ def wound(
     return length + math.copysign(1.0, gear) * swing
 
 
-@compiled
+@internal
 def lever(
     length: float, gear: float, e: float, phase: float, ovality: float, second: float
 ) -> float:

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import math
 
-from cc_mujoco.compiled import compiled
+from cc_mujoco.compiled import internal
 
 STIFFEST = 100.0
 """Beyond this multiple of its first stiffness a cable stiffens no more."""
 
 
-@compiled
+@internal
 def stretch_of(
     tension: float, length: float, ea: float, stiffening: float, spring: float
 ) -> float:
@@ -34,7 +34,7 @@ def stretch_of(
     return length * strain / (stiffening * ea) + spring * tension
 
 
-@compiled
+@internal
 def compliance_at(
     tension: float, length: float, ea: float, stiffening: float, spring: float
 ) -> float:
@@ -43,7 +43,7 @@ def compliance_at(
     return length / (ea * factor) + spring
 
 
-@compiled
+@internal
 def tension_of(
     stretch: float, length: float, ea: float, stiffening: float, spring: float
 ) -> float:
@@ -64,7 +64,7 @@ def tension_of(
     return max(tension, 0.0)
 
 
-@compiled
+@internal
 def energy_at(
     tension: float, length: float, ea: float, stiffening: float, spring: float
 ) -> float:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import FloatArray, compiled, internal
 from cc_mujoco.transmission.parameter import Term
 from cc_mujoco.transmission.parameters import PARAMETERS, TERMS
 
@@ -83,7 +83,7 @@ def ratio(coefficient: float, angle: float) -> float:
     return math.exp(min(coefficient * angle, MAX_EXPONENT))
 
 
-@compiled
+@internal
 def is_state_dependent(values: FloatArray) -> bool:
     """Whether load, time or place change the coefficients."""
     for switch, other in _SCALING:
@@ -92,7 +92,7 @@ def is_state_dependent(values: FloatArray) -> bool:
     return False
 
 
-@compiled
+@internal
 def is_constant_coulomb(values: FloatArray) -> bool:
     """Whether all is constant, along the cable as well."""
     for switch, other in _VARYING:
@@ -101,7 +101,7 @@ def is_constant_coulomb(values: FloatArray) -> bool:
     return True
 
 
-@compiled
+@internal
 def _grown(length: float, growth: float) -> float:
     """Length of a segment, each part weighted by the capstan growth ahead of it [m]."""
     exponent = math.log(growth)
@@ -129,7 +129,7 @@ def drag(
     return total
 
 
-@compiled
+@internal
 def grease_viscosity(values: FloatArray, speed: float) -> float:
     """Drag of grease per conduit length and slip speed, at that speed [N s/m^2].
 
@@ -142,7 +142,7 @@ def grease_viscosity(values: FloatArray, speed: float) -> float:
     return float(values[_GREASE] * max(speed, SLOWEST) ** power)
 
 
-@compiled
+@internal
 def next_guess(values: FloatArray, guess: float, speed: float) -> float:
     """Slip speed to take the viscosity of grease at, after a round gave `speed` [m/s].
 
@@ -154,7 +154,7 @@ def next_guess(values: FloatArray, guess: float, speed: float) -> float:
     return float(max(guess * (max(speed, SLOWEST) / guess) ** further, SLOWEST))
 
 
-@compiled
+@internal
 def viscosity(
     values: FloatArray, length: float, growth: float, speed: float, dt: float
 ) -> float:
@@ -165,7 +165,7 @@ def viscosity(
     return viscous * _grown(length, growth) / dt
 
 
-@compiled
+@internal
 def kinetic_coefficient(values: FloatArray, slip: float, speed: float) -> float:
     """Coefficient of a segment that slips.
 
@@ -193,7 +193,7 @@ def holding_coefficient(values: FloatArray) -> float:
     return coefficient
 
 
-@compiled
+@internal
 def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -> float:
     """Slip speed that the Stribeck term sees in the next step [m/s]; 0 at rest.
 
@@ -210,7 +210,7 @@ def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -
     return now + (speed - now) * math.exp(-abs(slip) / values[_CRITICAL_SLIP])
 
 
-@compiled
+@internal
 def bristle_stiffness(
     values: FloatArray, coefficient: float, angle: float, mean: float, drag: float
 ) -> float:
@@ -220,7 +220,7 @@ def bristle_stiffness(
     return stiffness if stiffness > SOFTEST_BRISTLE else 0.0
 
 
-@compiled
+@internal
 def bristle_force(force: float, stretch: float, stiffness: float) -> float:
     """What bristles of `force` [N] and `stretch` [m] hold with a new `stiffness`.
 
@@ -231,14 +231,14 @@ def bristle_force(force: float, stretch: float, stiffness: float) -> float:
     return min(max(force, -most), most)
 
 
-@compiled
+@internal
 def drift_factor(values: FloatArray, time: float, heat: float) -> float:
     """Factor on every coefficient, `time` after the start [s] with `heat` [J]."""
     drift = values[_DRIFT] * time + values[_HEATING] * heat
     return float(max(1.0 + drift, 0.0))
 
 
-@compiled
+@internal
 def warmed(values: FloatArray, heat: float, lost: float, dt: float) -> float:
     """Heat in the conduit after a step in which friction lost this energy [J]."""
     if values[_HEATING] == 0.0:
@@ -246,7 +246,7 @@ def warmed(values: FloatArray, heat: float, lost: float, dt: float) -> float:
     return float((heat + lost) * math.exp(-dt / values[_COOLING]))
 
 
-@compiled
+@internal
 def wrap_factor(
     values: FloatArray, travel: float, begin: float, end: float, length: float
 ) -> float:
@@ -261,7 +261,7 @@ def wrap_factor(
     return float(max(1.0 + bent * travel, 0.0))
 
 
-@compiled
+@internal
 def load_factor(values: FloatArray, mean: float) -> float:
     """Factor on the coefficient of a segment of tension `mean` [N]."""
     exponent: float = values[_TENSION_EXPONENT]
@@ -271,7 +271,7 @@ def load_factor(values: FloatArray, mean: float) -> float:
     return float(load**exponent)
 
 
-@compiled
+@internal
 def aged(values: FloatArray, age: float, slip: float, dt: float) -> float:
     """Age ln(1 + t/t_0) of the contacts after a step with this much slip [m].
 

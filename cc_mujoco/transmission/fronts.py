@@ -20,13 +20,21 @@ it does while coefficients are constant. It says so when it fails, and
 
 from __future__ import annotations
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import (
+    INTEGER,
+    REAL,
+    REALS,
+    FloatArray,
+    exported,
+    internal,
+    types,
+)  # fmt: skip
 
 TOLERANCE = 1e-11
 """Relative excess over the friction limit that counts as holding (rounding)."""
 
 
-@compiled
+@internal
 def pushed(
     proximal: float,
     distal: float,
@@ -46,7 +54,7 @@ def pushed(
     return 0
 
 
-@compiled
+@internal
 def _join(
     c: float,
     e: float,
@@ -70,7 +78,7 @@ def _join(
     return a, b, a + compliance, b + compliance * before
 
 
-@compiled
+@internal
 def _null_slip(
     p: float,
     q: float,
@@ -131,7 +139,12 @@ def _null_slip(
     return min(max(slip, least), most)
 
 
-@compiled
+@exported(
+    types.boolean(
+        INTEGER, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REAL, REAL, REALS,
+        REALS, REALS,
+    )
+)  # fmt: skip
 def march(
     n: int,
     tension: FloatArray,

@@ -25,7 +25,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import (
+    INTEGER,
+    REAL,
+    REALS,
+    FloatArray,
+    exported,
+    internal,
+    types,
+)  # fmt: skip
 from cc_mujoco.transmission.chain import lay_slack, slipping, solve
 from cc_mujoco.transmission.fronts import TOLERANCE, pushed
 
@@ -33,7 +41,7 @@ _GUESSES = 4
 _LEFT, _HELD, _SLACK = 0, 1, 2
 
 
-@compiled
+@internal
 def _read(
     x: FloatArray, y: FloatArray, count: int, before: float, behind: float, at: float
 ) -> float:
@@ -55,7 +63,7 @@ def _read(
     return float(y[a] + (y[b] - y[a]) * share)
 
 
-@compiled
+@internal
 def _mark(
     n: int,
     label: FloatArray,
@@ -87,7 +95,7 @@ def _mark(
             slip_direction[s] = 0.0
 
 
-@compiled
+@internal
 def _settle(
     n: int,
     tension: FloatArray,
@@ -136,7 +144,7 @@ def _settle(
     )  # fmt: skip
 
 
-@compiled
+@internal
 def _guess(
     n: int,
     last: FloatArray,
@@ -208,7 +216,12 @@ def _guess(
     return False
 
 
-@compiled
+@exported(
+    types.void(
+        INTEGER, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REAL,
+        REAL, REAL, REAL, REALS, REALS, REALS,
+    )
+)  # fmt: skip
 def sweep(
     n: int,
     last: FloatArray,

@@ -20,23 +20,41 @@ the stretch of the cable at all times.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import (
+    INTEGER,
+    REAL,
+    REALS,
+    FloatArray,
+    compiled,
+    exported,
+    internal,
+)
+from cc_mujoco.transmission import before, nodes, prepare
 from cc_mujoco.transmission import elasticity as elastic
 from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission import packing as at
 from cc_mujoco.transmission.chain import lay
 from cc_mujoco.transmission.fronts import march, pushed
 from cc_mujoco.transmission.graph import sweep
-from cc_mujoco.transmission.mesh import divide, survey, turn
+from cc_mujoco.transmission.nodes import end_stiffness as end_stiffness
+from cc_mujoco.transmission.nodes import slack as slack
+from cc_mujoco.transmission.nodes import stored as stored
+from cc_mujoco.transmission.nodes import stretch as stretch
 from cc_mujoco.transmission.packing import STATE_HEADER as STATE_HEADER
 from cc_mujoco.transmission.packing import node_stiffness as node_stiffness
 from cc_mujoco.transmission.packing import parameter_size as parameter_size
 from cc_mujoco.transmission.packing import segment_angles as segment_angles
 from cc_mujoco.transmission.packing import state_size as state_size
+from cc_mujoco.transmission.packing import work_size as work_size
+from cc_mujoco.transmission.prepare import expect_change as expect_change
+from cc_mujoco.transmission.prepare import expect_lengthening as expect_lengthening
+from cc_mujoco.transmission.prepare import expect_yielding as expect_yielding
+from cc_mujoco.transmission.prepare import initialize as initialize
+from cc_mujoco.transmission.prepare import pack as pack
+from cc_mujoco.transmission.prepare import pack_mesh as pack_mesh
+from cc_mujoco.transmission.prepare import rebend as rebend
 from cc_mujoco.transmission.presliding import preslide
 
 POSITION, TENSION = 0, 1
@@ -45,263 +63,22 @@ POSITION, TENSION = 0, 1
 OK, NOT_FINITE = 0, 1
 """Status of a step; on NOT_FINITE the new state is the old one."""
 
-_SOLVER_WORK = 11  # per node, for `march` and `sweep`
-_STEP_WORK = 11  # per segment, behind it: slip, coefficients, bristles and speed
-_NODE_WORK = 2  # per node, behind that: tension before the step, stiffness in it
 _SHIFT, _SLIPPED, _GROWTH, _GROWTH_PROXIMAL, _HOLD_DISTAL = 0, 1, 2, 3, 4
 _HOLD_PROXIMAL, _DRAG, _VISCOSITY, _SPRING, _HELD, _SPEED = 5, 6, 7, 8, 9, 10
-_EA = law.INDEX["axial_stiffness"]
-_PRETENSION = law.INDEX["pretension"]
-_FRICTION = law.INDEX["friction"]
 _LOAD_INDEPENDENT = law.INDEX["load_independent_friction"]
 _SEALS = law.INDEX["seal_proximal"], law.INDEX["seal_distal"]
 _STRIBECK = law.INDEX["stribeck_friction"]
 _STATIC = law.INDEX["static_friction"]
 _ASYMMETRY = law.INDEX["friction_asymmetry"]
-_END_COMPLIANCE = law.INDEX["end_compliance"]
 _BRISTLE = law.INDEX["bristle_length"]
 _AGEING = law.INDEX["ageing_friction"]
 _CRITICAL_SLIP = law.INDEX["critical_slip_distance"]
 _STIFFENING = law.INDEX["stiffening"]
 _STRESS_RELAXATION = law.INDEX["stress_relaxation"]
-_RELAXATION_TIME = law.INDEX["relaxation_time"]
 _GREASE = law.INDEX["grease_drag"]
-_LEAST_STIFFENING = 1e-12  # [1/N], below which it drowns in rounding
 _ROUNDS = 60
+_TANGENT = 1  # row of scratch for the stiffness of nodes in the step
 _CURVED = 1e-5  # relative error of tension up to which a straight line will do
-
-
-@compiled
-def work_size(n: int) -> int:
-    """Length of the scratch vector of a step of a cable of n segments."""
-    return (_SOLVER_WORK + _NODE_WORK) * (n + 1) + _STEP_WORK * n
-
-
-@compiled
-def pack(values: FloatArray, sections: FloatArray, n: int, out: FloatArray) -> None:
-    """Prepare the parameters of a cable for the kernel.
-
-    Args:
-        values: scalar parameters in the order of `PARAMETERS`.
-        sections: (m, 2) length and bend radius [m], proximal to distal; inf: straight.
-        n: number of segments.
-        out: packed vector, `parameter_size(n)`.
-    """
-    total, _, even = survey(sections)
-    contacts, lengths = at.contact_length(out, n), at.node_length(out, n)
-    edges = lengths  # until the segments have their lengths
-    divide(sections, n, edges)
-    turn(sections, edges, segment_angles(out, n))
-    for j in range(n):
-        contacts[j] = total / n if even else edges[j + 1] - edges[j]
-    for i in range(n + 1):
-        # The end nodes stand for half a segment.
-        lengths[i] = 0.5 * contacts[0 if i == 0 else i - 1]
-        lengths[i] += 0.5 * contacts[i] if 0 < i < n else 0.0
-    out[at.LENGTH], out[at.GUIDED] = total, n
-    pack_mesh(values, n, out)
-
-
-@compiled
-def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
-    """Prepare the parameters of a cable whose mesh stands in `out` already.
-
-    That is `segment_angles`, `node_length` and `contact_length` of `packing.py`, and
-    the entries `LENGTH`, the sum of the nodes, and `GUIDED`.
-    """
-    for i in range(at.SCALARS):
-        out[i] = values[i]
-    out[at.CHANGES] = out[at.LENGTHENS] = 0.0
-    expect_yielding(out, 0.0, 0.0)
-    if out[_STIFFENING] < _LEAST_STIFFENING:
-        out[_STIFFENING] = 0.0
-    out[at.CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(values) else 0.0
-    out[at.STATE_DEPENDENT] = 1.0 if law.is_state_dependent(values) else 0.0
-    _follow_angles(out, n)
-    at.lengthening(out, n)[:] = 0.0
-    for i in range(n + 1):
-        _set_node(out, n, i)
-
-
-@compiled
-def _set_node(prm: FloatArray, n: int, i: int) -> None:
-    """Pack stiffness and compliance of a node."""
-    length, ea, _, spring = _piece(prm, n, i)
-    stiffness = ea / length
-    if spring > 0.0:
-        stiffness = 1.0 / (1.0 / stiffness + spring)
-    node_stiffness(prm, n)[i] = stiffness
-    at.node_compliance(prm, n)[i] = 1.0 / stiffness
-
-
-@compiled
-def _follow_angles(prm: FloatArray, n: int) -> None:
-    """Pack what depends on the wrap angles of the segments."""
-    values = at.scalars(prm)
-    hold = law.holding_coefficient(values)
-    guided = int(prm[at.GUIDED])
-    length = at.contact_length(prm, n)
-    angle, drag = segment_angles(prm, n), at.constant_drag(prm, n)
-    growth, holding = at.constant_growth(prm, n), at.constant_hold(prm, n)
-    half = at.half_compliance(prm, n)
-    for j in range(n):
-        growth[j] = holding[j] = law.ratio(values[_FRICTION], angle[j])
-        if hold != values[_FRICTION]:
-            holding[j] = law.ratio(hold, angle[j])
-        drag[j] = law.drag(values, length[j], growth[j], j, guided)
-        half[j] = 1.0 / (values[_EA] / (0.5 * length[j])) if length[j] > 0.0 else 0.0
-
-
-@compiled
-def rebend(prm: FloatArray, n: int, angles: FloatArray) -> None:
-    """Give the segments of a packed cable other wrap angles (n,) [rad].
-
-    The length stays. Call `expect_change` too.
-    """
-    segment_angles(prm, n)[:] = angles[:n]
-    _follow_angles(prm, n)
-
-
-@compiled
-def expect_change(prm: FloatArray) -> None:
-    """Have every step of a packed cable allow that its bends changed before it.
-
-    Tensions may then lie beyond what friction holds, so slip may begin anywhere.
-    """
-    prm[at.CHANGES] = 1.0
-
-
-@compiled
-def expect_lengthening(prm: FloatArray) -> None:
-    """Have every step of a packed cable take up what its path gained in length before.
-
-    That is `packing.lengthening` [m] at every node, for that step alone. Call
-    `expect_change` too.
-    """
-    prm[at.LENGTHENS] = 1.0
-
-
-@compiled
-def expect_yielding(prm: FloatArray, proximal: float, distal: float) -> None:
-    """Have the next step of a packed cable move its ends as their tensions change.
-
-    Each is then at the displacement that the step is given only while its tension stays
-    what it was; by the gain it goes further into the cable, by `proximal` and `distal`
-    [m/N], and the new state tells where it is. Only where position is prescribed.
-    """
-    prm[at.YIELD_PROXIMAL] = proximal
-    prm[at.YIELD_DISTAL] = distal
-
-
-@compiled
-def initialize(
-    prm: FloatArray, n: int, u_proximal: float, u_distal: float, state: FloatArray
-) -> None:
-    """Set the state to rest with uniform pretension, the ends where they are [m]."""
-    for i in range(state_size(n)):
-        state[i] = 0.0
-    state[0] = u_proximal
-    state[1] = u_distal
-    stretch = prm[_PRETENSION] * prm[at.LENGTH] / prm[_EA]
-    state[3] = stretch + prm[_PRETENSION] * prm[_END_COMPLIANCE]
-    if prm[_STIFFENING] > 0.0:
-        state[3] = _rest_stretch(prm, prm[_PRETENSION])
-    if prm[at.LENGTHENS] != 0.0:
-        state[3] = 0.0
-    at.tensions(state, n)[:] = prm[_PRETENSION]
-
-
-@compiled
-def _compliance(prm: FloatArray) -> float:
-    """Compliance of the cable with its end spring [m/N]."""
-    return float(prm[at.LENGTH] / prm[_EA] + prm[_END_COMPLIANCE])
-
-
-@compiled
-def _rest_stretch(prm: FloatArray, tension: float) -> float:
-    """Stretch of the cable with its end spring at a uniform tension [m]."""
-    return elastic.stretch_of(
-        tension, prm[at.LENGTH], prm[_EA], prm[_STIFFENING], prm[_END_COMPLIANCE]
-    )
-
-
-@compiled
-def _piece(prm: FloatArray, n: int, i: int) -> tuple[float, float, float, float]:
-    """Node i for `elasticity.py`: length, stiffness EA, stiffening, end spring."""
-    length = at.node_length(prm, n)[i]
-    spring = 0.0
-    if i == n:
-        spring = prm[_END_COMPLIANCE] + prm[at.YIELD_DISTAL]
-    elif i == 0:
-        spring = prm[at.YIELD_PROXIMAL]
-    return length, prm[_EA], prm[_STIFFENING], spring
-
-
-@compiled
-def stretch(prm: FloatArray, n: int, state: FloatArray) -> float:
-    """Stretch of all nodes [m], which `state[3]` follows."""
-    total = 0.0
-    tension = at.tensions(state, n)
-    for i in range(n + 1):
-        length, ea, stiffening, spring = _piece(prm, n, i)
-        total += elastic.stretch_of(tension[i], length, ea, stiffening, spring)
-    return total
-
-
-@compiled
-def end_stiffness(prm: FloatArray, n: int, distal: bool) -> float:
-    """Stiffness of an end against motion so small that friction holds the rest [N/m].
-
-    That of the nodes up to the first segment that friction holds: of half a segment
-    where the conduit bends from its mouth on.
-    """
-    compliance = 0.0
-    factor = min(1.0 + prm[_STIFFENING] * prm[_PRETENSION], 100.0)
-    stiffness = node_stiffness(prm, n)
-    hold, drag = at.constant_hold(prm, n), at.constant_drag(prm, n)
-    for i in range(n + 1):
-        compliance += 1.0 / stiffness[n - i if distal else i]
-        j = n - 1 - i if distal else i
-        if i < n and (hold[j] > 1.0 or drag[j] > 0.0):
-            return float(factor / compliance)
-    # Nothing holds: one spring between both ends, which two equal masses find twice as
-    # stiff as it is.
-    return float(2.0 * factor / compliance)
-
-
-@compiled
-def slack(prm: FloatArray, n: int, state: FloatArray) -> float:
-    """Length of cable that lies slack in the conduit [m]."""
-    tension, stiffness = at.tensions(state, n), node_stiffness(prm, n)
-    total = 0.0
-    for i in range(n + 1):
-        total -= min(tension[i], 0.0) / stiffness[i]
-    return total
-
-
-@compiled
-def stored(prm: FloatArray, n: int, state: FloatArray) -> float:
-    """Elastic energy of the cable and of the bristles on it [J]."""
-    total = _elastic_energy(prm, n, at.tensions(state, n))
-    if prm[_BRISTLE] > 0.0:
-        force, stretched = at.bristle_forces(state, n), at.bristle_stretches(state, n)
-        for j in range(n):
-            total += 0.5 * abs(force[j] * stretched[j])
-    return total
-
-
-@compiled
-def _elastic_energy(prm: FloatArray, n: int, tension: FloatArray) -> float:
-    """Elastic energy of the cable and its end spring [J]."""
-    stiffness = node_stiffness(prm, n)
-    total = 0.0
-    for i in range(n + 1):
-        if prm[_STIFFENING] == 0.0:
-            total += 0.5 * max(tension[i], 0.0) ** 2 / stiffness[i]
-        else:
-            length, ea, stiffening, spring = _piece(prm, n, i)
-            total += elastic.energy_at(tension[i], length, ea, stiffening, spring)
-    return total
 
 
 @compiled
@@ -321,159 +98,14 @@ def advance(
     )
 
 
-@compiled
-def step(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    proximal_kind: int,
-    proximal_value: float,
-    distal_kind: int,
-    distal_value: float,
-    dt: float,
-    new_state: FloatArray,
-    work: FloatArray,
-) -> int:
-    """Advance a cable by one time step.
-
-    Args:
-        prm: packed parameters, `pack`.
-        n: number of segments.
-        state: state before the step; not written.
-        proximal_kind: POSITION or TENSION, what is prescribed at the proximal end.
-        proximal_value: that displacement [m] or tension [N], >= 0.
-        distal_kind: the same of the distal end; not both may be TENSION.
-        distal_value: that displacement [m] or tension [N], >= 0.
-        dt: time step [s]; matters only to rate-dependent terms.
-        new_state: out, state after the step; must not overlap `state`.
-        work: scratch, `work_size(n)`.
-
-    Returns:
-        OK or NOT_FINITE.
-    """
-    for i in range(state_size(n)):
-        new_state[i] = state[i]
-    # Until what changes the tensions before the ends move is done, they hold.
-    yields = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
-    expect_yielding(prm, 0.0, 0.0)
-    if not (np.isfinite(proximal_value) and np.isfinite(distal_value)):
-        return NOT_FINITE
-    is_constant_coulomb = prm[at.CONSTANT_COULOMB] != 0.0
-    by_position = proximal_kind == POSITION and distal_kind == POSITION
-    proximal_moved, distal_moved = proximal_value - state[0], distal_value - state[1]
-    still = by_position and proximal_moved == 0.0 and distal_moved == 0.0
-    changes, lengthens = prm[at.CHANGES] != 0.0, prm[at.LENGTHENS] != 0.0
-    if is_constant_coulomb and still and not changes:
-        _rest(n, new_state)
-        return OK
-    growth, drag = at.constant_growth(prm, n), at.constant_drag(prm, n)
-    hold_distal, hold_proximal = growth, growth
-    compliance = at.node_compliance(prm, n)
-    tension = at.tensions(state, n)
-    if prm[_STRESS_RELAXATION] > 0.0:
-        tension = _relax_stress(prm, n, state, dt, new_state, work)
-    if lengthens:
-        tension = _lengthen(prm, n, tension, work)
-    yielding = yields[0] > 0.0 or yields[1] > 0.0
-    if yielding:
-        tension = _give_way(prm, n, state, tension, yields, new_state, work)
-    node = at.tensions(new_state, n)
-    shift = _row(work, n, _SHIFT)
-    greased = prm[_GREASE] > 0.0
-    if greased:
-        guess, speed = _row(work, n, _SPEED), at.slip_speeds(state, n)
-        for j in range(n):
-            guess[j] = max(speed[j], law.SLOWEST)
-    varying = not is_constant_coulomb or prm[_STATIC] > 0.0
-    if varying:
-        _coefficients(prm, n, state, tension, dt, work)
-        growth, drag = _row(work, n, _GROWTH), _row(work, n, _DRAG)
-        hold_distal, hold_proximal = (
-            _row(work, n, _HOLD_DISTAL),
-            _row(work, n, _HOLD_PROXIMAL),
-        )
-
-    solved = False
-    quick = is_constant_coulomb and by_position
-    if quick and changes:
-        # The fronts presume that friction holds the tensions before the step.
-        quick = _held(n, tension, hold_distal, hold_proximal, drag)
-        if quick and still and not lengthens:
-            _rest(n, new_state)
-            return OK
-    if quick:
-        stretch = new_state[3]
-        if lengthens:
-            stretch = 0.0
-            for i in range(n + 1):
-                stretch += tension[i] * compliance[i]
-        stretch += distal_moved - proximal_moved
-        dragged = prm[_LOAD_INDEPENDENT] + prm[_SEALS[0]] + prm[_SEALS[1]] > 0.0
-        if stretch <= 0.0 and not dragged:
-            lay(
-                0, n, tension, node_stiffness(prm, n), proximal_moved, True,
-                distal_moved, True, shift,
-            )  # fmt: skip
-            node[:] = 0.0
-            solved = True
-        else:
-            solved = march(
-                n, tension, compliance, at.half_compliance(prm, n), growth,
-                hold_distal, hold_proximal, drag, proximal_moved, distal_moved, shift,
-                node, work,
-            )  # fmt: skip
-            solved = solved and node[0] >= 0.0 and node[n] >= 0.0
-    if not solved:
-        stiffness = node_stiffness(prm, n)
-        curved = prm[_STIFFENING] > 0.0
-        if curved:
-            stiffness = _tangent(prm, n, tension, work)
-        for _ in range(_ROUNDS if curved or greased else 1):
-            _coefficients(prm, n, state, tension, dt, work)
-            proximal_p, proximal_q = _end(
-                proximal_kind, proximal_value, -proximal_moved, tension[0], stiffness[0]
-            )
-            distal_p, distal_q = _end(
-                distal_kind, distal_value, distal_moved, tension[n], stiffness[n]
-            )
-            _solve(
-                prm, n, state, tension, stiffness,
-                proximal_p, proximal_q, distal_p, distal_q, node, work,
-            )  # fmt: skip
-            settled = not greased or _sheared(prm, n, node, dt, work)
-            if curved and not _straightened(
-                prm, n, tension, proximal_kind, proximal_moved, distal_kind,
-                distal_moved, node, stiffness, work,
-            ):  # fmt: skip
-                settled = False
-            if settled:
-                break
-    _commit(
-        prm,
-        n,
-        state,
-        tension,
-        proximal_kind,
-        proximal_value,
-        distal_kind,
-        distal_value,
-        dt,
-        new_state,
-        work,
-    )
-    if yielding:
-        _hold(prm, n, state, yields, new_state)
-    return OK
-
-
-@compiled
+@internal
 def _rest(n: int, new_state: FloatArray) -> None:
     """Forget the slip of every segment: all have stuck."""
     at.slips(new_state, n)[:] = 0.0
     at.slip_speeds(new_state, n)[:] = 0.0
 
 
-@compiled
+@internal
 def _held(
     n: int,
     tension: FloatArray,
@@ -489,158 +121,20 @@ def _held(
     return True
 
 
-@compiled
-def _relax_stress(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    dt: float,
-    new_state: FloatArray,
-    work: FloatArray,
-) -> FloatArray:
-    """Let the cable grow longer, all parts alike; return the tension of its nodes.
-
-    The elastic energy that goes is dissipated.
-    """
-    time, scale = state[at.TIME], prm[_RELAXATION_TIME]
-    before = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-time / scale)
-    after = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-(time + dt) / scale)
-    rest = prm[_PRETENSION]
-    grown = _rest_stretch(prm, rest * before) - _rest_stretch(prm, rest * after)
-    start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n
-    old = at.tensions(state, n)
-    tension = work[start : start + n + 1]
-    for i in range(n + 1):
-        share = _piece(prm, n, i)[0] / prm[at.LENGTH]
-        tension[i] = _pulled(prm, n, i, old[i], -share * grown)
-    lost = _elastic_energy(prm, n, old) - _elastic_energy(prm, n, tension)
-    new_state[2] += max(lost, 0.0)
-    new_state[3] -= grown
-    return tension
-
-
-@compiled
-def _lengthen(prm: FloatArray, n: int, old: FloatArray, work: FloatArray) -> FloatArray:
-    """Stretch every node by what its path gained; return the tension of the nodes."""
-    start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n
-    tension, gained = work[start : start + n + 1], at.lengthening(prm, n)
-    for i in range(n + 1):
-        tension[i] = _pulled(prm, n, i, old[i], gained[i])
-    return tension
-
-
-@compiled
-def _give_way(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    old: FloatArray,
-    yields: tuple[float, float],
-    new_state: FloatArray,
-    work: FloatArray,
-) -> FloatArray:
-    """Put springs before both ends for the rest of a step; return the node tensions.
-
-    A spring is at rest at the tension before the step, or at none where the cable is
-    slack, for nothing pushes.
-    """
-    start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n
-    tension, before = work[start : start + n + 1], at.tensions(state, n)
-    for i in range(n + 1):
-        tension[i] = old[i]
-    own = _node_stretch(prm, n, 0, old[0]), _node_stretch(prm, n, n, old[n])
-    expect_yielding(prm, yields[0], yields[1])
-    for end in range(2):
-        i = n * end
-        _set_node(prm, n, i)
-        if old[i] != before[i] or old[i] < 0.0:
-            whole = own[end] + yields[end] * max(before[i], 0.0)
-            tension[i] = _tension_at(prm, n, i, whole)
-        if prm[at.LENGTHENS] == 0.0:
-            new_state[3] += _node_stretch(prm, n, i, tension[i]) - own[end]
-    return tension
-
-
-@compiled
-def _hold(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    yields: tuple[float, float],
-    new_state: FloatArray,
-) -> None:
-    """Take the springs of `_give_way` away, and tell where the ends are."""
-    before, now = at.tensions(state, n), at.tensions(new_state, n)
-    whole = _node_stretch(prm, n, 0, now[0]), _node_stretch(prm, n, n, now[n])
-    expect_yielding(prm, 0.0, 0.0)
-    for end in range(2):
-        i = n * end
-        _set_node(prm, n, i)
-        if now[i] < 0.0:
-            now[i] = _tension_at(prm, n, i, whole[end])
-        if prm[at.LENGTHENS] == 0.0:
-            new_state[3] += _node_stretch(prm, n, i, now[i]) - whole[end]
-        gone = yields[end] * (max(now[i], 0.0) - max(before[i], 0.0))
-        new_state[end] += -gone if end == 1 else gone
-        if end == 1 and prm[at.CONSTANT_COULOMB] == 0.0:
-            new_state[at.TRAVEL] -= gone
-
-
-@compiled
-def _node_stretch(prm: FloatArray, n: int, i: int, tension: float) -> float:
-    """Stretch of node i [m]."""
-    length, ea, stiffening, spring = _piece(prm, n, i)
-    if stiffening == 0.0:
-        return float(tension * at.node_compliance(prm, n)[i])
-    return elastic.stretch_of(tension, length, ea, stiffening, spring)
-
-
-@compiled
-def _tension_at(prm: FloatArray, n: int, i: int, stretched: float) -> float:
-    """Tension of node i at a stretch [m]."""
-    length, ea, stiffening, spring = _piece(prm, n, i)
-    if stiffening == 0.0:
-        return float(stretched * node_stiffness(prm, n)[i])
-    return elastic.tension_of(stretched, length, ea, stiffening, spring)
-
-
-@compiled
-def _pulled(prm: FloatArray, n: int, i: int, tension: float, stretched: float) -> float:
-    """Tension of node i after it was stretched further [m]."""
-    if stretched == 0.0:
-        return tension
-    length, ea, stiffening, spring = _piece(prm, n, i)
-    if stiffening == 0.0:
-        return float(tension + node_stiffness(prm, n)[i] * stretched)
-    total = stretched + elastic.stretch_of(tension, length, ea, stiffening, spring)
-    return elastic.tension_of(total, length, ea, stiffening, spring)
-
-
-@compiled
-def _stretched(prm: FloatArray, n: int, i: int, before: float, after: float) -> float:
-    """Stretch of node i between two tensions [m]."""
-    length, ea, stiffening, spring = _piece(prm, n, i)
-    if stiffening == 0.0:
-        return float((after - before) / node_stiffness(prm, n)[i])
-    stretch = elastic.stretch_of(after, length, ea, stiffening, spring)
-    return stretch - elastic.stretch_of(before, length, ea, stiffening, spring)
-
-
-@compiled
+@internal
 def _tangent(
     prm: FloatArray, n: int, tension: FloatArray, work: FloatArray
 ) -> FloatArray:
     """Stiffness of the nodes (n+1,) where they are [N/m], a view into `work`."""
-    start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n + n + 1
-    stiffness = work[start : start + n + 1]
+    stiffness = at.node_row(work, n, _TANGENT)
     for i in range(n + 1):
-        length, ea, stiffening, spring = _piece(prm, n, i)
+        length, ea, stiffening, spring = nodes.piece(prm, n, i)
         compliance = elastic.compliance_at(tension[i], length, ea, stiffening, spring)
         stiffness[i] = 1.0 / compliance
     return stiffness
 
 
-@compiled
+@internal
 def _straightened(
     prm: FloatArray,
     n: int,
@@ -658,7 +152,7 @@ def _straightened(
     Returns:
         Whether the lines it was found with were right already.
     """
-    shift = _row(work, n, _SHIFT)
+    shift = at.row(work, n, _SHIFT)
     largest = 0.0
     for i in range(n + 1):
         largest = max(largest, node[i])
@@ -668,14 +162,14 @@ def _straightened(
             continue
         behind = proximal_moved if i == 0 else shift[i - 1]
         stretched = (distal_moved if i == n else shift[i]) - behind
-        true = _pulled(prm, n, i, tension[i], stretched)
+        true = nodes.pulled(prm, n, i, tension[i], stretched)
         if abs(max(true, 0.0) - node[i]) > _CURVED * largest:
             settled = False
         if abs(true - tension[i]) > _CURVED * largest:
             line = (true - tension[i]) / stretched
             # The line of the stretch found can overshoot without end, that of the
             # tension found never does: go between them.
-            found = _stretched(prm, n, i, tension[i], node[i])
+            found = nodes.stretched(prm, n, i, tension[i], node[i])
             if node[i] > 0.0 and abs(node[i] - tension[i]) > _CURVED * largest:
                 steady = (node[i] - tension[i]) / found
                 line = steady * (line / steady) ** 0.3
@@ -683,7 +177,7 @@ def _straightened(
     return settled
 
 
-@compiled
+@internal
 def _sheared(
     prm: FloatArray, n: int, node: FloatArray, dt: float, work: FloatArray
 ) -> bool:
@@ -698,7 +192,7 @@ def _sheared(
         Whether the speeds it was taken at were right already.
     """
     values = at.scalars(prm)
-    shift, guess = _row(work, n, _SHIFT), _row(work, n, _SPEED)
+    shift, guess = at.row(work, n, _SHIFT), at.row(work, n, _SPEED)
     length, largest = at.contact_length(prm, n), 0.0
     for i in range(n + 1):
         largest = max(largest, node[i])
@@ -712,7 +206,7 @@ def _sheared(
     return error <= _CURVED * largest
 
 
-@compiled
+@internal
 def _solve(
     prm: FloatArray,
     n: int,
@@ -727,19 +221,24 @@ def _solve(
     work: FloatArray,
 ) -> None:
     """Solve the step with the coefficients in `work`, whatever slips and from where."""
-    shift, slipped = _row(work, n, _SHIFT), _row(work, n, _SLIPPED)
-    growth, growth_proximal = _row(work, n, _GROWTH), _row(work, n, _GROWTH_PROXIMAL)
-    hold_distal, hold_proximal = (
-        _row(work, n, _HOLD_DISTAL),
-        _row(work, n, _HOLD_PROXIMAL),
+    shift, slipped = at.row(work, n, _SHIFT), at.row(work, n, _SLIPPED)
+    growth, growth_proximal = (
+        at.row(work, n, _GROWTH),
+        at.row(work, n, _GROWTH_PROXIMAL),
     )
-    drag, viscosity = _row(work, n, _DRAG), _row(work, n, _VISCOSITY)
+    hold_distal, hold_proximal = (
+        at.row(work, n, _HOLD_DISTAL),
+        at.row(work, n, _HOLD_PROXIMAL),
+    )
+    drag, viscosity = at.row(work, n, _DRAG), at.row(work, n, _VISCOSITY)
     if prm[_BRISTLE] > 0.0:
-        slipped[:] = at.slips(state, n)
-        held = _row(work, n, _HELD)
+        before_slip = at.slips(state, n)
+        for j in range(n):
+            slipped[j] = before_slip[j]
+        held = at.row(work, n, _HELD)
         if preslide(
             n, tension, stiffness, growth, growth_proximal, hold_distal, hold_proximal,
-            drag, viscosity, held, _row(work, n, _SPRING),
+            drag, viscosity, held, at.row(work, n, _SPRING),
             proximal_p, proximal_q, distal_p, distal_q, shift, node, slipped, work,
         ):  # fmt: skip
             return
@@ -750,15 +249,15 @@ def _solve(
     )  # fmt: skip
     if prm[_BRISTLE] > 0.0:
         # No elastic part: bristles keep what they can without new energy.
-        slipped[:] = shift
         for j in range(n):
+            slipped[j] = shift[j]
             most = abs(held[j])
             force = max(node[j + 1], 0.0) - max(node[j], 0.0)
             # Viscosity beyond all bounds can leave a node without a number.
             held[j] = min(max(force, -most), most) if np.isfinite(force) else 0.0
 
 
-@compiled
+@internal
 def _end(
     kind: int, value: float, pulled: float, tension: float, stiffness: float
 ) -> tuple[float, float]:
@@ -771,14 +270,7 @@ def _end(
     return tension + stiffness * pulled, stiffness
 
 
-@compiled
-def _row(work: FloatArray, n: int, row: int) -> FloatArray:
-    """A row of coefficients (n,), a view into `work` behind the solver's part."""
-    start = _SOLVER_WORK * (n + 1) + row * n
-    return work[start : start + n]
-
-
-@compiled
+@internal
 def _coefficients(
     prm: FloatArray,
     n: int,
@@ -793,12 +285,15 @@ def _coefficients(
     is_state_dependent = prm[at.STATE_DEPENDENT] != 0.0
     asymmetry = values[_ASYMMETRY]
     guided, length = int(prm[at.GUIDED]), at.contact_length(prm, n)
-    growth, growth_proximal = _row(work, n, _GROWTH), _row(work, n, _GROWTH_PROXIMAL)
-    hold_distal, hold_proximal = (
-        _row(work, n, _HOLD_DISTAL),
-        _row(work, n, _HOLD_PROXIMAL),
+    growth, growth_proximal = (
+        at.row(work, n, _GROWTH),
+        at.row(work, n, _GROWTH_PROXIMAL),
     )
-    drag, viscosity = _row(work, n, _DRAG), _row(work, n, _VISCOSITY)
+    hold_distal, hold_proximal = (
+        at.row(work, n, _HOLD_DISTAL),
+        at.row(work, n, _HOLD_PROXIMAL),
+    )
+    drag, viscosity = at.row(work, n, _DRAG), at.row(work, n, _VISCOSITY)
     resting = law.holding_coefficient(values)
     drift = 1.0
     if is_state_dependent:
@@ -809,7 +304,7 @@ def _coefficients(
     )
     constant_drag = at.constant_drag(prm, n)
     slips, speeds = at.slips(state, n), at.slip_speeds(state, n)
-    angles, ages = segment_angles(prm, n), at.contact_ages(state, n)
+    angles, ages = at.segment_angles(prm, n), at.contact_ages(state, n)
     reached = 0.0
     for j in range(n):
         begin, reached = reached, reached + length[j]
@@ -839,7 +334,7 @@ def _coefficients(
             growth[j] = growth_proximal[j] = law.ratio(coefficient, angle)
             drag[j] = law.drag(values, length[j], growth[j], j, guided)
             viscosity[j] = law.viscosity(
-                values, length[j], growth[j], _row(work, n, _SPEED)[j], dt
+                values, length[j], growth[j], at.row(work, n, _SPEED)[j], dt
             )
             if asymmetry != 0.0:
                 distal, proximal = 1.0 - asymmetry, 1.0 + asymmetry
@@ -853,14 +348,14 @@ def _coefficients(
                 )
                 force = at.bristle_forces(state, n)[j]
                 stretch = at.bristle_stretches(state, n)[j]
-                _row(work, n, _SPRING)[j] = spring
-                _row(work, n, _HELD)[j] = law.bristle_force(force, stretch, spring)
+                at.row(work, n, _SPRING)[j] = spring
+                at.row(work, n, _HELD)[j] = law.bristle_force(force, stretch, spring)
         # A segment that goes on slipping the same way has already broken away.
         hold_distal[j] = growth[j] if slip > 0.0 else distal_hold
         hold_proximal[j] = growth_proximal[j] if slip < 0.0 else proximal_hold
 
 
-@compiled
+@internal
 def _commit(
     prm: FloatArray,
     n: int,
@@ -875,8 +370,8 @@ def _commit(
     work: FloatArray,
 ) -> None:
     """Write ends, slack, slip memory and dissipated energy of the step."""
-    stiffness = node_stiffness(prm, n)
-    shift = _row(work, n, _SHIFT)
+    stiffness = at.node_stiffness(prm, n)
+    shift = at.row(work, n, _SHIFT)
     node = at.tensions(new_state, n)
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.
@@ -886,7 +381,7 @@ def _commit(
         ahead = shift[i] if i < n else distal_value - state[1]
         strained = tension[i] + stiffness[i] * (ahead - behind)
         if curved:
-            strained = _pulled(prm, n, i, tension[i], ahead - behind)
+            strained = nodes.pulled(prm, n, i, tension[i], ahead - behind)
         elif node[i] <= 0.0:
             strained = min(strained, 0.0)
         if (i == 0 and proximal_kind == TENSION) or (i == n and distal_kind == TENSION):
@@ -896,17 +391,17 @@ def _commit(
     if proximal_kind == POSITION:
         new_state[0] = proximal_value
     else:
-        stretched = _stretched(prm, n, 0, tension[0], node[0])
+        stretched = nodes.stretched(prm, n, 0, tension[0], node[0])
         new_state[0] = state[0] + shift[0] - stretched
     if distal_kind == POSITION:
         new_state[1] = distal_value
     else:
-        stretched = _stretched(prm, n, n, tension[n], node[n])
+        stretched = nodes.stretched(prm, n, n, tension[n], node[n])
         new_state[1] = state[1] + shift[n - 1] + stretched
     lost = 0.0
     slipped = shift
     if prm[_BRISTLE] > 0.0:
-        slipped = _row(work, n, _SLIPPED)
+        slipped = at.row(work, n, _SLIPPED)
         lost = _commit_bristles(n, state, new_state, work)
     values = at.scalars(prm)
     remembers = prm[_STRIBECK] > 0.0 or prm[_GREASE] > 0.0
@@ -945,13 +440,13 @@ def _commit(
     new_state[3] = new_state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])
 
 
-@compiled
+@internal
 def _commit_bristles(
     n: int, state: FloatArray, new_state: FloatArray, work: FloatArray
 ) -> float:
     """Write force and stretch of the bristles; return energy lost without slip [J]."""
-    shift, slipped = _row(work, n, _SHIFT), _row(work, n, _SLIPPED)
-    held, spring = _row(work, n, _HELD), _row(work, n, _SPRING)
+    shift, slipped = at.row(work, n, _SHIFT), at.row(work, n, _SLIPPED)
+    held, spring = at.row(work, n, _HELD), at.row(work, n, _SPRING)
     node = at.tensions(new_state, n)
     forces, stretches = at.bristle_forces(state, n), at.bristle_stretches(state, n)
     new_forces = at.bristle_forces(new_state, n)
@@ -974,3 +469,150 @@ def _commit_bristles(
         total = max(node[j + 1], 0.0) - max(node[j], 0.0)
         lost += max((total - held[j]) * (shift[j] - slipped[j]), 0.0)
     return lost
+
+
+@exported(
+    INTEGER(REALS, INTEGER, REALS, INTEGER, REAL, INTEGER, REAL, REAL, REALS, REALS)
+)
+def step(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    proximal_kind: int,
+    proximal_value: float,
+    distal_kind: int,
+    distal_value: float,
+    dt: float,
+    new_state: FloatArray,
+    work: FloatArray,
+) -> int:
+    """Advance a cable by one time step.
+
+    Args:
+        prm: packed parameters, `prepare.pack`.
+        n: number of segments.
+        state: state before the step; not written.
+        proximal_kind: POSITION or TENSION, what is prescribed at the proximal end.
+        proximal_value: that displacement [m] or tension [N], >= 0.
+        distal_kind: the same of the distal end; not both may be TENSION.
+        distal_value: that displacement [m] or tension [N], >= 0.
+        dt: time step [s]; matters only to rate-dependent terms.
+        new_state: out, state after the step; must not overlap `state`.
+        work: scratch, `work_size(n)`.
+
+    Returns:
+        OK or NOT_FINITE.
+    """
+    for i in range(at.state_size(n)):
+        new_state[i] = state[i]
+    # Until what changes the tensions before the ends move is done, they hold.
+    yields = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
+    prepare.expect_yielding(prm, 0.0, 0.0)
+    if not (np.isfinite(proximal_value) and np.isfinite(distal_value)):
+        return NOT_FINITE
+    is_constant_coulomb = prm[at.CONSTANT_COULOMB] != 0.0
+    by_position = proximal_kind == POSITION and distal_kind == POSITION
+    proximal_moved, distal_moved = proximal_value - state[0], distal_value - state[1]
+    still = by_position and proximal_moved == 0.0 and distal_moved == 0.0
+    changes, lengthens = prm[at.CHANGES] != 0.0, prm[at.LENGTHENS] != 0.0
+    if is_constant_coulomb and still and not changes:
+        _rest(n, new_state)
+        return OK
+    growth, drag = at.constant_growth(prm, n), at.constant_drag(prm, n)
+    hold_distal, hold_proximal = growth, growth
+    compliance = at.node_compliance(prm, n)
+    tension = at.tensions(state, n)
+    if prm[_STRESS_RELAXATION] > 0.0:
+        tension = before.relax_stress(prm, n, state, dt, new_state, work)
+    if lengthens:
+        tension = before.lengthen(prm, n, tension, work)
+    yielding = yields[0] > 0.0 or yields[1] > 0.0
+    if yielding:
+        tension = before.give_way(prm, n, state, tension, yields, new_state, work)
+    node = at.tensions(new_state, n)
+    shift = at.row(work, n, _SHIFT)
+    greased = prm[_GREASE] > 0.0
+    if greased:
+        guess, speed = at.row(work, n, _SPEED), at.slip_speeds(state, n)
+        for j in range(n):
+            guess[j] = max(speed[j], law.SLOWEST)
+    varying = not is_constant_coulomb or prm[_STATIC] > 0.0
+    if varying:
+        _coefficients(prm, n, state, tension, dt, work)
+        growth, drag = at.row(work, n, _GROWTH), at.row(work, n, _DRAG)
+        hold_distal, hold_proximal = (
+            at.row(work, n, _HOLD_DISTAL),
+            at.row(work, n, _HOLD_PROXIMAL),
+        )
+
+    solved = False
+    quick = is_constant_coulomb and by_position
+    if quick and changes:
+        # The fronts presume that friction holds the tensions before the step.
+        quick = _held(n, tension, hold_distal, hold_proximal, drag)
+        if quick and still and not lengthens:
+            _rest(n, new_state)
+            return OK
+    if quick:
+        stretch = new_state[3]
+        if lengthens:
+            stretch = 0.0
+            for i in range(n + 1):
+                stretch += tension[i] * compliance[i]
+        stretch += distal_moved - proximal_moved
+        dragged = prm[_LOAD_INDEPENDENT] + prm[_SEALS[0]] + prm[_SEALS[1]] > 0.0
+        if stretch <= 0.0 and not dragged:
+            lay(
+                0, n, tension, at.node_stiffness(prm, n), proximal_moved, True,
+                distal_moved, True, shift,
+            )  # fmt: skip
+            node[:] = 0.0
+            solved = True
+        else:
+            solved = march(
+                n, tension, compliance, at.half_compliance(prm, n), growth,
+                hold_distal, hold_proximal, drag, proximal_moved, distal_moved, shift,
+                node, work,
+            )  # fmt: skip
+            solved = solved and node[0] >= 0.0 and node[n] >= 0.0
+    if not solved:
+        stiffness = at.node_stiffness(prm, n)
+        curved = prm[_STIFFENING] > 0.0
+        if curved:
+            stiffness = _tangent(prm, n, tension, work)
+        for _ in range(_ROUNDS if curved or greased else 1):
+            _coefficients(prm, n, state, tension, dt, work)
+            proximal_p, proximal_q = _end(
+                proximal_kind, proximal_value, -proximal_moved, tension[0], stiffness[0]
+            )
+            distal_p, distal_q = _end(
+                distal_kind, distal_value, distal_moved, tension[n], stiffness[n]
+            )
+            _solve(
+                prm, n, state, tension, stiffness,
+                proximal_p, proximal_q, distal_p, distal_q, node, work,
+            )  # fmt: skip
+            settled = not greased or _sheared(prm, n, node, dt, work)
+            if curved and not _straightened(
+                prm, n, tension, proximal_kind, proximal_moved, distal_kind,
+                distal_moved, node, stiffness, work,
+            ):  # fmt: skip
+                settled = False
+            if settled:
+                break
+    _commit(
+        prm,
+        n,
+        state,
+        tension,
+        proximal_kind,
+        proximal_value,
+        distal_kind,
+        distal_value,
+        dt,
+        new_state,
+        work,
+    )
+    if yielding:
+        before.hold_ends(prm, n, state, yields, new_state)
+    return OK

@@ -24,14 +24,14 @@ from __future__ import annotations
 
 import math
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import FloatArray, compiled, internal
 
 FINEST = 8.0
 """Times that a segment may be shorter than the mean."""
 _ROUNDS, _SETTLED = 50, 1.0 - 1e-12
 
 
-@compiled
+@internal
 def survey(sections: FloatArray) -> tuple[float, float, bool]:
     """Length [m] and wrap angle [rad] of a conduit, and whether it bends evenly."""
     length, wrap, even = 0.0, 0.0, True
@@ -79,7 +79,7 @@ def divide(sections: FloatArray, n: int, edges: FloatArray) -> None:
         edges[i] = length
 
 
-@compiled
+@internal
 def _density(radius: float, length: float, wrap: float, mean: float) -> float:
     """Segments per length where the conduit has this radius, relative."""
     return float(min(0.5 + 0.5 * length / (radius * wrap), FINEST * mean))

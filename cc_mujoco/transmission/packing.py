@@ -26,7 +26,7 @@ State vector:
 
 from __future__ import annotations
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import FloatArray, compiled, internal
 from cc_mujoco.transmission.parameters import PARAMETERS
 
 SCALARS = len(PARAMETERS)
@@ -44,6 +44,9 @@ STATE_HEADER = 7
 """Numbers before the tensions."""
 TIME, TRAVEL, HEAT = 4, 5, 6
 _SEGMENT_STATE = 5
+_SOLVER_WORK = 11  # of scratch, per node, for `march` and `sweep`
+_STEP_WORK = 11  # per segment, behind it: slip, coefficients, bristles and speed
+_NODE_WORK = 2  # per node, behind that: tension before the step, stiffness in it
 
 
 @compiled
@@ -130,7 +133,7 @@ def tensions(state: FloatArray, n: int) -> FloatArray:
     return state[STATE_HEADER : STATE_HEADER + n + 1]
 
 
-@compiled
+@internal
 def _segment_row(state: FloatArray, n: int, row: int) -> FloatArray:
     start = STATE_HEADER + 1 + (1 + row) * n
     return state[start : start + n]
@@ -164,3 +167,23 @@ def bristle_stretches(state: FloatArray, n: int) -> FloatArray:
 def contact_ages(state: FloatArray, n: int) -> FloatArray:
     """Age of the contacts of every segment (n,), see `friction.aged`."""
     return _segment_row(state, n, 4)
+
+
+@compiled
+def work_size(n: int) -> int:
+    """Length of the scratch vector of a step of a cable of n segments."""
+    return (_SOLVER_WORK + _NODE_WORK) * (n + 1) + _STEP_WORK * n
+
+
+@internal
+def row(work: FloatArray, n: int, i: int) -> FloatArray:
+    """Row i of coefficients (n,) in scratch."""
+    start = _SOLVER_WORK * (n + 1) + i * n
+    return work[start : start + n]
+
+
+@internal
+def node_row(work: FloatArray, n: int, i: int) -> FloatArray:
+    """Row i of what scratch holds of the nodes (n + 1,)."""
+    start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n + i * (n + 1)
+    return work[start : start + n + 1]

@@ -16,14 +16,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import (
+    INTEGER,
+    REAL,
+    REALS,
+    FloatArray,
+    exported,
+    internal,
+    types,
+)  # fmt: skip
 from cc_mujoco.transmission.chain import lay_slack, slipping, solve
 
 _ROUNDS = 60
 _ROUNDING = 1e-12
 
 
-@compiled
+@internal
 def _limits(
     proximal: float,
     w: float,
@@ -38,7 +46,12 @@ def _limits(
     ) / hold_proximal, hold_distal * proximal + drag + c * w
 
 
-@compiled
+@exported(
+    types.boolean(
+        INTEGER, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REALS, REALS,
+        REAL, REAL, REAL, REAL, REALS, REALS, REALS, REALS,
+    )
+)  # fmt: skip
 def preslide(
     n: int,
     tension: FloatArray,

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import FloatArray, compiled, internal
 from cc_mujoco.transmission import eccentric, kernel
 from cc_mujoco.transmission.conduit import packed
 from cc_mujoco.transmission.packing import node_stiffness, scalars, tensions
@@ -167,7 +167,7 @@ def torque(
     return total, size
 
 
-@compiled
+@internal
 def _is_direct(cables: Cables, distal: bool, load: Load) -> bool:
     """Whether the load is nothing but the tension of one cable's end."""
     if cables.n.size > 1 or load.stiffness > 0.0:

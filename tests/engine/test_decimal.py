@@ -2,37 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.compiled import compiled
 from cc_mujoco.engine import decimal
-from cc_mujoco.engine.memory import Bytes
-
-
-def reader(source: bytes) -> Callable[[Bytes], float]:
-    """The reader, which the package compiles only inside others, kept on disk."""
-
-    @compiled
-    def kept(text: Bytes) -> float:
-        source  # noqa: B018, what is kept is of this source
-        return decimal.number(text)
-
-    return kept
-
-
-NUMBER = reader(hashlib.sha256(Path(decimal.__file__).read_bytes()).digest())
 
 
 def read(text: str) -> float:
-    return NUMBER(np.frombuffer(text.encode(), np.uint8))
+    return decimal.number(np.frombuffer(text.encode(), np.uint8))
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))

@@ -154,13 +154,19 @@ class Sensing:
             )
 
     def equip(self, drive: Drive) -> Drive:
-        """A drive with tension sensors at both ends and the middle of every cable."""
+        """A drive that is measured like this.
+
+        It has tension sensors at both ends and the middle of every cable, and knows how
+        late its measurements are and how noisy its torque sensor.
+        """
         deviation = max(self.tension_noise, 1e-6)
         sensors = tuple(
             Sensors((0, _middle(cable), cable.segments), (deviation,) * 3)
             for cable in (cable_drive.cable for cable_drive in drive.cables)
         )
-        return dataclasses.replace(drive, sensors=sensors)
+        return dataclasses.replace(
+            drive, sensors=sensors, delay=self.delay, torque_noise=self.torque_noise
+        )
 
     def to_json(self) -> dict[str, float | None]:
         """The fields as plain JSON; an infinite `cutoff` is null."""

@@ -139,6 +139,8 @@ class Device:
             period,
             pulls,
             (cable_drives,),
+            inertia=float(self.model.dof_M0[self._motor_v]),
+            damping=float(self.model.dof_damping[self._motor_v]),
             observed=self.observed,
         )
         return self.setup.sensing.equip(drive)

@@ -56,6 +56,14 @@ class Drive:
     each. Controllers with a model need them."""
     sensors: tuple[Sensors, ...] = ()
     """Tension sensors along every cable, where the device has them."""
+    inertia: float = 0.0
+    """Of the motor with its pulley [kg m^2], as its data sheet has it."""
+    damping: float = 0.0
+    """Of the motor's bearings [Nm s/rad]."""
+    delay: int = 0
+    """Control steps by which what is measured comes late."""
+    torque_noise: float = 0.0
+    """Standard deviation of the joint torque sensor [Nm]."""
     observed: Observed | None = None
     """What the device's environment observes; saved policies need it."""
 

@@ -11,6 +11,7 @@ from cc_mujoco.control.feed_forward import FeedForward
 from cc_mujoco.control.model import CableModel
 from cc_mujoco.control.model_based import ModelBased
 from cc_mujoco.control.observed import Observed
+from cc_mujoco.control.predictive import PredictiveCompensation
 from cc_mujoco.control.proportional_integral import Feedback, ProportionalIntegral
 from cc_mujoco.control.stiction import StictionCompensation
 from cc_mujoco.control.tensions import AdaptiveModel, FusedFeedback
@@ -30,6 +31,7 @@ __all__ = [
     "ModelBased",
     "Observed",
     "Policy",
+    "PredictiveCompensation",
     "ProportionalIntegral",
     "StictionCompensation",
     "controller",

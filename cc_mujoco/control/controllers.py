@@ -14,6 +14,7 @@ from cc_mujoco.control.drive import Drive
 from cc_mujoco.control.external import Policy, from_callable
 from cc_mujoco.control.feed_forward import FeedForward
 from cc_mujoco.control.model_based import ModelBased
+from cc_mujoco.control.predictive import PredictiveCompensation
 from cc_mujoco.control.proportional_integral import Feedback, ProportionalIntegral
 from cc_mujoco.control.stiction import StictionCompensation
 from cc_mujoco.control.tensions import AdaptiveModel, FusedFeedback
@@ -28,6 +29,7 @@ CONTROLLERS: dict[str, type[Controller]] = {
     "model": ModelBased,
     "stiction": StictionCompensation,
     "disturbance": DisturbanceObserver,
+    "predictive": PredictiveCompensation,
     "adaptive": AdaptiveModel,
 }
 """Every controller with its default gains, to be called with a `Drive`."""

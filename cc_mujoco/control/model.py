@@ -72,7 +72,7 @@ class CableModel:
         ]
         most = int(self.segments.max())
         self._size = kernel.parameter_size(most), kernel.state_size(most)
-        self._work = np.empty(kernel.work_size(most))
+        self.work = np.empty(kernel.work_size(most))
         self._allocate(len(drive.cable_drives))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -92,10 +92,7 @@ class CableModel:
         """
         angle = np.atleast_1d(np.asarray(motor_angle, dtype=float))
         torque = np.atleast_1d(np.asarray(joint_torque, dtype=float))
-        if angle.size != self._rows:
-            self._allocate(angle.size)
-        if self._fresh.any():
-            self._begin(angle)
+        self.ready(angle)
         _follow(
             self.packed,
             self.segments,
@@ -109,8 +106,19 @@ class CableModel:
             self.gain,
             self.arm,
             self.drive.period,
-            self._work,
+            self.work,
         )
+
+    def ready(self, motor_angle: FloatArray) -> None:
+        """Bring what starts anew to rest.
+
+        Args:
+            motor_angle: of every environment (rows,) [rad].
+        """
+        if motor_angle.size != self._rows:
+            self._allocate(motor_angle.size)
+        if self._fresh.any():
+            self._begin(motor_angle)
 
     def scale_friction(self, factor: ArrayLike) -> None:
         """Believe in another friction from now on.
@@ -175,11 +183,12 @@ class CableModel:
         self.joint[fresh], self.slip_direction[fresh], self.gain[fresh] = 0.0, 0.0, 1.0
         fresh[:] = False
 
-    def _cable_drives(self, row: int) -> tuple[CableDrive, ...]:
+    def cable_drives(self, row: int) -> tuple[CableDrive, ...]:
+        """The cables of an environment, as the drive has them."""
         return self.drive.cable_drives[row % len(self.drive.cable_drives)]
 
     def _pack(self, row: int, cable: int, factor: float) -> None:
-        cable_drive = self._cable_drives(row)[cable].cable
+        cable_drive = self.cable_drives(row)[cable].cable
         values = np.array(cable_drive.scalars)
         values[_FRICTIONS] = np.minimum(factor * values[_FRICTIONS], _MOST_FRICTION)
         sections = self._sections[row % len(self._sections)][cable]

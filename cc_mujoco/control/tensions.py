@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from cc_mujoco.checks import number
 from cc_mujoco.control.drive import Drive
 from cc_mujoco.control.model import CableModel
+from cc_mujoco.control.predictive import PredictiveCompensation
 from cc_mujoco.control.proportional_integral import ProportionalIntegral
-from cc_mujoco.control.stiction import StictionCompensation
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.friction import FrictionEstimator
 from cc_mujoco.estimation.fusion import fuse, gains
@@ -125,43 +125,37 @@ class _Fused:
         return self.tension
 
 
-class AdaptiveModel(StictionCompensation):
-    """Stiction compensation with a model whose friction is estimated as it runs.
+class AdaptiveModel(PredictiveCompensation):
+    """Predictive, with the friction of every cable from tension sensors along it.
 
-    A `FrictionEstimator` per cable learns from tension sensors along it and from the
-    model's directions of slip; the model takes the estimate over (thesis 3.2.3).
+    A `FrictionEstimator` per cable learns from the sensors and from the model's
+    directions of slip; the model takes the estimate over (thesis 3.2.3). So friction
+    need not be told apart from all else that the motor feels.
     """
 
-    def __init__(
-        self,
-        drive: Drive,
-        proportional: float = 1.0,
-        integral: float = 2.0,
-        settling: float = 0.03,
-        memory: float = 200.0,
-    ) -> None:
+    def __init__(self, drive: Drive, memory: float = 200.0, **settings: Any) -> None:
         """Prepare for the first episode.
 
         Args:
             drive: The device, with cables and at least two sensors along each.
-            proportional: Kp [-].
-            integral: Ki [1/s].
-            settling: See `ModelBased`.
             memory: Readings after which one has faded to 1/e; one in `SENSED_EVERY`
                 steps is read.
+            **settings: See `PredictiveCompensation`; `learning` is 0.
 
         Raises:
-            CableError: If cables or sensors are not known, or a gain is negative.
+            CableError: As `PredictiveCompensation`, or if sensors are not known.
         """
-        super().__init__(drive, proportional, integral, settling=settling)
+        super().__init__(drive, **{**settings, "learning": 0.0})
         _require_sensors(drive, 2)
         number("memory", memory, 1.0, 1e9, "readings")
-        self._memory = memory
+        self._fading = memory
         self._estimators: list[list[FrictionEstimator]] = []
+        self._calls: Any = 0
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Return to the drive's friction; see `Controller.reset`."""
         super().reset(where)
+        self._calls = 0 if where is None else np.where(where, 0, self._calls)
         if where is None:
             self._estimators = []
         for row, estimators in enumerate(self._estimators):
@@ -173,33 +167,26 @@ class AdaptiveModel(StictionCompensation):
         """Estimates of the friction coefficient (rows, cables); empty at the start."""
         return np.array([[e.friction for e in row] for row in self._estimators])
 
-    def follow(self, observation: Mapping[str, Any], joint_torque: Any) -> None:
-        """Have the model follow the device and learn its friction."""
+    def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        """What the drive's friction is to be multiplied by (rows, cables)."""
         told = _readings(observation)
+        rows, model = range(told.shape[0]), self.model
         if not self._estimators:
-            self._estimators = [self._row(row) for row in range(told.shape[0])]
-        self.model.follow(observation["motor_angle_rad"], joint_torque)
+            self._estimators = [self._row(row) for row in rows]
         due = np.broadcast_to(self._calls % SENSED_EVERY == 0, told.shape[0])
+        self._calls = self._calls + 1
         for k in range(told.shape[1]) if due.any() else ():
-            slip = self.model.slip(k)
+            slip = model.slip(k)
             for row in np.flatnonzero(due & slip.any(axis=1)):
                 self._estimators[row][k].update(told[row, k], slip[row])
-        believed = [
-            [cable_drive.cable.friction for cable_drive in self._cable_drives(row)]
-            for row in range(told.shape[0])
-        ]
-        factor = np.maximum(self.friction(), 1e-3) / np.array(believed)
-        # Not for every last bit: packing a cable takes longer than stepping it.
-        changed = np.abs(factor / self.model.factor - 1.0) > 0.002
-        self.model.scale_friction(np.where(changed, factor, self.model.factor))
+        believed = [[one.cable.friction for one in model.cable_drives(r)] for r in rows]
+        factor: NDArray[np.float64] = np.maximum(self.friction(), 1e-3) / believed
+        return factor
 
     def _row(self, row: int) -> list[FrictionEstimator]:
         return [
-            FrictionEstimator(cable_drive.cable, sensors, memory=self._memory)
+            FrictionEstimator(cable_drive.cable, sensors, memory=self._fading)
             for cable_drive, sensors in zip(
-                self._cable_drives(row), self.drive.sensors, strict=True
+                self.model.cable_drives(row), self.drive.sensors, strict=True
             )
         ]
-
-    def _cable_drives(self, row: int) -> Any:
-        return self.drive.cable_drives[row % len(self.drive.cable_drives)]

@@ -23,7 +23,17 @@ from cc_mujoco.transmission import Cable, Section
 CABLE = Cable(friction=0.1, segments=8, conduit=(Section(1.0, 0.3),))
 SENSORS = Sensors((0, 4, 8), (0.2, 0.2, 0.2))
 PAIR = (CableDrive(CABLE, -0.02, -0.104), CableDrive(CABLE, 0.02, 0.104))
-WRIST = Drive(5.2, -1.0, 1.0, 0.001, cable_drives=(PAIR,), sensors=(SENSORS, SENSORS))
+WRIST = Drive(
+    5.2,
+    -1.0,
+    1.0,
+    0.001,
+    cable_drives=(PAIR,),
+    sensors=(SENSORS, SENSORS),
+    inertia=7e-5,
+    delay=1,
+    torque_noise=0.01,
+)
 ANKLE = Drive(
     ratio=-4.8,
     low=-50.0,
@@ -32,6 +42,8 @@ ANKLE = Drive(
     one_way=True,
     cable_drives=((CableDrive(CABLE.replace(axial_stiffness=6e4), -0.025, 0.12),),),
     sensors=(SENSORS,),
+    inertia=5.65e-3,
+    torque_noise=0.3,
 )
 
 

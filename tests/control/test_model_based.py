@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cc_mujoco.control import (
-    AdaptiveModel,
     Controller,
     DisturbanceObserver,
     Drive,
@@ -123,15 +122,6 @@ def sensed(drive: Drive, deviation: float) -> Drive:
     return dataclasses.replace(drive, sensors=(sensors,) * len(drive.cables))
 
 
-def test_adaptive_controller_finds_the_friction_of_the_device() -> None:
-    believed = sensed(pull_pull(0.06), 0.1)
-    device, angle = InertiaFree(pull_pull(0.1)), there_and_back()
-    law = AdaptiveModel(believed, settling=0.0)
-    device.run(Sensed(law, device, 0.1), angle, -angle)
-    assert law.friction()[0] == pytest.approx(0.1, rel=0.03)
-    assert law.model.factor[0] == pytest.approx(0.1 / 0.06, rel=0.03)
-
-
 def test_fused_feedback_needs_no_joint_torque_sensor() -> None:
     drive = sensed(pull_pull(), 0.3)
     device, angle = InertiaFree(drive), there_and_back()
@@ -146,10 +136,9 @@ def test_fused_feedback_needs_no_joint_torque_sensor() -> None:
         device.run(broken, angle, -angle)
 
 
-@pytest.mark.parametrize("kind", [AdaptiveModel, FusedFeedback])
-def test_sensors_that_are_not_there_are_asked_for(kind: Any) -> None:
+def test_sensors_that_are_not_there_are_asked_for() -> None:
     with pytest.raises(CableError, match="tension sensors along every cable"):
-        kind(pull_pull())
+        FusedFeedback(pull_pull())
 
 
 def test_bad_parameters_are_refused() -> None:

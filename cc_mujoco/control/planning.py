@@ -1,0 +1,296 @@
+"""From what was measured late to the torque of the motor now: observer, plan, torque.
+
+A row of `memory` is what a controller knows of one device beside the state of its
+cables: the rotor as an observer has it, with the torque that the model does not
+explain; motion of the joint and of the desired torque, per control step, by filters of
+third order; the sense in which the motor turns; the torque through a low-pass;
+logarithms of the factors of friction.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.control import rollout
+from cc_mujoco.transmission import friction as law
+from cc_mujoco.transmission import stepper
+from cc_mujoco.transmission.packing import segment_angles, slips, tensions
+
+ANGLE, VELOCITY, UNEXPLAINED, LOAD = 0, 1, 2, 3
+JOINT, AIM, SENSE, STARTED, FELT = 4, 7, 10, 11, 12
+FRICTION = 13
+"""Places in the memory; behind the last there is a number for every cable."""
+
+(
+    PERIOD, INERTIA, DAMPING, STIFFNESS, RATIO, LOW, HIGH, SPAN, TOLERANCE, TURNING,
+    NOISE, BELIEF, LEARNING, LEAST, ROTOR_0, ROTOR_1, ROTOR_2, MOTION_0, MOTION_1,
+    MOTION_2,
+) = range(20)  # fmt: skip
+"""Places in the tuning, see `predictive`."""
+
+_COULOMB = law.INDEX["friction"]
+_FARTHEST = 2.0
+"""That a plan turns the motor between two knots [rad]."""
+_FEELING = 0.25
+"""Share of a low-pass that tells taut from slack, per step."""
+_FACTORS = 0.2, 3.0
+"""Bounds of the factor of friction."""
+
+
+@compiled
+def smooth(
+    memory: FloatArray, first: int, seen: float, a: float, b: float, c: float
+) -> None:
+    """Correct value, rate and acceleration (per step) by what is seen one step on."""
+    memory[first] += memory[first + 1] + 0.5 * memory[first + 2]
+    memory[first + 1] += memory[first + 2]
+    off = seen - memory[first]
+    memory[first] += a * off
+    memory[first + 1] += b * off
+    memory[first + 2] += 2.0 * c * off
+
+
+@compiled
+def _observe(
+    advance: Any,
+    cables: stepper.Cables,
+    state: FloatArray,
+    joint: float,
+    applied: float,
+    seen: FloatArray,
+    memory: FloatArray,
+    tune: FloatArray,
+    new: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Bring cables, rotor and motion to when `seen` was measured; the model's joint."""
+    motor, angle, torque, aim = seen
+    dt, inertia = tune[PERIOD], tune[INERTIA]
+    if memory[STARTED] == 0.0:
+        memory[:] = 0.0
+        memory[ANGLE], memory[JOINT], memory[AIM] = motor, angle, aim
+        memory[LOAD] = stepper.torque(cables, state, False, motor)[0]
+        memory[STARTED] = 1.0
+    before = memory[JOINT]
+    smooth(memory, JOINT, angle, tune[MOTION_0], tune[MOTION_1], tune[MOTION_2])
+    smooth(memory, AIM, aim, tune[MOTION_0], tune[MOTION_1], tune[MOTION_2])
+    joint += memory[JOINT] - before
+    rollout.move(advance, cables, state, motor, joint, dt, new, work)
+    made, size = stepper.torque(cables, new, True, motor)
+    memory[FELT] += _FEELING * (torque - memory[FELT])
+    if size > 0.0 or abs(memory[FELT]) > tune[NOISE]:
+        # What the cables did is known better than the last bit of a sensor.
+        made += tune[BELIEF] * (torque - made)
+        if cables.n.size == 1 and made * cables.distal[0] > 0.0:
+            made = 0.0  # noise may push, a cable cannot
+        joint = rollout.joint_for(
+            advance, cables, state, motor, joint, made, tune[STIFFNESS],
+            0.02 * tune[NOISE], dt, new, work,
+        )  # fmt: skip
+    state[:] = new
+    load = stepper.torque(cables, state, False, motor)[0]
+    force = applied - 0.5 * (load + memory[LOAD]) + memory[UNEXPLAINED]
+    gained = dt * (force - tune[DAMPING] * memory[VELOCITY]) / inertia
+    memory[LOAD] = load
+    memory[ANGLE] += dt * (memory[VELOCITY] + 0.5 * gained)
+    memory[VELOCITY] += gained
+    off = motor - memory[ANGLE]
+    memory[ANGLE] += tune[ROTOR_0] * off
+    memory[VELOCITY] += tune[ROTOR_1] / dt * off
+    memory[UNEXPLAINED] += 2.0 * tune[ROTOR_2] / dt**2 * inertia * off
+    return joint
+
+
+@compiled
+def _learn(
+    cables: stepper.Cables, state: FloatArray, memory: FloatArray, tune: FloatArray
+) -> None:
+    """Have friction explain what the rotor feels beyond the model, while all slips.
+
+    The load grows with the logarithm of friction by r T mu phi of every cable, with the
+    tension T at the motor; the step is that of a normalised gradient.
+    """
+    share = np.zeros(cables.n.size)
+    size = tune[LEAST] ** 2
+    for k in range(cables.n.size):
+        n = cables.n[k]
+        slip, tension = slips(state[k], n), tensions(state[k], n)
+        sign = np.sign(slip[0])
+        for j in range(n):
+            if slip[j] * sign <= 0.0:
+                return
+        wrap = cables.prm[k, _COULOMB] * np.sum(segment_angles(cables.prm[k], n))
+        share[k] = cables.proximal[k] * sign * max(tension[0], 0.0) * wrap
+        size += share[k] ** 2
+    unexplained = min(max(memory[UNEXPLAINED], -tune[LEAST]), tune[LEAST])
+    rate = tune[LEARNING] * tune[PERIOD] * unexplained / size
+    low, high = np.log(_FACTORS[0]), np.log(_FACTORS[1])
+    for k in range(cables.n.size):
+        factor = memory[FRICTION + k] - rate * share[k]
+        memory[FRICTION + k] = min(max(factor, low), high)
+
+
+@compiled
+def _predict(
+    advance: Any,
+    cables: stepper.Cables,
+    state: FloatArray,
+    joint: float,
+    applied: FloatArray,
+    memory: FloatArray,
+    tune: FloatArray,
+    new: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Roll on over torques that are applied already; the model's joint then."""
+    dt = tune[PERIOD]
+    for torque in applied:
+        load = stepper.torque(cables, state, False, memory[ANGLE])[0]
+        force = torque - load - tune[DAMPING] * memory[VELOCITY] + memory[UNEXPLAINED]
+        memory[VELOCITY] += dt * force / tune[INERTIA]
+        memory[ANGLE] += dt * memory[VELOCITY]
+        joint += memory[JOINT + 1] + 0.5 * memory[JOINT + 2]
+        memory[JOINT + 1] += memory[JOINT + 2]
+        memory[AIM] += memory[AIM + 1]
+        rollout.move(advance, cables, state, memory[ANGLE], joint, dt, new, work)
+        state[:] = new
+    return joint
+
+
+@compiled
+def _plan(
+    advance: Any,
+    cables: stepper.Cables,
+    state: FloatArray,
+    joint: float,
+    sense: float,
+    gains: FloatArray,
+    memory: FloatArray,
+    tune: FloatArray,
+    push: FloatArray,
+    rolled: FloatArray,
+    new: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Plan for a motor that turns one way only: `push`, its accelerations [rad/s^2].
+
+    Returns:
+        Mean squared error of the torque over the horizon, half of it on the planned
+        path and half on the wanted one, which a long way does not put off [Nm^2].
+    """
+    count, span = push.size, tune[SPAN]
+    steps = span / tune[PERIOD]
+    rise = tune[STIFFNESS] / tune[RATIO]
+    cost = 0.0
+    rolled[:] = state
+    angle, velocity = memory[ANGLE], memory[VELOCITY]
+    at = angle
+    push[:] = gains[:, 0] * angle + gains[:, 1] * velocity
+    for i in range(count):
+        t = (i + 1) * steps
+        where = joint + memory[JOINT + 1] * t + 0.5 * memory[JOINT + 2] * t * t
+        desired = memory[AIM] + memory[AIM + 1] * t
+        at = rollout.motor_for(
+            advance, cables, rolled, at, sense, where, desired, rise, _FARTHEST,
+            tune[TOLERANCE], span, new, work,
+        )  # fmt: skip
+        rolled[:] = new
+        cost += (stepper.torque(cables, new, True, at)[0] - desired) ** 2
+        push += gains[:, 2 + i] * at
+    rolled[:] = state
+    limit = max(abs(tune[LOW]), abs(tune[HIGH])) / tune[INERTIA]
+    for i in range(count):
+        push[i] = min(max(push[i], -limit), limit)
+        angle += span * (velocity + 0.5 * span * push[i])
+        velocity += span * push[i]
+        t = (i + 1) * steps
+        where = joint + memory[JOINT + 1] * t + 0.5 * memory[JOINT + 2] * t * t
+        desired = memory[AIM] + memory[AIM + 1] * t
+        rollout.move(advance, cables, rolled, angle, where, span, new, work)
+        rolled[:] = new
+        cost += (stepper.torque(cables, new, True, angle)[0] - desired) ** 2
+    return 0.5 * cost / count
+
+
+@compiled
+def act(
+    advance: Any,
+    prm: FloatArray,
+    n: stepper.Counts,
+    proximal: FloatArray,
+    distal: FloatArray,
+    states: FloatArray,
+    joints: FloatArray,
+    memories: FloatArray,
+    applied: FloatArray,
+    seen: FloatArray,
+    gains: FloatArray,
+    tune: FloatArray,
+    found: FloatArray,
+    work: FloatArray,
+) -> None:
+    """Torque of the motor of every device.
+
+    Args:
+        advance: see `rollout.pointer`.
+        prm: packed parameters (rows, cables, numbers).
+        n: segments of every cable.
+        proximal: arms at the motor [m/rad].
+        distal: arms at the joint [m/rad].
+        states: of the cables when they were measured (rows, cables, numbers).
+        joints: angles of the joints in the model (rows,) [rad].
+        memories: (rows, `FRICTION` + cables).
+        applied: torques since the measurement before, the oldest first (rows, delay +
+            1) [Nm].
+        seen: motor angle, joint angle, joint torque, desired torque (rows, 4).
+        gains: accelerations of a plan per angle, velocity and wanted angles of the
+            motor (knots, 2 + knots).
+        tune: numbers of this module's places.
+        found: out (rows,) [Nm].
+        work: scratch.
+    """
+    shape = states.shape[1:]
+    new, state, rolled = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    push, best = np.zeros(gains.shape[0]), np.zeros(gains.shape[0])
+    dt = tune[PERIOD]
+    for row in range(found.size):
+        cables = stepper.Cables(prm[row], n, proximal, proximal, distal)
+        joints[row] = _observe(
+            advance, cables, states[row], joints[row], applied[row, 0], seen[row],
+            memories[row], tune, new, work,
+        )  # fmt: skip
+        _learn(cables, states[row], memories[row], tune)
+        memory = memories[row].copy()
+        state[:] = states[row]
+        joint = _predict(
+            advance, cables, state, joints[row], applied[row, 1:], memory, tune, new,
+            work,
+        )  # fmt: skip
+        before = memory[SENSE]
+        sense = 1.0 if before == 0.0 else before
+        cost = _plan(
+            advance, cables, state, joint, sense, gains, memory, tune, best, rolled,
+            new, work,
+        )  # fmt: skip
+        turning = 0.0 if before == 0.0 else tune[TURNING]
+        if cost > turning:
+            other = _plan(
+                advance, cables, state, joint, -sense, gains, memory, tune, push,
+                rolled, new, work,
+            )  # fmt: skip
+            if other + turning < cost:
+                sense = -sense
+                best[:] = push
+        memories[row, SENSE] = sense
+        angle, velocity = memory[ANGLE], memory[VELOCITY]
+        load = stepper.torque(cables, state, False, angle)[0]
+        angle += dt * (velocity + 0.5 * dt * best[0])
+        joint += memory[JOINT + 1] + 0.5 * memory[JOINT + 2]
+        rollout.move(advance, cables, state, angle, joint, dt, new, work)
+        load = 0.5 * (load + stepper.torque(cables, new, False, angle)[0])
+        torque = load + tune[INERTIA] * best[0] + tune[DAMPING] * velocity
+        torque -= memory[UNEXPLAINED]
+        found[row] = min(max(torque, tune[LOW]), tune[HIGH])

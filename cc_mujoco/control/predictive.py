@@ -1,0 +1,229 @@
+"""Friction compensation by plans: the model rolled on, a reversal crossed in one move.
+
+law = PredictiveCompensation(env.unwrapped.drive)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.checks import number
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.control import planning, rollout
+from cc_mujoco.control.controller import Controller
+from cc_mujoco.control.drive import Drive
+from cc_mujoco.control.model import CableModel
+from cc_mujoco.errors import CableError
+
+_READ = (
+    "motor_angle_rad",
+    "joint_angle_rad",
+    "joint_torque_nm",
+    "desired_torque_nm",
+)
+_LEAST_NOISE = 1e-5
+"""Of the greatest torque: a sensor without noise is no reason to turn for nothing."""
+
+
+PLAN_PER_DELAY, ROTOR_PER_DELAY = 1.5, 1.0
+"""Bandwidths of plan and of what the rotor feels, at most, times the delay."""
+
+
+class PredictiveCompensation(Controller):
+    r"""Model-predictive: the motor's path is planned, and rolled out with the kernel.
+
+    The cables have no mass, so the angles of motor and joint alone say what torque they
+    make; and it grows with the motor's angle. In every control step
+
+    1. an observer brings model, rotor and motion to when the measurements were taken;
+    2. the kernel rolls them on over the delay, with the torques applied meanwhile;
+    3. the joint and the desired torque are extrapolated over a short horizon, and the
+       kernel finds for each knot the angle \(\theta^*_i\) of the motor that makes the
+       desired torque, if the motor only turns on in its present sense;
+    4. the accelerations \(a_i\) of the motor minimise
+
+       \[ \sum_i (\theta_i - \theta^*_i)^2 + \omega_c^{-4} a_i^2 \]
+
+       so that a jump of \(\theta^*\), which is a reversal, is crossed in one smooth
+       move that begins before it;
+    5. if that leaves an error, the same is planned in the other sense, which is taken
+       if the error gets smaller by more than a threshold;
+    6. the motor gets the torque of the first acceleration and of the cables on its way,
+       less what the rotor observer finds that the model does not explain.
+
+    The friction coefficient of every cable follows what remains unexplained while all
+    of the cables slip. Preview control of linear systems is that of M. Tomizuka,
+    "Optimal continuous finite preview problem", IEEE Trans. Automatic Control 20, 1975.
+    """
+
+    def __init__(
+        self,
+        drive: Drive,
+        bandwidth: float = 150.0,
+        horizon: float = 0.024,
+        knots: int = 8,
+        rotor: float = 600.0,
+        motion: float = 200.0,
+        belief: float = 0.5,
+        turning: float = 5.0,
+        learning: float = 5.0,
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device to be driven; its `cable_drives` and the motor's inertia
+                must be known.
+            bandwidth: omega_c of the plan [rad/s]; where measurements are late never
+                more than 1 / delay.
+            horizon: Of the plan [s].
+            knots: Of the plan.
+            rotor: Bandwidth of the observer of the rotor [rad/s].
+            motion: That of the filters of joint and desired torque [rad/s].
+            belief: Share of what the torque sensor says beyond the model that is taken
+                over in a control step, above 0, to 1.
+            turning: RMS error of the torque over the horizon that turning the motor
+                must save, in standard deviations of the torque sensor.
+            learning: Rate at which friction is learned [1/s].
+
+        Raises:
+            CableError: If cables or inertia are not known, or a number is out of range.
+        """
+        super().__init__(drive)
+        if not drive.inertia > 0.0:
+            raise CableError(
+                "a controller that plans the motor's path needs to know its inertia; "
+                "Drive.inertia is 0."
+            )
+        self.model = CableModel(drive)
+        number("bandwidth", bandwidth, 1.0, 1e5, "rad/s")
+        number("horizon", horizon, drive.period, 10.0, "s")
+        number("knots", knots, 1, 200, "knots")
+        number("rotor", rotor, 1.0, 1e5, "rad/s")
+        number("motion", motion, 1.0, 1e5, "rad/s")
+        number("belief", belief, 1e-3, 1.0, "")
+        number("turning", turning, 0.0, 1e6, "standard deviations")
+        number("learning", learning, 0.0, 1e3, "1/s")
+        period = drive.period
+        late = max(drive.delay, 1) * period
+        slowed = min(bandwidth, PLAN_PER_DELAY / late)
+        self._gains = preview(knots, horizon / knots, slowed)
+        followed = smoothing(rotor * period)
+        unexplained = smoothing(min(rotor, ROTOR_PER_DELAY / late) * period)
+        greatest = max(abs(end) for end in drive.reach)
+        noise = max(drive.torque_noise, _LEAST_NOISE * greatest)
+        stiffness = sum(
+            one.distal**2 * one.cable.axial_stiffness / one.cable.length
+            for one in drive.cables
+        )
+        self._tune = np.array(
+            [
+                period,
+                drive.inertia,
+                drive.damping,
+                stiffness,
+                drive.ratio,
+                drive.low,
+                drive.high,
+                horizon / knots,
+                0.5 * noise,
+                (turning * noise) ** 2,
+                3.0 * noise,
+                belief,
+                learning,
+                0.05 * max(abs(drive.low), abs(drive.high)),
+                *followed[:2],
+                unexplained[2],
+                *smoothing(motion * period),
+            ]
+        )
+        self._size = planning.FRICTION + len(drive.cables)
+        self._memory: FloatArray = np.zeros((0, self._size))
+        self._applied: FloatArray = np.zeros((0, drive.delay + 1))
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Start at rest in the pretension; see `Controller.reset`."""
+        self.model.reset(where)
+        if where is None:
+            self._memory = np.zeros((0, self._size))
+        elif self._memory.shape[0]:
+            self._memory[where] = 0.0
+            self._applied[where] = 0.0
+
+    def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        """What the drive's friction is to be multiplied by (rows, cables)."""
+        factor: NDArray[np.float64] = np.exp(self._memory[:, planning.FRICTION :])
+        return factor
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Torque of the motor [Nm]; see `Controller.torque`."""
+        seen = np.stack(
+            [np.atleast_1d(np.asarray(observation[name], float)) for name in _READ],
+            axis=1,
+        )
+        if seen.shape[0] != self._memory.shape[0]:
+            self._memory = np.zeros((seen.shape[0], self._size))
+            self._applied = np.zeros((seen.shape[0], self.drive.delay + 1))
+        model = self.model
+        model.ready(seen[:, 0].copy())
+        found = np.empty(seen.shape[0])
+        planning.act(
+            rollout.pointer(),
+            model.packed,
+            model.segments,
+            model.proximal,
+            model.distal,
+            model.state,
+            model.joint,
+            self._memory,
+            self._applied,
+            seen,
+            self._gains,
+            self._tune,
+            found,
+            model.work,
+        )
+        self._applied[:, :-1] = self._applied[:, 1:]
+        self._applied[:, -1] = found
+        factor = self.learned(observation)
+        # Not for every last bit: packing a cable takes longer than stepping it.
+        changed = np.abs(factor / model.factor - 1.0) > 0.01
+        if changed.any():
+            model.scale_friction(np.where(changed, factor, model.factor))
+        return float(found[0]) if np.ndim(observation[_READ[0]]) == 0 else found
+
+
+def preview(knots: int, span: float, bandwidth: float) -> FloatArray:
+    """Accelerations of the best plan of a double integrator.
+
+    Args:
+        knots: Number of them.
+        span: From one to the next [s].
+        bandwidth: Square root of the weight of angle to acceleration [rad/s].
+
+    Returns:
+        Acceleration before every knot per angle, velocity and wanted angle at every
+        knot (knots, 2 + knots), to be multiplied by them and added up.
+    """
+    after = np.arange(1, knots + 1)
+    free = np.stack([np.ones(knots), after * span], axis=1)
+    driven = span**2 * np.tril(after[:, None] - after[None, :] + 0.5)
+    weight = np.vstack([driven, np.eye(knots) / bandwidth**2])
+    inverse = np.linalg.pinv(weight)[:, :knots]
+    return np.ascontiguousarray(np.hstack([-inverse @ free, inverse]))
+
+
+def smoothing(rate: float) -> tuple[float, float, float]:
+    """Gains of a filter of third order whose poles are all at exp(-rate), per step.
+
+    R. Benedict, G. Bordner, "Synthesis of an optimal set of radar track-while-scan
+    smoothing equations", IRE Trans. Automatic Control 7, 1962, for a constant
+    acceleration.
+    """
+    pole = math.exp(-rate)
+    gone = 1.0 - pole
+    return 1.0 - pole**3, 1.5 * (1.0 - pole**2) * gone, 0.5 * gone**3

@@ -1,0 +1,219 @@
+"""Cables moved by both of their ends, to try what a controller might do.
+
+    rollout.move(ADVANCE, cables, state, motor, joint, dt, new, work)
+
+The kernel is reached through a pointer (`ADVANCE`). Numba links what a function calls
+into it and optimises all of it anew: a planner of several functions would take half a
+minute to compile instead of seconds.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import cfunc, types
+from numba.core.types import WrapperAddressProtocol
+
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.transmission import kernel, stepper
+from cc_mujoco.transmission.packing import tensions
+
+_VECTOR, _REAL, _INTEGER = (
+    types.Array(types.float64, 1, "C"),
+    types.float64,
+    types.int64,
+)
+_SIGNATURE = _INTEGER(
+    _VECTOR, _INTEGER, _VECTOR, _REAL, _REAL, _REAL, _VECTOR, _VECTOR
+)  # fmt: skip
+_EVALUATIONS = 12
+_LEAST_STEP = 0.2
+"""Of what stretches all of a cable: its end alone is stiffer."""
+
+
+def _advance(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    u_proximal: float,
+    u_distal: float,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> int:
+    kernel.advance(prm, n, state, u_proximal, u_distal, dt, new, work)
+    return 0
+
+
+class _Advance(WrapperAddressProtocol):
+    """`kernel.advance` as a pointer that compiled functions take."""
+
+    def __init__(self) -> None:
+        try:
+            self._function = cfunc(_SIGNATURE, cache=True, nogil=True)(_advance)
+        except RuntimeError:  # Numba finds no folder that it may write its cache to
+            self._function = cfunc(_SIGNATURE, nogil=True)(_advance)
+
+    def __wrapper_address__(self) -> int:
+        return int(self._function.address)
+
+    def signature(self) -> Any:
+        return _SIGNATURE
+
+
+def pointer() -> Any:
+    """`kernel.advance` for the functions here; compiled at the first call."""
+    global _POINTER
+    if _POINTER is None:
+        _POINTER = _Advance()
+    return _POINTER
+
+
+_POINTER: _Advance | None = None
+
+
+@compiled
+def move(
+    advance: Any,
+    cables: stepper.Cables,
+    state: FloatArray,
+    motor: float,
+    joint: float,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> None:
+    """Step all cables with both angles given [rad]; `new` is the state after."""
+    for k in range(cables.n.size):
+        u_proximal, _ = stepper.proximal(cables, k, motor)
+        advance(
+            cables.prm[k], cables.n[k], state[k], u_proximal, cables.distal[k] * joint,
+            dt, new[k], work,
+        )  # fmt: skip
+
+
+@compiled
+def joint_for(
+    advance: Any,
+    cables: stepper.Cables,
+    state: FloatArray,
+    motor: float,
+    start: float,
+    torque: float,
+    stiffness: float,
+    tolerance: float,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Angle of the joint at which the cables make a torque [rad]; moves them there.
+
+    The torque falls as the joint turns: bracket from `start`, then regula falsi.
+
+    Args:
+        advance: see `pointer`.
+        cables: of the transmission.
+        state: before the step (cables, numbers).
+        motor: angle of the motor after it [rad].
+        start: where the joint should be [rad].
+        torque: to be made [Nm].
+        stiffness: of all cables at the joint [Nm/rad].
+        tolerance: of the torque [Nm].
+        dt: time step [s].
+        new: out, after the step.
+        work: scratch.
+    """
+    low, f_low, high, f_high = 0.0, 0.0, 0.0, 0.0
+    has_low, has_high, side = False, False, 0
+    at, reach = 0.0, 0.0
+    for _ in range(2 * _EVALUATIONS):
+        move(advance, cables, state, motor, start + at, dt, new, work)
+        over = stepper.torque(cables, new, True, motor)[0] - torque
+        if abs(over) <= tolerance:
+            break
+        if over > 0.0:
+            low, f_low, has_low = at, over, True
+            f_high *= 0.5 if side > 0 else 1.0
+            side = 1
+        else:
+            high, f_high, has_high = at, over, True
+            f_low *= 0.5 if side < 0 else 1.0
+            side = -1
+        if has_low and has_high:
+            at = low - f_low * (high - low) / (f_high - f_low)
+        else:
+            reach = max(2.0 * reach, _LEAST_STEP * abs(over) / stiffness)
+            at += reach if over > 0.0 else -reach
+            side = 0
+    return start + at
+
+
+@compiled
+def motor_for(
+    advance: Any,
+    cables: stepper.Cables,
+    state: FloatArray,
+    start: float,
+    way: float,
+    joint: float,
+    torque: float,
+    rise: float,
+    most: float,
+    tolerance: float,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Nearest angle of the motor, `way` from where it is, that makes a torque [rad].
+
+    Where that way leads away from the torque or has no effect, the motor stays. A
+    single cable is taken to push in proportion to its slack, so that it is paid out no
+    further than needed.
+
+    Args:
+        advance: see `pointer`.
+        cables: of the transmission.
+        state: before the step (cables, numbers).
+        start: angle of the motor before [rad].
+        way: sense in which it may turn, 1 or -1.
+        joint: angle of the joint after the step [rad].
+        torque: to be made [Nm].
+        rise: torque per angle of the motor while all of the cables stretches [Nm/rad].
+        most: farthest that the motor turns [rad].
+        tolerance: of the torque [Nm].
+        dt: time step [s].
+        new: out, after the step.
+        work: scratch.
+    """
+    toward = way * np.sign(rise)
+    low, f_low, high, f_high = 0.0, 0.0, 0.0, 0.0
+    known, side, at, step = False, 0, 0.0, 0.0
+    for turn in range(_EVALUATIONS):
+        move(advance, cables, state, start + way * at, joint, dt, new, work)
+        made = stepper.torque(cables, new, True, start)[0]
+        if cables.n.size == 1:
+            made = -cables.distal[0] * tensions(new[0], cables.n[0])[cables.n[0]]
+        lack = toward * (torque - made)
+        if abs(lack) <= tolerance or (turn == 0 and lack <= 0.0):
+            break
+        if lack > 0.0:
+            if at >= most:
+                break
+            f_high *= 0.5 if side > 0 else 1.0
+            if turn > 0 and f_low > lack:
+                # A secant, a little further, so that the root is soon enclosed.
+                step = min(1.2 * lack * (at - low) / (f_low - lack), 4.0 * (at - low))
+            else:
+                step = max(lack / abs(rise), 2.0 * step)
+            low, f_low, side = at, lack, 1
+        else:
+            f_low *= 0.5 if side < 0 else 1.0
+            high, f_high, known, side = at, lack, True, -1
+        if known:
+            at = low - f_low * (high - low) / (f_high - f_low)
+        else:
+            at = min(low + step, most)
+    if not known and cables.n.size == 1 and way * cables.proximal[0] > 0.0:
+        return start  # what is slack there already does not get any slacker
+    return start + way * at

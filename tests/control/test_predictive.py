@@ -1,0 +1,93 @@
+"""Plans: a reversal crossed in one move, delay, swing and what must be known."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cc_mujoco.benchmark import Cell, play
+from cc_mujoco.benchmark.mismatch import Mismatch
+from cc_mujoco.control import AdaptiveModel, PredictiveCompensation
+from cc_mujoco.control.predictive import preview, smoothing
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.errors import CableError
+from cc_mujoco.sensing import Sensing, Sensors
+from control.devices import pull_pull
+
+
+def scores(law: str, *where: str, duration: float, **settings: Any) -> dict[str, float]:
+    cell = Cell(where[0], law, where[1], where[2], (0,), duration, **settings)
+    return {name: float(value[0]) for name, value in play(cell).scores.items()}
+
+
+def test_a_plan_reaches_what_it_wants_and_leaves_early() -> None:
+    span = 0.003
+    gains = preview(30, span, 150.0)
+    wanted = np.where(np.arange(1, 31) > 15, 1.0, 0.0)
+    push = gains[:, 2:] @ wanted
+    velocity = np.concatenate([[0.0], np.cumsum(push) * span])
+    angle = np.cumsum(span * velocity[:-1] + 0.5 * span**2 * push)
+    assert angle[-1] == pytest.approx(1.0, abs=0.02)
+    assert angle[0] == pytest.approx(0.0, abs=0.02)
+    assert 0.25 < angle[14] < 0.75
+    # At rest where it shall be it stays; a motion that goes on needs no push.
+    assert gains @ np.concatenate([[2.0, 0.0], np.full(30, 2.0)]) == pytest.approx(0.0)
+    going = np.concatenate([[0.0, 1.0], span * np.arange(1, 31)])
+    assert gains @ going == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_filter_of_motion_has_no_lag_under_constant_acceleration() -> None:
+    a, b, c = smoothing(0.2)
+    value, rate, half = 0.0, 0.0, 0.0
+    for step in range(1, 200):
+        value, rate = value + rate + half, rate + 2.0 * half
+        off = 0.5 * 0.01 * step**2 - value
+        value, rate, half = value + a * off, rate + b * off, half + c * off
+    assert rate == pytest.approx(0.01 * 199, rel=1e-6)
+
+
+def test_a_reversal_at_the_wrist_is_crossed_in_one_quiet_move() -> None:
+    found = scores("predictive", "wrist", "sine", "spring", duration=2.2)
+    assert found["rms_error"] < 0.1
+    assert found["chatter"] < 0.07
+    assert found["failed"] == 0.0
+
+
+def test_a_delay_of_ten_steps_leaves_it_far_better_than_no_model() -> None:
+    late: dict[str, Any] = {
+        "mismatch": Mismatch(0.0, 0.0, 0.0),
+        "sensing": dataclasses.replace(DEVICES["wrist"].sensing, delay=10),
+    }
+    where = "wrist", "sine", "spring"
+    found = scores("predictive", *where, duration=2.2, **late)
+    usual = scores("pi", *where, duration=2.2, **late)
+    assert found["rms_error"] < 0.25 * usual["rms_error"]
+
+
+def test_the_ankle_is_let_go_in_swing_and_taut_when_it_pushes_off() -> None:
+    found = scores("predictive", "ankle", "walk", "assist", duration=2.0)
+    assert found["failed"] == 0.0
+    assert found["rms_error"] < 1.3
+
+
+def test_what_it_needs_to_know_is_asked_for() -> None:
+    drive = pull_pull()
+    with pytest.raises(CableError, match=r"Drive\.inertia is 0"):
+        PredictiveCompensation(drive)
+    known = dataclasses.replace(drive, inertia=1e-4)
+    for name in ("bandwidth", "horizon", "knots", "belief", "turning", "learning"):
+        wrong: dict[str, Any] = {name: -1}
+        with pytest.raises(CableError, match=name):
+            PredictiveCompensation(known, **wrong)
+    with pytest.raises(CableError, match="tension sensors along every cable"):
+        AdaptiveModel(known)
+    sensors = (Sensors((0, 10), (0.1, 0.1)),) * 2
+    assert AdaptiveModel(dataclasses.replace(known, sensors=sensors))
+
+
+def test_sensors_tell_a_drive_how_late_and_noisy_they_are() -> None:
+    told = Sensing(torque_noise=0.2, tension_noise=1.0, delay=7).equip(pull_pull())
+    assert (told.delay, told.torque_noise) == (7, 0.2)

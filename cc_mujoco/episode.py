@@ -13,6 +13,8 @@ of the thesis differ in their plants and observers.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -53,6 +55,7 @@ def run(
     *observers: Observer,
     measure: Callable[[Columns], Columns] = lambda columns: columns,
     name: str = "",
+    clock: Clock | None = None,
 ) -> None:
     """Play an episode.
 
@@ -62,6 +65,7 @@ def run(
         observers: Called at every control step, from the start to the end.
         measure: What the controller reads of the columns; all of them by default.
         name: Of the controller, for error messages; that of its class by default.
+        clock: Takes the computing time of the controller.
 
     Raises:
         CableError: If the controller raises or gives torques of a wrong shape, or the
@@ -74,8 +78,11 @@ def run(
     shape = np.shape(columns["joint_angle_rad"])
     for step in range(plant.steps + 1):
         seen = measure(columns)
+        begun = time.thread_time()
         with blamed(name):
             torque = np.asarray(controller.torque(seen), dtype=float)
+        if clock is not None:
+            clock.spent.append(time.thread_time() - begun)
         if torque.shape not in ((), shape):
             each = f", or one for each of {shape[0]} environments" if shape else ""
             raise CableError(
@@ -86,6 +93,32 @@ def run(
             observe(step, columns, torque)
         if step < plant.steps:
             columns = plant.advance(torque)
+
+
+class Clock:
+    """Computing time of a controller, per control step.
+
+    Time of the processor in this thread, so that what else runs does not count. The
+    first steps may have waited for a compiler; `WARMING` of them are left out.
+    """
+
+    WARMING = 10
+
+    def __init__(self) -> None:
+        """Prepare for one episode."""
+        self.spent: list[float] = []
+        """Of every control step, all devices together [s]."""
+
+    @property
+    def median(self) -> float:
+        """[s]; NaN before there are more than `WARMING` steps."""
+        spent = self.spent[self.WARMING :]
+        return float(np.median(spent)) if spent else math.nan
+
+    @property
+    def worst(self) -> float:
+        """[s]; NaN before there are more than `WARMING` steps."""
+        return max(self.spent[self.WARMING :], default=math.nan)
 
 
 class Single:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import Controller, Drive
-from cc_mujoco.episode import Trace, run
+from cc_mujoco.episode import Clock, Trace, run
 from cc_mujoco.errors import CableError
 
 DRIVE = Drive(1.0, -1.0, 1.0, 0.001)
@@ -63,6 +64,19 @@ def test_every_answer_but_the_last_is_acted_on_and_all_are_observed() -> None:
     truth = [1.0, 1.25, 1.5, 1.75, 2.0]
     assert observed == [(k, angle, 0.25) for k, angle in enumerate(truth)]
     assert seen == [-angle for angle in truth]
+
+
+def test_a_clock_counts_what_a_controller_computes_and_not_how_long_it_waits() -> None:
+    def busy(_: Any) -> float:
+        time.sleep(0.002)
+        return float(np.sum(np.arange(20_000.0)) * 0.0)
+
+    clock, plant = Clock(), Counter(0.0)
+    plant.steps = Clock.WARMING + 4
+    run(plant, Law(busy), clock=clock)
+    assert len(clock.spent) == plant.steps + 1
+    assert 0.0 < clock.median <= clock.worst < 0.002
+    assert np.isnan(Clock().worst)
 
 
 def test_a_trace_keeps_columns_and_leaves_out_what_has_failed() -> None:

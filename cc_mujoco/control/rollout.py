@@ -56,7 +56,9 @@ class _Advance(WrapperAddressProtocol):
             self._function = cfunc(_SIGNATURE, nogil=True)(_advance)
 
     def __wrapper_address__(self) -> int:
-        return int(self._function.address)
+        address = self._function.address
+        assert address is not None  # it is compiled
+        return address
 
     def signature(self) -> Any:
         return _SIGNATURE

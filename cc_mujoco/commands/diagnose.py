@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.commands.options import in_words
+from cc_mujoco.commands.options import Flag, in_words
 from cc_mujoco.errors import CableError
 
 
@@ -34,7 +34,7 @@ class Diagnose:
     """Folder of an earlier diagnosis: its data, scene and TOML are taken with DATA."""
     seed: int = 0
     """Seed of bootstraps and noise draws."""
-    plan: bool = False
+    plan: Flag = False
     """Before there are data: write the trials to record, as plan.md, CSV and TOML."""
     reach: Annotated[float | None, in_words("RAD")] = None
     """With --plan, the motor's largest angle to either side; default by the joint."""

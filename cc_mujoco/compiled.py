@@ -61,7 +61,7 @@ def _drop_stale_code() -> None:
 
 _drop_stale_code()
 
-_NOTICE = "cc_mujoco: compiling the cable plugin; this happens once, about a minute\n"
+_NOTICE = "cc_mujoco: compiling the cable plugin; this happens once, 1-2 min\n"
 _told: list[bool] = []
 
 

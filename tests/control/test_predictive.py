@@ -8,19 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cc_mujoco.benchmark import Cell, play
-from cc_mujoco.benchmark.mismatch import Mismatch
+from cc_mujoco.benchmark import SUITES, Cell, play
+from cc_mujoco.benchmark.conditions import Condition
 from cc_mujoco.control import AdaptiveModel, PredictiveCompensation
 from cc_mujoco.control.predictive import preview, smoothing
-from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.sensing import Sensing, Sensors
 from control.devices import pull_pull
 
+WRIST, ANKLE = (
+    {condition.name: condition for condition in SUITES["v1"].conditions(scene)}
+    for scene in ("wrist", "ankle")
+)
 
-def scores(law: str, *where: str, duration: float, **settings: Any) -> dict[str, float]:
-    cell = Cell(where[0], law, where[1], where[2], (0,), duration, **settings)
-    return {name: float(value[0]) for name, value in play(cell).scores.items()}
+
+def scores(law: str, condition: Condition, duration: float) -> dict[str, float]:
+    short = dataclasses.replace(condition, duration=duration)
+    return {name: float(v[0]) for name, v in play(Cell(short, law)).scores.items()}
 
 
 def test_a_plan_reaches_what_it_wants_and_leaves_early() -> None:
@@ -34,7 +38,9 @@ def test_a_plan_reaches_what_it_wants_and_leaves_early() -> None:
     assert angle[0] == pytest.approx(0.0, abs=0.02)
     assert 0.25 < angle[14] < 0.75
     # At rest where it shall be it stays; a motion that goes on needs no push.
-    assert gains @ np.concatenate([[2.0, 0.0], np.full(30, 2.0)]) == pytest.approx(0.0)
+    assert gains @ np.concatenate([[2.0, 0.0], np.full(30, 2.0)]) == pytest.approx(
+        0.0, abs=1e-9
+    )
     going = np.concatenate([[0.0, 1.0], span * np.arange(1, 31)])
     assert gains @ going == pytest.approx(0.0, abs=1e-6)
 
@@ -49,28 +55,28 @@ def test_the_filter_of_motion_has_no_lag_under_constant_acceleration() -> None:
     assert rate == pytest.approx(0.01 * 199, rel=1e-6)
 
 
-def test_a_reversal_at_the_wrist_is_crossed_in_one_quiet_move() -> None:
-    found = scores("predictive", "wrist", "sine", "spring", duration=2.2)
-    assert found["rms_error"] < 0.1
-    assert found["chatter"] < 0.07
+def test_reversals_at_the_wrist_are_crossed_in_quiet_moves() -> None:
+    found, usual = (
+        scores(law, WRIST["reversals"], 1.6) for law in ("predictive", "stiction")
+    )
+    assert found["rms_error"] < 0.5 * usual["rms_error"]
+    assert found["chatter"] < 0.2 * usual["chatter"]
     assert found["failed"] == 0.0
 
 
-def test_a_delay_of_ten_steps_leaves_it_far_better_than_no_model() -> None:
-    late: dict[str, Any] = {
-        "mismatch": Mismatch(0.0, 0.0, 0.0),
-        "sensing": dataclasses.replace(DEVICES["wrist"].sensing, delay=10),
-    }
-    where = "wrist", "sine", "spring"
-    found = scores("predictive", *where, duration=2.2, **late)
-    usual = scores("pi", *where, duration=2.2, **late)
-    assert found["rms_error"] < 0.25 * usual["rms_error"]
+@pytest.mark.parametrize("law", ["predictive", "adaptive"])
+def test_a_delay_leaves_it_far_better_than_no_model(law: str) -> None:
+    late = WRIST["delay-long"]
+    assert (
+        scores(law, late, 1.3)["rms_error"] < 0.4 * scores("pi", late, 1.3)["rms_error"]
+    )
 
 
 def test_the_ankle_is_let_go_in_swing_and_taut_when_it_pushes_off() -> None:
-    found = scores("predictive", "ankle", "walk", "assist", duration=2.0)
+    walking = ANKLE["ordinary-rough"]
+    found, usual = (scores(law, walking, 1.6) for law in ("predictive", "pi"))
     assert found["failed"] == 0.0
-    assert found["rms_error"] < 1.3
+    assert found["rms_error"] < 0.7 * usual["rms_error"]
 
 
 def test_what_it_needs_to_know_is_asked_for() -> None:

@@ -42,10 +42,16 @@ class Earlier(NamedTuple):
             data[Path(scene["path"])] = scene["sha256"]
             if dataset["path"]:
                 data[Path(dataset["path"])] = dataset["sha256"]
+            several = said["several_files"]
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as wrong:
             raise CableError(
                 f"{folder} holds no diagnosis that can be continued ({place}: {wrong})."
             ) from None
+        if several:
+            raise CableError(
+                f"{folder} is of trials in several files each ({several[0]}); diagnose "
+                "the folder of all data anew."
+            )
         for path, told in data.items():
             _require_unchanged(path, told, place)
         return cls(

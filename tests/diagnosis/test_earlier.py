@@ -29,6 +29,7 @@ def diagnosed(tmp_path: Path) -> Path:
     out.mkdir()
     provenance = {
         "data": data,
+        "several_files": [],
         "scene": both("bench.xml"),
         "dataset": both("dataset.toml"),
     }
@@ -52,6 +53,15 @@ def test_what_has_changed_or_gone_is_told(diagnosed: Path, name: str) -> None:
         Earlier.of(diagnosed)
     file.unlink()
     with pytest.raises(CableError, match=f"{name}, of which .* is not there"):
+        Earlier.of(diagnosed)
+
+
+def test_trials_of_several_files_are_diagnosed_anew(diagnosed: Path) -> None:
+    verdict = diagnosed / VERDICT
+    said = json.loads(verdict.read_text(encoding="utf-8"))
+    said["provenance"]["several_files"] = ["a.csv"]
+    verdict.write_text(json.dumps(said), encoding="utf-8")
+    with pytest.raises(CableError, match=r"several files each \(a.csv\)"):
         Earlier.of(diagnosed)
 
 

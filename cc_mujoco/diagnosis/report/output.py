@@ -95,6 +95,11 @@ def provenance(
         "seed": seed,
         "scene": {"path": str(result.bench.path), "sha256": result.bench.sha256},
         "data": {trial.path: trial.sha256 for trial in dataset.trials},
+        "several_files": [
+            trial.path
+            for trial in dataset.trials
+            if set(trial.paths.values()) - {trial.path}
+        ],
         "dataset": {"path": dataset.path, "sha256": dataset.sha256},
         "versions": {
             "cc_mujoco": version("cc_mujoco"),

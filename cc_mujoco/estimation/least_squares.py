@@ -30,6 +30,8 @@ FACTOR_STEP = 3e-3
 _FLAT = 1e-12
 _DAMPING = 1e-4
 """Of a fit's first step, relative to the diagonal of the normal equations."""
+_LONGEST = math.log(2.0)
+"""Most by which a step changes a logarithm: beyond, derivatives say nothing."""
 _Item = TypeVar("_Item")
 _Found = TypeVar("_Found")
 _WIDEST = 50.0
@@ -119,6 +121,7 @@ def fit(
         np.array([getattr(parameter, side) for parameter in free])
         for side in ("low", "high")
     )
+    factors = np.array([p.scale if p.factor else 0.0 for p in free])
     x: FloatArray = np.clip(start, low, high)
     error = residual(x)
     cost, damping, left = _half_square(error), _DAMPING, evaluations - 1
@@ -128,6 +131,7 @@ def fit(
         shorter = True
         while shorter and left > 0:
             step = bounded_step(square, slope, damping, low - x, high - x)
+            step /= max(1.0, float(np.max(np.abs(step) * factors)) / _LONGEST)
             promised = -float(slope @ step + 0.5 * step @ square @ step)
             if promised <= tolerance * cost:
                 return Fit(x, cost)

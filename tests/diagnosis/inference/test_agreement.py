@@ -43,7 +43,6 @@ def test_what_every_part_shows_is_named_and_what_half_of_them_show_is_not() -> N
     found = reason(
         rig({IDS[1]: PULL, IDS[0]: DRAG}, {IDS[1]: PULL}), BENCH, ids=IDS
     ).diagnosis
-    print(found.statement, [(e.id, e.agreement) for e in found.effects])
     agreed = {each.id: each.agreement for each in found.effects}
     assert agreed["joint_gravity"] == 1.0
 

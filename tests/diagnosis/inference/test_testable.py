@@ -46,5 +46,5 @@ def test_cables_of_different_friction_are_told() -> None:
 
 
 def test_nothing_runs_away_on_a_rig_like_the_scene() -> None:
-    data = dataset(duration=2.5, seed=3, chosen=(0, 2), changes={"pretension": 84.0})
+    data = dataset(duration=1.5, seed=3, chosen=(0, 2), changes={"pretension": 84.0})
     assert reason(data, BENCH, ids=IDS[:1]).diagnosis.strayed == ()

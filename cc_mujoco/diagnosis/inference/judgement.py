@@ -23,6 +23,12 @@ an effect that shows in few moments only closes the gap without taking that shar
 CLOSED = 0.75
 """Share of the gap that an effect has to close which takes less than `EXPLAINED`."""
 
+SURE = 2.0
+"""Error over the floor up to which taking that share is enough.
+
+A model that stays further off is wrong in form, and large errors are what it is about.
+"""
+
 REFINES = 0.08
 """Share of the baseline's gap below which an effect only refines the others."""
 
@@ -78,7 +84,8 @@ def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdic
             f"it{_impossible(found)}. {told}"
         )
     explained = 1.0 - (left**2 - 1.0) / (misfit**2 - 1.0) if misfit > 1.0 else 1.0
-    little = explained < EXPLAINED and overall(outcome.gap) < CLOSED
+    little = explained < EXPLAINED or left > SURE
+    little = little and overall(outcome.gap) < CLOSED
     if left > limits.misfit and little:
         return "unknown", (
             f"Something is missing; {_titles(missing)} explains {share(explained)} of "

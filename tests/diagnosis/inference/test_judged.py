@@ -66,6 +66,13 @@ def test_effects_that_leave_most_of_the_error_are_not_the_answer(
         assert "28 % of it" in statement
 
 
+def test_a_model_that_stays_far_off_has_to_close_the_gap_as_well() -> None:
+    found = outcome(ALIKE[:1], GAP)
+    far = search(20.0, 8.0)  # 84 % of the squared error
+    assert judged(far, found, Thresholds())[0] == "unknown"
+    assert judged(far, outcome(ALIKE[:1], CLOSED), Thresholds())[0] == "named"
+
+
 def test_an_effect_of_few_moments_closes_the_gap() -> None:
     found = outcome(ALIKE[:1], CLOSED)
     assert judged(search(3.0, 2.6), found, Thresholds())[0] == "named"

@@ -44,6 +44,11 @@ class Found:
     agreement: float = 1.0
     disputed: bool = False
 
+    @property
+    def missing(self) -> bool:
+        """Whether it is called missing: no refinement, and not disputed."""
+        return not (self.refinement or self.disputed)
+
 
 @dataclass(frozen=True)
 class NotTestable:
@@ -244,9 +249,7 @@ class Diagnosis:
     @property
     def missing(self) -> tuple[Found, ...]:
         """Named effects without refinements and what parts of the data dispute."""
-        return tuple(
-            each for each in self.effects if not (each.refinement or each.disputed)
-        )
+        return tuple(each for each in self.effects if each.missing)
 
     def to_json(self) -> str:
         """Text of `verdict.json`; numbers that are not finite are null."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.inference.agreement import REACHED
 from cc_mujoco.diagnosis.inference.folds import excess
 from cc_mujoco.diagnosis.inference.gap import overall
 from cc_mujoco.diagnosis.inference.plausibility import FITS_ONLY
@@ -22,12 +23,6 @@ an effect that shows in few moments only closes the gap without taking that shar
 
 CLOSED = 0.75
 """Share of the gap that an effect has to close which takes less than `EXPLAINED`."""
-
-SURE = 2.0
-"""Error over the floor up to which taking that share is enough.
-
-A model that stays further off is wrong in form, and large errors are what it is about.
-"""
 
 REFINES = 0.08
 """Share of the baseline's gap below which an effect only refines the others."""
@@ -62,7 +57,7 @@ def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdic
         return _nothing(found, limits)
     refining = [each.id for each in outcome.effects if each.refinement]
     disputed = [e for e in outcome.effects if e.disputed and not e.refinement]
-    missing = [e.id for e in outcome.effects if not (e.refinement or e.disputed)]
+    missing = [each.id for each in outcome.effects if each.missing]
     told = f"On data held out, the weighted RMS error of {_gap(outcome.gap)}."
     if refining:
         told += (
@@ -84,7 +79,8 @@ def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdic
             f"it{_impossible(found)}. {told}"
         )
     explained = 1.0 - (left**2 - 1.0) / (misfit**2 - 1.0) if misfit > 1.0 else 1.0
-    little = explained < EXPLAINED or left > SURE
+    # A model that stays far off is wrong in form; large errors are what that is about.
+    little = explained < EXPLAINED or left > REACHED
     little = little and overall(outcome.gap) < CLOSED
     if left > limits.misfit and little:
         return "unknown", (

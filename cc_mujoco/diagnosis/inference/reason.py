@@ -131,7 +131,7 @@ def _concluded(
     hidden = confounded(baseline_fit.problem, baseline_fit.whole.x, found.signatures)
     beyond = strayed(problem, x, estimated, hidden)
     effects = _found(found, problem, estimated, agreed)
-    missing = [e.id for e in effects if not (e.refinement or e.disputed)]
+    missing = [effect.id for effect in effects if effect.missing]
     tied = [
         step for step in found.rounds if len(step.rivals) > 1 and step.added in missing
     ]

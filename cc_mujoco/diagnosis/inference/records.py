@@ -100,19 +100,13 @@ class Filtering:
     """What happened to the recorded signals.
 
     Attributes:
-        band: cut-off of the low-pass of torques [Hz].
-        motion_band: the same of angles [Hz].
-        rate: samples per second that are compared.
+        motion_band: cut-off of the low-pass of angles [Hz].
         passed: variance of white noise of a torque that passes, over its own.
-        motion_passed: the same of an angle.
         still: movement of motor and joint that counts as none [rad].
     """
 
-    band: float
     motion_band: float
-    rate: float
     passed: float
-    motion_passed: float
     still: tuple[float, ...]
 
 
@@ -134,8 +128,7 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
         for part in trial.segments:
             if part.stop - part.start >= SHORTEST:
                 records.append(_record(trial, part, bands, bench, still, dataset.noise))
-    rate = first.rate / _thinning(first.rate)
-    return tuple(records), Filtering(*bands, rate, *passed, still)
+    return tuple(records), Filtering(motion_band, passed[0], still)
 
 
 def _thinning(rate: float) -> int:

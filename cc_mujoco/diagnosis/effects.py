@@ -96,6 +96,7 @@ class Rig(NamedTuple):
 
     motor_radius: float
     joint_radius: float
+    exit_angle: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,12 +200,16 @@ def _eccentric(given: tuple[Cable, ...], values: Values, rig: Rig) -> tuple[Cabl
     return tuple(
         cable.replace(
             eccentricity=size,
-            eccentricity_phase=phase,
+            eccentricity_phase=_turned(phase, side * rig.exit_angle),
             ovality=ovality,
-            ovality_phase=second,
+            ovality_phase=_turned(second, 2.0 * side * rig.exit_angle),
         )
-        for cable in given
+        for side, cable in enumerate(given)
     )
+
+
+def _turned(phase: float, angle: float) -> float:
+    return math.remainder(phase + angle, 2.0 * math.pi)
 
 
 def _stiffening(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:

@@ -386,8 +386,8 @@ class Cable:
         bounds=(0.0, 0.1),
         default=0.0,
         meaning=(
-            "e: radius of the proximal pulley plus e cos(q - phase) at its "
-            "angle q; 0 is off"
+            "e: lever of the cable on the proximal pulley plus e cos(q - phase) at "
+            "its angle q; 0 is off"
         ),
         term=Term(
             equation="r + e cos(q - phase)",
@@ -400,7 +400,10 @@ class Cable:
         unit="rad",
         bounds=(-10.0, 10.0),
         default=0.0,
-        meaning="angle of its largest radius",
+        meaning=(
+            "pulley angle at which that is largest; pi more for the antagonist of a "
+            "pair that leaves the pulley on its two sides"
+        ),
     )
     ovality: float = parameter(
         unit="m",

@@ -54,16 +54,6 @@ class Driven:
     dissipated: FloatArray
 
 
-def _shape(cable: Cable) -> tuple[float, float, float, float]:
-    """What `eccentric.wound` and `eccentric.lever` take of the motor's pulley."""
-    return (
-        cable.eccentricity,
-        cable.eccentricity_phase,
-        cable.ovality,
-        cable.ovality_phase,
-    )
-
-
 @dataclass(frozen=True)
 class Transmission:
     """Cables on a motor pulley and a joint pulley.
@@ -94,7 +84,6 @@ class Transmission:
                 raise CableError(f"{name} is {value!r}; it must be positive and finite")
         if not (math.isfinite(self.backlash) and self.backlash >= 0.0):
             raise CableError(f"backlash is {self.backlash!r} rad; it must be 0 or more")
-        first = self.cables[0]
         for cable in self.cables:
             for name, size in (
                 ("eccentricity", cable.eccentricity),
@@ -106,11 +95,6 @@ class Transmission:
                         "`eccentricity` and `ovality` together must be less than "
                         f"motor_radius = {self.motor_radius!r}"
                     )
-            if _shape(cable) != _shape(first):
-                raise CableError(
-                    "both cables of a transmission run on one motor pulley; their "
-                    "`eccentricity`, `ovality` and both phases must be the same"
-                )
 
     @classmethod
     def pull_pull(
@@ -186,7 +170,7 @@ class Transmission:
             raise CableError(f"time step is {dt!r} s; it must be positive and finite")
         cables = self._stepped()
         count = len(self.cables)
-        out = np.empty((3 + 3 * count, proximal.size))
+        out = np.empty((2 + 4 * count, proximal.size))
         _drive(
             cables,
             proximal_kind,
@@ -197,11 +181,13 @@ class Transmission:
             dt,
             out,
         )
-        motor, lever, joint = out[:3]
-        tension_proximal, tension_distal, dissipated = out[3:].reshape(3, count, -1)
+        motor, joint = out[:2]
+        lever, tension_proximal, tension_distal, dissipated = out[2:].reshape(
+            4, count, -1
+        )
         return Driven(
             motor,
-            _net(tension_proximal) * (self.motor_radius / self.gear_ratio) * lever,
+            _net(tension_proximal * lever) * (self.motor_radius / self.gear_ratio),
             joint,
             _net(tension_distal) * self.joint_radius,
             tension_proximal,
@@ -286,10 +272,10 @@ def _drive(
         else:
             stepper.move(cables, state, motor, joint, dt, new, work)
         state[:] = new
-        out[0, row], out[2, row] = motor, joint
-        out[1, row] = stepper.proximal(cables, 0, motor)[1]
+        out[0, row], out[1, row] = motor, joint
         for k in range(count):
             tension = tensions(new[k], cables.n[k])
-            out[3 + k, row] = max(tension[0], 0.0)
-            out[3 + count + k, row] = max(tension[cables.n[k]], 0.0)
-            out[3 + 2 * count + k, row] = new[k, 2]
+            out[2 + k, row] = stepper.proximal(cables, k, motor)[1]
+            out[2 + count + k, row] = max(tension[0], 0.0)
+            out[2 + 2 * count + k, row] = max(tension[cables.n[k]], 0.0)
+            out[2 + 3 * count + k, row] = new[k, 2]

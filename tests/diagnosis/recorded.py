@@ -52,13 +52,13 @@ def dataset(
         cable.replace(friction=cable.friction * (1.0 + side))
         for cable, side in zip(cables, (balance, -balance), strict=True)
     )
-    rig = Rig(BENCH.motor_radius, BENCH.joint_radius)
+    rig = Rig(BENCH.motor_radius, BENCH.joint_radius, BENCH.exit_angle)
     for name, values in effects.items():
         change = EFFECTS[name].cables
         if change is not None:
             cables = change(cables, values, rig)
     play = effects.get("backlash", {}).get("backlash", 0.0)
-    drive = Transmission(cables, *rig, backlash=play)
+    drive = Transmission(cables, rig.motor_radius, rig.joint_radius, backlash=play)
     random = np.random.default_rng(seed + 1)
     trials = []
     every = motions(duration, seed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -258,7 +259,7 @@ def test_a_repaired_scene_is_a_bench_again(tmp_path: Path, name: str) -> None:
     values = dict(effect.starts[0])
     cables = tuple(cable.replace(friction=0.13) for cable in BENCH.cables)
     if effect.cables is not None:
-        cables = effect.cables(cables, values, Rig(0.05, 0.05))
+        cables = effect.cables(cables, values, Rig(0.05, 0.05, math.pi))
     write(path, repaired(BENCH, cables, {name: values}))
     again = Bench.of(path)
     assert (again.motor, again.joint) == ("motor", "joint")

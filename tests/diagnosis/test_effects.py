@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -30,7 +32,7 @@ def test_the_library_has_the_ids_that_verdicts_promise() -> None:
 
 
 def test_every_term_of_a_cable_can_be_named() -> None:
-    given, rig = (Cable(), Cable()), Rig(motor_radius=0.02, joint_radius=0.05)
+    given, rig = (Cable(), Cable()), Rig(0.02, 0.05, math.pi)
     named = {"friction", "static_friction"}  # of the baseline
     for effect in EFFECTS.values():
         for cable in (
@@ -80,3 +82,24 @@ def test_entries_are_complete(name: str) -> None:
     assert in_scene
     if name in REALISATIONS:
         assert set(REALISATIONS[name].parameters) == {k.name for k in effect.parameters}
+
+
+def test_an_eccentric_pulley_is_as_far_out_where_each_cable_leaves_it() -> None:
+    """At the angle after which the antagonist leaves, its lever is the agonist's."""
+    values = {
+        "eccentricity_cosine": 3e-4,
+        "eccentricity_sine": -4e-4,
+        "ovality_cosine": 1e-4,
+        "ovality_sine": 2e-4,
+    }
+    change = EFFECTS["pulley_eccentricity"].cables
+    assert change is not None
+    for apart in (0.0, 2.0, math.pi, 2.0 * math.pi):
+        agonist, antagonist = change((Cable(),) * 2, values, Rig(0.02, 0.05, apart))
+        for q in (0.0, 0.7, -3.0):
+            levers = [
+                cable.eccentricity * math.cos(at - cable.eccentricity_phase)
+                + cable.ovality * math.cos(2.0 * at - cable.ovality_phase)
+                for cable, at in ((agonist, q), (antagonist, q + apart))
+            ]
+            assert levers[0] == pytest.approx(levers[1], abs=1e-12)

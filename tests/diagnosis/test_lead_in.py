@@ -60,7 +60,7 @@ def test_friction_at_a_tension_is_the_same_in_trials_of_any_pretension() -> None
     change = EFFECTS["tension_dependent_friction"].cables
     assert change is not None
     values = {"tension_exponent": -0.2, "pretension": 80.0}
-    rig = Rig(0.05, 0.05)
+    rig = Rig(0.05, 0.05, 0.0)
     usual, loose = (
         change((BENCH.cables[0].replace(pretension=tension),), values, rig)[0]
         for tension in (80.0, 52.0)

@@ -131,9 +131,29 @@ def test_an_eccentric_pulley_is_checked():
     together = CABLE.replace(eccentricity=0.015, ovality=0.005)
     with pytest.raises(ValueError, match=r"`ovality` is 0\.005; .*less than motor"):
         Transmission.single(together, 0.02, 0.104)
-    little = CABLE.replace(eccentricity=1e-3)
-    with pytest.raises(ValueError, match="must be the same"):
-        Transmission((little, CABLE), 0.02, 0.104)
+
+
+def test_cables_on_two_sides_of_an_eccentric_pulley_tighten_and_slacken_together():
+    """Where one tangent is farther from the axis, the opposite one is nearer."""
+    e, phase = 1e-3, 0.7
+    side = CABLE.replace(
+        friction=0.0, pretension=200.0, eccentricity=e, eccentricity_phase=phase
+    )
+    other = side.replace(eccentricity_phase=phase + np.pi)
+    q = 4.0 * np.sin(0.7 * TIME)
+    motion = Transmission((side, other), 0.02, 0.104).replay(
+        2e-3, motor_angle=q, joint_angle=np.zeros_like(TIME)
+    )
+    off = e * (np.sin(q - phase) + np.sin(phase))
+    agonist = 200.0 + 4000.0 / 2.0 * (0.02 * q + off)
+    antagonist = 200.0 - 4000.0 / 2.0 * (0.02 * q - off)
+    assert min(agonist.min(), antagonist.min()) > 0.0
+    assert motion.tension_distal == pytest.approx(
+        np.array([agonist, antagonist]), abs=1e-8
+    )
+    swing = e * np.cos(q - phase)
+    torque = agonist * (0.02 + swing) - antagonist * (0.02 - swing)
+    assert motion.motor_torque == pytest.approx(torque, abs=1e-9)
 
 
 @pytest.mark.parametrize("cables", [1, 2])

@@ -7,6 +7,7 @@ bench.transmission.replay(dt, motor_angle=..., joint_angle=...)
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,6 +35,8 @@ class Bench:
         joint: name of the output joint.
         motor_radius: of the motor's pulley [m].
         joint_radius: of the joint's pulley [m].
+        exit_angle: around the motor's pulley, from where the agonist leaves it to where
+            the antagonist does [rad].
     """
 
     path: Path
@@ -44,6 +47,7 @@ class Bench:
     joint: str
     motor_radius: float
     joint_radius: float
+    exit_angle: float = math.pi
 
     @property
     def transmission(self) -> Transmission:
@@ -57,13 +61,14 @@ class Bench:
             constants: of `[rig]`, see `dataset_file.RIG`.
         """
         value = {name: constant.value for name, constant in constants.items()}
-        pulleys = {"motor_radius", "joint_radius"}
+        pulleys = {"motor_radius", "joint_radius", "exit_angle"}
         cable = {name: v for name, v in value.items() if name not in pulleys}
         return replace(
             self,
             cables=tuple(given.replace(**cable) for given in self.cables),
             motor_radius=value.get("motor_radius", self.motor_radius),
             joint_radius=value.get("joint_radius", self.joint_radius),
+            exit_angle=value.get("exit_angle", self.exit_angle),
         )
 
     @classmethod

@@ -22,6 +22,7 @@ All of it is optional. An example with every key:
     [rig]                           # uncertainty: one standard deviation
     motor_radius = { value = 20, uncertainty = 0.1, unit = "mm" }
     joint_radius = 0.104
+    exit_angle = { value = 180, unit = "deg" }  # between the tangents, see `RIG`
 
     [trials."run_*"]                # file name with or without ending, or a pattern;
     pretension = 12.0               # later tables win over earlier ones
@@ -70,12 +71,15 @@ RIG: dict[str, dict[str, float]] = {
     "pretension": channels.FORCE.factors,
     "axial_stiffness": channels.FORCE.factors,
     "friction": _PLAIN,
+    "exit_angle": channels.ANGLE.factors,
 }
 """Constants that `[rig]` may give in place of the scene's, with units, SI first.
 
-`axial_stiffness` is EA, `friction` the coefficient mu. Everything else about the rig
+`axial_stiffness` is EA, `friction` the coefficient mu, `exit_angle` how far around the
+motor's pulley the antagonist leaves it from where the agonist does (pi unless given:
+conduits side by side, one on either side of the pulley). Everything else about the rig
 (conduits, lengths, wrap) is in the scene. None is negative."""
-MAY_VANISH = ("friction",)
+MAY_VANISH = ("friction", "exit_angle")
 """Those that may be 0."""
 
 

@@ -198,7 +198,7 @@ class Plant:
             )
             for cable, side in zip(self.bench.cables, (balance, -balance), strict=False)
         )
-        rig = Rig(*self.radii(values))
+        rig = Rig(*self.radii(values), self.bench.exit_angle)
         for name in effects:
             change = EFFECTS[name].cables
             if change is not None:

@@ -70,13 +70,13 @@ def _segments(p: Plant) -> Array:
 
 
 @compiled
-def start(p: Plant, pretension: float, arc: float) -> Cables:
-    """Both cables at rest, at pretension, without friction, `arc` from the middle."""
+def start(p: Plant, pretension: float, arc_a: float, arc_b: float) -> Cables:
+    """Both cables at rest, at pretension, without friction; arcs from the middle."""
     n = p.nodes
     shape = (2, n)
     place = np.empty(shape)
-    place[0] = arc
-    place[1] = -arc
+    place[0] = arc_a
+    place[1] = -arc_b
     seal = np.zeros(n)
     seal[0] = 0.4 * p.load_free
     seal[n - 1] = 0.6 * p.load_free

@@ -103,8 +103,9 @@ def integrate(
     slow = varies(p)
     shafts = np.zeros(7)
     shafts[MOTOR] = shafts[HUB] = shafts[JOINT] = command[0, 0]
-    arc, slope = wound(p, shafts[MOTOR])
-    cables = start(p, pretension, arc)
+    arc_a, _ = wound(p, shafts[MOTOR], 1.0)
+    arc_b, _ = wound(p, shafts[MOTOR], -1.0)
+    cables = start(p, pretension, arc_a, arc_b)
     work_in = work_out = 0.0
     rest = pretension
     step = 0
@@ -120,8 +121,11 @@ def integrate(
                 at = step // per_command
                 part = (step - at * per_command) / per_command
                 step += 1
-                arc, slope = wound(p, shafts[MOTOR] - shafts[SLIP])
-                arc_speed = slope * shafts[MOTOR_SPEED]
+                gripped = shafts[MOTOR] - shafts[SLIP]
+                arc_a, slope_a = wound(p, gripped, 1.0)
+                arc_b, slope_b = wound(p, gripped, -1.0)
+                speed_a = slope_a * shafts[MOTOR_SPEED]
+                speed_b = slope_b * shafts[MOTOR_SPEED]
                 far = p.joint_radius * shafts[HUB]
                 far_speed = p.joint_radius * shafts[HUB_SPEED]
                 motor, speed = shafts[MOTOR], shafts[MOTOR_SPEED]
@@ -129,12 +133,12 @@ def integrate(
                 joint, speed = shafts[JOINT], shafts[JOINT_SPEED]
                 hold = _tie(environment, target, at, part, joint, speed)
                 near_a, far_a = step_cable(
-                    p, cables, 0, rest, arc, arc_speed, far, far_speed, dt
+                    p, cables, 0, rest, arc_a, speed_a, far, far_speed, dt
                 )
                 near_b, far_b = step_cable(
-                    p, cables, 1, rest, -arc, -arc_speed, -far, -far_speed, dt
+                    p, cables, 1, rest, -arc_b, -speed_b, -far, -far_speed, dt
                 )
-                load = slope * (near_a - near_b)
+                load = slope_a * near_a - slope_b * near_b
                 given = p.joint_radius * (far_a - far_b)
                 work_in += load * shafts[MOTOR_SPEED] * dt
                 work_out += given * shafts[HUB_SPEED] * dt
@@ -153,6 +157,9 @@ def integrate(
         row[10] = work_out
         row[11] = cables.work[:, 0].sum()
         row[12] = cables.work[:, 1].sum()
-        arc, slope = wound(p, shafts[MOTOR] - shafts[SLIP])
-        row[13] = stored(p, cables, rest, arc, p.joint_radius * shafts[HUB])
+        gripped = shafts[MOTOR] - shafts[SLIP]
+        arc_a, _ = wound(p, gripped, 1.0)
+        arc_b, _ = wound(p, gripped, -1.0)
+        far = p.joint_radius * shafts[HUB]
+        row[13] = stored(p, cables, rest, (arc_a, -arc_b), (far, -far))
     return out

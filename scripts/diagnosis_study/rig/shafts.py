@@ -21,17 +21,22 @@ the cables on the motor pulley [rad]."""
 
 
 @compiled
-def wound(p: Plant, angle: float) -> tuple[float, float]:
-    """Arc wound onto the motor pulley from angle 0, and its slope [m/rad]."""
+def wound(p: Plant, angle: float, side: float) -> tuple[float, float]:
+    """Arc wound onto the motor pulley from angle 0, and its slope [m/rad].
+
+    `side` is 1 for cable a and -1 for cable b, which leaves the pulley opposite: half a
+    turn on, so that odd harmonics change their sign.
+    """
     if p.eccentricity == 0.0:
         return p.motor_radius * angle, p.motor_radius
     e = p.eccentricity
+    odd = side * e
     one = angle - p.eccentric_phase
     two = 2.0 * (angle - p.eccentric_phase_2)
     first = math.sin(one) + math.sin(p.eccentric_phase)
     second = math.sin(two) + math.sin(2.0 * p.eccentric_phase_2)
-    arc = angle + e * (first + 0.125 * second)
-    slope = 1.0 + e * (math.cos(one) + 0.25 * math.cos(two))
+    arc = angle + odd * first + 0.125 * e * second
+    slope = 1.0 + odd * math.cos(one) + 0.25 * e * math.cos(two)
     return p.motor_radius * arc, p.motor_radius * slope
 
 

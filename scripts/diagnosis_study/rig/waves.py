@@ -99,19 +99,24 @@ def step_cable(
 
 
 @compiled
-def stored(p: Plant, cables: Cables, rest: float, near: float, far: float) -> float:
+def stored(
+    p: Plant,
+    cables: Cables,
+    rest: float,
+    near: tuple[float, float],
+    far: tuple[float, float],
+) -> float:
     """Energy of strain and motion of both cables [J]; linear strand.
 
-    `near` and `far` are the displacements of the ends of cable a.
+    `near` and `far` are the displacements of the ends of cables a and b.
     """
     n = p.nodes
     mass = p.line_density * p.length / n
     energy = 0.0
     for c in range(2):
-        side = 1.0 if c == 0 else -1.0
-        last = side * near
+        last = near[c]
         for i in range(n + 1):
-            here = cables.place[c, i] if i < n else side * far
+            here = cables.place[c, i] if i < n else far[c]
             tension = rest + cables.stiffness[c, i] * (last - here)
             if tension > 0.0:
                 energy += 0.5 * tension * tension / cables.stiffness[c, i]

@@ -54,7 +54,13 @@ def test_sliding_friction_does_not_depend_on_speed(rig: Rig) -> None:
 
 @pytest.mark.parametrize(
     "effects",
-    [{}, {"viscous_friction": 80.0}, {"stribeck_friction": 0.4}, {"presliding": 1e-3}],
+    [
+        {},
+        {"viscous_friction": 80.0},
+        {"stribeck_friction": 0.4},
+        {"presliding": 1e-3},
+        {"pulley_eccentricity": 0.1},
+    ],
 )
 def test_work_in_is_work_out_and_losses_and_what_is_stored(
     rig: Rig, lively: Trial, effects: dict[str, float]

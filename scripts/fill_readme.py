@@ -51,7 +51,7 @@ PAGES = {
     "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "README.md",
 }
 """Page of every block."""
-ENTRIES = ("pi", "model", "stiction")
+ENTRIES = ("pi", "model", "stiction", "predictive", "adaptive")
 """Controllers in the table of the benchmark, beside `none` and the references."""
 SHORT = {"claims": 1, "benchmark": 2, "diagnosis": 1}
 """Paragraphs of a block that the front page shows, if any."""

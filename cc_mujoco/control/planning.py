@@ -3,8 +3,14 @@
 A row of `memory` is what a controller knows of one device beside the state of its
 cables: the rotor as an observer has it, with the torque that the model does not
 explain; motion of the joint and of the desired torque, per control step, by filters of
-third order; the sense in which the motor turns; the torque through a low-pass;
-logarithms of the factors of friction.
+third order; the sense in which the motor turns; the torque through a low-pass; by how
+many control steps measurements are late; energy that the joint was given beyond what is
+desired; logarithms of the factors of friction.
+
+Which torque made the rotor move as it was seen to tells how late that was: there is an
+observer of the rotor for every delay that may be, and the one that errs least is
+believed. D. Magill, "Optimal adaptive estimation of sampled stochastic processes", IEEE
+Trans. Automatic Control 10, 1965.
 """
 
 from __future__ import annotations
@@ -21,14 +27,18 @@ from cc_mujoco.transmission.packing import segment_angles, slips, tensions
 
 ANGLE, VELOCITY, UNEXPLAINED, LOAD = 0, 1, 2, 3
 JOINT, AIM, SENSE, STARTED, FELT = 4, 7, 10, 11, 12
-FRICTION = 13
+LATE, ENERGY, FRICTION = 13, 14, 15
 """Places in the memory; behind the last there is a number for every cable."""
+
+ERROR, ROTOR = 3, 4
+"""Place of the mean squared error of an observer of the rotor, behind angle, velocity
+and unexplained torque; how many numbers it has."""
 
 (
     PERIOD, INERTIA, DAMPING, STIFFNESS, RATIO, LOW, HIGH, SPAN, TOLERANCE, TURNING,
-    NOISE, BELIEF, LEARNING, LEAST, ROTOR_0, ROTOR_1, ROTOR_2, MOTION_0, MOTION_1,
-    MOTION_2,
-) = range(20)  # fmt: skip
+    NOISE, BELIEF, LEARNING, LEAST, ROTOR_0, ROTOR_1, MOTION_0, MOTION_1, MOTION_2,
+    FORGETTING, LEAK, SPEND, SLOW, DAMPER,
+) = range(24)  # fmt: skip
 """Places in the tuning, see `predictive`."""
 
 _COULOMB = law.INDEX["friction"]
@@ -38,6 +48,9 @@ _FEELING = 0.25
 """Share of a low-pass that tells taut from slack, per step."""
 _FACTORS = 0.2, 3.0
 """Bounds of the factor of friction."""
+_BETTER = 0.7
+"""Mean squared error of an observer, over that of the one that is believed, below which
+it is believed instead."""
 
 
 @compiled
@@ -59,26 +72,32 @@ def _observe(
     cables: stepper.Cables,
     state: FloatArray,
     joint: float,
-    applied: float,
+    applied: FloatArray,
     seen: FloatArray,
+    late: int,
+    unexplained: FloatArray,
     memory: FloatArray,
+    rotors: FloatArray,
     tune: FloatArray,
     new: FloatArray,
     work: FloatArray,
 ) -> float:
     """Bring cables, rotor and motion to when `seen` was measured; the model's joint."""
     motor, angle, torque, aim = seen
-    dt, inertia = tune[PERIOD], tune[INERTIA]
     if memory[STARTED] == 0.0:
         memory[:] = 0.0
-        memory[ANGLE], memory[JOINT], memory[AIM] = motor, angle, aim
+        memory[JOINT], memory[AIM], memory[LATE] = angle, aim, late
+        rotors[:] = 0.0
+        rotors[:, ANGLE] = motor
         memory[LOAD] = stepper.torque(cables, state, False, motor)[0]
         memory[STARTED] = 1.0
     before = memory[JOINT]
     smooth(memory, JOINT, angle, tune[MOTION_0], tune[MOTION_1], tune[MOTION_2])
     smooth(memory, AIM, aim, tune[MOTION_0], tune[MOTION_1], tune[MOTION_2])
     joint += memory[JOINT] - before
-    rollout.move(advance, cables, state, motor, joint, dt, new, work)
+    memory[ENERGY] += (torque - memory[AIM]) * memory[JOINT + 1]
+    memory[ENERGY] -= tune[LEAK] * memory[ENERGY]
+    rollout.move(advance, cables, state, motor, joint, tune[PERIOD], new, work)
     made, size = stepper.torque(cables, new, True, motor)
     memory[FELT] += _FEELING * (torque - memory[FELT])
     if size > 0.0 or abs(memory[FELT]) > tune[NOISE]:
@@ -88,20 +107,40 @@ def _observe(
             made = 0.0  # noise may push, a cable cannot
         joint = rollout.joint_for(
             advance, cables, state, motor, joint, made, tune[STIFFNESS],
-            0.02 * tune[NOISE], dt, new, work,
+            0.02 * tune[NOISE], tune[PERIOD], new, work,
         )  # fmt: skip
     state[:] = new
     load = stepper.torque(cables, state, False, motor)[0]
-    force = applied - 0.5 * (load + memory[LOAD]) + memory[UNEXPLAINED]
-    gained = dt * (force - tune[DAMPING] * memory[VELOCITY]) / inertia
+    felt = 0.5 * (load + memory[LOAD])
     memory[LOAD] = load
-    memory[ANGLE] += dt * (memory[VELOCITY] + 0.5 * gained)
-    memory[VELOCITY] += gained
-    off = motor - memory[ANGLE]
-    memory[ANGLE] += tune[ROTOR_0] * off
-    memory[VELOCITY] += tune[ROTOR_1] / dt * off
-    memory[UNEXPLAINED] += 2.0 * tune[ROTOR_2] / dt**2 * inertia * off
+    for d in range(rotors.shape[0]):
+        _turn(
+            rotors[d], motor, applied[applied.size - 1 - d] - felt, unexplained[d], tune
+        )
+    best = int(np.argmin(rotors[:, ERROR]))
+    believed = int(memory[LATE])
+    if rotors[best, ERROR] < _BETTER * rotors[believed, ERROR]:
+        believed = best
+    memory[LATE] = believed
+    memory[ANGLE], memory[VELOCITY], memory[UNEXPLAINED] = rotors[believed, :ERROR]
     return joint
+
+
+@compiled
+def _turn(
+    rotor: FloatArray, seen: float, force: float, unexplained: float, tune: FloatArray
+) -> None:
+    """Bring an observer of the rotor one step on, to the angle seen then."""
+    dt, inertia = tune[PERIOD], tune[INERTIA]
+    force += rotor[UNEXPLAINED] - tune[DAMPING] * rotor[VELOCITY]
+    gained = dt * force / inertia
+    rotor[ANGLE] += dt * (rotor[VELOCITY] + 0.5 * gained)
+    rotor[VELOCITY] += gained
+    off = seen - rotor[ANGLE]
+    rotor[ANGLE] += tune[ROTOR_0] * off
+    rotor[VELOCITY] += tune[ROTOR_1] / dt * off
+    rotor[UNEXPLAINED] += 2.0 * unexplained / dt**2 * inertia * off
+    rotor[ERROR] += tune[FORGETTING] * (off * off - rotor[ERROR])
 
 
 @compiled
@@ -158,6 +197,17 @@ def _predict(
         rollout.move(advance, cables, state, memory[ANGLE], joint, dt, new, work)
         state[:] = new
     return joint
+
+
+@compiled
+def _damp(memory: FloatArray, tune: FloatArray) -> None:
+    """Take from what is desired a damper that spends what the joint was given."""
+    rate = memory[JOINT + 1] / tune[PERIOD]
+    damper = memory[ENERGY] / (tune[SPEND] * (rate * rate + tune[SLOW] ** 2))
+    damper = min(max(damper, 0.0), tune[DAMPER])
+    damper /= tune[PERIOD]
+    memory[AIM] -= damper * memory[JOINT + 1]
+    memory[AIM + 1] -= damper * memory[JOINT + 2]
 
 
 @compiled
@@ -225,9 +275,12 @@ def act(
     states: FloatArray,
     joints: FloatArray,
     memories: FloatArray,
+    rotors: FloatArray,
     applied: FloatArray,
     seen: FloatArray,
+    late: int,
     gains: FloatArray,
+    unexplained: FloatArray,
     tune: FloatArray,
     found: FloatArray,
     work: FloatArray,
@@ -243,43 +296,47 @@ def act(
         states: of the cables when they were measured (rows, cables, numbers).
         joints: angles of the joints in the model (rows,) [rad].
         memories: (rows, `FRICTION` + cables).
-        applied: torques since the measurement before, the oldest first (rows, delay +
-            1) [Nm].
+        rotors: observers of the rotor (rows, delays, `ROTOR`).
+        applied: torques, the oldest first (rows, delays) [Nm].
         seen: motor angle, joint angle, joint torque, desired torque (rows, 4).
+        late: control steps by which that is thought to be late at first.
         gains: accelerations of a plan per angle, velocity and wanted angles of the
-            motor (knots, 2 + knots).
+            motor, for every delay (delays, knots, 2 + knots).
+        unexplained: gain of the unexplained torque, for every delay (delays,).
         tune: numbers of this module's places.
         found: out (rows,) [Nm].
         work: scratch.
     """
     shape = states.shape[1:]
     new, state, rolled = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    push, best = np.zeros(gains.shape[0]), np.zeros(gains.shape[0])
+    push, best = np.zeros(gains.shape[1]), np.zeros(gains.shape[1])
     dt = tune[PERIOD]
     for row in range(found.size):
         cables = stepper.Cables(prm[row], n, proximal, proximal, distal)
         joints[row] = _observe(
-            advance, cables, states[row], joints[row], applied[row, 0], seen[row],
-            memories[row], tune, new, work,
+            advance, cables, states[row], joints[row], applied[row], seen[row], late,
+            unexplained, memories[row], rotors[row], tune, new, work,
         )  # fmt: skip
         _learn(cables, states[row], memories[row], tune)
         memory = memories[row].copy()
+        delay = int(memory[LATE])
         state[:] = states[row]
         joint = _predict(
-            advance, cables, state, joints[row], applied[row, 1:], memory, tune, new,
-            work,
+            advance, cables, state, joints[row], applied[row, gains.shape[0] - delay :],
+            memory, tune, new, work,
         )  # fmt: skip
+        _damp(memory, tune)
         before = memory[SENSE]
         sense = 1.0 if before == 0.0 else before
         cost = _plan(
-            advance, cables, state, joint, sense, gains, memory, tune, best, rolled,
-            new, work,
+            advance, cables, state, joint, sense, gains[delay], memory, tune, best,
+            rolled, new, work,
         )  # fmt: skip
         turning = 0.0 if before == 0.0 else tune[TURNING]
         if cost > turning:
             other = _plan(
-                advance, cables, state, joint, -sense, gains, memory, tune, push,
-                rolled, new, work,
+                advance, cables, state, joint, -sense, gains[delay], memory, tune,
+                push, rolled, new, work,
             )  # fmt: skip
             if other + turning < cost:
                 sense = -sense

@@ -32,6 +32,11 @@ _LEAST_NOISE = 1e-5
 
 PLAN_PER_DELAY, ROTOR_PER_DELAY = 1.5, 1.0
 """Bandwidths of plan and of what the rotor feels, at most, times the delay."""
+FORGETTING = 0.1
+"""Time over which the errors of the observers of the rotor are compared [s]."""
+ACCOUNT, SPEND, SLOW = 10.0, 0.02, 0.1
+"""Time for which energy is remembered, in which it is to be spent [s], and velocity of
+the joint below which that takes longer [rad/s]."""
 
 
 class PredictiveCompensation(Controller):
@@ -40,7 +45,8 @@ class PredictiveCompensation(Controller):
     The cables have no mass, so the angles of motor and joint alone say what torque they
     make; and it grows with the motor's angle. In every control step
 
-    1. an observer brings model, rotor and motion to when the measurements were taken;
+    1. an observer brings model, rotor and motion to when the measurements were taken,
+       and finds how late they are by which of the torques moved the rotor so;
     2. the kernel rolls them on over the delay, with the torques applied meanwhile;
     3. the joint and the desired torque are extrapolated over a short horizon, and the
        kernel finds for each knot the angle \(\theta^*_i\) of the motor that makes the
@@ -55,6 +61,13 @@ class PredictiveCompensation(Controller):
        if the error gets smaller by more than a threshold;
     6. the motor gets the torque of the first acceleration and of the cables on its way,
        less what the rotor observer finds that the model does not explain.
+
+    What the joint was given beyond the desired torque, by torque sensor and motion, is
+    kept as an account; while that is positive, a damper is taken from the desired
+    torque that spends it, so that the joint stays quiet in the hands of a passive
+    wearer (B. Hannaford, J.-H. Ryu, "Time-domain passivity control of haptic
+    interfaces", IEEE Trans. Robotics and Automation 18, 2002). The account is only as
+    good as the torque sensor.
 
     The friction coefficient of every cable follows what remains unexplained while all
     of the cables slip. Preview control of linear systems is that of M. Tomizuka,
@@ -72,6 +85,8 @@ class PredictiveCompensation(Controller):
         belief: float = 0.5,
         turning: float = 5.0,
         learning: float = 5.0,
+        latest: float = 0.015,
+        damper: float = 0.02,
     ) -> None:
         """Prepare for the first episode.
 
@@ -89,6 +104,10 @@ class PredictiveCompensation(Controller):
             turning: RMS error of the torque over the horizon that turning the motor
                 must save, in standard deviations of the torque sensor.
             learning: Rate at which friction is learned [1/s].
+            latest: Longest delay of measurements that is looked for [s]; the drive's
+                own is where it begins.
+            damper: Strongest damper at the joint that spends energy, over the stiffness
+                of the cables there [s]; 0 is none.
 
         Raises:
             CableError: If cables or inertia are not known, or a number is out of range.
@@ -108,12 +127,23 @@ class PredictiveCompensation(Controller):
         number("belief", belief, 1e-3, 1.0, "")
         number("turning", turning, 0.0, 1e6, "standard deviations")
         number("learning", learning, 0.0, 1e3, "1/s")
+        number("latest", latest, 0.0, 1.0, "s")
+        number("damper", damper, 0.0, 1.0, "s")
         period = drive.period
-        late = max(drive.delay, 1) * period
-        slowed = min(bandwidth, PLAN_PER_DELAY / late)
-        self._gains = preview(knots, horizon / knots, slowed)
-        followed = smoothing(rotor * period)
-        unexplained = smoothing(min(rotor, ROTOR_PER_DELAY / late) * period)
+        delays = np.arange(max(drive.delay, math.ceil(latest / period)) + 1)
+        late = np.maximum(delays, 1) * period
+        self._gains = np.array(
+            [
+                preview(knots, horizon / knots, slowed)
+                for slowed in np.minimum(bandwidth, PLAN_PER_DELAY / late)
+            ]
+        )
+        self._unexplained = np.array(
+            [
+                smoothing(slowed * period)[2]
+                for slowed in np.minimum(rotor, ROTOR_PER_DELAY / late)
+            ]
+        )
         greatest = max(abs(end) for end in drive.reach)
         noise = max(drive.torque_noise, _LEAST_NOISE * greatest)
         stiffness = sum(
@@ -136,20 +166,29 @@ class PredictiveCompensation(Controller):
                 belief,
                 learning,
                 0.05 * max(abs(drive.low), abs(drive.high)),
-                *followed[:2],
-                unexplained[2],
+                *smoothing(rotor * period)[:2],
                 *smoothing(motion * period),
+                period / FORGETTING,
+                period / ACCOUNT,
+                SPEND,
+                SLOW,
+                damper * stiffness,
             ]
         )
         self._size = planning.FRICTION + len(drive.cables)
-        self._memory: FloatArray = np.zeros((0, self._size))
-        self._applied: FloatArray = np.zeros((0, drive.delay + 1))
+        self._forget(0)
+
+    def _forget(self, rows: int) -> None:
+        delays = self._unexplained.size
+        self._memory: FloatArray = np.zeros((rows, self._size))
+        self._rotors: FloatArray = np.zeros((rows, delays, planning.ROTOR))
+        self._applied: FloatArray = np.zeros((rows, delays))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Start at rest in the pretension; see `Controller.reset`."""
         self.model.reset(where)
         if where is None:
-            self._memory = np.zeros((0, self._size))
+            self._forget(0)
         elif self._memory.shape[0]:
             self._memory[where] = 0.0
             self._applied[where] = 0.0
@@ -166,8 +205,7 @@ class PredictiveCompensation(Controller):
             axis=1,
         )
         if seen.shape[0] != self._memory.shape[0]:
-            self._memory = np.zeros((seen.shape[0], self._size))
-            self._applied = np.zeros((seen.shape[0], self.drive.delay + 1))
+            self._forget(seen.shape[0])
         model = self.model
         model.ready(seen[:, 0].copy())
         found = np.empty(seen.shape[0])
@@ -180,9 +218,12 @@ class PredictiveCompensation(Controller):
             model.state,
             model.joint,
             self._memory,
+            self._rotors,
             self._applied,
             seen,
+            self.drive.delay,
             self._gains,
+            self._unexplained,
             self._tune,
             found,
             model.work,

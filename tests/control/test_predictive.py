@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.check_passivity import coupled
 
 from cc_mujoco.benchmark import SUITES, Cell, play
 from cc_mujoco.benchmark.conditions import Condition
@@ -62,6 +63,23 @@ def test_reversals_at_the_wrist_are_crossed_in_quiet_moves() -> None:
     assert found["rms_error"] < 0.5 * usual["rms_error"]
     assert found["chatter"] < 0.2 * usual["chatter"]
     assert found["failed"] == 0.0
+
+
+def test_the_delay_of_the_sensors_is_found_by_what_moved_the_motor() -> None:
+    """It is told of one step; at four and five it would swing at the motor's limits."""
+    for late in (4, 5):
+        slow = dataclasses.replace(ANKLE["delay-long"], delay=(late, late))
+        found = scores("predictive", slow, 1.6)
+        assert found["rms_error"] < 0.5 * scores("none", slow, 1.6)["rms_error"]
+        assert found["chatter"] < 2.0
+
+
+@pytest.mark.parametrize("wearer", [1, 4])
+def test_a_passive_wearer_who_holds_still_is_left_still(wearer: int) -> None:
+    """Without the damper that spends energy 14 to 17 mJ, and 0.3 rad/s that go on."""
+    energy, velocity = coupled("wrist", "predictive", "spring", wearer)
+    assert energy < 1e-3
+    assert velocity < 0.05
 
 
 @pytest.mark.parametrize("law", ["predictive", "adaptive"])

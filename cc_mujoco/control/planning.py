@@ -51,6 +51,9 @@ _FACTORS = 0.2, 3.0
 _BETTER = 0.7
 """Mean squared error of an observer, over that of the one that is believed, below which
 it is believed instead."""
+_ROUNDED = (2e-4) ** 2
+"""Mean squared error of an angle from which nothing is concluded [rad^2]: an encoder of
+14 bits rounds by half of that."""
 
 
 @compiled
@@ -113,13 +116,12 @@ def _observe(
     load = stepper.torque(cables, state, False, motor)[0]
     felt = 0.5 * (load + memory[LOAD])
     memory[LOAD] = load
-    for d in range(rotors.shape[0]):
-        _turn(
-            rotors[d], motor, applied[applied.size - 1 - d] - felt, unexplained[d], tune
-        )
-    best = int(np.argmin(rotors[:, ERROR]))
     believed = int(memory[LATE])
-    if rotors[best, ERROR] < _BETTER * rotors[believed, ERROR]:
+    gain = unexplained[believed]  # the same for all, or the quickest would win
+    for d in range(rotors.shape[0]):
+        _turn(rotors[d], motor, applied[applied.size - 1 - d] - felt, gain, tune)
+    best = int(np.argmin(rotors[:, ERROR]))
+    if rotors[best, ERROR] + _ROUNDED < _BETTER * rotors[believed, ERROR]:
         believed = best
     memory[LATE] = believed
     memory[ANGLE], memory[VELOCITY], memory[UNEXPLAINED] = rotors[believed, :ERROR]

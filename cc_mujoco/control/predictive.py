@@ -86,7 +86,7 @@ class PredictiveCompensation(Controller):
         turning: float = 5.0,
         learning: float = 5.0,
         latest: float = 0.015,
-        damper: float = 0.02,
+        damper: float | None = None,
     ) -> None:
         """Prepare for the first episode.
 
@@ -107,7 +107,9 @@ class PredictiveCompensation(Controller):
             latest: Longest delay of measurements that is looked for [s]; the drive's
                 own is where it begins.
             damper: Strongest damper at the joint that spends energy, over the stiffness
-                of the cables there [s]; 0 is none.
+                of the cables there [s]; 0 is none. By default 0.02 for a pair of
+                cables and none for a single one, whose torque is a profile that gives
+                energy.
 
         Raises:
             CableError: If cables or inertia are not known, or a number is out of range.
@@ -128,6 +130,8 @@ class PredictiveCompensation(Controller):
         number("turning", turning, 0.0, 1e6, "standard deviations")
         number("learning", learning, 0.0, 1e3, "1/s")
         number("latest", latest, 0.0, 1.0, "s")
+        if damper is None:
+            damper = 0.02 if len(drive.cables) > 1 else 0.0
         number("damper", damper, 0.0, 1.0, "s")
         period = drive.period
         delays = np.arange(max(drive.delay, math.ceil(latest / period)) + 1)

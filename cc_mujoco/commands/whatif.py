@@ -5,12 +5,19 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
 from cc_mujoco.commands.options import Flag, Name, in_words
 from cc_mujoco.errors import CableError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from cc_mujoco.whatif.pareto import Limit, Objective
+    from cc_mujoco.whatif.plan import Plan
+    from cc_mujoco.workers import Progress
 
 Names = tyro.conf.UseAppendAction[tuple[str, ...]]
 
@@ -49,6 +56,10 @@ class WhatIf:
     """What to measure, once each; everything unless given."""
     objective: Annotated[Names, tyro.conf.arg(metavar="METRIC")] = ()
     """What makes a design good, once each, also min:METRIC or max:METRIC."""
+    subject_to: Annotated[Names, tyro.conf.arg(metavar="METRIC>=NUMBER")] = ()
+    """A limit that a good design keeps, also METRIC<=NUMBER; once each."""
+    optimise: Annotated[int | None, in_words("INT")] = None
+    """Search for the best with so many designs; VALUES may then be low:high[:log]."""
     threads: Annotated[int, in_words()] = 0
     """Threads that simulate; one per processor unless given."""
     scheduler: Annotated[str | None, in_words("ADDRESS")] = None
@@ -64,55 +75,98 @@ class WhatIf:
         """Run what is not done yet; print the best designs and where the rest is."""
         from tqdm import tqdm
 
-        from cc_mujoco.whatif.pareto import read_objectives
-        from cc_mujoco.whatif.plan import make_plan
+        from cc_mujoco.whatif.pareto import within
         from cc_mujoco.whatif.report import FILES, write_report
         from cc_mujoco.whatif.store import require_ours
-        from cc_mujoco.whatif.study import carry_out
 
         if self.threads < 0:
             raise CableError(f"--threads must be 0 or greater, not {self.threads}.")
         folder = self.out or Path("runs", f"whatif-{self.scene}")
+        plan, objectives, limits = self._asked()
+        require_ours(folder, FILES)
+        with tqdm(
+            total=self.optimise or len(plan.designs),
+            unit="design",
+            bar_format="{l_bar}{bar}| {n:.0f} of {total} designs  {elapsed}<{remaining}"
+            "  {rate_fmt}",
+            disable=not sys.stderr.isatty(),
+        ) as bar:
+            plan, table = self._carried_out(
+                plan, objectives, limits, folder, lambda done: bar.update(done - bar.n)
+            )
+        files = write_report(folder, plan, table, objectives, limits)
+        failed = len(table) - table["failed"].null_count
+        print(f"{len(table)} designs, {failed} of which failed in simulation")
+        if limits:
+            kept = int(within(table, limits).sum())
+            print(f"{kept} keep the limits{'' if kept else ': NONE IS GOOD ENOUGH'}")
+        print(f"table:    {folder / 'table.parquet'}")
+        for path in files:
+            print(f"          {path}")
+        print(f"one row:  cc-mujoco whatif-show {folder} ROW")
+
+    def _asked(self) -> tuple[Plan, tuple[Objective, ...], tuple[Limit, ...]]:
+        """The plan, objectives and limits."""
+        from cc_mujoco.whatif.pareto import read_limits, read_objectives
+        from cc_mujoco.whatif.plan import make_plan
+        from cc_mujoco.whatif.search import make_search
+
+        trial: dict[str, Any] = {
+            "trajectory": self.trajectory,
+            "task": self.task,
+            "controller": self.controller,
+            "duration": self.duration,
+            "seed": self.seed,
+            "timestep": self.timestep,
+            "metrics": self.metric,
+        }
+        if self.optimise is not None:
+            if self.designs is not None or self.sampling != "grid" or self.samples:
+                raise CableError(
+                    "--optimise chooses the designs itself: give --vary, and neither "
+                    "--designs nor --sampling nor --samples."
+                )
+            return make_search(
+                self.scene, self._vary(), self.objective, self.subject_to, **trial
+            )
         plan = make_plan(
             self.scene,
             self._vary(),
             self.designs,
             sampling=self.sampling,
             samples=self.samples,
-            trajectory=self.trajectory,
-            task=self.task,
-            controller=self.controller,
-            duration=self.duration,
-            seed=self.seed,
-            timestep=self.timestep,
-            metrics=self.metric,
+            **trial,
         )
-        objectives = read_objectives(self.objective, plan.protocol.metrics)
-        require_ours(folder, FILES)
-        with tqdm(
-            total=len(plan.designs),
-            unit="design",
-            bar_format="{l_bar}{bar}| {n:.0f} of {total} designs  {elapsed}<{remaining}"
-            "  {rate_fmt}",
-            disable=not sys.stderr.isatty(),
-        ) as bar:
-            table = carry_out(
-                plan,
-                folder,
-                self.threads,
-                self.scheduler,
-                lambda done: bar.update(done - bar.n),
-                worker_timeout=self.worker_timeout,
-                again=self.again,
-                say=tqdm.write,
-            )
-        files = write_report(folder, plan, table, objectives)
-        failed = len(table) - table["failed"].null_count
-        print(f"{len(table)} designs, {failed} of which failed in simulation")
-        print(f"table:    {folder / 'table.parquet'}")
-        for path in files:
-            print(f"          {path}")
-        print(f"one row:  cc-mujoco whatif-show {folder} ROW")
+        measured = plan.protocol.metrics
+        return (
+            plan,
+            read_objectives(self.objective, measured),
+            read_limits(self.subject_to, measured),
+        )
+
+    def _carried_out(
+        self,
+        plan: Plan,
+        objectives: tuple[Objective, ...],
+        limits: tuple[Limit, ...],
+        folder: Path,
+        progress: Progress,
+    ) -> tuple[Plan, pa.Table]:
+        """The plan with all designs, and their table."""
+        from tqdm import tqdm
+
+        from cc_mujoco.whatif.search import search
+        from cc_mujoco.whatif.study import carry_out
+
+        where = (folder, self.threads, self.scheduler, progress)
+        how: dict[str, Any] = {
+            "worker_timeout": self.worker_timeout,
+            "again": self.again,
+            "say": tqdm.write,
+        }
+        if self.optimise is None:
+            return plan, carry_out(plan, *where, **how)
+        return search(plan, objectives, limits, self.optimise, *where, **how)
 
     def _vary(self) -> dict[str, str]:
         found: dict[str, str] = {}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from cc_mujoco.whatif.metrics import METRICS, Metric
 from cc_mujoco.whatif.plan import Plan, make_plan
+from cc_mujoco.whatif.search import optimise
 from cc_mujoco.whatif.study import carry_out, study
 from cc_mujoco.whatif.variables import VARIABLES, Variable
 
@@ -21,5 +22,6 @@ __all__ = [
     "Variable",
     "carry_out",
     "make_plan",
+    "optimise",
     "study",
 ]

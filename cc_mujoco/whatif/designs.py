@@ -5,7 +5,7 @@
     latin_hypercube(vary, 100, seed=0)
 
 A range is written `low:high:count`, or `low:high:count:log` for equal ratios; values
-are separated by commas.
+are separated by commas. Samples and searches need no count.
 """
 
 from __future__ import annotations
@@ -194,17 +194,18 @@ def _read_ends(name: str, text: str) -> Range:
     form = f"{name}={text} is no range; write low:high:count or low:high:count:log."
     try:
         low, high = float(low_text), float(high_text)
-        count = int(rest[0]) if rest else 0
+        log = rest[-1:] == ["log"]
+        counts = rest[:-1] if log else rest
+        count = int(counts[0]) if counts else 0
     except ValueError:
         raise CableError(form) from None
-    log = rest[1:] == ["log"]
-    if len(rest) > 2 or (len(rest) == 2 and not log):
+    if len(counts) > 1:
         raise CableError(form)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise CableError(
             f"the range {name}={text} must rise from its low to its high end."
         )
-    if rest and not 2 <= count <= MAX_DESIGNS:
+    if counts and not 2 <= count <= MAX_DESIGNS:
         raise CableError(
             f"the range {name}={text} must have 2 to {MAX_DESIGNS:,} values."
         )

@@ -1,8 +1,9 @@
-"""Which designs are best: objectives, the Pareto set, an order of all."""
+"""Which designs are best: objectives, limits, the Pareto set, an order of all."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,15 +28,78 @@ class Objective:
         """For a reader."""
         return f"{self.name} ({'high' if self.high else 'low'})"
 
+    def cost(self, metrics: Mapping[str, float]) -> float:
+        """What to make small."""
+        return -metrics[self.name] if self.high else metrics[self.name]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A metric that must not be above a number, or not below it."""
+
+    name: str
+    bound: float
+    least: bool
+    """Whether the number is the least."""
+
+    @property
+    def text(self) -> str:
+        """As it is written."""
+        return f"{self.name}{'>=' if self.least else '<='}{self.bound:g}"
+
+    def beyond(self, metrics: Mapping[str, float]) -> float:
+        """How far a design is beyond, as a share of the limit unless that is 0."""
+        over = metrics[self.name] - self.bound
+        return (-over if self.least else over) / (abs(self.bound) or 1.0)
+
+
+def read_limits(
+    texts: Iterable[str], measured: Sequence[str] | None = None
+) -> tuple[Limit, ...]:
+    """Understand `METRIC>=NUMBER` and `METRIC<=NUMBER`.
+
+    Args:
+        texts: the limits.
+        measured: metrics that the study measures; None where it will do as asked.
+
+    Raises:
+        CableError: not of that form, no such metric, or not measured.
+    """
+    found = []
+    for text in texts:
+        name, sign, number = (part.strip() for part in _split(text))
+        try:
+            bound = float(number)
+        except ValueError:
+            bound = math.nan
+        if not math.isfinite(bound):
+            raise CableError(
+                f"limit {text!r} must be METRIC>=NUMBER or METRIC<=NUMBER."
+            )
+        look_up("metric", name, METRICS)
+        if measured is not None and name not in measured:
+            raise CableError(
+                f"limit {text!r} is on what is not among the metrics measured."
+            )
+        found.append(Limit(name, bound, sign == ">="))
+    return tuple(found)
+
+
+def _split(text: str) -> tuple[str, str, str]:
+    for sign in (">=", "<="):
+        if sign in text:
+            return text.partition(sign)
+    return text, "", ""
+
 
 def read_objectives(
-    texts: Iterable[str], measured: Sequence[str]
+    texts: Iterable[str], measured: Sequence[str] | None = None
 ) -> tuple[Objective, ...]:
     """Understand `METRIC`, `min:METRIC` and `max:METRIC`.
 
     Args:
         texts: the objectives.
-        measured: metrics that the study measures.
+        measured: metrics that the study measures; None where it will do as asked.
 
     Raises:
         CableError: no such metric, not measured, or given twice.
@@ -46,7 +110,7 @@ def read_objectives(
         metric = look_up("metric", name, METRICS)
         if colon and way not in ("min", "max"):
             raise CableError(f"objective {text!r} must be NAME, min:NAME or max:NAME.")
-        if name not in measured:
+        if measured is not None and name not in measured:
             raise CableError(
                 f"objective {name!r} is not among the metrics that are measured."
             )
@@ -56,14 +120,30 @@ def read_objectives(
     return tuple(found)
 
 
-def costs(table: pa.Table, objectives: Sequence[Objective]) -> Array:
-    """What to make small, (designs, objectives); NaN where there is no number."""
-    columns = [
-        np.asarray(table[o.name].to_numpy(zero_copy_only=False), dtype=np.float64)
-        * (-1.0 if o.high else 1.0)
-        for o in objectives
-    ]
-    return np.stack(columns, axis=-1)
+def costs(
+    table: pa.Table, objectives: Sequence[Objective], limits: Sequence[Limit] = ()
+) -> Array:
+    """What to make small, (designs, objectives).
+
+    NaN where there is no number, and all along the row of a design beyond a limit.
+    """
+    columns = [(-1.0 if o.high else 1.0) * _column(table, o.name) for o in objectives]
+    found = np.stack(columns, axis=-1)
+    found[~within(table, limits)] = np.nan
+    return found
+
+
+def within(table: pa.Table, limits: Sequence[Limit]) -> NDArray[np.bool_]:
+    """Whether designs keep all limits, (designs,); without a number none does."""
+    kept = np.ones(len(table), dtype=np.bool_)
+    for limit in limits:
+        values = _column(table, limit.name)
+        kept &= values >= limit.bound if limit.least else values <= limit.bound
+    return kept
+
+
+def _column(table: pa.Table, name: str) -> Array:
+    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
 def pareto(cost: Array) -> NDArray[np.bool_]:

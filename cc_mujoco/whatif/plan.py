@@ -56,6 +56,9 @@ class Plan:
     """Indices of designs that are simulated together."""
     source: str
     """Name of the trajectory, or path of its CSV file."""
+    search: Mapping[str, Any] | None = None
+    """What a search for the best goes by, as plain JSON, where designs follow from it;
+    else None."""
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -73,10 +76,14 @@ class Plan:
             for field in dataclasses.fields(self.protocol)
         }
         protocol |= {"trajectory": self.source, "metrics": list(self.protocol.metrics)}
-        text = json.dumps(self.designs)
-        return {
+        about: dict[str, Any] = {
             "protocol": protocol,
             "variables": list(self.ranges),
+        }
+        if self.search is not None:
+            return about | {"search": json.loads(json.dumps(self.search))}
+        text = json.dumps(self.designs)
+        return about | {
             "designs": len(self.designs),
             "batches": len(self.batches),
             "digest": hashlib.sha256(text.encode()).hexdigest(),
@@ -138,6 +145,29 @@ def make_plan(
     source = builder.device.trajectory if trajectory is None else trajectory
     batches = _batches(builder, checked, max(duration, CHIRP_TIME))
     return Plan(protocol, tuple(checked), ranges, full, batches, source)
+
+
+def empty_plan(
+    scene: str,
+    *,
+    trajectory: str | None = None,
+    task: str | None = None,
+    controller: str = "pi",
+    duration: float = 10.0,
+    seed: int = 0,
+    timestep: float | None = None,
+    metrics: Sequence[str] = (),
+) -> tuple[Plan, Builder]:
+    """A plan without designs, and the builder of its scene; see `study`.
+
+    Raises:
+        CableError: what is wrong, in one sentence.
+    """
+    protocol, builder = _trial(
+        scene, trajectory, task, controller, duration, seed, timestep, metrics
+    )
+    source = builder.device.trajectory if trajectory is None else trajectory
+    return Plan(protocol, (), {}, False, (), source), builder
 
 
 def _trial(
@@ -218,9 +248,16 @@ def _batches(
     """
     room = int(MEMORY / SAMPLE * CONTROL_PERIOD / longest)
     size = max(1, min(BATCH, room, math.ceil(len(designs) / 8)))
+    return batches_of({i: builder.layout(d) for i, d in enumerate(designs)}, size)
+
+
+def batches_of(
+    layout: Mapping[int, tuple[object, ...]], size: int
+) -> tuple[tuple[int, ...], ...]:
+    """Designs of equal layout together, `size` of them at most."""
     layouts: dict[tuple[object, ...], list[int]] = {}
-    for index, design in enumerate(designs):
-        layouts.setdefault(builder.layout(design), []).append(index)
+    for index, one in layout.items():
+        layouts.setdefault(one, []).append(index)
     return tuple(
         tuple(members[i : i + size])
         for members in layouts.values()

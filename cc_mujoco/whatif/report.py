@@ -15,7 +15,7 @@ from cc_mujoco.files import replacing
 from cc_mujoco.markdown import table as table_of
 from cc_mujoco.whatif.charts import effects_plot, heat_maps, pareto_plot
 from cc_mujoco.whatif.metrics import METRICS
-from cc_mujoco.whatif.pareto import Objective, costs, order, pareto
+from cc_mujoco.whatif.pareto import Limit, Objective, costs, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity, sensitivity
 from cc_mujoco.whatif.variables import VARIABLES
@@ -35,7 +35,11 @@ LISTED = 20
 
 
 def write_report(
-    folder: Path, plan: Plan, table: pa.Table, objectives: Sequence[Objective]
+    folder: Path,
+    plan: Plan,
+    table: pa.Table,
+    objectives: Sequence[Objective],
+    limits: Sequence[Limit] = (),
 ) -> tuple[Path, ...]:
     """Write all that is made of a table.
 
@@ -45,6 +49,7 @@ def write_report(
         table: its table.
         objectives: what the ranking and the Pareto set go by; all metrics by default,
             and then there is no Pareto set.
+        limits: that a design must keep to be in the Pareto set.
 
     Returns:
         The files that were written.
@@ -57,7 +62,7 @@ def write_report(
     goals = tuple(objectives) or tuple(
         Objective(name, METRICS[name].high) for name in plan.protocol.metrics
     )
-    cost = costs(table, goals)
+    cost = costs(table, goals, limits)
     best = pareto(cost)
     written = [folder / SOBOL, folder / EFFECTS]
     _write_table(folder / SOBOL, sobol_table(found))
@@ -76,7 +81,7 @@ def write_report(
         for name, drawing in drawings.items():
             save(folder / name, drawing)
             written.append(folder / name)
-    text = markdown(plan, table, goals, bool(objectives), cost, found)
+    text = markdown(plan, table, goals, bool(objectives), cost, found, limits)
     with replacing(folder / RANKING) as partial:
         partial.write_text(text, encoding="utf-8")
     return (folder / RANKING, *written)
@@ -89,6 +94,7 @@ def markdown(
     chosen: bool,
     cost: np.ndarray,
     found: Sequence[Sensitivity],
+    limits: Sequence[Limit] = (),
 ) -> str:
     """The ranking as Markdown, with effects and indices below."""
     protocol = plan.protocol
@@ -107,6 +113,11 @@ def markdown(
     for goal in goals:
         if lacking := table[goal.name].null_count - len(failed):
             parts.append(f"{lacking} designs have no {goal.name}.")
+    if limits:
+        kept = f"{int(within(table, limits).sum())} of {len(table)}"
+        parts.append(
+            f"Limits: {', '.join(limit.text for limit in limits)}; {kept} keep them."
+        )
     if chosen:
         parts.append(f"Objectives: {names}. Pareto set: {int(pareto(cost).sum())}.")
     else:

@@ -45,7 +45,8 @@ class Store:
             CableError: the folder holds another study, or what other code made, or
                 cannot be written.
         """
-        self._plan, self._folder = plan, folder
+        self.plan, self._folder = plan, folder
+        """The study; that of a search grows."""
         self._makers = plan.made_by()
         self._found: dict[int, list[Result]] = {}
         self.whole: pa.Table | None = None
@@ -75,7 +76,7 @@ class Store:
                     results = _read_part(part, plan.protocol.metrics)
                     self._found[int(path.stem)] = results
         # Parts of this code beside a table of other code: it was asked for anew.
-        if not self._found and (folder / TABLE).exists():
+        if not self._found and (folder / TABLE).exists() and plan.search is None:
             self.whole = read_table(folder)
             changed = differences(seal(self.whole), self._makers)
         if changed:
@@ -90,13 +91,13 @@ class Store:
         """Designs that are done."""
         if self.whole is not None:
             return len(self.whole)
-        return sum(len(self._plan.batches[number]) for number in self._found)
+        return sum(len(results) for results in self._found.values())
 
     def missing(self) -> list[int]:
         """Batches that are still to be done."""
         if self.whole is not None:
             return []
-        return [n for n in range(len(self._plan.batches)) if n not in self._found]
+        return [n for n in range(len(self.plan.batches)) if n not in self._found]
 
     def keep(self, batch: int, results: Sequence[Result]) -> None:
         """Keep the results of a batch."""
@@ -105,7 +106,7 @@ class Store:
             return
         parts = self._folder / PARTS
         parts.mkdir(exist_ok=True)
-        columns = _columns(results, self._plan.protocol.metrics)
+        columns = _columns(results, self.plan.protocol.metrics)
         with replacing(parts / f"{batch:06d}.parquet") as partial:
             pq.write_table(sealed(pa.table(columns), self._makers), partial)
 
@@ -117,16 +118,20 @@ class Store:
                 with replacing(self._folder / TABLE) as partial:
                     table = sealed(self.whole, self._makers)
                     pq.write_table(table, partial, compression="zstd")
-                _remove_parts(self._folder)
+                if self.plan.search is None:  # a search may be gone on with
+                    _remove_parts(self._folder)
         return self.whole
 
-    def _join(self) -> pa.Table:
-        plan = self._plan
-        rows: list[Result | None] = [None] * len(plan.designs)
-        for number, members in enumerate(plan.batches):
+    def results(self, first: int = 0) -> list[Result]:
+        """Results of the designs from this one on; `missing` must be empty."""
+        rows: list[Result | None] = [None] * len(self.plan.designs)
+        for number, members in enumerate(self.plan.batches):
             for index, result in zip(members, self._found[number], strict=True):
                 rows[index] = result
-        results = [row for row in rows if row is not None]
+        return [row for row in rows[first:] if row is not None]
+
+    def _join(self) -> pa.Table:
+        plan, results = self.plan, self.results()
         columns: dict[str, pa.Array] = {"design": pa.array(range(len(results)))}
         for name in plan.ranges:
             columns[name] = pa.array([design[name] for design in plan.designs])

@@ -1,0 +1,313 @@
+"""A search for the best designs instead of trying them all.
+
+    plan, table = optimise("wrist", {"friction": "0.05:0.2", "loops": [1, 2, 3]},
+                           ["reflected_torque"], ["slack_margin>=2"], evaluations=200)
+
+Designs are asked for in generations of a size that does not depend on the machine, and
+simulated as a study's are; so the same seed gives the same designs on any number of
+threads, and an interrupted search goes on by asking for them again. The sampler is
+Optuna's multi-objective tree-structured Parzen estimator (Y. Ozaki et al.,
+"Multiobjective tree-structured Parzen estimator", Journal of Artificial Intelligence
+Research 73, 2022).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.designs import Given, Range, read_range, require_count
+from cc_mujoco.whatif.evaluate import Design, Result, Trial
+from cc_mujoco.whatif.pareto import (
+    Limit,
+    Objective,
+    read_limits,
+    read_objectives,
+)
+from cc_mujoco.whatif.plan import Plan, batches_of, empty_plan
+from cc_mujoco.whatif.store import Store
+from cc_mujoco.workers import WORKER_TIMEOUT, Progress, run_here, run_on_cluster
+
+GENERATION = 32
+"""Designs that are asked for together."""
+PIECE = 8
+"""Of those, how many are simulated together."""
+MOST_OBJECTIVES = 4
+_IMPOSSIBLE = 1e6
+"""How far beyond its limits a design counts that gives no numbers."""
+
+
+def optimise(
+    scene: str,
+    vary: Mapping[str, Given],
+    objectives: Sequence[str],
+    subject_to: Sequence[str] = (),
+    *,
+    evaluations: int = 400,
+    trajectory: str | None = None,
+    task: str | None = None,
+    controller: str = "pi",
+    duration: float = 10.0,
+    seed: int = 0,
+    timestep: float | None = None,
+    metrics: Sequence[str] = (),
+    threads: int = 0,
+    scheduler: str | None = None,
+    worker_timeout: float = WORKER_TIMEOUT,
+    out: str | Path | None = None,
+    again: bool = False,
+    progress: Progress = lambda done: None,
+) -> pa.Table:
+    """Search for the designs that are best by one to four objectives, within limits.
+
+    Args:
+        scene: name of the device.
+        vary: `"low:high"` or `"low:high:log"` for all that lies between; with a count,
+            or a list of values, only these.
+        objectives: `METRIC`, `min:METRIC` or `max:METRIC`.
+        subject_to: limits, `METRIC>=NUMBER` or `METRIC<=NUMBER`.
+        evaluations: designs that are tried; with more than an earlier run in `out`
+            had, that is gone on with.
+        trajectory: as in `study`, as are all others; what is measured is by default
+            only what objectives and limits ask for.
+        task: see `study`.
+        controller: see `study`.
+        duration: see `study` [s].
+        seed: see `study`; also of the sampler.
+        timestep: see `study` [s].
+        metrics: measured besides.
+        threads: see `study`.
+        scheduler: see `study`.
+        worker_timeout: see `study` [s].
+        out: see `study`.
+        again: see `study`.
+        progress: called with the number of designs done.
+
+    Returns:
+        A row per design in the order in which they were tried, as of `study`. Which of
+        them are best say `pareto.costs` and `pareto.pareto`.
+
+    Raises:
+        CableError: something about the search is impossible, or Optuna is not
+            installed; raised before it runs.
+    """
+    plan, goals, limits = make_search(
+        scene,
+        vary,
+        objectives,
+        subject_to,
+        trajectory=trajectory,
+        task=task,
+        controller=controller,
+        duration=duration,
+        seed=seed,
+        timestep=timestep,
+        metrics=metrics,
+    )
+    folder = None if out is None else Path(out)
+    _, table = search(
+        plan,
+        goals,
+        limits,
+        evaluations,
+        folder,
+        threads,
+        scheduler,
+        progress,
+        worker_timeout=worker_timeout,
+        again=again,
+    )
+    return table
+
+
+def make_search(
+    scene: str,
+    vary: Mapping[str, Given],
+    objectives: Sequence[str],
+    subject_to: Sequence[str] = (),
+    *,
+    metrics: Sequence[str] = (),
+    **trial: Any,
+) -> tuple[Plan, tuple[Objective, ...], tuple[Limit, ...]]:
+    """A plan without designs, what makes a design good, and its limits.
+
+    Args:
+        scene: see `optimise`, as are all others.
+        vary: see there.
+        objectives: see there.
+        subject_to: see there.
+        metrics: see there.
+        trial: how designs are tried: trajectory, task, controller, duration, seed,
+            timestep.
+
+    Raises:
+        CableError: what is wrong, in one sentence.
+    """
+    _optuna()
+    limits = read_limits(subject_to)
+    goals = read_objectives(objectives)
+    if not 1 <= len(goals) <= MOST_OBJECTIVES:
+        raise CableError(
+            f"a search has 1 to {MOST_OBJECTIVES} objectives, not {len(goals)}; what "
+            "need not be best but good enough is a limit (--subject-to)."
+        )
+    measured = (*(goal.name for goal in goals), *(limit.name for limit in limits))
+    plan, builder = empty_plan(
+        scene, metrics=tuple(dict.fromkeys((*measured, *metrics))), **trial
+    )
+    if not vary:
+        raise CableError("a search needs something to vary.")
+    ranges = {name: read_range(name, v, builder.cables) for name, v in vary.items()}
+    asked = {
+        "objectives": [goal.text for goal in goals],
+        "subject_to": [limit.text for limit in limits],
+        "ranges": {
+            name: [list(values.levels), values.ends, values.log]
+            for name, values in ranges.items()
+        },
+        "generation": [GENERATION, PIECE],
+        "sampler": f"TPE of optuna {_optuna().__version__}",
+    }
+    return dataclasses.replace(plan, ranges=ranges, search=asked), goals, limits
+
+
+def search(
+    plan: Plan,
+    goals: Sequence[Objective],
+    limits: Sequence[Limit],
+    evaluations: int,
+    folder: Path | None = None,
+    threads: int = 0,
+    scheduler: str | None = None,
+    progress: Progress = lambda done: None,
+    *,
+    worker_timeout: float = WORKER_TIMEOUT,
+    again: bool = False,
+    say: Callable[[str], None] = lambda sentence: None,
+) -> tuple[Plan, pa.Table]:
+    """Carry a search out; see `optimise`.
+
+    Returns:
+        The plan with its designs, and their table.
+    """
+    require_count(evaluations)
+    optuna = _optuna()
+    store = Store(plan, folder, again)
+    if store.kept:
+        say(f"{store.kept} designs kept; --again runs them anew.")
+    builder = Builder(plan.protocol.scene, plan.protocol.timestep)
+    study = optuna.create_study(
+        directions=["minimize"] * len(goals),
+        sampler=optuna.samplers.TPESampler(
+            seed=plan.protocol.seed,
+            multivariate=True,
+            constant_liar=True,
+            n_startup_trials=GENERATION,
+        ),
+    )
+    space = {name: _distribution(optuna, r) for name, r in plan.ranges.items()}
+    trial = Trial(plan.protocol)
+    worst = [0.0] * len(goals)
+    while len(plan.designs) < evaluations:
+        done = len(plan.designs)
+        count = min(GENERATION, evaluations - done)
+        asked = [study.ask(space) for _ in range(count)]
+        designs = [_design(plan.ranges, one.params) for one in asked]
+        plan, refused = _grown(plan, builder, designs)
+        store.plan = plan
+        for number, result in refused.items():
+            store.keep(number, [result])
+        missing = store.missing()
+        pieces = {n: [plan.designs[i] for i in plan.batches[n]] for n in missing}
+        tell = _counting(progress, done + count - sum(map(len, pieces.values())))
+        if scheduler is None:
+            found = run_here(trial, pieces, tell, count=threads)
+        else:
+            found = run_on_cluster(trial, pieces, scheduler, tell, worker_timeout)
+        # Closed at once if it is interrupted here, so that what is under way ends too.
+        with contextlib.closing(found):
+            for number, results in found if missing else ():
+                store.keep(number, results)
+        for one, result in zip(asked, store.results(done), strict=True):
+            costs = [goal.cost(result.metrics) for goal in goals]
+            beyond = {limit.text: limit.beyond(result.metrics) for limit in limits}
+            none = any(math.isnan(number) for number in (*costs, *beyond.values()))
+            if none:
+                costs, beyond = list(worst), dict.fromkeys(beyond, _IMPOSSIBLE)
+            worst = [max(pair) for pair in zip(worst, costs, strict=True)]
+            for name, size in {**beyond, "numbers": float(none)}.items():
+                one.set_constraint(name, size)
+            study.tell(one, costs)
+        progress(len(plan.designs))
+    return plan, store.table()
+
+
+def _optuna() -> Any:
+    try:
+        import optuna
+    except ImportError:
+        raise CableError(
+            "a search needs Optuna: pip install 'cc_mujoco[search]'."
+        ) from None
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    return optuna
+
+
+def _distribution(optuna: Any, values: Range) -> Any:
+    kinds = optuna.distributions
+    if values.ends is not None and not values.levels:
+        return kinds.FloatDistribution(*values.ends, log=values.log)
+    if any(isinstance(level, str) for level in values.levels):
+        return kinds.CategoricalDistribution(values.levels)
+    # Levels are in an order, which the place of a level keeps.
+    return kinds.IntDistribution(0, len(values.levels) - 1)
+
+
+def _design(ranges: Mapping[str, Range], asked: Mapping[str, Any]) -> Design:
+    found: Design = {}
+    for name, values in ranges.items():
+        one = asked[name]
+        found[name] = sorted(values.levels)[one] if isinstance(one, int) else one
+    return found
+
+
+def _grown(
+    plan: Plan, builder: Builder, designs: Sequence[Design]
+) -> tuple[Plan, dict[int, Result]]:
+    """The plan with more designs; results of batches whose design is impossible."""
+    first, batch = len(plan.designs), len(plan.batches)
+    checked: list[Design] = []
+    refused: dict[int, str] = {}
+    for place, design in enumerate(designs):
+        try:
+            checked.append(builder.check(design))
+        except CableError as error:
+            checked.append(design)
+            refused[first + place] = f"impossible: {str(error).rstrip('.')}"
+    possible = [i for i in range(first, first + len(designs)) if i not in refused]
+    layouts = {i: builder.layout(checked[i - first]) for i in possible}
+    batches = [*batches_of(layouts, PIECE), *((index,) for index in refused)]
+    none = dict.fromkeys(plan.protocol.metrics, math.nan)
+    return (
+        dataclasses.replace(
+            plan,
+            designs=(*plan.designs, *checked),
+            batches=(*plan.batches, *batches),
+        ),
+        {
+            batch + len(batches) - len(refused) + place: Result(none, why)
+            for place, why in enumerate(refused.values())
+        },
+    )
+
+
+def _counting(progress: Progress, before: int) -> Progress:
+    return lambda done: progress(before + done)

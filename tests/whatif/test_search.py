@@ -1,0 +1,157 @@
+"""Searches: the same designs however they are run, limits kept, asked for rightly."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cc_mujoco import cli
+from cc_mujoco.errors import CableError
+from cc_mujoco.whatif import optimise
+from cc_mujoco.whatif.pareto import (
+    Limit,
+    costs,
+    pareto,
+    read_limits,
+    read_objectives,
+    within,
+)
+from cc_mujoco.whatif.search import GENERATION, make_search, search
+from cc_mujoco.whatif.show import show
+
+VARY: dict[str, Any] = {
+    "friction": "0.02:0.2",
+    "pretension": "2:60:log",
+    "motor_radius": [0.03, 0.02],
+}
+GOALS, LIMITS = ["peak_tension", "tracking_error"], ["slack_margin>=20"]
+SHORT: dict[str, Any] = {"duration": 0.15, "trajectory": "sine"}
+MORE = GENERATION + 8
+
+
+@pytest.fixture(scope="module")
+def found() -> pa.Table:
+    return optimise("wrist", VARY, GOALS, LIMITS, evaluations=MORE, threads=1, **SHORT)
+
+
+def test_an_interrupted_search_goes_on_to_the_same_table(
+    found: pa.Table, tmp_path: Path
+) -> None:
+    def stop(done: float) -> None:
+        if done > GENERATION:
+            raise KeyboardInterrupt
+
+    asked = {**SHORT, "evaluations": MORE, "out": tmp_path}
+    with pytest.raises(KeyboardInterrupt):
+        optimise("wrist", VARY, GOALS, LIMITS, progress=stop, **asked)
+    parts = {p: p.stat().st_mtime_ns for p in (tmp_path / "parts").iterdir()}
+    assert parts and not (tmp_path / "table.parquet").exists()
+    table = optimise("wrist", VARY, GOALS, LIMITS, **asked)
+    assert table.equals(found)
+    assert (
+        parts.items()
+        <= {p: p.stat().st_mtime_ns for p in (tmp_path / "parts").iterdir()}.items()
+    )
+    log, _ = show(tmp_path, MORE - 1)
+    row = table.slice(MORE - 1, 1).to_pylist()[0]
+    assert log.metadata["variables"]["friction"] == row["friction"]
+
+
+def test_a_search_with_more_designs_goes_on_with_an_earlier_one(
+    found: pa.Table, tmp_path: Path
+) -> None:
+    asked = {**SHORT, "out": tmp_path}
+    few = optimise("wrist", VARY, GOALS, LIMITS, evaluations=GENERATION, **asked)
+    kept = list((tmp_path / "parts").iterdir())
+    more = optimise("wrist", VARY, GOALS, LIMITS, evaluations=MORE, **asked)
+    assert set(kept) < set((tmp_path / "parts").iterdir())
+    assert more.equals(found) and more.slice(0, GENERATION).equals(few)
+    with pytest.raises(CableError, match="differs in its subject_to"):
+        optimise("wrist", VARY, GOALS, ["slack_margin>=3"], evaluations=MORE, **asked)
+
+
+def test_later_designs_are_better_and_keep_the_limits(found: pa.Table) -> None:
+    """The first generation is random."""
+    goals, limits = read_objectives(GOALS), read_limits(LIMITS)
+    assert set(found["motor_radius"].to_pylist()) <= {0.02, 0.03}
+    kept = within(found, limits)
+    assert np.mean(kept[GENERATION:]) > np.mean(kept[:GENERATION])
+    best = pareto(costs(found, goals, limits))
+    assert best.any() and kept[best].all()
+
+
+def test_what_is_impossible_is_a_row_that_says_so() -> None:
+    table = optimise(
+        "wrist",
+        {"strength": "20:60", "pretension": "10:50"},
+        ["peak_tension"],
+        evaluations=GENERATION,
+        **SHORT,
+    )
+    weak = np.array(table["pretension"]) >= np.array(table["strength"])
+    assert weak.any() and not weak.all()
+    for failed, peak, why in zip(
+        weak,
+        table["peak_tension"].to_pylist(),
+        table["failed"].to_pylist(),
+        strict=True,
+    ):
+        assert (peak is None) == failed
+        assert failed == bool(why and "must be below the breaking load" in why)
+
+
+@given(
+    bound=st.floats(-1e6, 1e6).map(lambda x: float(f"{x:g}")),
+    least=st.booleans(),
+    value=st.floats(-1e6, 1e6),
+)
+def test_a_limit_is_read_as_it_is_written_and_exceeded_beyond_it(
+    bound: float, least: bool, value: float
+) -> None:
+    limit = Limit("peak_tension", bound, least)
+    assert read_limits([limit.text]) == (limit,)
+    beyond = limit.beyond({"peak_tension": value})
+    assert (beyond <= 0.0) == (value >= bound if least else value <= bound)
+    table = pa.table({"peak_tension": [value, float("nan")]})
+    assert within(table, [limit]).tolist() == [beyond <= 0.0, False]
+
+
+def test_what_a_search_cannot_do_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    for goals, limits, said in (
+        ([], [], "1 to 4 objectives, not 0"),
+        (["tracking"], [], "did you mean 'tracking_error'"),
+        (GOALS, ["slack_margin>1"], "METRIC>=NUMBER"),
+        (GOALS, ["slack_margin>=nan"], "METRIC>=NUMBER"),
+        (GOALS, ["slackness<=1"], "unknown metric"),
+    ):
+        with pytest.raises(CableError, match=said):
+            make_search("wrist", VARY, goals, limits)
+    with pytest.raises(CableError, match="something to vary"):
+        make_search("wrist", {}, GOALS)
+    plan, goals_read, _ = make_search("wrist", VARY, GOALS)
+    with pytest.raises(CableError, match="1 to 1,000,000 designs, not 0"):
+        search(plan, goals_read, (), 0)
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    with pytest.raises(CableError, match=r"pip install 'cc_mujoco\[search\]'"):
+        make_search("wrist", VARY, GOALS)
+
+
+def test_the_command_searches_and_says_what_keeps_the_limits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["whatif", "--vary", "friction=0.02:0.2", "--trajectory", "sine"]
+    words += ["--duration", "0.15", "--objective", "peak_tension", "--out"]
+    words += [str(tmp_path / "runs"), "--optimise", "8"]
+    assert cli.main([*words, "--subject-to", "slack_margin<=-1"]) == 0
+    assert "0 keep the limits: NONE IS GOOD ENOUGH" in capsys.readouterr().out
+    ranking = (tmp_path / "runs" / "ranking.md").read_text()
+    assert "slack_margin<=-1; 0 of 8 keep them" in ranking
+    assert cli.main([*words, "--samples", "3"]) == 2
+    assert "--optimise chooses the designs itself" in capsys.readouterr().err

@@ -87,7 +87,7 @@ def inferred(
         )
     require_repairable(bench)
     progress(0.0, "reading the data")
-    dataset, findings = load(list(data), dataset_toml)
+    dataset, findings = load(list(data), dataset_toml, bench)
     findings += check_bench(dataset.trials, bench.known(dataset.constants))
     notes = [finding.statement for finding in findings]
     wrong = errors(findings)

@@ -19,6 +19,7 @@ from cc_mujoco.diagnosis.checks.checks import check_recording, check_trials
 from cc_mujoco.diagnosis.checks.noise import noise_of
 from cc_mujoco.diagnosis.checks.repeatability import floor_of
 from cc_mujoco.diagnosis.data import channels
+from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.clock import Track, lay_out
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.diagnosis.data.findings import Finding, error, warning
@@ -27,6 +28,7 @@ from cc_mujoco.diagnosis.data.order import in_order
 from cc_mujoco.diagnosis.data.parts import Part, together
 from cc_mujoco.diagnosis.data.reading import Recording, read, read_parts
 from cc_mujoco.diagnosis.data.thinning import thinned
+from cc_mujoco.diagnosis.data.torques import completed, derived_noise
 from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Trial
 from cc_mujoco.errors import CableError
 
@@ -34,6 +36,7 @@ from cc_mujoco.errors import CableError
 def load(
     paths: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
     dataset_toml: str | os.PathLike[str] | None = None,
+    bench: Bench | None = None,
 ) -> tuple[Dataset, list[Finding]]:
     """Read and check trials.
 
@@ -42,6 +45,7 @@ def load(
             folders are sorted by name.
         dataset_toml: what the columns mean; without it, the `dataset.toml` in the
             folder of the data, if there is one.
+        bench: of the scene, by which load cells become torques.
 
     Returns:
         The dataset, without the trials that cannot be read, and what was noticed. If
@@ -91,7 +95,9 @@ def load(
         track, found = thinned(track, str(path), name)
         findings += found
         trials.append(_trial(recording, track, facts))
-    findings += check_trials(trials)
+    known_bench = bench.known(file.rig) if bench else None
+    trials, instruments, found = completed(trials, file, known_bench)
+    findings += found + check_trials(trials)
     dataset = Dataset(
         trials=tuple(trials),
         constants=file.rig,
@@ -99,8 +105,11 @@ def load(
         notes=file.notes,
         path=file.path,
         sha256=file.sha256,
+        instruments=instruments,
     )
-    dataset = replace(dataset, noise=noise_of(dataset, file))
+    noise = noise_of(dataset, file)
+    noise |= derived_noise(noise, instruments, file.rig, known_bench)
+    dataset = replace(dataset, noise=noise)
     floor, found = floor_of(dataset)
     return replace(dataset, floor=floor), findings + found
 
@@ -131,15 +140,16 @@ def _trial(recording: Recording, track: Track, facts: Facts) -> Trial:
         name=recording.name,
         time=track.time,
         motor_angle=values[channels.MOTOR_ANGLE],
-        motor_torque=values[channels.MOTOR_TORQUE],
+        motor_torque=values.get(channels.MOTOR_TORQUE),
         joint_angle=values[channels.JOINT_ANGLE],
-        joint_torque=values[channels.JOINT_TORQUE],
+        joint_torque=values.get(channels.JOINT_TORQUE),
         segments=track.segments,
         step=track.step,
         tensions={
             name: value for name, value in values.items() if channels.is_tension(name)
         },
         temperature=warmth,
+        motor_current=values.get(channels.MOTOR_CURRENT),
         facts=facts,
         path=str(recording.path),
         sha256=recording.sha256,

@@ -20,6 +20,8 @@ NOISE = {
     "motor_torque_nm": Noise(0.02, 0.0, "declared"),
     "joint_torque_nm": Noise(0.02, 0.0, "declared"),
 }
+CELL = 0.3
+"""Noise of a load cell [N]."""
 
 
 def motions(duration: float, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -41,18 +43,21 @@ def dataset(
     changes: Mapping[str, float] | None = None,
     chosen: Sequence[int] = (0, 1, 2),
     balance: float = 0.0,
+    bench: Bench = BENCH,
+    cells: bool = False,
 ) -> Dataset:
     """Trials of a bench whose cables differ by `changes` and that has these effects.
 
     The first has this share more of friction than both on average, the second less.
+    With `cells` the trials have the tension of every end of a cable, too.
     """
     effects = effects or {}
-    cables = tuple(cable.replace(**dict(changes or {})) for cable in BENCH.cables)
+    cables = tuple(cable.replace(**dict(changes or {})) for cable in bench.cables)
     cables = tuple(
         cable.replace(friction=cable.friction * (1.0 + side))
-        for cable, side in zip(cables, (balance, -balance), strict=True)
+        for cable, side in zip(cables, (balance, -balance), strict=False)
     )
-    rig = Rig(BENCH.motor_radius, BENCH.joint_radius, BENCH.exit_angle)
+    rig = Rig(bench.motor_radius, bench.joint_radius, bench.exit_angle)
     for name, values in effects.items():
         change = EFFECTS[name].cables
         if change is not None:
@@ -85,6 +90,16 @@ def dataset(
                 (slice(0, motor.size),),
                 DT,
                 path=f"trial_{place}.csv",
+                tensions={
+                    f"tension_{name}_{end}_n": pull[k]
+                    + random.normal(0.0, CELL, motor.size)
+                    for end, pull in (
+                        ("proximal", played.tension_proximal),
+                        ("distal", played.tension_distal),
+                    )
+                    for k, name in enumerate(bench.names)
+                    if cells
+                },
             )
         )
     return Dataset(tuple(trials), noise=NOISE)

@@ -35,6 +35,7 @@ _ANGLES = {"motor": channels.MOTOR_ANGLE, "joint": channels.JOINT_ANGLE}
 _LOCKED = 0.05  # range of an angle that was held fast [rad]
 _CLIPPED = 5  # samples at an extreme that are one clipped stretch
 _CLIPS = 2
+_LOADS = (channels.TORQUE, channels.FORCE, channels.CURRENT)
 _OVERLOAD = 150.0  # tensions that no scene explains, over its pretension
 _SIDE = re.compile(r"motor|joint|handle|output|tension|torque|angle", re.I)
 _CLOCK = re.compile(r"time|clock|stamp", re.I)
@@ -131,6 +132,8 @@ def _loads(trial: Trial, bench: Bench) -> list[Finding]:
         (channels.MOTOR_TORQUE, trial.motor_torque, bench.motor_radius),
         (channels.JOINT_TORQUE, trial.joint_torque, bench.joint_radius),
     ):
+        if torque is None:
+            continue
         tension = float(np.sqrt(np.nanmean(torque**2))) / radius
         share = tension / max(bench.cables[0].pretension, 1.0)
         if share > _OVERLOAD:
@@ -182,7 +185,7 @@ def _clipping(recording: Recording) -> list[Finding]:
     """Torques and tensions that stay at their extreme while elsewhere they scatter."""
     findings = []
     for channel, values in recording.values.items():
-        if channels.kind(channel) not in (channels.TORQUE, channels.FORCE):
+        if channels.kind(channel) not in _LOADS:
             continue
         same = np.diff(values) == 0.0
         for extreme, side in (

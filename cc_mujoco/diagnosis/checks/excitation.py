@@ -27,8 +27,8 @@ class Excitation(NamedTuple):
         reversals: of the motor.
         dwells: durations of the rests between motions, shortest and longest [s].
         dwell_count: number of rests.
-        torque: of the joint, 1st and 99th percentile [Nm].
-        motor_torque: of the motor, 1st and 99th percentile [Nm].
+        torque: of the joint, 1st and 99th percentile [Nm]; None if it is not known.
+        motor_torque: of the motor, alike.
         turns: range of the motor's angle in revolutions.
         joint_turns: range of the joint's angle in revolutions.
         bandwidth: below it lies 99 % of the power of the motor's speed [Hz].
@@ -43,8 +43,8 @@ class Excitation(NamedTuple):
     reversals: int
     dwells: tuple[float, float]
     dwell_count: int
-    torque: tuple[float, float]
-    motor_torque: tuple[float, float]
+    torque: tuple[float, float] | None
+    motor_torque: tuple[float, float] | None
     turns: float
     joint_turns: float
     bandwidth: float
@@ -74,8 +74,8 @@ class Excitation(NamedTuple):
                 if self.dwell_count
                 else ", so nothing can be said about dwell and break-away."
             ),
-            f"Joint torque {self.torque[0]:.3g} to {self.torque[1]:.3g} Nm, motor "
-            f"torque {self.motor_torque[0]:.3g} to {self.motor_torque[1]:.3g} Nm.",
+            f"Joint torque {_torque(self.torque)}, motor torque "
+            f"{_torque(self.motor_torque)}.",
             f"The motor covers {self.turns:.2g} revolutions, the joint "
             f"{self.joint_turns:.2g}.",
             f"99 % of the motion lies below {self.bandwidth:.2g} Hz.",
@@ -117,8 +117,8 @@ def excitation(dataset: Dataset) -> Excitation:
         reversals=reversals,
         dwells=(min(rests), max(rests)) if rests else (0.0, 0.0),
         dwell_count=len(rests),
-        torque=_percentiles(_all(dataset, channels.JOINT_TORQUE), 1, 99),
-        motor_torque=_percentiles(_all(dataset, channels.MOTOR_TORQUE), 1, 99),
+        torque=_torques(dataset, channels.JOINT_TORQUE),
+        motor_torque=_torques(dataset, channels.MOTOR_TORQUE),
         turns=_revolutions(_all(dataset, channels.MOTOR_ANGLE)),
         joint_turns=_revolutions(_all(dataset, channels.JOINT_ANGLE)),
         bandwidth=max((_bandwidth(trial) for trial in dataset.trials), default=0.0),
@@ -176,6 +176,16 @@ def _all(dataset: Dataset, channel: str) -> FloatArray:
             for part in trial.segments
         ]
     )
+
+
+def _torques(dataset: Dataset, channel: str) -> tuple[float, float] | None:
+    if dataset.trials and channel not in dataset.channels:
+        return None
+    return _percentiles(_all(dataset, channel), 1, 99)
+
+
+def _torque(ends: tuple[float, float] | None) -> str:
+    return f"{ends[0]:.3g} to {ends[1]:.3g} Nm" if ends else "not measured"
 
 
 def _revolutions(angle: FloatArray) -> float:

@@ -48,15 +48,17 @@ class Mechanics(NamedTuple):
 
 
 def mechanics(trial: Trial) -> Mechanics:
-    """Speeds, torques and works of both sides compared."""
+    """Speeds, torques and works of both sides compared, as far as they are known."""
     used = np.concatenate([np.arange(p.start, p.stop) for p in trial.segments])
-    motor, joint = trial.motor_torque[used], trial.joint_torque[used]
     omega = velocity(trial.motor_angle, trial.step, trial.segments)[used]
     turn = velocity(trial.joint_angle, trial.step, trial.segments)[used]
     ratio = float(omega @ turn / max(omega @ omega, 1e-300))
     follows = _correlation(omega, turn)
+    if trial.motor_torque is None or trial.joint_torque is None:
+        return Mechanics(ratio, follows, 0.0, 0.0, 0.0, 0.0, math.inf, 1.0)
+    motor, joint = trial.motor_torque[used], trial.joint_torque[used]
     torque_ratio, asks = torques(motor, joint, omega, trial.step)
-    works = _works(trial, used, omega, turn)
+    works = _works(trial, used, (motor, joint), omega, turn)
     return Mechanics(ratio, follows, torque_ratio, asks, *works)
 
 
@@ -111,14 +113,18 @@ def _sliding(
 
 
 def _works(
-    trial: Trial, used: np.ndarray, omega: FloatArray, turn: FloatArray
+    trial: Trial,
+    used: np.ndarray,
+    shown: tuple[FloatArray, FloatArray],
+    omega: FloatArray,
+    turn: FloatArray,
 ) -> tuple[float, float, float, float]:
     """Works per travel, the doubt of their difference, and the power that passes.
 
     What is stored is a function of the state: it is fitted as one, so that cycles need
     not be closed. Linear terms in the angles take up constant offsets of the torques.
     """
-    motor, joint = trial.motor_torque[used], trial.joint_torque[used]
+    motor, joint = shown
     lengths = [part.stop - part.start for part in trial.segments]
     starts = np.cumsum([0, *lengths[:-1]])
     powers = np.column_stack([motor * omega, joint * turn, np.abs(omega)])

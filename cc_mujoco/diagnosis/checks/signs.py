@@ -101,8 +101,10 @@ def _shared(trials: list[Trial]) -> tuple[float, float]:
     """Motor torque per joint torque over several trials, and their correlation."""
     parts = [(trial, part) for trial in trials for part in trial.segments]
     omega = [velocity(trial.motor_angle[part], trial.step) for trial, part in parts]
-    motor = [trial.motor_torque[part] for trial, part in parts]
-    joint = [trial.joint_torque[part] for trial, part in parts]
+    if any(t.motor_torque is None or t.joint_torque is None for t in trials):
+        return 0.0, 0.0
+    motor = [trial.channel(MOTOR_TORQUE)[part] for trial, part in parts]
+    joint = [trial.channel(JOINT_TORQUE)[part] for trial, part in parts]
     return torques(
         np.concatenate(motor),
         np.concatenate(joint),
@@ -231,6 +233,8 @@ def check_sizes(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Fin
     A free joint carries next to nothing, so a loaded trial may well leap over the
     others in one torque; but then its other torque is of a like size.
     """
+    if any(t.motor_torque is None or t.joint_torque is None for t in trials):
+        return []
     sizes = {
         channel: np.array(
             [np.sqrt(np.nanmean(t.channel(channel) ** 2)) for t in trials]

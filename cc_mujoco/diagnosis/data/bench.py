@@ -61,8 +61,8 @@ class Bench:
             constants: of `[rig]`, see `dataset_file.RIG`.
         """
         value = {name: constant.value for name, constant in constants.items()}
-        pulleys = {"motor_radius", "joint_radius", "exit_angle"}
-        cable = {name: v for name, v in value.items() if name not in pulleys}
+        of_cables = ("pretension", "axial_stiffness", "friction")
+        cable = {name: value[name] for name in of_cables if name in value}
         return replace(
             self,
             cables=tuple(given.replace(**cable) for given in self.cables),

@@ -16,17 +16,20 @@ TIME = "time_s"
 VALID = "valid"
 TEMPERATURE = "temperature_c"
 MOTOR_ANGLE, MOTOR_TORQUE = "motor_angle_rad", "motor_torque_nm"
+MOTOR_CURRENT = "motor_current_a"
 JOINT_ANGLE, JOINT_TORQUE = "joint_angle_rad", "joint_torque_nm"
 
 ANGLES = (MOTOR_ANGLE, JOINT_ANGLE)
 TORQUES = (MOTOR_TORQUE, JOINT_TORQUE)
 DRIVE = (MOTOR_ANGLE, MOTOR_TORQUE, JOINT_ANGLE, JOINT_TORQUE)
-"""Channels that every trial has."""
+"""Motion of both ends, which every trial has, and what drives it."""
 REQUIRED = (TIME, *DRIVE)
+PLAIN = (*DRIVE, MOTOR_CURRENT, TEMPERATURE)
+"""Channels of a trial that are no tension."""
 
 TENSION = "tension_<cable>_<proximal|distal>_n"
-_TENSION = re.compile(r"tension_.+_(proximal|distal)_n")
-_TENSION_IN = re.compile(r"(tension_.+_(?:proximal|distal)_)([a-z]+)")
+_TENSION = re.compile(r"tension_(?:(.+)_)?(proximal|distal)_n")
+_TENSION_IN = re.compile(r"(tension_(?:.+_)?(?:proximal|distal)_)([a-z]+)")
 
 
 class Kind(NamedTuple):
@@ -62,6 +65,7 @@ TORQUE = Kind(
     },
 )
 FORCE = Kind("force", "N", {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": _KGF, "lbf": _LBF})
+CURRENT = Kind("current", "A", {"A": 1.0, "mA": 1e-3})
 WARMTH = Kind("temperature", "degC", {"degC": 1.0})
 MASK = Kind("mask", "1", {"1": 1.0})
 
@@ -69,6 +73,7 @@ _KINDS = {
     TIME: CLOCK,
     MOTOR_ANGLE: ANGLE,
     MOTOR_TORQUE: TORQUE,
+    MOTOR_CURRENT: CURRENT,
     JOINT_ANGLE: ANGLE,
     JOINT_TORQUE: TORQUE,
     TEMPERATURE: WARMTH,
@@ -93,7 +98,9 @@ _ELSE = {
         ("kg", "lb", "lbs"), "a mass; its weight is a force, in kgf or in lbf"
     ),
     **dict.fromkeys(
-        ("ma", "amp"), "a current; times the torque constant it is a motor's torque"
+        ("ma", "amp"),
+        "a current; times the torque constant it is a motor's torque: call it "
+        "motor_current_a or motor_current_ma and declare [rig] torque_constant",
     ),
     **dict.fromkeys(
         ("mv", "volt"), "a voltage; apply the calibration of its sensor first"
@@ -126,6 +133,13 @@ def kind(channel: str) -> Kind:
 def is_tension(column: str) -> bool:
     """Whether a column is a measured end tension by its name."""
     return _TENSION.fullmatch(column) is not None
+
+
+def cable_end(tension: str) -> tuple[str, str]:
+    """Cable and end of the channel of a tension; "" of a cable that is the only one."""
+    found = _TENSION.fullmatch(tension)
+    assert found is not None
+    return found[1] or "", found[2]
 
 
 def bare(column: str) -> str:

@@ -86,15 +86,17 @@ def sources(
     """Column and unit of every channel that a trial has, time aside.
 
     Raises:
-        CableError: one is missing, or there are several.
+        CableError: one is missing, or there are several. A torque may be missing where
+            something stands in for it, see `file.stands_in`.
     """
     optional = [channel for name in names if (channel := _tension(where, name))]
-    optional += [channels.TEMPERATURE, channels.VALID]
-    found = {}
+    optional += [channels.MOTOR_CURRENT, channels.TEMPERATURE, channels.VALID]
+    found: dict[str, tuple[str, str]] = {}
+    absent = []
     for channel in dict.fromkeys([*channels.DRIVE, *file.columns, *optional]):
-        if channel == channels.TIME:
-            continue
         source = file.source(channel)
+        if channel == channels.TIME or not source.measured:
+            continue
         if source.name is not None:
             column = find(where, channel, source.name, names)
         else:
@@ -104,10 +106,13 @@ def sources(
                 raise _several(where, places, channel)
             if not places:
                 if channel in channels.DRIVE or channel in file.columns:
-                    raise _missing(where, channel, channel, names)
+                    absent.append(channel)
                 continue
             column = places[0]
         found[channel] = (column, file.unit(channel, column))
+    for channel in absent:
+        if not (channel in channels.TORQUES and file.stands_in(channel, found)):
+            raise _missing(where, channel, channel, names)
     return found
 
 
@@ -160,7 +165,10 @@ def _missing(where: str, channel: str, name: str, names: Sequence[str]) -> Cable
         missing += f" (is it {near!r}?)"
     elif other := _nearest(name, others, 0.4):
         return CableError(f"{missing}; {other!r} is {channels.no_channel(other)}.")
-    return CableError(f"{missing}; rename one or map it in {DATASET_FILE}.")
+    told = f"{missing}; rename one or map it in {DATASET_FILE}"
+    if channel in channels.TORQUES:
+        told += f", or declare [columns.{channel}] measured = false"
+    return CableError(f"{told}.")
 
 
 def _nearest(name: str, names: Sequence[str], cutoff: float = 0.6) -> str:

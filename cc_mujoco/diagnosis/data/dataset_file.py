@@ -15,6 +15,9 @@ All of it is optional. An example with every key:
     noise = 0.01                    # standard deviation, in `unit`
     resolution = 0.02               # quantisation step, in `unit`
 
+    [columns.joint_torque_nm]
+    measured = false                # of a torque that no instrument tells
+
     [files."run_*"]                 # a trial in several files, each with its times;
     motor = "motor/run_*.csv"       # `*` stands for the same in all of them
     joint = { file = "joint/run_*.csv", time = "t", unit = "ms", offset = 350 }
@@ -23,6 +26,12 @@ All of it is optional. An example with every key:
     motor_radius = { value = 20, uncertainty = 0.1, unit = "mm" }
     joint_radius = 0.104
     exit_angle = { value = 180, unit = "deg" }  # between the tangents, see `RIG`
+    torque_constant = 0.07          # Nm/A, where `motor_current_a` is recorded; with
+    gear_ratio = 5                  # turns of the motor per turn of its pulley, and
+    gear_efficiency = 0.9           # 1 unless it is given
+    load_stiffness = 2.5            # Nm/rad: where the joint's torque is not measured,
+    load_rest_angle = 0             # what the joint turns, see `RIG`
+    load_inertia = { value = 0.004, uncertainty = 0.0002 }
 
     [trials."run_*"]                # file name with or without ending, or a pattern;
     pretension = 12.0               # later tables win over earlier ones
@@ -37,7 +46,8 @@ All of it is optional. An example with every key:
 
 The channels are `time_s`, `motor_angle_rad`, `motor_torque_nm`, `joint_angle_rad`,
 `joint_torque_nm` and, if measured, `tension_<cable>_proximal_n`,
-`tension_<cable>_distal_n`, `temperature_c` and `valid` (1 where the sample counts).
+`tension_<cable>_distal_n` (without a name where there is one cable), `motor_current_a`,
+`temperature_c` and `valid` (1 where the sample counts).
 Positive motor rotation pulls the joint positive; the motor torque is what the motor
 puts into its pulley, the joint torque what the transmission puts into the joint.
 
@@ -50,6 +60,7 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
+import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -72,14 +83,32 @@ RIG: dict[str, dict[str, float]] = {
     "axial_stiffness": channels.FORCE.factors,
     "friction": _PLAIN,
     "exit_angle": channels.ANGLE.factors,
+    "torque_constant": {"Nm/A": 1.0, "mNm/A": 1e-3},
+    "gear_ratio": _PLAIN,
+    "gear_efficiency": _PLAIN,
+    "load_stiffness": {"Nm/rad": 1.0, "Nm/deg": 180.0 / math.pi},
+    "load_rest_angle": channels.ANGLE.factors,
+    "load_inertia": {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7},
+    "load_damping": {"Nm s/rad": 1.0},
+    "load_weight": channels.TORQUE.factors,
+    "load_hanging_angle": channels.ANGLE.factors,
 }
-"""Constants that `[rig]` may give in place of the scene's, with units, SI first.
+"""Constants that `[rig]` may give, with units, SI first.
 
-`axial_stiffness` is EA, `friction` the coefficient mu, `exit_angle` how far around the
-motor's pulley the antagonist leaves it from where the agonist does (pi unless given:
-conduits side by side, one on either side of the pulley). Everything else about the rig
-(conduits, lengths, wrap) is in the scene. None is negative."""
-MAY_VANISH = ("friction", "exit_angle")
+The first five stand in place of the scene's: `axial_stiffness` is EA, `friction` the
+coefficient mu; everything else about the rig (conduits, lengths, wrap) is in the scene,
+but for `exit_angle`: how far around the motor's pulley the antagonist leaves it from
+where the agonist does (pi unless given: conduits side by side, one on either side).
+The load is what the joint turns, itself included: a spring that is at rest at
+`load_rest_angle`, an inertia, a viscous damper and a weight, mass times gravity times
+its distance from the axis, that hangs straight down at `load_hanging_angle`. None but
+the angles is negative."""
+MOTOR = ("torque_constant", "gear_ratio", "gear_efficiency")
+"""Those that make a motor's torque of its current."""
+LOAD = ("load_stiffness", "load_inertia", "load_damping", "load_weight")
+"""Those that make a joint's torque of its motion; with their angles."""
+ANGLES = ("exit_angle", "load_rest_angle", "load_hanging_angle")
+MAY_VANISH = ("friction", *ANGLES, "load_damping")
 """Those that may be 0."""
 
 
@@ -96,6 +125,7 @@ class Source:
         clock: column with the times of this channel; None is `time_s`.
         noise: standard deviation in the unit of the readings; None is not known.
         resolution: quantisation step in the unit of the readings; None is not known.
+        measured: False where no instrument tells this torque.
     """
 
     name: str | None = None
@@ -106,6 +136,7 @@ class Source:
     clock: str | None = None
     noise: float | None = None
     resolution: float | None = None
+    measured: bool = True
 
 
 @dataclass(frozen=True)
@@ -156,6 +187,22 @@ class DatasetFile:
         spelled = channels.spellings(channel)
         told = self.source(channel).unit or spelled.get(channels.bare(column))
         return told or channels.kind(channel).unit
+
+    def stands_in(self, torque: str, found: Iterable[str]) -> bool:
+        """Whether a torque that has no column follows from something else.
+
+        Args:
+            torque: channel without a column.
+            found: channels that have one.
+        """
+        motor = torque == channels.MOTOR_TORQUE
+        end = "proximal" if motor else "distal"
+        tensions = (name for name in found if channels.is_tension(name))
+        if any(channels.cable_end(name)[1] == end for name in tensions):
+            return True
+        if motor:
+            return channels.MOTOR_CURRENT in found
+        return any(name in self.rig for name in LOAD)
 
     def facts_of(self, path: Path, names: Mapping[Path, str] | None = None) -> Facts:
         """Facts of the trial in this file: of all tables that match, the last wins.
@@ -259,6 +306,11 @@ def _source(table: Table, channel: str) -> Source:
         table.only("name")
     elif channel == channels.TIME:
         table.only("name", "unit", "offset")
+    elif "measured" in table.content:
+        if channel not in channels.TORQUES or table.content["measured"] is not False:
+            raise table.wrong("measured", "false, of one of the two torques")
+        table.only("measured")
+        return Source(measured=False)
     else:
         table.only(*Source.__dataclass_fields__)
     sign = table.number("sign")
@@ -311,17 +363,19 @@ def _rig(table: Table) -> dict[str, Constant]:
         is_table = isinstance(given, dict)
         inner = Table(f"{table.where}, {name}", given if is_table else {"value": given})
         inner.only("value", "uncertainty", "unit")
-        value = inner.number("value", 0.0)
+        value = inner.number("value", -math.inf if name in ANGLES else 0.0)
         if value is None:
             raise CableError(f"{inner.where} needs a `value`.")
         if value == 0.0 and name not in MAY_VANISH:
             raise inner.wrong("value", "more than 0")
         factor = units[inner.choice("unit", units) or next(iter(units))]
         doubt = inner.number("uncertainty", 0.0) or 0.0
-        if doubt > value > 0.0:
+        if doubt > value > 0.0 and name not in ANGLES:
             right = "one standard deviation in the unit of the value, and no larger"
             raise inner.wrong("uncertainty", right)
         constants[name] = Constant(value * factor, doubt * factor)
+    if constants.get("gear_efficiency", Constant(1.0)).value > 1.0:
+        raise table.wrong("gear_efficiency", "more than 0 and no more than 1")
     return constants
 
 

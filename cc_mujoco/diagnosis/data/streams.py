@@ -99,12 +99,12 @@ def joined(where: str, streams: Mapping[str, Stream]) -> Joined:
 
     Args:
         where: the trial, for a sentence.
-        streams: by channel, with all channels of the drive.
+        streams: by channel, with the angles and all else of the drive that there is.
 
     Raises:
         CableError: they share no time.
     """
-    drive = {channel: streams[channel] for channel in channels.DRIVE}
+    drive = {c: streams[c] for c in channels.DRIVE if c in streams}
     leader = max(drive, key=lambda channel: drive[channel].interval)
     own = drive[leader]
     first = max(drive, key=lambda channel: drive[channel].span[0])

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis.data import channels
+from cc_mujoco.diagnosis.data.instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.errors import CableError
 
 FloatArray = NDArray[np.float64]
@@ -94,13 +95,14 @@ class Trial:
         name: file name without ending; as much more of its path as it takes to differ.
         time: (samples,) [s], as recorded.
         motor_angle: (samples,) [rad].
-        motor_torque: (samples,) [Nm], motor into its pulley.
+        motor_torque: (samples,) [Nm], motor into its pulley; None if it is not known.
         joint_angle: (samples,) [rad].
-        joint_torque: (samples,) [Nm], transmission into joint.
+        joint_torque: (samples,) [Nm], transmission into joint; None if it is not known.
         segments: valid stretches in order, each sampled at `step` without a gap.
         step: time between samples [s].
         tensions: (samples,) [N] each, by column name (`tension_<cable>_proximal_n`).
         temperature: (samples,) [degC], or None.
+        motor_current: (samples,) [A], or None.
         facts: what `dataset.toml` says.
         path: the file.
         sha256: of the file's bytes, hexadecimal.
@@ -111,9 +113,9 @@ class Trial:
     name: str
     time: FloatArray
     motor_angle: FloatArray
-    motor_torque: FloatArray
+    motor_torque: FloatArray | None
     joint_angle: FloatArray
-    joint_torque: FloatArray
+    joint_torque: FloatArray | None
     segments: tuple[slice, ...]
     step: float
     tensions: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -123,6 +125,7 @@ class Trial:
     sha256: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
     paths: Mapping[str, str] = field(default_factory=dict)
+    motor_current: FloatArray | None = None
 
     @property
     def rate(self) -> float:
@@ -142,8 +145,16 @@ class Trial:
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the measured channels, time aside."""
-        warmth = () if self.temperature is None else (channels.TEMPERATURE,)
-        return (*channels.DRIVE, *self.tensions, *warmth)
+        own = {name: self._plain(name) for name in channels.PLAIN}
+        return (
+            *(name for name in channels.DRIVE if own[name] is not None),
+            *self.tensions,
+            *(
+                name
+                for name in (channels.MOTOR_CURRENT, channels.TEMPERATURE)
+                if own[name] is not None
+            ),
+        )
 
     def channel(self, name: str) -> FloatArray:
         """Samples of a channel by its name, for example `joint_torque_nm`.
@@ -153,17 +164,21 @@ class Trial:
         """
         if name in self.tensions:
             return self.tensions[name]
-        found = {
+        found = self._plain(name)
+        if found is None:
+            raise CableError.unknown("channel", name, self.channels)
+        return found
+
+    def _plain(self, name: str) -> FloatArray | None:
+        return {
             channels.TIME: self.time,
             channels.MOTOR_ANGLE: self.motor_angle,
             channels.MOTOR_TORQUE: self.motor_torque,
+            channels.MOTOR_CURRENT: self.motor_current,
             channels.JOINT_ANGLE: self.joint_angle,
             channels.JOINT_TORQUE: self.joint_torque,
             channels.TEMPERATURE: self.temperature,
         }.get(name)
-        if found is None:
-            raise CableError.unknown("channel", name, self.channels)
-        return found
 
     def column(self, channel: str) -> str:
         """File and column of a channel, for a sentence."""
@@ -182,6 +197,7 @@ class Dataset:
         floor: what no model can explain, by channel.
         name: what the data are.
         notes: for a human reader.
+        instruments: what both torques are known from, in all trials alike.
         path: the `dataset.toml`, empty if there is none.
         sha256: of its bytes.
     """
@@ -194,6 +210,7 @@ class Dataset:
     notes: str = ""
     path: str = ""
     sha256: str = ""
+    instruments: Instruments = TORQUE_SENSORS
 
     def trial(self, name: str) -> Trial:
         """Return the trial of that name.

@@ -52,10 +52,16 @@ def fit_baseline(
     seed: int,
 ) -> BaselineFit:
     """Fit the baseline, simulated as finely as it needs to be."""
-    free = tuned(bench, records, dataset.constants)
+    free = tuned(bench, records, dataset.constants, dataset.instruments)
     counts = [record.free for record in records]
     x = np.zeros(len(free))
-    plant = Plant(bench, records, SEGMENTS)
+    plant = Plant(
+        bench,
+        records,
+        SEGMENTS,
+        instruments=dataset.instruments,
+        constants=dataset.constants,
+    )
     while True:
         flat = tuple(
             np.full(r.measured.shape, 0.02 * float(np.std(r.measured)) + 1e-9)

@@ -9,7 +9,6 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS
-from cc_mujoco.diagnosis.evidence import CHANNELS
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
 from cc_mujoco.diagnosis.inference.motions import DT, Motion, motions
@@ -48,7 +47,10 @@ def propose(
         return None
     problem = rivals[0][0]
     noise = np.array(
-        [[np.median(np.concatenate([f[row] for f in problem.noise]))] for row in (0, 1)]
+        [
+            [np.median(np.concatenate([f[row] for f in problem.noise]))]
+            for row in range(len(problem.plant.instruments.rows))
+        ]
     )
     known = [
         jacobian(other, x, [r.free for r in other.plant.records])
@@ -76,8 +78,9 @@ def propose(
             sizes = np.sqrt(np.mean(left**2, axis=1))
             row = int(np.argmax(sizes))
             most = int(np.argmax(np.abs(left[row])))
+            channel = problem.plant.instruments.channels[row]
             told = (
-                f"{CHANNELS[row]} differs by {sizes[row] * noise[row, 0]:.3g} Nm RMS "
+                f"{channel} differs by {sizes[row] * noise[row, 0]:.3g} Nm RMS "
                 f"even when all else is tuned, {sizes[row]:.1f} times the noise; at "
                 f"{most * DT:.1f} s {EFFECTS[ids[0]].title} gives "
                 f"{shown[0][row, most]:.3g} Nm and {EFFECTS[ids[1]].title} "
@@ -134,7 +137,7 @@ def _record(problem: Problem, motion: Motion) -> Record:
         time=np.arange(size, dtype=np.float64) * DT,
         motor_angle=motion.motor[:size],
         joint_angle=motion.joint[:size],
-        measured=np.zeros((2, size)),
+        measured=np.zeros((len(base.measured), size)),
         counts=np.ones(size, dtype=bool),
         pretension=tension * motion.pretension,
         start=0.0,

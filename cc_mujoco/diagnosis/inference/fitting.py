@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
+from cc_mujoco.diagnosis.effects import EffectParameter
 from cc_mujoco.diagnosis.inference.jacobian import HUBER_DELTA, Slopes, jacobian
 from cc_mujoco.diagnosis.inference.plant import Plant, plausible
 from cc_mujoco.estimation import least_squares
@@ -113,7 +113,7 @@ class Problem:
             knob_as_tuned(
                 parameter, start.get(parameter.name, parameter.typical), self.plant
             )
-            for parameter in EFFECTS[name].parameters
+            for parameter in self.plant.library.effects[name].parameters
         )
         return replace(
             self,
@@ -132,7 +132,8 @@ class Problem:
 
     def without(self, name: str) -> Problem:
         """The same without an effect."""
-        gone = {parameter.name for parameter in EFFECTS[name].parameters}
+        effect = self.plant.library.effects[name]
+        gone = {parameter.name for parameter in effect.parameters}
         return replace(
             self,
             tuned=tuple(p for p in self.tuned if p.name not in gone),
@@ -213,7 +214,7 @@ def weight(errors: Sequence[FloatArray], masks: Masks) -> float:
         for row in kept:
             correlation = autocorrelation(row)[:lags]
             total[: correlation.size] += correlation
-        count += 2 * int(np.sum(mask))
+        count += len(error) * int(np.sum(mask))
         square += float(np.sum(kept**2))
     shape = total / max(total[0], 1e-300)
     end = int(np.argmax(shape < 0.02)) or lags

@@ -22,15 +22,14 @@ from cc_mujoco.diagnosis.data.channels import (
     JOINT_ANGLE,
     JOINT_TORQUE,
     MOTOR_ANGLE,
-    MOTOR_TORQUE,
 )
 from cc_mujoco.diagnosis.data.digits import made_whole
 from cc_mujoco.diagnosis.data.trials import Dataset, Noise
+from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.plant import Plant, Values
 from cc_mujoco.diagnosis.inference.records import (
     Filtering,
     Record,
-    low_passed,
     play_filter,
 )
 
@@ -45,7 +44,7 @@ _QUIET = Noise(0.0, 0.0, "declared")
 
 
 class NoiseFloor(NamedTuple):
-    """Standard deviations (2, samples) of every record [Nm].
+    """Standard deviations (rows, samples) of every record [Nm].
 
     Attributes:
         noise: of what no model can explain; not less than repetitions differ.
@@ -82,9 +81,12 @@ def noise_floor(
             total += square
         for total, square in zip(wide, scatter(moved), strict=True):
             total += square
+    known = plant.instruments
     own = [
-        dataset.noise.get(n, _QUIET).deviation ** 2 * filtering.passed
-        for n in (MOTOR_TORQUE, JOINT_TORQUE)
+        filtering.load**2
+        if name == JOINT_TORQUE and known.joint == "known load"
+        else dataset.noise.get(name, _QUIET).deviation ** 2 * filtering.passed
+        for name in known.channels
     ]
     whole = np.concatenate([record.measured for record in plant.records], axis=1)
     least = (LEAST * np.std(whole, axis=1)) ** 2
@@ -106,7 +108,7 @@ def _repeated(dataset: Dataset, filtering: Filtering) -> FloatArray:
     0 where nothing was repeated.
     """
     found = []
-    for name in (MOTOR_TORQUE, JOINT_TORQUE):
+    for name in dataset.instruments.channels:
         floor = dataset.floor.get(name)
         blocked = dataset.noise.get(name, _QUIET).deviation ** 2 * (
             1 - filtering.passed

@@ -156,6 +156,6 @@ def excess(crossed: CrossValidation) -> float:
     """
     inflation = crossed.problem.inflation**2
     sums = inflation * blocks(crossed).sum(axis=1)
-    counts = 2.0 * np.array([np.sum(np.isfinite(e[0])) for e in crossed.errors]).sum()
+    counts = np.array([np.sum(np.isfinite(e)) for e in crossed.errors]).sum()
     scatter = np.std(sums) * np.sqrt(sums.size)
     return float((sums.sum() - counts) / max(scatter, 1e-300))

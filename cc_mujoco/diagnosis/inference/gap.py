@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.evidence import CHANNELS, Trace
+from cc_mujoco.diagnosis.evidence import Trace
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.folds import BLOCK, Fold
 from cc_mujoco.diagnosis.verdict import Gap
@@ -72,7 +72,7 @@ def gaps(
             mask |= test
     found = {}
     random = np.random.default_rng(seed)
-    for row, channel in enumerate(CHANNELS):
+    for row, channel in enumerate(problem.plant.instruments.channels):
         squares = []
         for record, mask, old, new, noise, floor in zip(
             records, masks, before, after, problem.noise, problem.floor, strict=True
@@ -139,15 +139,16 @@ def traces(
     problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
 ) -> tuple[Trace, ...]:
     """What the report draws."""
+    channels = problem.plant.instruments.channels
     return tuple(
         Trace(
             record.trial,
             record.time,
             record.motor_angle,
             record.joint_angle,
-            dict(zip(CHANNELS, record.measured, strict=True)),
-            dict(zip(CHANNELS, old, strict=True)),
-            dict(zip(CHANNELS, new, strict=True)),
+            dict(zip(channels, record.measured, strict=True)),
+            dict(zip(channels, old, strict=True)),
+            dict(zip(channels, new, strict=True)),
             record.counts.astype(float),
         )
         for record, old, new in zip(problem.plant.records, before, after, strict=True)

@@ -61,7 +61,7 @@ def _pulls(
     nothing = np.zeros(x.size)
     first = 0
     for record, mask in zip(problem.plant.records, masks, strict=True):
-        rows = slice(first, first + 2 * int(np.sum(mask)))
+        rows = slice(first, first + len(record.measured) * int(np.sum(mask)))
         first = rows.stop
         if rows.stop > rows.start:
             own = slopes[rows].T @ residual[rows]

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.evidence import CHANNELS
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit, huber_residual
 from cc_mujoco.diagnosis.verdict import TrialError
 from cc_mujoco.diagnosis.wording import number
@@ -212,7 +211,7 @@ def _rms(
     ]
     total = np.sum([w.sum(axis=1) for w in weights], axis=0)
     found = np.sqrt(np.sum(squares, axis=0) / total)
-    return dict(zip(CHANNELS, found.tolist(), strict=True))
+    return dict(zip(problem.plant.instruments.channels, found.tolist(), strict=True))
 
 
 def _misfit(

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis.data.trials import Constant
 from cc_mujoco.diagnosis.effects import (
     EFFECTS,
@@ -24,16 +25,28 @@ from cc_mujoco.diagnosis.effects import (
     Rig,
     Torques,
 )
-from cc_mujoco.diagnosis.inference.records import Record, low_passed
+from cc_mujoco.diagnosis.inference.library import Library, library
+from cc_mujoco.diagnosis.inference.load import load_torque, load_tuned, values_of
+from cc_mujoco.diagnosis.inference.passing import low_passed
+from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.inference.replays import Setting, played, shifted
 from cc_mujoco.estimation.least_squares import Tuned, in_threads
 from cc_mujoco.transmission import Cable
 
 Values = Mapping[str, float]
 
+_OFF = {
+    parameter.name: 0.0
+    for effect in EFFECTS.values()
+    for parameter in effect.parameters
+    if parameter.low <= 0.0
+}
+"""Parameters of effects that a rig does not have."""
 
 PRETENSION_KNOWN = 0.1
 """Relative standard deviation of a pretension that nobody measured."""
+_TURNS = 0.01
+"""Share of its usual top speed at which a motor's own friction has its direction."""
 OFFSETS = ("motor_torque_offset", "joint_torque_offset")
 """What the torque sensors show without any torque [Nm]."""
 LATE = ("motor_torque_late", "joint_torque_late")
@@ -56,7 +69,10 @@ BALANCE_KNOWN = 0.03
 
 
 def tuned(
-    bench: Bench, records: Sequence[Record], constants: Mapping[str, Constant]
+    bench: Bench,
+    records: Sequence[Record],
+    constants: Mapping[str, Constant],
+    instruments: Instruments = TORQUE_SENSORS,
 ) -> tuple[Tuned, ...]:
     """The baseline's parameters for these data.
 
@@ -64,6 +80,7 @@ def tuned(
         bench: with the values of the constants, see `Bench.known`.
         records: that it is to explain.
         constants: of the rig's file, for their uncertainties.
+        instruments: what the torques are known from.
     """
     cable = bench.cables[0]
     step = records[0].step
@@ -75,7 +92,9 @@ def tuned(
     known = unsure("pretension", cable.pretension, PRETENSION_KNOWN)
     wide = math.log(100.0)
     whole = np.concatenate([record.measured for record in records], axis=1)
-    sizes = np.maximum(OFFSET_KNOWN * np.std(whole, axis=1), 1e-6).tolist()
+    rms = dict(zip(instruments.rows, np.std(whole, axis=1).tolist(), strict=True))
+    # A load by its motion has no sensor that could be off or late.
+    sensors = [k for k in instruments.rows if instruments[k] != "known load"]
     centre = _angle_offset(bench, records)
     friction = max(cable.friction, 1e-3)
     most = max(0.0, min(wide, math.log(FRICTION_MOST / friction)))
@@ -89,11 +108,15 @@ def tuned(
     found += [
         Tuned("pretension", "N", cable.pretension, known, -10.0, 10.0, True, 1.0),
         *(
-            Tuned(name, "Nm", 0.0, size, -2.0, 2.0, False, 1.0)
-            for name, size in zip(OFFSETS, sizes, strict=True)
+            Tuned(OFFSETS[k], "Nm", 0.0, size, -2.0, 2.0, False, 1.0)
+            for k in sensors
+            for size in [max(OFFSET_KNOWN * rms[k], 1e-6)]
         ),
         Tuned("joint_angle_offset", "rad", centre, 0.01, -1e3, 1e3, False),
-        *(Tuned(name, "s", 0.0, step, -1.0, 1.0, False, 0.5) for name in CLOCKS),
+        *(
+            Tuned(name, "s", 0.0, step, -1.0, 1.0, False, 0.5)
+            for name in ("clock_offset", *(LATE[k] for k in sensors))
+        ),
     ]
     if len(bench.cables) == 2:
         found.append(
@@ -107,7 +130,35 @@ def tuned(
         relative = unsure(name, given, otherwise)
         if relative > 0.0:
             found.append(Tuned(name, "m", given, relative, -10.0, 10.0, True, 1.0))
+    if instruments.motor == "motor current":
+        found += _motor_tuned(records, constants, rms[0])
+    if instruments.joint == "known load":
+        found += load_tuned(constants)
     return tuple(found)
+
+
+def _motor_tuned(
+    records: Sequence[Record], constants: Mapping[str, Constant], rms: float
+) -> list[Tuned]:
+    """What a current shows of the motor itself: nobody knows its friction."""
+    speed = _top_speed(records)
+    found = [
+        Tuned("motor_friction", "Nm", 0.0, 0.1 * rms, 0.0, 100.0, False),
+        Tuned("motor_damping", "Nm s/rad", 0.0, 0.1 * rms / speed, 0.0, 100.0, False),
+    ]
+    known = constants["torque_constant"]
+    if known.uncertainty > 0.0:
+        size = known.uncertainty / known.value
+        found.append(
+            Tuned("torque_constant", "Nm/A", known.value, size, -10.0, 10.0, True, 1.0)
+        )
+    return found
+
+
+def _top_speed(records: Sequence[Record]) -> float:
+    """Usual top speed of the motor [rad/s]."""
+    speeds = [np.abs(np.gradient(r.motor_angle, r.dt))[r.counts] for r in records]
+    return max(float(np.quantile(np.concatenate(speeds), 0.95)), 1e-6)
 
 
 def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
@@ -126,12 +177,21 @@ class Plant:
         records: to simulate.
         segments: of each cable.
         substeps: simulation steps per sample.
+        instruments: what the torques of the records are known from.
+        constants: of the rig's file; of motor and load.
     """
 
     bench: Bench
     records: tuple[Record, ...]
     segments: int
     substeps: int = 1
+    instruments: Instruments = TORQUE_SENSORS
+    constants: Mapping[str, Constant] = field(default_factory=dict)
+
+    @property
+    def library(self) -> Library:
+        """The effects that can be seen."""
+        return library(len(self.bench.cables), self.instruments)
 
     def simulate(
         self,
@@ -139,7 +199,7 @@ class Plant:
         effects: Sequence[str] = (),
         only: Sequence[int] | None = None,
     ) -> list[FloatArray]:
-        """Motor and joint torque (2, samples) of every record, as sensors show them.
+        """Torques (rows, samples) of every record, as instruments show them.
 
         Args:
             values: baseline and effect parameters by name.
@@ -199,6 +259,7 @@ class Plant:
             for cable, side in zip(self.bench.cables, (balance, -balance), strict=False)
         )
         rig = Rig(*self.radii(values), self.bench.exit_angle)
+        values = {**_OFF, **values}
         for name in effects:
             change = EFFECTS[name].cables
             if change is not None:
@@ -215,17 +276,16 @@ class Plant:
     def _shown(
         self, record: Record, setting: Setting, values: Values, effects: Sequence[str]
     ) -> FloatArray:
-        """Both torques (2, samples) of a record as its sensors show them."""
-        joint_angle, motor, joint = played(record, setting)
-        time = record.start + record.dt * np.arange(motor.size, dtype=np.float64)
-        shown = Torques(record.dt, time, record.motor_angle, joint_angle, motor, joint)
+        """Torques (rows, samples) of a record as its instruments show them."""
+        shown = self._torques(record, setting, values)
+        values = {**_OFF, **values}
         for sensor in (False, True):
             for name in effects:
                 effect = EFFECTS[name]
                 if effect.torques is not None and effect.sensor is sensor:
                     shown = effect.torques(shown, values)
         behind = [values.get(name, 0.0) for name in LATE]
-        shown_torques = np.array(
+        both = np.array(
             [
                 shifted(shown.motor, -behind[0] / record.dt)
                 + values.get(OFFSETS[0], 0.0),
@@ -233,7 +293,43 @@ class Plant:
                 + values.get(OFFSETS[1], 0.0),
             ]
         )
-        return low_passed(shown_torques, record.band, 1.0 / record.dt)
+        rows = both[list(self.instruments.rows)]
+        return low_passed(rows, record.band, 1.0 / record.dt)
+
+    def _torques(self, record: Record, setting: Setting, values: Values) -> Torques:
+        """Both torques before any effect outside the cables.
+
+        Readings were made torques by the values that are declared, so what was tuned
+        since counts against these.
+        """
+        joint_angle, motor, joint, proximal, distal = played(record, setting)
+        known = self.instruments
+        if known.motor == "load cells":
+            motor = self.bench.motor_radius * proximal
+        if known.motor == "motor current":
+            speed = np.gradient(record.motor_angle, record.dt)
+            turns = _TURNS * max(float(np.quantile(np.abs(speed), 0.95)), 1e-9)
+            motor = (
+                motor
+                + values.get("motor_friction", 0.0) * np.tanh(speed / turns)
+                + values.get("motor_damping", 0.0) * speed
+            )
+            given = self.constants["torque_constant"].value
+            motor = motor * (given / values.get("torque_constant", given))
+        if known.joint == "load cells":
+            joint = self.bench.joint_radius * distal
+        if known.joint == "known load":
+            given_load = values_of(self.constants)
+            here = {k: values.get(k, v) for k, v in given_load.items()}
+            here["load_rest_angle"] = values.get(
+                "load_rest_angle", given_load.get("load_rest_angle", 0.0)
+            )
+            joint = joint - (
+                load_torque(joint_angle, record.dt, here)
+                - load_torque(joint_angle, record.dt, given_load)
+            )
+        time = record.start + record.dt * np.arange(motor.size, dtype=np.float64)
+        return Torques(record.dt, time, record.motor_angle, joint_angle, motor, joint)
 
     def finer(self, segments: int = 1, substeps: int = 1) -> Plant:
         """The same with more segments or smaller steps, by these factors."""
@@ -257,6 +353,7 @@ def plausible(parameter: EffectParameter, plant: Plant) -> tuple[float, float]:
     elif parameter.of == "motion":
         whole = max(float(np.ptp(record.joint_angle)) for record in records)
     else:
-        row = ("motor_torque", "joint_torque").index(parameter.of)
+        side = ("motor_torque", "joint_torque").index(parameter.of)
+        row = plant.instruments.rows.index(side)
         whole = max(float(np.max(np.abs(r.measured[row]))) for r in records)
     return low * whole, high * whole

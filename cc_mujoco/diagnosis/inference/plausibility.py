@@ -26,7 +26,7 @@ def implausible(problem: Problem, x: FloatArray) -> str:
     """
     values = problem.values(x)
     for name in problem.effects:
-        for parameter in EFFECTS[name].parameters:
+        for parameter in problem.plant.library.effects[name].parameters:
             low, high = plausible(parameter, problem.plant)
             value = values[parameter.name]
             slack = 1e-3 * parameter.typical

@@ -75,7 +75,8 @@ def reason(
     baseline_fit = fit_baseline(dataset, bench, records, filtering, seed)
     if baseline_fit.change > HARMLESS:
         return _numerics(bench, baseline_fit, notes)
-    names = tuple(ids or EFFECTS)
+    able = baseline_fit.problem.plant.library.effects
+    names = tuple(name for name in ids or EFFECTS if name in able)
 
     def told(share: float, doing: str) -> None:
         progress(0.2 + 0.5 * share, doing)
@@ -159,7 +160,11 @@ def _concluded(
         statement,
         effects,
         ties,
-        untestable(found.signatures, baseline_fit.problem, hidden),
+        tuple(
+            each
+            for each in untestable(found.signatures, baseline_fit.problem, hidden)
+            if each.id not in problem.effects
+        ),
         propose(rivals, ties[0]) if ties else None,
         ranked(drawn),
         model.held.gap,
@@ -276,7 +281,7 @@ def _found(
             name,
             {
                 parameter.name: estimated[parameter.name]
-                for parameter in EFFECTS[name].parameters
+                for parameter in problem.plant.library.effects[name].parameters
             },
             sure.get(name, 0.0),
             shares[name],
@@ -299,7 +304,9 @@ def _runner_ups(step: Round) -> tuple[RunnerUp, ...]:
                 parameter.name: c.crossed.problem.values(c.crossed.fits[0].x).get(
                     parameter.name, 0.0
                 )
-                for parameter in EFFECTS[c.id].parameters
+                for parameter in c.crossed.problem.plant.library.effects[
+                    c.id
+                ].parameters
             },
         )
         for c in step.candidates

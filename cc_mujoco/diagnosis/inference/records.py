@@ -14,17 +14,21 @@ cable.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
+from cc_mujoco.diagnosis.data.channels import (
+    JOINT_ANGLE,
+    JOINT_TORQUE,
+    MOTOR_ANGLE,
+)
 from cc_mujoco.diagnosis.data.digits import made_whole
-from cc_mujoco.diagnosis.data.trials import Dataset, Noise, Trial
+from cc_mujoco.diagnosis.data.trials import Dataset, Trial
+from cc_mujoco.diagnosis.inference.load import load_noise, load_torque, values_of
+from cc_mujoco.diagnosis.inference.passing import low_passed
 
 BAND = 25.0
 """Highest frequency compared [Hz]."""
@@ -44,6 +48,8 @@ _MOVING = 1.5
 """Distance of the angle followed either way, over the play, that only motion makes."""
 _LEVEL = 0.3
 """Height over the play within which a turn has its level."""
+RESTS = 0.03
+"""Share of its usual top speed below which a motor rests."""
 SHORTEST = 50
 """Least samples of a stretch that is used."""
 
@@ -61,7 +67,7 @@ class Record:
         time: as recorded [s].
         motor_angle: [rad].
         joint_angle: [rad].
-        measured: (2, samples) motor and joint torque [Nm].
+        measured: (rows, samples) motor and joint torque, those that are known [Nm].
         band: to which the torques are low-passed [Hz].
         counts: whether a sample counts.
         pretension: of this trial if known [N], else None.
@@ -103,11 +109,13 @@ class Filtering:
         motion_band: cut-off of the low-pass of angles [Hz].
         passed: variance of white noise of a torque that passes, over its own.
         still: movement of motor and joint that counts as none [rad].
+        load: noise of the torque of a known load by that of the joint's angle [Nm].
     """
 
     motion_band: float
     passed: float
     still: tuple[float, ...]
+    load: float = 0.0
 
 
 def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filtering]:
@@ -127,8 +135,12 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     for trial in dataset.trials:
         for part in trial.segments:
             if part.stop - part.start >= SHORTEST:
-                records.append(_record(trial, part, bands, bench, still, dataset.noise))
-    return tuple(records), Filtering(motion_band, passed[0], still)
+                records.append(_record(trial, part, bands, bench, still, dataset))
+    shaken = 0.0
+    if dataset.instruments.joint == "known load":
+        noise = dataset.noise[JOINT_ANGLE].deviation
+        shaken = load_noise(dataset.constants, noise, first.rate, bands)
+    return tuple(records), Filtering(motion_band, passed[0], still, shaken)
 
 
 def _thinning(rate: float) -> int:
@@ -141,8 +153,9 @@ def _record(
     bands: tuple[float, float],
     bench: Bench,
     still: tuple[float, ...],
-    noise: Mapping[str, Noise],
+    dataset: Dataset,
 ) -> Record:
+    noise, known = dataset.noise, dataset.instruments
     thin = _thinning(trial.rate)
     band, motion_band = bands
     angles = np.array(
@@ -151,8 +164,16 @@ def _record(
             for name in (MOTOR_ANGLE, JOINT_ANGLE)
         ]
     )
-    torques = np.array([trial.motor_torque[part], trial.joint_torque[part]])
-    smooth = low_passed(angles, motion_band, trial.rate)[:, ::thin]
+    passed = low_passed(angles, motion_band, trial.rate)
+    torques = np.array(
+        [
+            load_torque(passed[1], trial.step, values_of(dataset.constants))
+            if name == JOINT_TORQUE and known.joint == "known load"
+            else trial.channel(name)[part]
+            for name in known.channels
+        ]
+    )
+    smooth = passed[:, ::thin].copy()
     measured = low_passed(torques, band, trial.rate)[:, ::thin]
     for row, width in enumerate(still):
         smooth[row] = play_filter(smooth[row], width)
@@ -162,6 +183,12 @@ def _record(
     counts = (travel > RUN_IN * wind_up(bench)) & (time - time[0] > 0.1)
     # Where the filter has no samples on both sides it is not the same for both.
     edge = max(2, round(0.5 / band / dt))
+    if known.motor == "motor current":
+        # At rest the motor's own friction holds whatever it takes, and the filter
+        # carries that to what is beside it.
+        speed = np.abs(np.gradient(smooth[0], dt))
+        rests = speed <= RESTS * np.quantile(speed, 0.95)
+        counts &= np.convolve(rests, np.ones(2 * edge + 1), "same") < 0.5
     counts[:edge] = False
     counts[-edge:] = False
     return Record(
@@ -179,40 +206,6 @@ def _record(
         trial.facts.split,
         trial.facts.repeat_of or trial.name,
     )
-
-
-def low_passed(signals: FloatArray, band: float, rate: float) -> FloatArray:
-    """Zero-phase low-pass of signals (..., samples)."""
-    from scipy.signal import sosfilt
-
-    if band >= 0.45 * rate:
-        return signals
-    # As scipy's sosfiltfilt, which finds the rest of the filter anew each time.
-    filter_, rest, edge = _filter(band, rate)
-    first, last = signals[..., :1], signals[..., -1:]
-    passed: FloatArray = np.concatenate(
-        [
-            2.0 * first - signals[..., edge:0:-1],
-            signals,
-            2.0 * last - signals[..., -2 : -edge - 2 : -1],
-        ],
-        axis=-1,
-    )
-    for _ in range(2):
-        start = rest.reshape(-1, *(1,) * (signals.ndim - 1), 2) * passed[..., :1]
-        passed, _ = sosfilt(filter_, passed, axis=-1, zi=start)
-        passed = passed[..., ::-1]
-    return passed[..., edge:-edge]
-
-
-@lru_cache(maxsize=16)
-def _filter(band: float, rate: float) -> tuple[FloatArray, FloatArray, int]:
-    """Second-order sections, their state in a signal of 1, samples at the ends."""
-    from scipy.signal import butter, sosfilt_zi
-
-    filter_ = butter(2, band, fs=rate, output="sos")
-    # One section of full order: what `sosfiltfilt` takes.
-    return filter_, sosfilt_zi(filter_), 3 * (2 * len(filter_) + 1)
 
 
 def play_filter(angle: FloatArray, width: float) -> FloatArray:

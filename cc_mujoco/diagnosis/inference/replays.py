@@ -44,11 +44,21 @@ class Setting(NamedTuple):
 
 
 class Played(NamedTuple):
-    """Joint angle as it is compared [rad] and both torques [Nm], (samples,) each."""
+    """What a replay shows, (samples,) each.
+
+    Attributes:
+        joint_angle: as it is compared [rad].
+        motor: torque into the motor's pulley [Nm].
+        joint: torque into the joint [Nm].
+        proximal: what the cables' proximal ends pull, agonist less antagonist [N].
+        distal: the same of the distal ends [N].
+    """
 
     joint_angle: FloatArray
     motor: FloatArray
     joint: FloatArray
+    proximal: FloatArray
+    distal: FloatArray
 
 
 REPLAYS: WeakKeyDictionary[Record, OrderedDict[Setting, Played]] = WeakKeyDictionary()
@@ -82,10 +92,13 @@ def replay(record: Record, setting: Setting) -> Played:
     dt = record.dt / setting.substeps
     torques = drive.replay(dt, motor_angle=led_motor, joint_angle=led_joint)
     keep = slice(LEAD * setting.substeps, None, setting.substeps)
+    signs = np.array([1.0, -1.0])[: len(setting.cables)]
     return Played(
         joint - setting.offset,
         torques.motor_torque[keep].copy(),
         torques.joint_torque[keep].copy(),
+        signs @ torques.tension_proximal[:, keep],
+        signs @ torques.tension_distal[:, keep],
     )
 
 

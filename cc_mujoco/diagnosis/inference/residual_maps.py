@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.evidence import CHANNELS, Map, Trace
+from cc_mujoco.diagnosis.evidence import Map, Trace
 from cc_mujoco.diagnosis.verdict import Where
 
 BINS = 14
@@ -49,7 +49,10 @@ def axes(traces: Sequence[Trace]) -> tuple[Axis, ...]:
         of("joint acceleration", "rad/s^2", _joint_acceleration),
         of("motor angle", "rad", lambda t: t.motor_angle),
         of("joint angle", "rad", lambda t: t.joint_angle),
-        of("joint torque", "Nm", lambda t: t.measured["joint_torque_nm"]),
+        *(
+            of(_WORDS[name], "Nm", lambda t, name=name: t.measured[name])
+            for name in list(traces[0].measured)[-1:]
+        ),
         of("direction of motion", "1", lambda t: np.sign(_speed(t))),
         of("motor travel since it turned", "rad", _travel),
         of("time in the trial", "s", lambda t: t.time - t.time[0]),
@@ -92,7 +95,7 @@ def maps(traces: Sequence[Trace], seed: int = 0) -> tuple[Map, ...]:
     found = [
         drawn
         for axis in axes(traces)
-        for channel in CHANNELS
+        for channel in traces[0].measured
         if (drawn := _map(traces, axis, channel, random)) is not None
     ]
     return tuple(sorted(found, key=lambda m: m.chance - m.share))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
+from cc_mujoco.diagnosis.effects import Effect, EffectParameter
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
 from cc_mujoco.diagnosis.inference.folds import Fold
 from cc_mujoco.diagnosis.inference.jacobian import jacobian, residual_changes, steepness
@@ -159,34 +159,37 @@ def screen(
         error,
         tangent,
         error - tangent @ (tangent.T @ error),
-        _Foresight(error, scaled, masks, division),
+        _Foresight(error, scaled, masks, division, len(here[0])),
         changes,
     )
 
+    library = problem.plant.library.effects
+
     def best(name: str) -> Signature | None:
-        places = range(len(EFFECTS[name].starts))[:starts]
+        places = range(len(library[name].starts))[:starts]
         found = [_sign(given, name, k) for k in places]
         able = [signature for signature in found if signature]
         return max(able, key=lambda s: s.explained, default=None)
 
-    every = in_threads(best, ids)
+    every = in_threads(best, [name for name in ids if name in library])
     return sorted(
         (signature for signature in every if signature is not None),
         key=lambda signature: -signature.explained,
     )
 
 
-def amplitudes(name: str) -> list[EffectParameter]:
+def amplitudes(effect: Effect) -> list[EffectParameter]:
     """Parameters whose 0 is off; the others only shape the effect."""
-    return [parameter for parameter in EFFECTS[name].parameters if parameter.low <= 0.0]
+    return [parameter for parameter in effect.parameters if parameter.low <= 0.0]
 
 
 def _columns(given: _Screen, name: str, place: int) -> FloatArray:
     """Changes of the residual (residuals, amplitudes) by one start of an effect."""
-    start = EFFECTS[name].starts[place]
+    effect = given.problem.plant.library.effects[name]
+    start = effect.starts[place]
     wider = given.problem.with_effect(name, dict(start))
     columns = []
-    for parameter in amplitudes(name):
+    for parameter in amplitudes(effect):
         size = start[parameter.name] / parameter.typical
 
         def simulate(key: str = parameter.name, size: float = size) -> list[FloatArray]:
@@ -209,7 +212,8 @@ def _sign(given: _Screen, name: str, place: int) -> Signature | None:
         changes = _columns(given, name, place)
     except CableError:
         return None
-    start, parameters = dict(EFFECTS[name].starts[place]), amplitudes(name)
+    effect = given.problem.plant.library.effects[name]
+    start, parameters = dict(effect.starts[place]), amplitudes(effect)
     error, rest = given.error, given.rest
     signature = changes - (given.tangent @ (given.tangent.T @ changes))
     lengths = np.linalg.norm(signature, axis=0)
@@ -250,13 +254,15 @@ class _Foresight:
         slopes: FloatArray,
         masks: Masks,
         division: Sequence[Fold],
+        channels: int,
     ) -> None:
         """With the model's errors and their derivatives (residuals, parameters)."""
-        priors = np.zeros(error.size - 2 * sum(int(m.sum()) for m in masks), dtype=bool)
+        samples = channels * sum(int(m.sum()) for m in masks)
+        priors = np.zeros(error.size - samples, dtype=bool)
         self._halves = [
             (
-                np.concatenate([_rows(fold.train, masks), ~priors]),
-                np.concatenate([_rows(fold.test, masks), priors]),
+                np.concatenate([_rows(fold.train, masks, channels), ~priors]),
+                np.concatenate([_rows(fold.test, masks, channels), priors]),
             )
             for fold in division
         ]
@@ -285,10 +291,10 @@ class _Foresight:
         return total
 
 
-def _rows(part: Masks, masks: Masks) -> NDArray[np.bool_]:
+def _rows(part: Masks, masks: Masks, channels: int) -> NDArray[np.bool_]:
     """Residuals of part of the samples, among those of all."""
     return np.concatenate(
-        [np.tile(own[all_], 2) for own, all_ in zip(part, masks, strict=True)]
+        [np.tile(own[all_], channels) for own, all_ in zip(part, masks, strict=True)]
     )
 
 

@@ -274,7 +274,8 @@ def _objection(
         return f"takes {taken:.0%} of the error, less than {thresholds.reduction:.0%}"
     if certainty < thresholds.certainty:
         return f"its gain is {certainty:.1f} standard errors"
-    parameters = {parameter.name: parameter for parameter in EFFECTS[name].parameters}
+    effect = crossed.problem.plant.library.effects[name]
+    parameters = {parameter.name: parameter for parameter in effect.parameters}
     spread, mean = amplitude(crossed, name)
     # Where more than a size is fitted, one parameter may stand in for another.
     if len(parameters) == 1 and spread > thresholds.agreement * mean:

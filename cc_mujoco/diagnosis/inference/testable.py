@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects import EFFECTS, Effect
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.jacobian import jacobian
 from cc_mujoco.diagnosis.inference.plant import CLOCKS, OFFSETS
@@ -49,6 +49,22 @@ REMEDY = {
     "declare the offset of its column",
     "joint_angle_offset": "record where both cables pull alike, and declare the offset "
     "of the joint's angle",
+    "load_stiffness": "measure the spring by itself and declare it more exactly ([rig] "
+    "load_stiffness with its uncertainty), or measure the joint's torque",
+    "load_rest_angle": "record the joint where its spring is at rest, and declare that "
+    "angle ([rig] load_rest_angle)",
+    "load_inertia": "declare the inertia of the load more exactly ([rig] "
+    "load_inertia), or measure the joint's torque",
+    "load_damping": "declare the damping of the load more exactly ([rig] "
+    "load_damping), or measure the joint's torque",
+    "load_weight": "weigh the load and declare it more exactly ([rig] load_weight), or "
+    "measure the joint's torque",
+    "torque_constant": "measure the motor's torque constant and declare it more "
+    "exactly, or measure the torque behind motor and gear",
+    "motor_friction": "a current shows the motor's own friction as well: measure the "
+    "torque behind motor and gear, or the tension of the cable there",
+    "motor_damping": "a current shows the drag of motor and gear as well: measure the "
+    "torque behind them, or the tension of the cable there",
     "clock_offset": "record all channels by one clock, or declare the delay of each",
     "motor_torque_late": "declare the delay of the motor's torque sensor",
     "joint_torque_late": "declare the delay of the joint's torque sensor",
@@ -58,7 +74,7 @@ REMEDY = {
 
 def independent(problem: Problem) -> float:
     """Number of independent samples, by which errors average out."""
-    size = sum(2 * int(record.free.sum()) for record in problem.plant.records)
+    size = sum(r.measured[:, r.free].size for r in problem.plant.records)
     return max(size * problem.weight**2, 1.0)
 
 
@@ -91,7 +107,8 @@ def confounded(
         most = int(np.argmax(np.abs(shifts)))
         shift, index = float(shifts[most] / size[free[most]]), int(free[most])
         place = float(x[index])
-        found.append(_confounded(sign.id, mix, problem.tuned[index], shift, place))
+        effect = problem.plant.library.effects[sign.id]
+        found.append(_confounded(effect, mix, problem.tuned[index], shift, place))
     return tuple(found)
 
 
@@ -111,9 +128,9 @@ def _hidden(changes: FloatArray, tangent: FloatArray) -> FloatArray:
 
 
 def _confounded(
-    name: str, mix: FloatArray, parameter: Tuned, shift: float, place: float
+    effect: Effect, mix: FloatArray, parameter: Tuned, shift: float, place: float
 ) -> Confounded:
-    first = amplitudes(name)[int(np.argmax(np.abs(mix)))]
+    first = amplitudes(effect)[int(np.argmax(np.abs(mix)))]
     told = (
         f"{_size(first.name, first.typical, first.unit)} looks like "
         f"{plain(parameter.name)} {_value(parameter, shift)} in place of "
@@ -125,7 +142,7 @@ def _confounded(
     if possible and abs(place) > FAR * parameter.prior:
         explains = f"about {_size(first.name, share * first.typical, first.unit)}"
     remedy = REMEDY[parameter.name]
-    return Confounded(name, parameter.name, told, explains, remedy)
+    return Confounded(effect.id, parameter.name, told, explains, remedy)
 
 
 def strayed(
@@ -175,17 +192,18 @@ def untestable(
 ) -> tuple[NotTestable, ...]:
     """Effects that would not show at a plausible size, whatever hides them."""
     scale = math.sqrt(independent(problem))
-    why = {each.id: each for each in hidden}
-    found = []
+    confused = {each.id: each for each in hidden}
+    able = problem.plant.library
+    found = [NotTestable(name, why) for name, why in able.hidden.items()]
     for sign in signatures:
         clarity = sign.visible * scale
         if clarity >= SEEN:
             continue
-        first = EFFECTS[sign.id].parameters[0]
+        first = problem.plant.library.effects[sign.id].parameters[0]
         typical = _size(first.name, first.typical, first.unit)
         told = f"a plausible size ({typical}) would stand out by {clarity:.1f} "
         told += "standard deviations only; "
-        if each := why.get(sign.id):
+        if each := confused.get(sign.id):
             told += f"tuning {plain(each.parameter)} hides it: {each.remedy}"
         else:
             told += f"it takes {EFFECTS[sign.id].required_excitation}"

@@ -18,8 +18,8 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.earlier import VERDICT
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
+from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.plant import CLOCKS
-from cc_mujoco.diagnosis.inference.records import low_passed
 from cc_mujoco.diagnosis.inference.replays import shifted
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.report.drawings import STEMS
@@ -120,7 +120,7 @@ def scene(result: Result, path: Path) -> list[str]:
     bench = replace(result.bench, motor_radius=proximal, joint_radius=distal)
     effects = {
         name: {
-            parameter.name: values[parameter.name]
+            parameter.name: values.get(parameter.name, 0.0)
             for parameter in EFFECTS[name].parameters
         }
         for name in problem.effects

@@ -100,7 +100,7 @@ def trials(diagnosis: Diagnosis) -> Html | None:
     torques = [f"{channel(name)} [Nm]" for name in diagnosis.trials[0].rmse_before]
     key = (
         "Trials are predicted by parameters that were fitted to others, or where they "
-        "are few to other parts of them. First both torques over the noise floor, then "
+        "are few to other parts of them. First all torques over the noise floor, then "
         "the weighted RMS error of each"
         + ("; before and after effects were added." if both else ".")
     )

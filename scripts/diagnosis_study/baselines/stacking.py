@@ -14,7 +14,7 @@ from baselines.features import Signal
 from baselines.signals import Signals
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.fitting import huber_residual
-from cc_mujoco.diagnosis.inference.records import low_passed
+from cc_mujoco.diagnosis.inference.passing import low_passed
 
 
 def gathered(

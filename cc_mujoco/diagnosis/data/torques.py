@@ -1,0 +1,240 @@
+"""Torques that no sensor shows directly: from load cells, a current, a known load.
+
+All trials of a dataset are taken alike: of a torque sensor, load cells and a current
+the first that every trial has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cc_mujoco.diagnosis.data import channels
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.dataset_file import LOAD, DatasetFile
+from cc_mujoco.diagnosis.data.findings import Finding, error, errors, warning
+from cc_mujoco.diagnosis.data.instruments import Instrument, Instruments
+from cc_mujoco.diagnosis.data.smoothing import velocity
+from cc_mujoco.diagnosis.data.trials import Constant, FloatArray, Noise, Trial
+
+_PULLS = 0.05
+"""Share of its largest reading by which a load cell may show a push on average."""
+_WORDS: dict[Instrument, str] = {
+    "load cells": "load cells",
+    "motor current": "the motor's current",
+    "known load": "a known load",
+}
+_ENDS = {channels.MOTOR_TORQUE: "proximal", channels.JOINT_TORQUE: "distal"}
+
+
+def completed(
+    trials: Sequence[Trial], file: DatasetFile, bench: Bench | None
+) -> tuple[list[Trial], Instruments, list[Finding]]:
+    """Give trials the torques that follow from something else.
+
+    Args:
+        trials: as read.
+        file: with the constants of motor and load.
+        bench: of the scene; without one load cells stay what they are.
+
+    Returns:
+        The trials, what their torques are known from, and what was noticed.
+    """
+    found: list[Instrument | None] = []
+    findings: list[Finding] = []
+    made = list(trials)
+    for torque in channels.TORQUES:
+        instrument, told = _instrument(torque, trials, file, bench)
+        findings += told
+        if instrument == "load cells" and bench is not None:
+            made = [_pulled(trial, torque, bench) for trial in made]
+        elif instrument == "motor current":
+            made = [_driven(trial, file.rig) for trial in made]
+        elif instrument != "torque sensor":
+            made = [_with(trial, torque, None) for trial in made]
+        found.append(instrument)
+        if instrument != "torque sensor" and made and not told:
+            findings.append(warning(_said(torque, instrument, made)))
+    instruments = Instruments(*found)
+    if trials and not instruments.rows and not errors(findings):
+        told_both = (
+            "Neither torque is measured, and no load is declared in [rig]; a diagnosis "
+            "compares at least one of the two."
+        )
+        findings.append(error(told_both))
+    return made, instruments, findings
+
+
+def derived_noise(
+    noise: Mapping[str, Noise],
+    instruments: Instruments,
+    constants: Mapping[str, Constant],
+    bench: Bench | None,
+) -> dict[str, Noise]:
+    """Noise of torques by that of the channels that they are made of."""
+    found: dict[str, Noise] = {}
+    for torque, instrument in zip(channels.TORQUES, instruments, strict=True):
+        if instrument == "load cells" and bench is not None:
+            parts = [noise[n] for n in noise if _is_end(n, _ENDS[torque])]
+            size = _radius(torque, bench)
+        elif instrument == "motor current":
+            parts = [noise[channels.MOTOR_CURRENT]]
+            size = _constant(constants)
+        else:
+            continue
+        found[torque] = Noise(
+            size * float(np.sqrt(sum(part.deviation**2 for part in parts))),
+            size * max(part.resolution for part in parts),
+            parts[0].source,
+        )
+    return found
+
+
+def _instrument(
+    torque: str, trials: Sequence[Trial], file: DatasetFile, bench: Bench | None
+) -> tuple[Instrument | None, list[Finding]]:
+    """What a torque is known from in all trials."""
+    if not file.source(torque).measured or not trials:
+        if torque == channels.JOINT_TORQUE and _loaded(file):
+            return "known load", []
+        return None, []
+    if all(torque in trial.channels for trial in trials):
+        return "torque sensor", []
+    cells = [[n for n in t.tensions if _is_end(n, _ENDS[torque])] for t in trials]
+    if all(cells):
+        return _cells(torque, trials, cells, bench)
+    motor = torque == channels.MOTOR_TORQUE
+    if motor and all(trial.motor_current is not None for trial in trials):
+        if "torque_constant" in file.rig:
+            return "motor current", []
+        told = (
+            f"{trials[0].column(channels.MOTOR_CURRENT)} is a torque only by the "
+            "motor's torque constant; declare [rig] torque_constant in Nm/A."
+        )
+        return None, [error(told, trials[0].name, channels.MOTOR_CURRENT)]
+    if not motor and _loaded(file):
+        return "known load", []
+    lacking = next(t for t in trials if torque not in t.channels)
+    told = (
+        f"{lacking.path} has no {torque}, and nothing that all trials have stands in "
+        f"for it; leave it out, or declare [columns.{torque}] measured = false."
+    )
+    return None, [error(told, lacking.name, torque)]
+
+
+def _said(torque: str, instrument: Instrument | None, trials: Sequence[Trial]) -> str:
+    """What a torque is known from, for the report."""
+    where = "every trial" if len(trials) > 1 else trials[0].name
+    if instrument is None:
+        return f"{torque} of {where} is not measured, so only the other is compared."
+    made = trials[0].labels.get(torque, "the motion of the joint, declared in [rig]")
+    return f"{torque} of {where} follows from {_WORDS[instrument]}: {made}."
+
+
+def _loaded(file: DatasetFile) -> bool:
+    return any(name in file.rig for name in LOAD)
+
+
+def _cells(
+    torque: str,
+    trials: Sequence[Trial],
+    cells: Sequence[Sequence[str]],
+    bench: Bench | None,
+) -> tuple[Instrument | None, list[Finding]]:
+    """Load cells of all cables at one end, or what is wrong with them."""
+    first = trials[0]
+    if bench is None:
+        told = (
+            f"{first.column(cells[0][0])} is no {torque} without a scene, which has "
+            "the pulleys and knows which cable pulls which way."
+        )
+        return None, [warning(told, first.name, cells[0][0])]
+    wanted = _channels(_ENDS[torque], bench)
+    for trial, own in zip(trials, cells, strict=True):
+        missing = [names[0] for names in wanted if not set(names) & set(own)]
+        if missing:
+            strange = [n for n in own if not any(n in names for names in wanted)]
+            told = f"{trial.path} has no {missing[0]}"
+            if strange:
+                told += (
+                    f", only {', '.join(strange)}; call the cables as the scene does, "
+                    f"or say which is which: [columns.{missing[0]}] "
+                    f"name = '{trial.labels.get(strange[0], strange[0])}'."
+                )
+            else:
+                told += (
+                    "; one cable of a pair does not tell the torque of both: measure "
+                    f"the other one too, or declare [columns.{torque}] measured = "
+                    "false."
+                )
+            return None, [error(told, trial.name, missing[0])]
+        for name in own:
+            pull = trial.tensions[name]
+            if np.nanmean(pull) < -_PULLS * np.nanmax(np.abs(pull)):
+                told = (
+                    f"{trial.column(name)} is negative on average, and a cable cannot "
+                    f"push; declare [columns.{name}] sign = -1, or its offset."
+                )
+                return None, [error(told, trial.name, name)]
+    return "load cells", []
+
+
+def _channels(end: str, bench: Bench) -> list[tuple[str, ...]]:
+    """Names that the load cells of every cable may have, the agonist's first."""
+    alone = (f"tension_{end}_n",) if len(bench.names) == 1 else ()
+    return [(f"tension_{name}_{end}_n", *alone) for name in bench.names]
+
+
+def _is_end(name: str, end: str) -> bool:
+    return channels.is_tension(name) and channels.cable_end(name)[1] == end
+
+
+def _radius(torque: str, bench: Bench) -> float:
+    motor = torque == channels.MOTOR_TORQUE
+    return bench.motor_radius if motor else bench.joint_radius
+
+
+def _pulled(trial: Trial, torque: str, bench: Bench) -> Trial:
+    """A trial with the torque of its load cells: what one pulls more than the other."""
+    names = [
+        next(name for name in known if name in trial.tensions)
+        for known in _channels(_ENDS[torque], bench)
+    ]
+    pulls = [trial.tensions[name] for name in names]
+    net = pulls[0] - pulls[1] if len(pulls) == 2 else pulls[0]
+    return _with(trial, torque, _radius(torque, bench) * net, names)
+
+
+def _constant(constants: Mapping[str, Constant]) -> float:
+    """Torque of the motor's pulley per current, friction aside [Nm/A]."""
+    gear = constants.get("gear_ratio", Constant(1.0)).value
+    return constants["torque_constant"].value * gear
+
+
+def _driven(trial: Trial, constants: Mapping[str, Constant]) -> Trial:
+    """A trial with the torque of its motor's current.
+
+    What teeth and bearings take under load is lost on the way to the cable, or on the
+    way back where the cable drives the motor.
+    """
+    current = trial.motor_current
+    assert current is not None
+    share = constants.get("gear_efficiency", Constant(1.0)).value
+    speed = velocity(trial.motor_angle, trial.step, trial.segments)
+    with np.errstate(invalid="ignore"):
+        lost: FloatArray = np.where(current * speed >= 0.0, share, 1.0 / share)
+    made = _constant(constants) * current * lost
+    return _with(trial, channels.MOTOR_TORQUE, made, [channels.MOTOR_CURRENT])
+
+
+def _with(
+    trial: Trial, torque: str, values: FloatArray | None, parts: Sequence[str] = ()
+) -> Trial:
+    """A trial with this torque, made of these channels."""
+    label = " and ".join(trial.labels.get(name, name) for name in parts)
+    labels = {**trial.labels, torque: label} if parts else trial.labels
+    if torque == channels.MOTOR_TORQUE:
+        return replace(trial, labels=labels, motor_torque=values)
+    return replace(trial, labels=labels, joint_torque=values)

@@ -1,0 +1,91 @@
+"""Which effects a rig can show: by its cables, and by what its torques are known from.
+
+A load cell on the cable does not see what happens behind it, a known load has no
+sensor that could be off, and of a torque that nothing tells no effect can be seen. What
+is left out is told with what would show it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
+
+from cc_mujoco.diagnosis.data.instruments import Instrument, Instruments
+from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectParameter
+from cc_mujoco.diagnosis.wording import listed
+
+_BEHIND: dict[str, tuple[str, tuple[Instrument, ...]]] = {
+    "motor_inertia": ("motor", ("torque sensor", "motor current")),
+    "motor_cogging": ("motor", ("torque sensor", "motor current")),
+    "joint_gravity": ("joint", ("torque sensor", "known load")),
+    "joint_stiffness": ("joint", ("torque sensor", "known load")),
+    "joint_inertia": ("joint", ("torque sensor", "known load")),
+}
+"""Effects that change one torque only, and not the cable: side, and what shows them."""
+_SENSORS: dict[str, tuple[Instrument, ...]] = {
+    "motor": ("torque sensor", "load cells", "motor current"),
+    "joint": ("torque sensor", "load cells"),
+}
+"""What may be off or late, by the beginning of an effect's parameter."""
+_ANTAGONIST = "antagonist"
+_OF_LOADS = ("joint_stiffness", "joint_inertia")
+"""Effects that a declared load may have less of, as well as more."""
+
+
+class Library(NamedTuple):
+    """Effects of a rig.
+
+    Attributes:
+        effects: by id, with the parameters that can change what is compared.
+        hidden: why the others cannot be seen, by id.
+    """
+
+    effects: Mapping[str, Effect]
+    hidden: Mapping[str, str]
+
+
+@lru_cache
+def library(cables: int, instruments: Instruments) -> Library:
+    """The effects that a rig can show.
+
+    Args:
+        cables: their number.
+        instruments: what its torques are known from.
+    """
+    sides: dict[str, Instrument | None] = dict(instruments._asdict())
+
+    def acts(parameter: EffectParameter) -> bool:
+        for side, known in sides.items():
+            if parameter.name.startswith(f"{side}_torque_"):
+                return known in _SENSORS[side]
+        return cables > 1 or _ANTAGONIST not in parameter.name
+
+    effects, hidden = {}, {}
+    for name, effect in EFFECTS.items():
+        side, shown = _BEHIND.get(name, ("", ()))
+        kept = tuple(filter(acts, effect.parameters))
+        if name in _OF_LOADS and sides["joint"] == "known load":
+            either = (-math.inf, math.inf)
+            kept = tuple(parameter._replace(plausible=either) for parameter in kept)
+        if side and sides[side] not in shown:
+            hidden[name] = _behind(side, sides[side], shown)
+        elif not kept:
+            hidden[name] = "no sensor of a torque is there that could be off"
+        else:
+            names = {parameter.name for parameter in kept}
+            starts = tuple(
+                {key: value for key, value in start.items() if key in names}
+                for start in effect.starts
+            )
+            effects[name] = replace(effect, parameters=kept, starts=starts)
+    return Library(effects, hidden)
+
+
+def _behind(side: str, known: Instrument | None, shown: tuple[Instrument, ...]) -> str:
+    told = f"the {side}'s torque is not measured"
+    if known is not None:
+        told = f"load cells on the cable do not see what happens at the {side}"
+    return f"{told}; it takes a {listed(shown, 'or')} there"

@@ -1,0 +1,99 @@
+"""A joint's torque by the motion of what it turns, where no sensor measures it.
+
+The load is declared in `[rig]`: a spring, an inertia, a damper, a weight. What it takes
+to move it as it moved is what the transmission put into the joint.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.dataset_file import LOAD
+from cc_mujoco.diagnosis.data.trials import Constant
+from cc_mujoco.diagnosis.inference.passing import low_passed
+from cc_mujoco.estimation.least_squares import Tuned
+
+REST_KNOWN = 0.01
+"""Standard deviation of the angle at which a spring rests, unless declared [rad]."""
+UNITS = {
+    "load_stiffness": "Nm/rad",
+    "load_inertia": "kg m^2",
+    "load_damping": "Nm s/rad",
+    "load_weight": "Nm",
+    "load_rest_angle": "rad",
+}
+
+
+def values_of(constants: Mapping[str, Constant]) -> dict[str, float]:
+    """Declared values of a load by name."""
+    return {name: constant.value for name, constant in constants.items()}
+
+
+def load_torque(
+    angle: FloatArray, step: float, values: Mapping[str, float]
+) -> FloatArray:
+    """Torque that moves a load (samples,) [Nm].
+
+    Args:
+        angle: of the joint (samples,), smooth [rad].
+        step: time between samples [s].
+        values: of `dataset_file.RIG`, SI; what is missing is not there.
+    """
+    speed = np.gradient(angle, step)
+    stretch = angle - values.get("load_rest_angle", 0.0)
+    lift = np.sin(angle - values.get("load_hanging_angle", 0.0))
+    found: FloatArray = (
+        values.get("load_stiffness", 0.0) * stretch
+        + values.get("load_damping", 0.0) * speed
+        + values.get("load_inertia", 0.0) * np.gradient(speed, step)
+        + values.get("load_weight", 0.0) * lift
+    )
+    return found
+
+
+def load_noise(
+    constants: Mapping[str, Constant],
+    deviation: float,
+    rate: float,
+    bands: tuple[float, float],
+) -> float:
+    """Standard deviation of a load's torque by noise of the angle [Nm].
+
+    Where the angle is rounded, its error is slow and passes every filter.
+
+    Args:
+        constants: of the load.
+        deviation: of the angle [rad].
+        rate: samples per second [Hz].
+        bands: to which torques and angles are low-passed [Hz].
+    """
+    values = values_of(constants)
+    noise = deviation * np.random.default_rng(0).standard_normal(8192)
+    moving = {n: v for n, v in values.items() if n in ("load_inertia", "load_damping")}
+    shaken = load_torque(low_passed(noise, bands[1], rate), 1.0 / rate, moving)
+    passed = float(np.std(low_passed(shaken, bands[0], rate)))
+    slope = values.get("load_stiffness", 0.0) + values.get("load_weight", 0.0)
+    return math.hypot(passed, slope * deviation)
+
+
+def load_tuned(constants: Mapping[str, Constant]) -> list[Tuned]:
+    """What is uncertain of a load, as parameters of a fit."""
+    found = []
+    for name in LOAD:
+        known = constants.get(name, Constant(0.0))
+        if known.uncertainty > 0.0:
+            relative = known.uncertainty / known.value
+            found.append(
+                Tuned(name, UNITS[name], known.value, relative, -10.0, 10.0, True, 1.0)
+            )
+    if "load_stiffness" in constants:
+        rest = constants.get("load_rest_angle", Constant(0.0))
+        scale = rest.uncertainty or REST_KNOWN
+        found.append(
+            Tuned("load_rest_angle", "rad", rest.value, scale, -10.0, 10.0, False, 1.0)
+        )
+    return found

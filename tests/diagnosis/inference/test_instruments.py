@@ -1,0 +1,158 @@
+"""What is named, and what is not, where torques are told by other instruments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.instruments import Instruments
+from cc_mujoco.diagnosis.data.trials import Constant
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.inference.library import library
+from cc_mujoco.diagnosis.inference.load import load_noise, load_torque
+from cc_mujoco.diagnosis.inference.passing import low_passed
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.verdict import Diagnosis
+from diagnosis.instrumented import FRICTION, SPRING, Hidden, loaded, told_by
+from diagnosis.recorded import BENCH
+from diagnosis.rigs import alone
+
+FEW = (
+    "viscous_friction",
+    "load_independent_friction",
+    "joint_gravity",
+    "motor_inertia",
+)
+TUNED = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
+VISCOUS: Hidden = {"viscous_friction": {"viscous_friction": 40.0}}
+BOTH = ("motor_torque_nm", "joint_torque_nm")
+
+
+def named(found: Diagnosis) -> list[str]:
+    return [effect.id for effect in found.effects]
+
+
+def judged(kind: str, effects: Hidden, bench: Bench = BENCH) -> Diagnosis:
+    data = told_by(kind, effects, bench, changes=TUNED)
+    return reason(data, bench, ids=FEW).diagnosis
+
+
+@pytest.mark.parametrize(
+    ("kind", "cables", "compared", "unseen"),
+    [
+        ("cells", 2, BOTH, {"joint_gravity", "motor_inertia"}),
+        ("motor", 1, BOTH[:1], {"joint_gravity"}),
+    ],
+)
+def test_an_effect_in_the_conduit_is_named_and_what_cannot_be_seen_is_told(
+    tmp_path: Path,
+    kind: str,
+    cables: int,
+    compared: tuple[str, ...],
+    unseen: set[str],
+) -> None:
+    bench = BENCH if cables == 2 else Bench.of(alone(tmp_path))
+    found = judged(kind, VISCOUS, bench)
+    assert found.verdict == "named", found.statement
+    assert named(found) == ["viscous_friction"]
+    fitted = found.effects[0].parameters["viscous_friction"]
+    assert fitted.value == pytest.approx(40.0, rel=0.1)
+    assert tuple(found.gap) == compared
+    assert ("friction_balance" in found.baseline.parameters) is (cables == 2)
+    reasons = {each.id: each.reason for each in found.not_testable}
+    assert unseen <= reasons.keys()
+    for name in unseen:
+        assert "it takes a torque sensor" in reasons[name]
+
+
+def test_nothing_is_named_where_nothing_is_missing() -> None:
+    found = judged("joint", {})
+    assert (found.verdict, named(found)) == ("none", []), found.statement
+    assert "motor_inertia" in {each.id for each in found.not_testable}
+
+
+def test_friction_of_the_motor_hides_friction_that_needs_no_tension() -> None:
+    seals: Hidden = {
+        "load_independent_friction": {
+            "load_independent_friction": 0.0,
+            "seal_proximal": 4.0,
+            "seal_distal": 0.0,
+        }
+    }
+    data = told_by("current", seals, duration=2.5, changes=TUNED)
+    ids = ("viscous_friction", "load_independent_friction")
+    found = reason(data, BENCH, ids=ids).diagnosis
+    assert (found.verdict, named(found)) == ("none", []), found.statement
+    told = found.baseline.parameters["motor_friction"].value
+    assert told == pytest.approx(FRICTION + 2 * 4.0 * BENCH.motor_radius, rel=0.1)
+    (hidden,) = [c for c in found.confounded if c.id == "load_independent_friction"]
+    assert hidden.parameter == "motor_friction"
+    assert "tension of the cable there" in hidden.remedy
+
+
+@pytest.mark.parametrize(
+    ("share", "viscous", "name", "value"),
+    [
+        (1.0, 40.0, "viscous_friction", 40.0),
+        (0.9, 0.0, "joint_stiffness", -0.1 * SPRING),
+    ],
+)
+def test_a_known_load_stands_in_for_the_joint_s_sensor(
+    share: float, viscous: float, name: str, value: float
+) -> None:
+    data = loaded({**TUNED, "viscous_friction": viscous}, share * SPRING)
+    found = reason(data, BENCH, ids=("viscous_friction", "joint_stiffness")).diagnosis
+    assert (found.verdict, named(found)) == ("named", [name]), found.statement
+    assert found.effects[0].parameters[name].value == pytest.approx(value, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "motor", ["torque sensor", "load cells", "motor current", None]
+)
+@pytest.mark.parametrize("joint", ["torque sensor", "load cells", "known load", None])
+@pytest.mark.parametrize("cables", [1, 2])
+def test_every_effect_is_either_seen_or_told_why_not(motor, joint, cables) -> None:
+    seen = library(cables, Instruments(motor, joint))
+    assert seen.effects.keys() | seen.hidden.keys() == EFFECTS.keys()
+    assert not seen.effects.keys() & seen.hidden.keys()
+    for name, effect in seen.effects.items():
+        kept = {parameter.name for parameter in effect.parameters}
+        assert kept and kept <= {p.name for p in EFFECTS[name].parameters}
+        assert all(start.keys() == kept for start in effect.starts)
+        if joint in (None, "known load"):
+            assert not any(each.startswith("joint_torque_") for each in kept)
+
+
+def test_a_load_takes_the_torque_of_its_parts() -> None:
+    step, rate = 0.002, 6.0
+    time = step * np.arange(2000)
+    angle = 0.3 * np.sin(rate * time)
+    values = {
+        "load_stiffness": 2.0,
+        "load_rest_angle": 0.1,
+        "load_inertia": 0.02,
+        "load_damping": 0.3,
+        "load_weight": 1.5,
+        "load_hanging_angle": -0.2,
+    }
+    wanted = (
+        2.0 * (angle - 0.1)
+        - 0.02 * rate**2 * angle
+        + 0.3 * 0.3 * rate * np.cos(rate * time)
+        + 1.5 * np.sin(angle + 0.2)
+    )
+    found = load_torque(angle, step, values)
+    assert found[5:-5] == pytest.approx(wanted[5:-5], abs=1e-3)
+
+
+def test_noise_of_a_load_is_that_of_its_angle() -> None:
+    inertia = {"load_inertia": Constant(0.02), "load_stiffness": Constant(3.0)}
+    random = np.random.default_rng(4)
+    scatter = low_passed(1e-4 * random.standard_normal(20000), 60.0, 500.0)
+    values = {name: each.value for name, each in inertia.items()}
+    shaken = low_passed(load_torque(scatter, 0.002, values), 25.0, 500.0)
+    told = load_noise(inertia, 1e-4, 500.0, (25.0, 60.0))
+    assert 0.9 * np.std(shaken) < told < 1.5 * np.std(shaken)

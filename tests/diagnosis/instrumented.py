@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 
+from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, Source
 from cc_mujoco.diagnosis.data.instruments import Instruments
 from cc_mujoco.diagnosis.data.torques import completed, derived_noise
 from cc_mujoco.diagnosis.data.trials import Constant, Dataset, Noise, Trial
+from cc_mujoco.diagnosis.effects import EFFECTS, Rig
 from cc_mujoco.transmission import Transmission
 from diagnosis.recorded import BENCH, CELL, DT, NOISE, dataset, motions
 
@@ -118,3 +121,104 @@ def loaded(
         quiet,
         instruments=Instruments("torque sensor", "known load"),
     )
+
+
+ANKLE = Bench.of(scene_path("ankle"))
+
+
+def walked(
+    effects: Hidden, duration: float = 3.0, changes: Mapping[str, float] | None = None
+) -> Dataset:
+    """Trials of the ankle, whose cable pulls a lever: swings, and pulls against it.
+
+    Args:
+        effects: that are hidden in the cable.
+        duration: of each trial [s].
+        changes: of the cable.
+    """
+    lever = ANKLE.lever
+    assert lever is not None
+    cables = tuple(cable.replace(**dict(changes or {})) for cable in ANKLE.cables)
+    for name, values in effects.items():
+        change = EFFECTS[name].cables
+        assert change is not None
+        cables = change(
+            cables,
+            values,
+            Rig(ANKLE.motor_radius, ANKLE.joint_radius, ANKLE.exit_angle),
+        )
+    drive = Transmission(cables, ANKLE.motor_radius, ANKLE.joint_radius)
+    random = np.random.default_rng(6)
+    time = DT * np.arange(round(duration / DT))
+    trials = []
+    for name, rate, wind in (("a", 5.0, 2.3), ("b", 2.6, 6.1), ("c", 8.0, 3.3)):
+        joint = 0.3 * np.sin(rate * time)
+        pulley = lever.turned(joint)
+        motor = drive.ratio * pulley + 0.5 * np.sin(wind * time) ** 2
+        played = drive.replay(DT, motor_angle=motor, joint_angle=pulley)
+        noise = random.normal(0.0, 1.0, (4, time.size))
+        trials.append(
+            Trial(
+                name,
+                time,
+                motor + 5e-5 * noise[0],
+                played.motor_torque + 0.05 * noise[1],
+                joint + 5e-5 * noise[2],
+                played.joint_torque * lever.share(joint) + 0.1 * noise[3],
+                (slice(0, time.size),),
+                DT,
+                path=f"{name}.csv",
+            )
+        )
+    return Dataset(
+        tuple(trials),
+        noise={
+            "motor_angle_rad": Noise(5e-5, 0.0, "declared"),
+            "joint_angle_rad": Noise(5e-5, 0.0, "declared"),
+            "motor_torque_nm": Noise(0.05, 0.0, "declared"),
+            "joint_torque_nm": Noise(0.1, 0.0, "declared"),
+        },
+    )
+
+
+def played_by_mujoco(
+    bench: Bench, step: float, motor: np.ndarray, joint: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Forces of both ends of a single cable [N], and the arm of its lever [m].
+
+    MuJoCo steps the scene while motor and joint are held to their angles, in the
+    scene's signs.
+    """
+    model = mujoco.MjModel.from_xml_path(str(bench.path))
+    data = mujoco.MjData(model)
+    model.opt.timestep = step
+    angles = np.array([motor, joint])
+    speed = np.gradient(angles, step, axis=1)
+    force = 1e8 * np.gradient(speed, step, axis=1)
+    joints = [model.joint(bench.motor), model.joint(bench.joint)]
+    place = [int(each.qposadr[0]) for each in joints]
+    dof = [int(each.dofadr[0]) for each in joints]
+    model.dof_armature[dof] += 1e8
+    model.dof_invweight0[dof] /= 1.0 + 1e8 * model.dof_invweight0[dof]
+    model.dof_M0[dof] += 1e8
+    name = bench.names[0]
+    ends = [model.actuator(f"{name}_{end}").id for end in ("proximal", "distal")]
+    tendon = int(model.actuator_trnid[ends[1], 0])
+    shown = np.empty((2, motor.size))
+    for k in range(motor.size):
+        data.qpos[place], data.qvel[dof] = angles[:, k], speed[:, k]
+        data.qfrc_applied[dof] = force[:, k]
+        mujoco.mj_step(model, data)
+        shown[:, k] = data.actuator_force[ends]
+    arm = np.array([_arm(model, tendon, place[1], angle) for angle in joint])
+    return shown[0], shown[1], arm
+
+
+def _arm(model: mujoco.MjModel, tendon: int, place: int, angle: float) -> float:
+    """Change of a tendon's length with a joint, by a difference [m/rad]."""
+    data, lengths = mujoco.MjData(model), []
+    for side in (-1e-5, 1e-5):
+        data.qpos[place] = angle + side
+        mujoco.mj_fwdPosition(model, data)
+        lengths.append(data.ten_length[tendon])
+    return float(lengths[1] - lengths[0]) / 2e-5

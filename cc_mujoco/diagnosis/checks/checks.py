@@ -121,8 +121,25 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
     )
     findings = check_ratio(closest, ratio) if closest else []
     for trial in trials:
-        findings += _loads(trial, bench)
+        findings += _loads(trial, bench) + _beyond(trial, bench)
     return findings
+
+
+def _beyond(trial: Trial, bench: Bench) -> list[Finding]:
+    """Angles at which the lever of a scene is not known."""
+    if bench.lever is None:
+        return []
+    low, high = bench.lever.joint[[0, -1]].tolist()
+    least, most = np.nanmin(trial.joint_angle), np.nanmax(trial.joint_angle)
+    if low <= least and most <= high:
+        return []
+    told = (
+        f"{trial.column(channels.JOINT_ANGLE)} goes from {least:.3g} to {most:.3g} "
+        f"rad, but the lever of the scene can be pulled from {low:.3g} to {high:.3g} "
+        "rad, 0 being the scene's 0 and positive where the cable pulls; declare offset "
+        f"and sign of [columns.{channels.JOINT_ANGLE}]."
+    )
+    return [error(told, trial.name, channels.JOINT_ANGLE)]
 
 
 def _loads(trial: Trial, bench: Bench) -> list[Finding]:

@@ -11,10 +11,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
+from cc_mujoco.diagnosis.data.lever import Lever, lever_of
 from cc_mujoco.diagnosis.data.trials import Constant
 from cc_mujoco.engine import from_mjcf
 from cc_mujoco.engine.config import PLUGIN
@@ -34,7 +36,8 @@ class Bench:
         motor: name of the motor's joint.
         joint: name of the output joint.
         motor_radius: of the motor's pulley [m].
-        joint_radius: of the joint's pulley [m].
+        joint_radius: of the joint's pulley, or arm of its lever at 0 [m].
+        lever: that the cable pulls in place of a pulley, or None.
         exit_angle: around the motor's pulley, from where the agonist leaves it to where
             the antagonist does [rad].
     """
@@ -47,11 +50,12 @@ class Bench:
     joint: str
     motor_radius: float
     joint_radius: float
+    lever: Lever | None = None
     exit_angle: float = math.pi
 
     @property
     def transmission(self) -> Transmission:
-        """The cables on their pulleys."""
+        """The cables on their pulleys; of a lever, on the pulley that it is at 0."""
         return Transmission(self.cables, self.motor_radius, self.joint_radius)
 
     def known(self, constants: Mapping[str, Constant]) -> Bench:
@@ -95,9 +99,16 @@ class Bench:
                 f"or a pull-pull pair (plugin `{PLUGIN}`)"
             )
         found = {name: _ends(spec, model, path, name) for name in cables}
+        levers = {name: found[name].lever for name in cables}
         # Positive motor rotation draws the agonist towards the motor: negative gear.
         order = sorted(found, key=lambda name: found[name][1])
-        (motor, proximal, joint, distal) = found[order[0]]
+        (motor, proximal, joint, distal, lever) = found[order[0]]
+        if len(order) == 2 and any(levers.values()):
+            raise CableError(
+                f"scene {path} has two cables, and {order[0] if lever else order[1]} "
+                "pulls a lever; a diagnosis takes one cable to a lever, or a pull-pull "
+                "pair on pulleys"
+            )
         signs = [(found[n][1] < 0.0, found[n][3] < 0.0) for n in order]
         wanted = [(True, True), (False, False)][: len(order)]
         if signs != wanted:
@@ -126,27 +137,44 @@ class Bench:
             joint,
             abs(proximal),
             abs(distal),
+            lever,
         )
 
 
-def _ends(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str
-) -> tuple[str, float, str, float]:
-    """Joint and gear of the proximal and of the distal end of a cable."""
-    ends: list[str | float] = []
+class _Ends(NamedTuple):
+    """Joint and gear of both ends of a cable; a lever's gear is that of a pulley."""
+
+    motor: str
+    proximal: float
+    joint: str
+    distal: float
+    lever: Lever | None
+
+
+def _ends(spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str) -> _Ends:
+    """What a cable connects."""
+    ends: list[tuple[str, float]] = []
+    lever = None
     for actuator in spec.actuators:
         if actuator.plugin.name != name:
+            continue
+        if ends and actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
+            where = f"scene {path}: cable {name}"
+            gear = float(actuator.gear[0])
+            turned, arm, lever = lever_of(model, str(actuator.target), gear, where)
+            ends.append((turned, -arm))
             continue
         joint = spec.joint(actuator.target)
         hinge = joint is not None and joint.type == mujoco.mjtJoint.mjJNT_HINGE
         if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or not hinge:
             raise CableError(
                 f"scene {path}: cable {name} ends at {actuator.target!r}; a diagnosis "
-                "needs both ends on pulleys of hinge joints"
+                "needs its proximal end on the pulley of a hinge joint, and its distal "
+                "end on another or on a lever"
             )
-        ends += [_driven(model, str(actuator.target)), float(actuator.gear[0])]
-    motor, proximal, output, distal = ends
-    return str(motor), float(proximal), str(output), float(distal)
+        ends.append((_driven(model, str(actuator.target)), float(actuator.gear[0])))
+    (motor, proximal), (output, distal) = ends
+    return _Ends(motor, proximal, output, distal, lever)
 
 
 def _driven(model: mujoco.MjModel, joint: str) -> str:

@@ -229,6 +229,7 @@ class Plant:
             values.get("clock_offset", 0.0) + values.get(JOINT_DELAY, 0.0),
             values.get("joint_angle_offset", 0.0),
             self.substeps,
+            self.bench.lever,
         )
 
     def cables(

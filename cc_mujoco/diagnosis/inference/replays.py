@@ -14,6 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.lever import Lever
 from cc_mujoco.diagnosis.inference.records import LEAD, RAMP, Record
 from cc_mujoco.transmission import Cable, Transmission
 
@@ -32,6 +33,7 @@ class Setting(NamedTuple):
         late: by how much the joint's angle was recorded late [s].
         offset: of the joint's angle [rad].
         substeps: simulation steps per sample.
+        lever: in place of the joint's pulley, or None.
     """
 
     cables: tuple[Cable, ...]
@@ -41,6 +43,7 @@ class Setting(NamedTuple):
     late: float
     offset: float
     substeps: int
+    lever: Lever | None = None
 
 
 class Played(NamedTuple):
@@ -86,8 +89,12 @@ def replay(record: Record, setting: Setting) -> Played:
     proximal, distal = setting.motor_radius, setting.joint_radius
     drive = Transmission(setting.cables, proximal, distal, backlash=setting.backlash)
     joint = shifted(record.joint_angle, setting.late / record.dt) + setting.offset
+    lever = setting.lever
     led_motor, led_joint = with_lead_in(
-        record.motor_angle, joint, distal / proximal, setting.substeps
+        record.motor_angle,
+        joint if lever is None else lever.turned(joint),
+        distal / proximal,
+        setting.substeps,
     )
     dt = record.dt / setting.substeps
     torques = drive.replay(dt, motor_angle=led_motor, joint_angle=led_joint)
@@ -96,7 +103,7 @@ def replay(record: Record, setting: Setting) -> Played:
     return Played(
         joint - setting.offset,
         torques.motor_torque[keep].copy(),
-        torques.joint_torque[keep].copy(),
+        torques.joint_torque[keep] * (1.0 if lever is None else lever.share(joint)),
         signs @ torques.tension_proximal[:, keep],
         signs @ torques.tension_distal[:, keep],
     )

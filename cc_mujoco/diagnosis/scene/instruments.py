@@ -117,6 +117,11 @@ def instrument(spec: mujoco.MjSpec, bench: Bench) -> None:
         spec: to change.
         bench: of the same scene; its radii are the weights of the cables' tensions.
     """
+    if bench.lever is not None:
+        raise CableError(
+            f"scene {bench.path}: cable {bench.names[0]} pulls a lever, whose torque "
+            "is no sum of sensors"
+        )
     angle = mujoco.mjtSensor.mjSENS_JOINTPOS
     for name, joint in ((MOTOR_ANGLE, bench.motor), (JOINT_ANGLE, bench.joint)):
         found = spec.sensor(name)

@@ -59,10 +59,18 @@ def repaired(
     for name, cable, sign in zip(bench.names, cables, (-1.0, 1.0), strict=False):
         proximal = (bench.motor, sign * bench.motor_radius)
         distal = (bench.joint, sign * bench.joint_radius)
-        to_mjcf(spec, name, cable, proximal, distal)
+        to_mjcf(spec, name, cable, proximal, None if bench.lever else distal)
+    outside = [name for name in effects if name in REALISATIONS]
+    if bench.lever is not None and outside:
+        raise CableError(
+            f"the scene {bench.path} has a lever, and what was found outside its cable "
+            f"({', '.join(outside)}) is added to scenes with pulleys only; take the "
+            "values from verdict.json"
+        )
     try:
         spec.option.timestep = min(spec.option.timestep, _largest_step(spec, bench))
-        instrument(spec, bench)
+        if bench.lever is None:
+            instrument(spec, bench)
         for name, realisation in REALISATIONS.items():
             if name in effects:
                 _check(name, realisation.parameters, effects[name])

@@ -84,7 +84,7 @@ def test_one_cable_is_a_bench_too(tmp_path: Path) -> None:
           ('joint="joint" gear="0.05"\n', 'joint="joint" gear="-0.05"\n')],
          "signs"),
         ([('joint="joint" gear="0.05"', 'tendon="agonist_route" gear="0.05"')],
-         "pulleys of hinge joints"),
+         "turns one hinge joint"),
     ],
 )  # fmt: skip
 def test_a_scene_that_is_no_bench_is_refused_in_a_sentence(

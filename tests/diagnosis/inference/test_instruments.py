@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cc_mujoco.assets import scene_path
+from cc_mujoco.diagnosis.checks.checks import check_bench
 from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.findings import errors
 from cc_mujoco.diagnosis.data.instruments import Instruments
 from cc_mujoco.diagnosis.data.trials import Constant
 from cc_mujoco.diagnosis.effects import EFFECTS
@@ -15,8 +19,20 @@ from cc_mujoco.diagnosis.inference.library import library
 from cc_mujoco.diagnosis.inference.load import load_noise, load_torque
 from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.scene.repair import repaired, write
+from cc_mujoco.diagnosis.scene.requirements import require_repairable
 from cc_mujoco.diagnosis.verdict import Diagnosis
-from diagnosis.instrumented import FRICTION, SPRING, Hidden, loaded, told_by
+from cc_mujoco.errors import CableError
+from diagnosis.instrumented import (
+    ANKLE,
+    FRICTION,
+    SPRING,
+    Hidden,
+    loaded,
+    played_by_mujoco,
+    told_by,
+    walked,
+)
 from diagnosis.recorded import BENCH
 from diagnosis.rigs import alone
 
@@ -156,3 +172,72 @@ def test_noise_of_a_load_is_that_of_its_angle() -> None:
     shaken = low_passed(load_torque(scatter, 0.002, values), 25.0, 500.0)
     told = load_noise(inertia, 1e-4, 500.0, (25.0, 60.0))
     assert 0.9 * np.std(shaken) < told < 1.5 * np.std(shaken)
+
+
+def test_a_cable_on_a_lever_is_what_mujoco_plays() -> None:
+    lever = ANKLE.lever
+    assert lever is not None and lever.sign == -1.0
+    step = 5e-4
+    time = step * np.arange(1200)
+    joint = 0.35 * np.sin(8.0 * time)
+    ratio = ANKLE.joint_radius / ANKLE.motor_radius
+    motor = ratio * lever.turned(joint) + 0.4 * np.sin(6.0 * time) ** 2
+    played = ANKLE.transmission.replay(
+        step, motor_angle=motor, joint_angle=lever.turned(joint)
+    )
+    proximal, distal, arm = played_by_mujoco(ANKLE, step, motor, -joint)
+    most = played.tension_distal.max()
+    assert most > 50.0
+    assert played.tension_proximal[0] == pytest.approx(proximal, abs=1e-5 * most)
+    assert played.tension_distal[0] == pytest.approx(-distal, abs=1e-5 * most)
+    assert ANKLE.joint_radius * lever.share(joint) == pytest.approx(arm, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("effects", "name"),
+    [({}, ""), ({"end_compliance": {"end_compliance": 1e-5}}, "end_compliance")],
+)
+def test_a_cable_to_a_lever_is_diagnosed(effects: Hidden, name: str) -> None:
+    changes = {"friction": 0.11, "axial_stiffness": 55e3}
+    data = walked(effects, 3.0, changes)
+    ids = ("end_compliance", "presliding", "viscous_friction")
+    found = reason(data, ANKLE, ids=ids).diagnosis
+    assert named(found) == [name] * bool(name), found.statement
+    assert found.verdict == ("named" if name else "none")
+    for key, value in changes.items():
+        assert found.baseline.parameters[key].value == pytest.approx(value, rel=0.02)
+    if name:
+        fitted = found.effects[0].parameters[name]
+        assert fitted.value == pytest.approx(effects[name][name], rel=0.05)
+
+
+def test_what_was_found_in_the_cable_of_a_lever_is_written(tmp_path: Path) -> None:
+    stiffer = tuple(cable.replace(friction=0.2) for cable in ANKLE.cables)
+    write(tmp_path / "scene.xml", repaired(ANKLE, stiffer, {}))
+    again = Bench.of(tmp_path / "scene.xml")
+    assert again.cables == stiffer
+    assert again.joint_radius == pytest.approx(ANKLE.joint_radius, rel=1e-6)
+    with pytest.raises(CableError, match="take the values from"):
+        repaired(ANKLE, stiffer, {"joint_stiffness": {"joint_stiffness": 1.0}})
+
+
+def test_angles_beyond_the_lever_are_told() -> None:
+    (trial, *_) = walked({}, 1.0).trials
+    assert not errors(check_bench([trial], ANKLE))
+    turned = replace(trial, joint_angle=trial.joint_angle + 0.8)
+    (wrong,) = errors(check_bench([turned], ANKLE))
+    assert "declare offset and sign of [columns.joint_angle_rad]" in wrong.statement
+
+
+@pytest.mark.parametrize(
+    ("scene", "told"),
+    [
+        ("exosuit", "which moves with joints hip, knee"),
+        ("finger", "has path = open"),
+    ],
+)
+def test_scenes_of_other_kinds_are_refused_in_one_sentence(
+    scene: str, told: str
+) -> None:
+    with pytest.raises(CableError, match=told):
+        require_repairable(Bench.of(scene_path(scene)))

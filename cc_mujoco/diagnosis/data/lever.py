@@ -1,0 +1,146 @@
+"""A lever that a cable pulls: how far it gives way at every angle of its joint.
+
+The scene has it as a spatial tendon from the end of the conduit to the lever, whose
+length depends on one hinge joint only. Its arm changes with the angle; to the cable it
+is a pulley that turns by another angle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.errors import CableError
+
+FINE = 4001
+"""Angles at which a lever is known."""
+LEAST = 0.2
+"""Arm over that at 0 beyond which a lever is as good as dead."""
+_WIDEST = 3.0
+_OTHERS = 1e-6
+_POSES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Lever:
+    """A lever as a pulley whose angle is a function of the joint's.
+
+    Angles are positive where the cable pulls, as in the data.
+
+    Attributes:
+        joint: (angles,) of the joint, increasing [rad].
+        pulley: (angles,) of a pulley of the lever's arm at 0, increasing [rad].
+        arm: (angles,) of the lever over that at 0.
+        sign: of the scene's angle where the cable pulls.
+    """
+
+    joint: FloatArray
+    pulley: FloatArray
+    arm: FloatArray
+    sign: float
+
+    def turned(self, joint: FloatArray) -> FloatArray:
+        """Angle of the pulley (samples,) [rad]."""
+        found: FloatArray = np.interp(joint, self.joint, self.pulley)
+        return found
+
+    def share(self, joint: FloatArray) -> FloatArray:
+        """Arm of the lever over that at 0 (samples,)."""
+        found: FloatArray = np.interp(joint, self.joint, self.arm)
+        return found
+
+
+def lever_of(
+    model: mujoco.MjModel, tendon: str, gear: float, where: str
+) -> tuple[str, float, Lever]:
+    """The joint that a tendon turns, the arm of its lever at 0 [m], and the lever.
+
+    Args:
+        model: of the scene.
+        tendon: at which the cable ends.
+        gear: of that end.
+        where: scene and cable, for a sentence.
+
+    Raises:
+        CableError: the tendon depends on no joint, on several or on one that is no
+            hinge, or its lever is dead at 0.
+    """
+    row = model.tendon(tendon).id
+    data = mujoco.MjData(model)
+    dofs = _moved(model, data, row)
+    names = [str(model.joint(int(model.dof_jntid[dof])).name) for dof in dofs]
+    if len(dofs) != 1:
+        told = f"moves with joints {', '.join(names)}" if names else "moves with none"
+        raise CableError(
+            f"{where} ends at tendon {tendon!r}, which {told}; a diagnosis takes a "
+            "cable that turns one hinge joint, by a pulley or a lever"
+        )
+    (dof,) = dofs
+    index = int(model.dof_jntid[dof])
+    if model.jnt_type[index] != mujoco.mjtJoint.mjJNT_HINGE:
+        raise CableError(f"{where} ends at joint {names[0]!r}, which is no hinge")
+    low, high = -_WIDEST, _WIDEST
+    if model.jnt_limited[index]:
+        low, high = model.jnt_range[index]
+    angles = np.linspace(min(low, 0.0), max(high, 0.0), FINE)
+    lengths, arms = np.empty((2, FINE))
+    for k, angle in enumerate(angles):
+        data.qpos[model.jnt_qposadr[index]] = angle
+        arms[k], lengths[k] = _tendon(model, data, row, dof)
+    at = int(np.argmin(np.abs(angles)))
+    data.qpos[model.jnt_qposadr[index]] = 0.0
+    arm, length = _tendon(model, data, row, dof)
+    radius = abs(gear * arm)
+    if radius == 0.0:
+        raise CableError(
+            f"{where} pulls along its lever at angle 0; it has no arm there"
+        )
+    alive = arms / arm > LEAST
+    first = at - int(np.argmin(alive[at::-1])) + 1 if not alive[: at + 1].all() else 0
+    last = at + int(np.argmin(alive[at:])) if not alive[at:].all() else FINE
+    kept = slice(first, last)
+    # Where the cable is drawn in, the distal end moves towards the motor.
+    sign = -float(np.sign(gear * arm))
+    turned = -gear * (lengths[kept] - length) / radius
+    way = int(sign)
+    lever = Lever(
+        np.ascontiguousarray(sign * angles[kept][::way]),
+        np.ascontiguousarray(turned[::way]),
+        np.ascontiguousarray(arms[kept][::way] / arm),
+        sign,
+    )
+    return names[0], radius, lever
+
+
+def _tendon(
+    model: mujoco.MjModel, data: mujoco.MjData, row: int, dof: int
+) -> tuple[float, float]:
+    """Change of a tendon's length with a joint, and the length."""
+    mujoco.mj_fwdPosition(model, data)
+    return float(_arms(model, data, row)[dof]), float(data.ten_length[row])
+
+
+def _arms(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> FloatArray:
+    """Change of a tendon's length with every joint (nv,)."""
+    found = np.zeros(model.nv)
+    start, count = model.ten_J_rowadr[row], model.ten_J_rownnz[row]
+    part = slice(start, start + count)
+    found[model.ten_J_colind[part]] = data.ten_J[part]
+    return found
+
+
+def _moved(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> list[int]:
+    """Degrees of freedom with which a tendon changes its length, in any pose."""
+    random = np.random.default_rng(0)
+    most = np.zeros(model.nv)
+    for _ in range(_POSES):
+        speed = random.uniform(-0.5, 0.5, model.nv)
+        data.qpos[:] = model.qpos0
+        mujoco.mj_integratePos(model, data.qpos, speed, 1.0)
+        mujoco.mj_fwdPosition(model, data)
+        most = np.maximum(most, np.abs(_arms(model, data, row)))
+    data.qpos[:] = model.qpos0
+    return [int(k) for k in np.flatnonzero(most > _OTHERS * max(most.max(), 1e-12))]

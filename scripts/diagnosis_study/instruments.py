@@ -1,0 +1,160 @@
+"""What `cc-mujoco diagnose` says of one rig, by what its torques are known from.
+
+    python scripts/diagnosis_study/instruments.py --out runs/instruments
+
+The simulated rig of another make (`rig`) hides an effect, and is recorded with torque
+sensors, with load cells on the cables, with the motor's current and its friction, with
+one end only, or with a declared spring in place of the joint's sensor. Cases that are
+done are kept; the table is printed as Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import markdown
+from cc_mujoco.assets import scene_path
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.smoothing import velocity
+from cc_mujoco.diagnosis.diagnose import inferred
+from rig.dataset import make_dataset, make_trials
+from rig.generate import facts_of, write_data
+from rig.nominal import NOMINAL, make_rig
+from rig.strength import calibrate
+from rig.trials import SPRING
+
+Columns = dict[str, NDArray[np.float64]]
+
+HIDDEN = ("none", "viscous_friction", "load_independent_friction", "end_compliance")
+SEED, STRENGTH = 900, 4.0
+CONSTANT, FRICTION, DRAG, WIND_UP = 0.5, 0.15, 0.03, 1e-3
+"""Of the motor: torque constant [Nm/A], its own friction [Nm], drag [Nm s/rad] and
+turn before friction slides [rad]."""
+
+
+def sensors(columns: Columns) -> Columns:
+    """Torque sensors at both ends."""
+    return {n: v for n, v in columns.items() if not n.startswith("tension")}
+
+
+def cells(columns: Columns) -> Columns:
+    """Load cells at both ends of both cables."""
+    return {
+        name.replace("_a_", "_agonist_").replace("_b_", "_antagonist_"): v
+        for name, v in columns.items()
+        if "torque" not in name
+    }
+
+
+def current(columns: Columns) -> Columns:
+    """The motor's current, and a torque sensor at the joint."""
+    made = sensors(columns)
+    angle = made["motor_angle_rad"]
+    speed = velocity(angle, 0.002)
+    own, bent = DRAG * speed, np.zeros_like(angle)
+    for k in range(1, angle.size):  # friction winds up before the motor slides
+        wound = bent[k - 1] + (angle[k] - angle[k - 1]) / WIND_UP
+        bent[k] = min(max(wound, -1.0), 1.0)
+    own = own + FRICTION * bent
+    made["motor_current_a"] = (made.pop("motor_torque_nm") + own) / CONSTANT
+    return made
+
+
+def without(torque: str) -> Callable[[Columns], Columns]:
+    """Torque sensors, but not this one."""
+
+    def made(columns: Columns) -> Columns:
+        return {n: v for n, v in sensors(columns).items() if n != torque}
+
+    return made
+
+
+DAMPING = NOMINAL["joint_damping_nm_s_per_rad"] + SPRING[1]
+KINDS: dict[str, tuple[Callable[[Columns], Columns], str, tuple[str, ...]]] = {
+    "torque sensors": (sensors, "", ()),
+    "load cells": (cells, "", ()),
+    "motor current, joint torque": (
+        current, f"[rig]\ntorque_constant = {CONSTANT}\n", ()
+    ),
+    "motor torque only": (
+        without("joint_torque_nm"), "[columns.joint_torque_nm]\nmeasured = false\n", ()
+    ),
+    "joint torque only": (
+        without("motor_torque_nm"), "[columns.motor_torque_nm]\nmeasured = false\n", ()
+    ),
+    "motor torque, known spring": (
+        without("joint_torque_nm"),
+        f"[rig]\nload_stiffness = {{ value = {SPRING[0]}, uncertainty = 0.1 }}\n"
+        f"load_inertia = {{ value = {NOMINAL['joint_inertia_kg_m2']}, "
+        "uncertainty = 2e-4 }\n"
+        f"load_damping = {{ value = {DAMPING}, uncertainty = 0.02 }}\n",
+        ("spring",),
+    ),
+}  # fmt: skip
+"""By name: columns, beginning of `dataset.toml`, and loads that are recorded."""
+
+
+def diagnosed(data: list[Columns], kind: str, seed: int) -> dict[str, Any]:
+    """Write what this rig records and diagnose it."""
+    change, head, loads = KINDS[kind]
+    trials = make_trials("rich", seed)
+    chosen = [k for k, trial in enumerate(trials) if not loads or trial.load in loads]
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "data"
+        write_data(place, [change(columns) for columns in data], "")
+        for k in range(len(data)):
+            if k not in chosen:
+                (place / f"trial_{k:02d}.csv").unlink()
+        facts = facts_of("rich", seed).split("\n\n")
+        told = [head, *(each for k, each in enumerate(facts) if k in chosen)]
+        (place / "dataset.toml").write_text("\n\n".join(told), encoding="utf-8")
+        result, _ = inferred([place], Bench.of(scene_path("bench")))
+    found = result.diagnosis
+    return {
+        "verdict": found.verdict,
+        "named": [each.id for each in found.missing],
+        "ties": [list(group) for group in found.ties],
+        "unseen": [each.id for each in found.not_testable],
+        "hidden_by": {each.id: each.parameter for each in found.confounded},
+        "statement": found.statement,
+    }
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True)
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for name in HIDDEN:
+        rig, data = make_rig(SEED), None
+        for kind in KINDS:
+            path = given.out / f"{name}, {kind}.json"
+            if not path.exists():
+                if data is None:
+                    amounts = {}
+                    if name != "none":
+                        amounts[name] = calibrate(rig, name, STRENGTH, "rich", SEED)
+                    data = make_dataset(rig, amounts, "rich", SEED, tensions=True)
+                path.write_text(json.dumps(diagnosed(data, kind, SEED), indent=1))
+            case = json.loads(path.read_text())
+            said = ", ".join(case["named"]) or "-"
+            ties = "; ".join(" or ".join(group) for group in case["ties"]) or "-"
+            by = case["hidden_by"].get(name, "")
+            rows.append((name, kind, case["verdict"], said, ties, by or "-"))
+            print(*rows[-1], sep=" | ", flush=True)
+    head = ("hidden", "known from", "verdict", "named", "ties", "hidden by tuning")
+    print(markdown.table(head, rows))
+
+
+if __name__ == "__main__":
+    main()

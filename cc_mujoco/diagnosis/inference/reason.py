@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -243,21 +242,17 @@ def _held_out(
 ) -> Held | None:
     """Predict what was held out; None where that does not bear the effects out.
 
-    They are not where no torque was above its floor to begin with: there chance rewards
-    anything. Whole trials are held out. An effect that a single trial shows, say the
-    only one at low pretension, is not to be had from the others: then it is stretches
-    of all.
+    Whole trials are held out. An effect that a single trial shows, say the only one at
+    low pretension, is not to be had from the others: then it is stretches of all.
     """
     records = problem.plant.records
     for division in (trial_folds(records), interleaved_folds(records)):
         before = predicted(baseline_fit.problem, baseline_fit.whole.x, division)
         after = predicted(problem, x, division) if problem.effects else before
         gap = gaps(baseline_fit.problem, before.torques, after.torques, division, seed)
-        closed = (
-            g.rmse_after <= g.rmse_before and math.isfinite(g.gap_closed)
-            for g in gap.values()
-        )
-        if not problem.effects or any(closed):
+        if not problem.effects or any(
+            g.rmse_after <= g.rmse_before for g in gap.values()
+        ):
             return Held(before, after, gap)
     return None
 

@@ -29,9 +29,9 @@ class Setup:
     reach: float
     """Largest angle of named trajectories [rad]; leaves room before the stops."""
     torque_scale: float
-    """Torque error that costs a reward of 1 [Nm]."""
-    bounds: Mapping[str, float]
-    """What is observed, by column name, and the range of its sensor, plus or minus."""
+    """Torque error that costs a reward of 1 per second [Nm]."""
+    units: Mapping[str, float]
+    """What is observed, by column name, and what of it counts as 1; see `Observed`."""
     sensing: Sensing
     """How well it is measured."""
     pull_pull: bool
@@ -62,18 +62,18 @@ class Setup:
 DEVICES = {
     "wrist": Setup(
         scene="wrist",
-        environment="cc_mujoco/WristHandle-v0",
+        environment="cc_mujoco/WristHandle-v1",
         meaning="wrist handle pulled both ways by two Bowden cables",
         joint="wrist",
         reach=1.0,
-        torque_scale=0.1,
-        bounds={
-            "motor_angle_rad": 10.0,
-            "motor_velocity_rad_s": 500.0,
-            "joint_angle_rad": 1.5,
-            "joint_velocity_rad_s": 20.0,
-            "joint_torque_nm": 50.0,
-            "desired_torque_nm": 50.0,
+        torque_scale=1.0,
+        units={
+            "motor_angle_rad": 0.02,
+            "motor_velocity_rad_s": 2.0,
+            "joint_angle_rad": 0.5,
+            "joint_velocity_rad_s": 2.0,
+            "joint_torque_nm": 1.0,
+            "desired_torque_nm": 1.0,
         },
         sensing=Sensing(torque_noise=0.01, tension_noise=0.3),
         pull_pull=True,
@@ -90,18 +90,18 @@ DEVICES = {
     ),
     "ankle": Setup(
         scene="ankle",
-        environment="cc_mujoco/AnkleExo-v0",
+        environment="cc_mujoco/AnkleExo-v1",
         meaning="ankle exoskeleton pulled by one Bowden cable past hip and knee",
         joint="ankle",
         reach=0.3,
-        torque_scale=10.0,
-        bounds={
-            "motor_angle_rad": 20.0,
-            "motor_velocity_rad_s": 500.0,
-            "joint_angle_rad": 1.0,
-            "joint_velocity_rad_s": 20.0,
-            "joint_torque_nm": 1000.0,
-            "desired_torque_nm": 1000.0,
+        torque_scale=5.0,
+        units={
+            "motor_angle_rad": 0.2,
+            "motor_velocity_rad_s": 2.0,
+            "joint_angle_rad": 0.2,
+            "joint_velocity_rad_s": 2.0,
+            "joint_torque_nm": 5.0,
+            "desired_torque_nm": 10.0,
             "phase_sine": 1.0,
             "phase_cosine": 1.0,
         },
@@ -120,18 +120,18 @@ DEVICES = {
     ),
     "finger": Setup(
         scene="finger",
-        environment="cc_mujoco/TendonFinger-v0",
+        environment="cc_mujoco/TendonFinger-v1",
         meaning="finger extended by an open tendon over post, guide and knuckle",
         joint="finger",
         reach=0.6,
-        torque_scale=0.02,
-        bounds={
-            "motor_angle_rad": 10.0,
-            "motor_velocity_rad_s": 1000.0,
-            "joint_angle_rad": 1.5,
-            "joint_velocity_rad_s": 100.0,
-            "joint_torque_nm": 5.0,
-            "desired_torque_nm": 5.0,
+        torque_scale=0.1,
+        units={
+            "motor_angle_rad": 0.05,
+            "motor_velocity_rad_s": 2.0,
+            "joint_angle_rad": 0.5,
+            "joint_velocity_rad_s": 2.0,
+            "joint_torque_nm": 0.1,
+            "desired_torque_nm": 0.1,
         },
         sensing=Sensing(torque_noise=0.002, tension_noise=0.1),
         pull_pull=False,
@@ -146,18 +146,18 @@ DEVICES = {
     ),
     "exosuit": Setup(
         scene="exosuit",
-        environment="cc_mujoco/HipKneeExosuit-v0",
+        environment="cc_mujoco/HipKneeExosuit-v1",
         meaning="soft exosuit with an open cable over hip and knee, one to the heel",
         joint="hip",
         reach=0.5,
         torque_scale=1.0,
-        bounds={
-            "motor_angle_rad": 20.0,
-            "motor_velocity_rad_s": 500.0,
-            "joint_angle_rad": 2.0,
-            "joint_velocity_rad_s": 20.0,
-            "joint_torque_nm": 500.0,
-            "desired_torque_nm": 500.0,
+        units={
+            "motor_angle_rad": 0.5,
+            "motor_velocity_rad_s": 2.0,
+            "joint_angle_rad": 0.5,
+            "joint_velocity_rad_s": 2.0,
+            "joint_torque_nm": 1.0,
+            "desired_torque_nm": 5.0,
             "phase_sine": 1.0,
             "phase_cosine": 1.0,
         },

@@ -31,6 +31,9 @@ from typing import Any
 
 from cc_mujoco.files import KEY
 
+POLICY = ".safetensors"
+"""How the file of a policy ends."""
+
 VERSIONED = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "numba", "scipy")
 """Packages that decide the numbers."""
 
@@ -130,7 +133,7 @@ def told(kept: int, number: int, kind: str, changed: Sequence[str] = ()) -> str:
 
 def is_outside(controller: str) -> bool:
     """Whether a controller of this name comes from a file of the user."""
-    return ":" in controller or controller.endswith(".zip")
+    return ":" in controller or controller.endswith(POLICY)
 
 
 @contextlib.contextmanager
@@ -200,7 +203,7 @@ def _foreign() -> tuple[str, ...]:
 
 def _files(controller: str) -> dict[str, str]:
     """Digests of the user's files behind a controller, by names that can be moved."""
-    if controller.endswith(".zip"):
+    if controller.endswith(POLICY):
         first = os.path.abspath(controller)
         base = os.path.dirname(first)
     else:

@@ -3,13 +3,14 @@
     import gymnasium
     import cc_mujoco
 
-    env = gymnasium.make("cc_mujoco/WristHandle-v0", trajectory="reach", task="spring")
-    many = gymnasium.make_vec("cc_mujoco/AnkleExo-v0", num_envs=256)
+    env = gymnasium.make("cc_mujoco/WristHandle-v1", trajectory="reach", task="spring")
+    many = gymnasium.make_vec("cc_mujoco/AnkleExo-v1", num_envs=256)
 
 `make_vec` simulates on a thread pool and equals, bit for bit, a `SyncVectorEnv` of the
 single environments. The classes' documentation says what they observe and reward;
 `cc_mujoco.devices.DEVICES` has the ids.
-`RecordVideo(env, folder)` makes videos of 30 pictures a second.
+`RecordVideo(env, folder)` makes videos of 30 pictures a second; `StableBaselines(many)`
+is what Stable-Baselines3 trains on, and `save_policy` keeps what it has learnt.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         WristHandle,
         WristHandleVector,
     )
+    from .stable_baselines import StableBaselines, save_policy
     from .video import RecordVideo
 
 __all__ = [
@@ -36,12 +38,21 @@ __all__ = [
     "HipKneeExosuit",
     "HipKneeExosuitVector",
     "RecordVideo",
+    "StableBaselines",
     "TendonFinger",
     "TendonFingerVector",
     "WristHandle",
     "WristHandleVector",
     "register",
+    "save_policy",
 ]
+
+MODULES = {
+    "RecordVideo": "video",
+    "StableBaselines": "stable_baselines",
+    "save_policy": "stable_baselines",
+}
+"""Where a name is, if it is not that of an environment."""
 
 
 def register() -> None:
@@ -64,5 +75,5 @@ def __getattr__(name: str) -> Any:
     # which an import of the package alone need not wait for.
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = "video" if name == "RecordVideo" else "registered"
+    module = MODULES.get(name, "registered")
     return getattr(importlib.import_module(f"{__name__}.{module}"), name)

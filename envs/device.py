@@ -16,8 +16,13 @@ from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import CableDrive, Drive, Observed
 from cc_mujoco.devices import Setup
+from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.engine.mjcf import instances
+from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
+from cc_mujoco.transmission.parameters import KEYS
+
+from .plant import Plant
 
 Array = NDArray[np.float64]
 
@@ -47,6 +52,12 @@ class Physics(NamedTuple):
 _RESULTS = Physics._fields[3:]
 """What a step leaves behind and no state has."""
 
+VARIED = ("plugin_attr", "actuator_gainprm", "actuator_biasprm")
+"""Fields of a model that say what a plant is."""
+
+SPARE = 1000
+"""Bytes in a model for longer configurations of a cable than that of the scene."""
+
 
 class Device:
     """The model of a device and the places of its parts."""
@@ -63,13 +74,12 @@ class Device:
         """
         self.setup = setup
         if model is None:
-            model = mujoco.MjModel.from_xml_path(str(scene_path(setup.scene)))
+            model = _roomy(str(scene_path(setup.scene)))
         self.model = model
         mover = model.actuator("wearer")
+        self._mover = mover
         if wearer is not None:
-            gains = wearer.gains()
-            mover.gainprm[0] = gains.gain
-            mover.biasprm[:3] = gains.bias
+            _write_wearer(mover, wearer)
         movers = ["wearer", *setup.companions.values()]
         self.wearers = [_wearer(model, name) for name in movers]
         """Impedances at the joint and at its companions."""
@@ -104,8 +114,8 @@ class Device:
         """Names of the cables that the motor winds."""
         self.cable_outputs = [place for ends in self._ends for place in ends]
         """Where `actuator_force` has the ends of the cables: proximal, distal, next."""
-        self.observed = Observed(setup.scene, tuple(setup.bounds.items()))
-        """What the environment observes."""
+        self.cables = engine.from_mjcf(model)
+        """The cables of the model, as it was given."""
         self.ratio = self._ratio()
         """Joint torque per motor torque without friction in the neutral pose [-]."""
 
@@ -115,13 +125,44 @@ class Device:
         low, high = self.model.joint(self.setup.joint).range
         return float(low), float(high)
 
+    def observed(self, period: float) -> Observed:
+        """A frame of what the device measures once a period [s]."""
+        units = self.setup.units
+        return Observed(
+            self.setup.scene, tuple(units), tuple(units.values()), self.ratio, period
+        )
+
+    def become(self, plant: Plant) -> None:
+        """Change the model, in place, into that of a plant.
+
+        Raises:
+            CableError: If the model has no room for the configuration of a cable.
+        """
+        self.wearers[0] = plant.wearer
+        _write_wearer(self._mover, plant.wearer)
+        model = self.model
+        ends = [*model.plugin_attradr[1:].tolist(), model.plugin_attr.size]
+        for name, instance in instances(model).items():
+            config = plant.cables[name].to_config()
+            text = "".join(f"{config.get(key, '')}\0" for key in KEYS).encode()
+            start, end = int(model.plugin_attradr[instance]), ends[instance]
+            if len(text) > end - start:
+                raise CableError(
+                    f"cable {name!r} cannot be varied: the model has no room for its "
+                    "configuration; leave `model` out, or give a variant of the scene "
+                    f"with {SPARE} blanks at the end of `conduit`."
+                )
+            attributes = model.plugin_attr[start:end]
+            attributes[:] = 0
+            attributes[: len(text)] = np.frombuffer(text, attributes.dtype)
+
     def drive(self, period: float) -> Drive:
         """What a controller called once a period [s] knows of the device.
 
         That includes where its tension sensors are, and how good.
         """
         limit = self.torque_limit
-        cables, arms = engine.from_mjcf(self.model), self._arms()
+        cables, arms = self.cables, self._arms()
         cable_drives = tuple(
             CableDrive(
                 cables[reader.name], float(self.model.actuator_gear[end, 0]), arm
@@ -141,7 +182,7 @@ class Device:
             (cable_drives,),
             inertia=float(self.model.dof_M0[self._motor_v]),
             damping=float(self.model.dof_damping[self._motor_v]),
-            observed=self.observed,
+            observed=self.observed(period),
         )
         return self.setup.sensing.equip(drive)
 
@@ -167,20 +208,19 @@ class Device:
         data.qpos[self._motor_q] += payed_out / model.actuator_gear[proximal, 0]
         engine.settle(model, data)
 
-    def read(self, physics: Physics) -> dict[str, Any]:
-        """Read what the device and its cables do.
+    def read_cables(self, physics: Physics) -> dict[str, Any]:
+        """Read what the cables do, and the pose.
 
         Args:
             physics: The simulation, or several.
 
         Returns:
-            The columns of an episode log that are states of the device: numbers (or
+            The columns of an episode log that are states of the cables: numbers (or
             arrays over simulations) and, for the list columns, arrays of their own.
             Angles and velocities are those after the last physics step; torques,
             tensions and slip are those that acted during it.
         """
-        columns = self.read_motion(physics)
-        columns["qpos"] = physics.qpos.copy()
+        columns: dict[str, Any] = {"qpos": physics.qpos.copy()}
         for reader in self._readers:
             columns |= _columns(reader.name, reader.read(physics.plugin_state))
         return columns
@@ -224,6 +264,23 @@ class Device:
 def physics_of(data: mujoco.MjData) -> Physics:
     """Views on the arrays of a simulation."""
     return Physics(*(getattr(data, name) for name in Physics._fields))
+
+
+def _roomy(path: str) -> mujoco.MjModel:
+    """A scene, compiled with room for other configurations of its cables."""
+    spec = mujoco.MjSpec.from_file(path)
+    for plugin in spec.plugins:
+        config = dict(plugin.config)
+        if plugin.plugin_name == PLUGIN:
+            # Of the keys, `conduit` is one whose text may end in blanks.
+            plugin.config = {**config, "conduit": config["conduit"] + SPARE * " "}
+    return spec.compile()
+
+
+def _write_wearer(mover: Any, wearer: Wearer) -> None:
+    gains = wearer.gains()
+    mover.gainprm[0] = gains.gain
+    mover.biasprm[:3] = gains.bias
 
 
 def _wearer(model: mujoco.MjModel, name: str) -> Wearer:

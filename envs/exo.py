@@ -7,6 +7,8 @@ for bit.
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,28 +24,17 @@ from cc_mujoco.human import TASKS, Task, Trajectory, Wearer
 from cc_mujoco.human import task as find_task
 
 from .device import Array, Device, Physics
+from .plant import Ranges
 from .script import Author, find_trajectory
 
-EFFORT = 0.001
-"""Reward lost by full motor torque, per control step."""
+EFFORT = 0.05
+"""Reward lost by full motor torque [1/s]."""
+
+WORST = 10.0
+"""Most that an error of torque costs [1/s]."""
 
 REWARDS = ("reward_tracking", "reward_effort")
 """Keys of the terms of the reward in `info`; the reward is their sum."""
-
-
-def check_options(
-    given: dict[str, Any] | None, known: tuple[str, ...] = ()
-) -> dict[str, Any]:
-    """Options of a reset.
-
-    Raises:
-        CableError: If one is not known: it would be ignored without a word.
-    """
-    unknown = [name for name in given or {} if name not in known]
-    if unknown:
-        may = f"it may hold {', '.join(known)}" if known else "there are none"
-        raise CableError(f"reset() has no option {unknown[0]!r}; {may}.")
-    return given or {}
 
 
 class Exo:
@@ -58,6 +49,10 @@ class Exo:
         frame_skip: int,
         wearer: Wearer | None,
         model: mujoco.MjModel | None,
+        hold: int = 1,
+        history: int = 0,
+        memory: bool = False,
+        randomise: Mapping[str, Any] | None = None,
     ) -> None:
         """Load the scene and work out the spaces.
 
@@ -68,9 +63,13 @@ class Exo:
             task: Name of the virtual environment, or the environment itself; that of
                 the device by default.
             duration: Length of an episode [s], rounded to whole control steps.
-            frame_skip: Physics steps in a control step.
+            frame_skip: Physics steps from one sample of the sensors to the next.
             wearer: Impedance of the wearer; that of the scene by default.
             model: A variant of the scene; the scene by default.
+            hold: Samples in a control step.
+            history: Earlier frames in an observation; see `Observed`.
+            memory: Whether plays are observed; see `Observed`.
+            randomise: From what plants are drawn; see `Ranges`.
 
         Raises:
             CableError: If an argument cannot be used.
@@ -90,16 +89,26 @@ class Exo:
         self.device = Device(setup, wearer, model)
         self.task = find_task(task) if isinstance(task, str) else task
         self.frame_skip = frame_skip
-        self.period = frame_skip * float(self.device.model.opt.timestep)
+        self.sampling = frame_skip * float(self.device.model.opt.timestep)
+        """Time between samples of the sensors [s]."""
+        frame = self.device.observed(self.sampling)
+        self.observed = dataclasses.replace(
+            frame, hold=hold, history=history, memory=memory
+        )
+        self.hold = hold
+        self.period = hold * self.sampling
         """Time between control steps [s]."""
         number("duration", duration, self.period, LONGEST, "s")
         self.steps = round(duration / self.period)
         """Control steps in an episode."""
+        self.samples = hold * self.steps
         source = find_trajectory(trajectory, setup.reach)
-        self.author = Author(self.device, source, self.steps, frame_skip)
+        self.author = Author(self.device, source, self.samples, frame_skip)
         self.drive = self.device.drive(self.period)
-        """What a controller may know of the device."""
-        self.observation_space = self.device.observed.space
+        """What a controller may know of the device as its scene has it."""
+        nominal = self.device.wearers[0]
+        self.plants = Ranges(randomise, self.device.cables, nominal)
+        self.observation_space = self.observed.space
         self.action_space = ACTION
 
     def normalised(self, action: Any, going: Any = True) -> Any:
@@ -136,29 +145,46 @@ class Exo:
         scaled = np.asarray(torque)[..., None] / self.device.torque_limit
         return np.clip(scaled, -1.0, 1.0).astype(np.float32)
 
-    def sample(
-        self, physics: Physics, step: Any, marks: Array
-    ) -> tuple[Array, dict[str, Any]]:
-        """Read what the device measures and what a simulation knows beside.
+    def feel(self, physics: Physics, marks: Array) -> tuple[Array, dict[str, Any], Any]:
+        """Read what the device measures, as it is.
 
         Args:
             physics: The simulation, or several.
-            step: Number of control steps since the reset.
-            marks: Row of `Script.marks` at that step.
+            marks: Row of `Script.marks` at that sample.
 
         Returns:
-            Observation; columns of an episode log.
+            What is measured, (k,) or (n, k); its columns; their reward per second for
+            tracking the desired torque.
         """
-        reference, phase, sine, cosine = marks.T
-        columns = self.device.read(physics)
-        desired = self.task.torque(
+        _, phase, sine, cosine = marks.T
+        columns = self.device.read_motion(physics)
+        columns["desired_torque_nm"] = self.task.torque(
             columns["joint_angle_rad"], columns["joint_velocity_rad_s"], phase
         )
-        columns["time_s"] = step * self.period
-        columns["desired_torque_nm"] = desired
-        columns["reference_angle_rad"] = reference
         columns["phase_sine"], columns["phase_cosine"] = sine, cosine
-        return self.device.observed.of(columns), columns
+        error = columns["joint_torque_nm"] - columns["desired_torque_nm"]
+        cost = np.minimum(np.abs(error) / self.setup.torque_scale, WORST)
+        return self.observed.of(columns), columns, -cost
+
+    def told(
+        self, physics: Physics, columns: dict[str, Any], step: Any, marks: Array
+    ) -> dict[str, Any]:
+        """All that a simulation knows, the columns of an episode log.
+
+        Args:
+            physics: The simulation, or several.
+            columns: Of `feel`.
+            step: Number of samples since the reset.
+            marks: Row of `Script.marks` at that sample.
+        """
+        columns = columns | self.device.read_cables(physics)
+        columns["time_s"] = step * self.sampling
+        columns["reference_angle_rad"] = marks.T[0]
+        return columns
+
+    def effort(self, action: Any) -> Any:
+        """Reward of a control step for the effort of an action."""
+        return -EFFORT * self.period * action * action
 
     def beyond(self, marks: Array) -> str:
         """One sentence if the task asks for what the motor cannot give, else nothing.
@@ -167,7 +193,7 @@ class Exo:
             marks: `Script.marks`; what is asked for is that along the reference.
         """
         reference, phase = marks[:, 0], marks[:, 1]
-        velocity = np.gradient(reference, self.period)
+        velocity = np.gradient(reference, self.sampling)
         asked = self.task.torque(reference, velocity, phase)
         least, most = self.drive.reach
         if least <= asked.min() and asked.max() <= most:
@@ -178,9 +204,3 @@ class Exo:
             f"the task asks for {low} to {high} Nm at joint {self.setup.joint!r}, "
             f"where the motor gives {weakest} to {strongest} Nm even without friction."
         )
-
-    def rewards(self, columns: dict[str, Any], action: Any) -> tuple[Any, Any]:
-        """Terms of the reward: for tracking the desired torque, and for the effort."""
-        error = columns["joint_torque_nm"] - columns["desired_torque_nm"]
-        error = error / self.setup.torque_scale
-        return -error * error, -EFFORT * action * action

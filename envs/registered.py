@@ -29,22 +29,13 @@ class WristHandle(ExoEnv):
 
     ## Observation space
 
-    `Box(6, float64)`: what the device can measure. Sensors saturate at their range.
-
-    | | observation | range | unit |
-    |-|-------------|-------|------|
-    | 0 | angle of the motor | +-10 | rad |
-    | 1 | velocity of the motor | +-500 | rad/s |
-    | 2 | angle of the wrist, flexion positive | +-1.5 | rad |
-    | 3 | velocity of the wrist | +-20 | rad/s |
-    | 4 | torque of the cables on the wrist | +-50 | Nm |
-    | 5 | desired torque | +-50 | Nm |
-
-    Where the wearer aims is for the wearer to know; it is in `info` only.
+    That of `ExoEnv`, with 6 numbers in a frame. What counts as 1:
+    0.02 rad of twist, 2 rad/s, 0.5 rad of flexion, 1 Nm. Where the
+    wearer aims is for the wearer to know; it is in `info` only.
 
     ## Reward
 
-    That of `ExoEnv`; an error of 0.1 Nm costs 1.
+    That of `ExoEnv`; an error of 1 Nm costs 1 per second.
 
     ## Arguments
 
@@ -53,7 +44,7 @@ class WristHandle(ExoEnv):
 
     ## Version history
 
-    - v0: first version.
+    - v1: observations of the size of 1, reward per second, plants that are drawn.
     """
 
     SETUP = DEVICES["wrist"]
@@ -85,25 +76,15 @@ class AnkleExo(ExoEnv):
 
     ## Observation space
 
-    `Box(8, float64)`: what the device can measure. Sensors saturate at their range.
-
-    | | observation | range | unit |
-    |-|-------------|-------|------|
-    | 0 | angle of the motor | +-20 | rad |
-    | 1 | velocity of the motor | +-500 | rad/s |
-    | 2 | angle of the ankle, dorsiflexion positive | +-1 | rad |
-    | 3 | velocity of the ankle | +-20 | rad/s |
-    | 4 | torque of the cable on the ankle, plantarflexion negative | +-1000 | Nm |
-    | 5 | desired torque | +-1000 | Nm |
-    | 6 | sine of the phase of the gait cycle | +-1 | 1 |
-    | 7 | cosine of the phase of the gait cycle | +-1 | 1 |
-
-    The phase is 0 at heel strike; of a trajectory other than `walk` it is that of its
-    own period. Where the wearer aims is for the wearer to know; it is in `info` only.
+    That of `ExoEnv`, with 8 numbers in a frame. What counts as 1:
+    0.2 rad of twist, 2 rad/s, 0.2 rad of dorsiflexion, 5 Nm of error and 10 Nm of
+    desired torque (plantarflexion negative). The phase is 0 at heel strike; of a
+    trajectory other than `walk` it is that of its own period. Where the
+    wearer aims is for the wearer to know; it is in `info` only.
 
     ## Reward
 
-    That of `ExoEnv`; an error of 10 Nm costs 1.
+    That of `ExoEnv`; an error of 5 Nm costs 1 per second.
 
     ## Arguments
 
@@ -113,7 +94,7 @@ class AnkleExo(ExoEnv):
 
     ## Version history
 
-    - v0: first version.
+    - v1: observations of the size of 1, reward per second, plants that are drawn.
     """
 
     SETUP = DEVICES["ankle"]
@@ -147,22 +128,14 @@ class TendonFinger(ExoEnv):
 
     ## Observation space
 
-    `Box(6, float64)`: what the device can measure. Sensors saturate at their range.
-
-    | | observation | range | unit |
-    |-|-------------|-------|------|
-    | 0 | angle of the motor | +-10 | rad |
-    | 1 | velocity of the motor | +-1000 | rad/s |
-    | 2 | angle of the finger, flexion positive, 0 half flexed | +-1.5 | rad |
-    | 3 | velocity of the finger | +-100 | rad/s |
-    | 4 | torque of the tendon on the finger, extension negative | +-5 | Nm |
-    | 5 | desired torque | +-5 | Nm |
-
-    Where the wearer aims is for the wearer to know; it is in `info` only.
+    That of `ExoEnv`, with 6 numbers in a frame. What counts as 1:
+    0.05 rad of twist, 2 rad/s, 0.5 rad of flexion (0 half flexed), 0.1 Nm (extension
+    negative). Where the
+    wearer aims is for the wearer to know; it is in `info` only.
 
     ## Reward
 
-    That of `ExoEnv`; an error of 0.02 Nm costs 1.
+    That of `ExoEnv`; an error of 0.1 Nm costs 1 per second.
 
     ## Arguments
 
@@ -171,7 +144,7 @@ class TendonFinger(ExoEnv):
 
     ## Version history
 
-    - v0: first version.
+    - v1: observations of the size of 1, reward per second, plants that are drawn.
     """
 
     SETUP = DEVICES["finger"]
@@ -208,25 +181,15 @@ class HipKneeExosuit(ExoEnv):
 
     ## Observation space
 
-    `Box(8, float64)`: what the device can measure. Sensors saturate at their range.
-
-    | | observation | range | unit |
-    |-|-------------|-------|------|
-    | 0 | angle of the motor | +-20 | rad |
-    | 1 | velocity of the motor | +-500 | rad/s |
-    | 2 | angle of the hip, flexion positive | +-2 | rad |
-    | 3 | velocity of the hip | +-20 | rad/s |
-    | 4 | torque of the cable on the hip, flexion positive | +-500 | Nm |
-    | 5 | desired torque | +-500 | Nm |
-    | 6 | sine of the phase of the gait cycle | +-1 | 1 |
-    | 7 | cosine of the phase of the gait cycle | +-1 | 1 |
-
-    The phase is 0 at heel strike; of a trajectory other than `walk` it is that of its
-    own period. Where the wearer aims is for the wearer to know; it is in `info` only.
+    That of `ExoEnv`, with 8 numbers in a frame. What counts as 1:
+    0.5 rad of twist, 2 rad/s, 0.5 rad of hip flexion, 1 Nm of error and 5 Nm of
+    desired torque. The phase is 0 at heel strike; of a
+    trajectory other than `walk` it is that of its own period. Where the
+    wearer aims is for the wearer to know; it is in `info` only.
 
     ## Reward
 
-    That of `ExoEnv`; an error of 1 Nm costs 1.
+    That of `ExoEnv`; an error of 1 Nm costs 1 per second.
 
     ## Arguments
 
@@ -236,7 +199,7 @@ class HipKneeExosuit(ExoEnv):
 
     ## Version history
 
-    - v0: first version.
+    - v1: observations of the size of 1, reward per second, plants that are drawn.
     """
 
     SETUP = DEVICES["exosuit"]

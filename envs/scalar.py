@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,26 +14,55 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Drive
+from cc_mujoco.control.observed import Sight
 from cc_mujoco.devices import Setup
 from cc_mujoco.human import Task, Trajectory, Wearer
 
-from .device import Array, physics_of
-from .exo import REWARDS, Exo, check_options
+from .device import physics_of
+from .exo import REWARDS, Exo
 from .picture import Camera, Film, check_mode
+from .plant import Plant
 from .script import Script
+from .sensors import LateSensors
 
 
-class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
+class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
     r"""Base of the environments of one device; subclasses say which and document it.
+
+    ## Observation space
+
+    `Box(-10, 10, (size,), float32)`: numbers of the size of 1. First comes a frame of
+    what the device can measure:
+
+    | | observation | counts as 1 |
+    |-|-------------|-------------|
+    | 0 | twist: angle of the motor / ratio - angle of the joint | device |
+    | 1 | velocity of the motor / ratio | device |
+    | 2 | angle of the joint | device |
+    | 3 | velocity of the joint | device |
+    | 4 | what the desired torque exceeds that of the cables by | device |
+    | 5 | desired torque | device |
+    | 6, 7 | sine and cosine of the phase of the gait, where the device knows it | 1 |
+
+    The ratio is that of motor angle to joint angle, `drive.ratio`. What friction does
+    depends on the past, which a frame does not know. With `memory=True` six numbers
+    follow in [-1, 1], the plays of `cc_mujoco.control.Observed.memory`; with
+    `history=n` the last n frames, each followed by the action that was taken on it,
+    newest first. Before an episode there is its first frame, and no action.
 
     ## Reward
 
-    `reward = reward_tracking + reward_effort`, both in `info`, at most 0:
+    `reward = reward_tracking + reward_effort`, both in `info`, at most 0. Per second,
+    whatever the control period:
 
-    - `reward_tracking` = \(-((\tau_j - \tau_d) / \tau_1)^2\) with the torque of the
-      cables on the joint \(\tau_j\), the desired torque \(\tau_d\) and the error that
-      costs 1, \(\tau_1\), which the device sets;
-    - `reward_effort` = \(-0.001\,a^2\) with the clipped action \(a\).
+    - `reward_tracking` is \(-\min(|\tau_j - \tau_d| / \tau_1, 10)\) with the torque of
+      the cables on the joint \(\tau_j\), the desired torque \(\tau_d\) and the error
+      \(\tau_1\) that costs 1 per second, which the device sets to about that of its
+      motor at the desired torque through the ideal ratio;
+    - `reward_effort` is \(-0.05\,a^2\) with the clipped action \(a\).
+
+    So an episode of T seconds has a return between -10.05 T and 0, and about -T for
+    the controller `none`.
 
     ## Info
 
@@ -45,10 +76,29 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
     ## Start and end
 
     An episode starts at rest at the first pose of the trajectory, all cables at
-    pretension. Random trajectories are drawn from `np_random`, so a seed determines an
-    episode. It is truncated after `duration`, and terminated only if MuJoCo warns that
-    the simulation has become unstable. Actions of another shape or not finite are a
-    `CableError`.
+    pretension. What is random is drawn from `np_random`, so a seed determines an
+    episode: plant, noise, trajectory. It is truncated after `duration`, and terminated
+    only if MuJoCo warns that the simulation has become unstable. Actions of another
+    shape or not finite are a `CableError`.
+
+    ## Randomisation
+
+    `randomise={"friction": (0.05, 0.2), "wrap": (5, 9), "delay": (0, 3)}` draws a plant
+    for every episode; `reset(options={"friction": 0.1, "flexor.wrap": 7})` says what
+    it is in this one, instead of the draw. Names are
+
+    - `wearer`: impedance, as a multiple of the scene's or that of `wearer`;
+    - `delay`: samples by which what is observed is late (whole, 0 to 50);
+    - `noise`: of the torque that is observed, as a multiple of the device's sensor;
+      its bias, of twice that standard deviation, is drawn with it;
+    - a number of a cable as in MJCF (`friction`, `static_friction`, `pretension`, ...),
+      `break_away`, static over kinetic friction, or `wrap`, the bend of its whole
+      conduit [rad]; of all cables, or of one by `CABLE.NAME`. Every cable draws its
+      own. Where route or path move with the body, the scene draws them.
+
+    Numbers above 0 are drawn with a uniform logarithm, others uniformly. `drive` and
+    `info` have no delay and no noise: `drive` is the scene's, `info` the truth, and
+    `plant` what was drawn.
 
     ## Arguments
 
@@ -57,10 +107,14 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
     | `trajectory` | device | the wearer's motion: a name, CSV file or `Trajectory` |
     | `task` | device | what the wearer should feel: a name or a `Task` |
     | `duration` | 10 | length of an episode [s] |
-    | `frame_skip` | 2 | physics steps of 0.5 ms in a control step: control at 1 kHz |
+    | `frame_skip` | 2 | physics steps of 0.5 ms from sample to sample: 1 kHz |
     | `wearer` | `None` | a `Wearer`; by default that of the scene |
     | `render_mode` | `None` | `None` or `"rgb_array"` |
     | `model` | `None` | a variant of the scene, compiled |
+    | `hold` | 1 | samples in a control step, for which an action is held |
+    | `history` | 0 | earlier frames and actions in an observation |
+    | `memory` | `False` | whether plays are observed |
+    | `randomise` | `None` | ranges of what differs from episode to episode |
 
     Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down where they go
     further than the device lets them, and `TASKS`. The wearer's command changes with
@@ -79,26 +133,35 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
         wearer: Wearer | None = None,
         render_mode: str | None = None,
         model: mujoco.MjModel | None = None,
+        hold: int = 1,
+        history: int = 0,
+        memory: bool = False,
+        randomise: Mapping[str, Any] | None = None,
     ) -> None:
         """Load the scene; arguments as the subclasses document them."""
-        EzPickle.__init__(
-            self, trajectory, task, duration, frame_skip, wearer, render_mode, model
-        )
+        given = trajectory, task, duration, frame_skip, wearer
+        more = hold, history, memory, randomise
+        EzPickle.__init__(self, *given, render_mode, model, *more)
         check_mode(render_mode, self.metadata["render_modes"])
-        self.exo = Exo(
-            self.SETUP, trajectory, task, duration, frame_skip, wearer, model
-        )
+        if model is not None:
+            model = copy.copy(model)
+        self.exo = Exo(self.SETUP, *given, model, *more)
         self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
         self.render_mode = render_mode
-        self.observation_space = self.exo.observation_space
+        self.observation_space: Any = self.exo.observation_space
         self.action_space = self.exo.action_space
         self.model: mujoco.MjModel = self.exo.device.model
         self.data = mujoco.MjData(self.model)
         self._physics = physics_of(self.data)
-        self._step = 0
+        width = self.exo.observed.frame
+        self._sensors = LateSensors(1, width, self.SETUP.sensing.torque_noise)
+        self._sight = Sight(self.exo.observed, 1)
+        self._sample = 0
         self._script: Script | None = None
+        self.plant: Plant = self.exo.plants.nominal
+        """What this episode is played on."""
         self._camera: Camera | None = None
-        self._film = Film(self.exo.period)
+        self._film = Film(self.exo.sampling)
 
     @property
     def drive(self) -> Drive:
@@ -117,25 +180,35 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Array, dict[str, Any]]:
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Start an episode.
 
+        Args:
+            seed: Of all that is random from now on.
+            options: What the plant is, by name; see the class.
+
         Raises:
-            CableError: If there are `options`; there are none.
+            CableError: If an option is unknown or impossible.
         """
-        check_options(options)
         super().reset(seed=seed)
-        self._script = self.exo.author.write(self.np_random)
-        self._step = 0
+        exo = self.exo
+        before, self.plant = self.plant, exo.plants.draw(self.np_random, options)
+        if self.plant is not before:
+            exo.device.become(self.plant)
+        self._script = script = exo.author.write(self.np_random)
+        self._sensors.begin(0, self.plant, exo.samples, self.np_random)
+        self._sample = 0
         self._film.cut()
-        commands = self._script.commands[0]
-        self.exo.device.start(self.data, self._script.angles, commands)
-        observation, columns = self.exo.sample(self._physics, 0, self._script.marks[0])
-        return observation, _numbers(columns, (0.0, 0.0))
+        exo.device.start(self.data, script.angles, script.commands[0])
+        marks = script.marks[0]
+        measured, columns, _ = exo.feel(self._physics, marks)
+        self._sight.begin(self._sensors.first(measured[None]))
+        told = exo.told(self._physics, columns, 0, marks)
+        return self._sight.observation()[0], _numbers(told, (0.0, 0.0))
 
     def step(
         self, action: NDArray[np.float32]
-    ) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Advance one control step with a motor torque.
 
         Raises:
@@ -145,25 +218,32 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
         if script is None:
             raise gymnasium.error.ResetNeeded("call reset() before the first step().")
         normalised = exo.normalised(action)
+        self._sight.act(np.array([normalised]))
         data.ctrl[exo.device.motor_control] = normalised * exo.device.motor_scale
-        first = self._step * exo.frame_skip
-        for command in script.commands[first : first + exo.frame_skip]:
-            data.ctrl[exo.device.script_controls] = command
-            mujoco.mj_step(self.model, data)
-            diverged = bool(data.warning.number.any())
+        tracking, diverged = 0.0, False
+        for _ in range(exo.hold):
+            first = self._sample * exo.frame_skip
+            for command in script.commands[first : first + exo.frame_skip]:
+                data.ctrl[exo.device.script_controls] = command
+                mujoco.mj_step(self.model, data)
+                diverged = bool(data.warning.number.any())
+                if diverged:
+                    break
+            self._sample += 1
+            marks = script.marks[self._sample]
+            measured, columns, reward = exo.feel(self._physics, marks)
+            tracking += exo.sampling * reward
+            self._sight.look(self._sensors.read(measured[None]))
             if diverged:
                 break
-        self._step += 1
-        observation, columns = exo.sample(
-            self._physics, self._step, script.marks[self._step]
-        )
-        terms = exo.rewards(columns, normalised)
+        told = exo.told(self._physics, columns, self._sample, marks)
+        terms = tracking, exo.effort(normalised)
         return (
-            observation,
+            self._sight.observation()[0],
             float(terms[0] + terms[1]),
             diverged,
-            self._step >= exo.steps,
-            _numbers(columns, terms),
+            self._sample >= exo.samples,
+            _numbers(told, terms),
         )
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -176,7 +256,7 @@ class ExoEnv(gymnasium.Env[Array, NDArray[np.float32]], EzPickle):
             return None
         if self._camera is None:
             self._camera = Camera(self.model)
-        return self._film.picture(self._camera, self.data.qpos, self._step)
+        return self._film.picture(self._camera, self.data.qpos, self._sample)
 
     def close(self) -> None:
         """Free the renderer."""

@@ -57,11 +57,8 @@ class Author:
         self._steps = steps
         self.frame_skip = frame_skip
         self._only: Script | None = None
-
-    @property
-    def repeats(self) -> bool:
-        """Whether all episodes have the same script; known after the first."""
-        return self._only is not None
+        self._wearer = device.wearers[0]
+        """Whose script that is."""
 
     def write(self, rng: np.random.Generator) -> Script:
         """Write the script of an episode.
@@ -72,12 +69,13 @@ class Author:
         Raises:
             CableError: If the joint would have to leave its range.
         """
-        if self._only is not None:
+        wearer = self._device.wearers[0]
+        if self._only is not None and wearer == self._wearer:
             return self._only
         before = repr(rng.bit_generator.state)
         script = self._write(rng)
         if repr(rng.bit_generator.state) == before:
-            self._only = script
+            self._only, self._wearer = script, wearer
         return script
 
     def _write(self, rng: np.random.Generator) -> Script:
@@ -131,7 +129,10 @@ class Scripts:
             count: Number of environments.
         """
         self._author = author
-        self._rows = np.arange(count)
+        self._count = count
+        self._rows = np.zeros(count, dtype=np.intp)
+        self._shared: Script | None = None
+        """The only one so far."""
         self._commands = np.zeros((0, 0, 0))
         self._marks = np.zeros((0, 0, 0))
 
@@ -140,13 +141,17 @@ class Scripts:
         script = self._author.write(rng)
         if not self._commands.size:
             # One row is enough for all where every episode is the same.
-            rows = 1 if self._author.repeats else len(self._rows)
-            self._rows %= rows
-            self._commands = np.zeros((rows, *script.commands.shape))
-            self._marks = np.zeros((rows, *script.marks.shape))
-        row = self._rows[environment]
-        self._commands[row] = script.commands
-        self._marks[row] = script.marks
+            self._shared = script
+            self._commands, self._marks = script.commands[None], script.marks[None]
+        elif self._shared is not None and script is not self._shared:
+            self._shared = None
+            self._rows = np.arange(self._count)
+            self._commands = np.repeat(self._commands, self._count, axis=0)
+            self._marks = np.repeat(self._marks, self._count, axis=0)
+        if self._shared is None:
+            row = self._rows[environment]
+            self._commands[row] = script.commands
+            self._marks[row] = script.marks
         return script
 
     def marks(self, steps: NDArray[np.intp]) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,19 +16,24 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Drive
+from cc_mujoco.control.observed import Sight
 from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
 
-from .device import Array, Physics, physics_of
-from .exo import REWARDS, Exo, check_options
+from .device import VARIED, Array, Physics, physics_of
+from .exo import REWARDS, Exo
 from .picture import Camera, Film, check_mode
+from .plant import Plant
 from .script import Scripts
+from .sensors import LateSensors
+
+Singles = NDArray[np.float32]
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
-class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle):
+class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPickle):
     """Many devices of one kind, stepped together by `mujoco.batch.Batch`.
 
     It equals, bit for bit and whatever the number of threads, a `SyncVectorEnv` of the
@@ -55,6 +60,10 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         max_episode_steps: int | None = None,
         threads: int = 0,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        hold: int = 1,
+        history: int = 0,
+        memory: bool = False,
+        randomise: Mapping[str, Any] | None = None,
     ) -> None:
         """Load the scene.
 
@@ -71,23 +80,18 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             autoreset_mode: `NEXT_STEP`; `SAME_STEP`, where a step that ends an episode
                 begins the next and `info` has `final_obs` and `final_info`; or
                 `DISABLED`, where `reset(options={"reset_mask": over})` does.
+            hold: As in the single environment, and so are those that follow.
+            history: See there.
+            memory: See there.
+            randomise: See there.
 
         Raises:
             CableError: If an argument cannot be used.
         """
-        EzPickle.__init__(
-            self,
-            num_envs,
-            trajectory,
-            task,
-            duration,
-            frame_skip,
-            wearer,
-            render_mode,
-            max_episode_steps,
-            threads,
-            autoreset_mode,
-        )
+        given = trajectory, task, duration, frame_skip, wearer
+        more = hold, history, memory, randomise
+        how = render_mode, max_episode_steps, threads, autoreset_mode
+        EzPickle.__init__(self, num_envs, *given, *how, *more)
         try:
             self.mode = AutoresetMode(autoreset_mode)
         except ValueError:
@@ -101,7 +105,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
                     f"{name} must be an integer >= {least}, not {value!r}."
                 )
         check_mode(render_mode, self.metadata["render_modes"])
-        self.exo = Exo(self.SETUP, trajectory, task, duration, frame_skip, wearer, None)
+        self.exo = exo = Exo(self.SETUP, *given, None, *more)
         self.metadata = {
             **self.metadata,
             "render_fps": round(1 / self.exo.period),
@@ -114,10 +118,15 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.model: mujoco.MjModel = self.exo.device.model
-        self.batch = Batch(self.model, num_envs, threads)
-        self._last = self.exo.steps
+        # Different cables in one simulation's memory would be read anew in every step.
+        persistent = exo.plants.any
+        self.batch = Batch(self.model, num_envs, threads, persistent=persistent)
+        self.plants = [exo.plants.nominal] * num_envs
+        """What is played on in every environment."""
+        self._became = exo.plants.nominal
+        self._last = exo.samples
         if max_episode_steps is not None:
-            self._last = min(self._last, max_episode_steps)
+            self._last = min(self._last, hold * max_episode_steps)
         self._bound = Physics(*(self.batch.bind(name) for name in Physics._fields))
         # MuJoCo's results are one call behind where a reset followed it.
         self._physics = self._bound.apart()
@@ -125,11 +134,14 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         self._start = mujoco.MjData(self.model)
         self._scripts = Scripts(self.exo.author, num_envs)
         self._random: list[np.random.Generator | None] = [None] * num_envs
-        self._steps = np.zeros(num_envs, dtype=np.intp)
+        noise = self.SETUP.sensing.torque_noise
+        self._sensors = LateSensors(num_envs, exo.observed.frame, noise)
+        self._sight = Sight(exo.observed, num_envs)
+        self._samples = np.zeros(num_envs, dtype=np.intp)
         self._over = np.ones(num_envs, dtype=np.bool_)
         self._started = False
         self._camera: Camera | None = None
-        self._films = [Film(self.exo.period) for _ in range(num_envs)]
+        self._films = [Film(exo.sampling) for _ in range(num_envs)]
 
     @property
     def drive(self) -> Drive:
@@ -145,18 +157,21 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         *,
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
-    ) -> tuple[Array, dict[str, Any]]:
+    ) -> tuple[Singles, dict[str, Any]]:
         """Start an episode in every environment, or in those of a mask.
 
         Args:
             seed: Of the first environment; the others count up from it. Or one each.
-            options: May hold a `reset_mask` (num_envs,) of bool; `info` then tells of
-                these environments only.
+            options: As in the single environment, for all that start. May hold a
+                `reset_mask` (num_envs,) of bool; `info` then tells of these
+                environments only.
 
         Raises:
-            CableError: If there are other options, or the mask is none.
+            CableError: If an option is unknown or impossible, or the mask is none.
         """
-        masked = self._mask(options)
+        if isinstance(options, Mapping):
+            options = dict(options)
+        masked = self._mask((options or {}).pop("reset_mask", None))
         seeds: Sequence[int | None]
         if seed is None or isinstance(seed, int):
             seeds = [None if seed is None else seed + i for i in range(self.num_envs)]
@@ -170,16 +185,15 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
         for row, own in enumerate(seeds):
             if own is not None and masked[row]:
                 self._random[row], _ = seeding.np_random(own)
-        self._begin(np.flatnonzero(masked))
+        self._begin(np.flatnonzero(masked), options)
         self._over[masked] = False
         self._started = True
-        observation, columns = self._sample()
+        observation, columns = self._sight.observation(), self._told()
         nothing = np.zeros(self.num_envs)
         return observation, self._info(columns, (nothing, nothing), masked)
 
-    def _mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
+    def _mask(self, given: Any) -> NDArray[np.bool_]:
         """Environments that a reset is to begin."""
-        given = check_options(options, ("reset_mask",)).get("reset_mask")
         if given is None:
             return np.ones(self.num_envs, dtype=np.bool_)
         mask = np.asarray(given)
@@ -196,7 +210,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
 
     def step(
         self, actions: NDArray[np.float32]
-    ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    ) -> tuple[Singles, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Advance every environment one control step, or reset it if it is over.
 
         Raises:
@@ -212,43 +226,71 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             raise gymnasium.error.ResetNeeded(
                 f"environments {rows} are over: reset(options={{'reset_mask': ...}})."
             )
-        exo, control, fresh = self.exo, self._control, self._over
-        going = ~fresh
-        normalised = exo.normalised(actions, going)
-        if going.any():
-            device = exo.device
-            control[:, :, device.motor_control] = (normalised * device.motor_scale)[
-                :, None
-            ]
-            control[:, :, device.script_controls] = self._scripts.commands(self._steps)
-            chosen = control if going.all() else control[going]
-            self.batch.rollout(exo.frame_skip, chosen, record=(), ids=going)
-            self._physics.take(self._bound)
-            self._steps[going] += 1
+        exo, fresh = self.exo, self._over
+        normalised = exo.normalised(actions, ~fresh)
+        self._sight.act(normalised)
+        tracking = self._advance(normalised, ~fresh)
         if fresh.any():
-            self._begin(np.flatnonzero(fresh))
-        observation, columns = self._sample()
-        terms = exo.rewards(columns, normalised)
+            self._begin(np.flatnonzero(fresh), None)
+        observation, columns = self._sight.observation(), self._told()
+        terms = tracking, exo.effort(normalised)
         for term in terms:
             term[fresh] = 0.0
         terminated = self.batch.warning[:, :, 1].any(axis=1)
-        truncated = self._steps >= self._last
+        truncated = self._samples >= self._last
         self._over = terminated | truncated
         reward = terms[0] + terms[1]
         info: dict[str, Any] = {}
         if self.mode is AutoresetMode.SAME_STEP and self._over.any():
             over, self._over = self._over, np.zeros_like(self._over)
             info = self._final(observation, columns, terms, over)
-            self._begin(np.flatnonzero(over))
-            observation, columns = self._sample()
+            self._begin(np.flatnonzero(over), None)
+            observation, columns = self._sight.observation(), self._told()
             for term in terms:
                 term[over] = 0.0
         info |= self._info(columns, terms)
         return observation, reward, terminated, truncated, info
 
+    def _advance(self, action: Array, going: NDArray[np.bool_]) -> Array:
+        """Simulate a control step where an episode goes on.
+
+        Returns:
+            Reward for tracking, (num_envs,).
+        """
+        exo, device, control = self.exo, self.exo.device, self._control
+        tracking = np.zeros(self.num_envs)
+        control[:, :, device.motor_control] = (action * device.motor_scale)[:, None]
+        for _ in range(exo.hold):
+            if not going.any():
+                break
+            commands = self._scripts.commands(self._samples)
+            control[:, :, device.script_controls] = commands
+            chosen = control if going.all() else control[going]
+            self.batch.rollout(exo.frame_skip, chosen, record=(), ids=going)
+            self._physics.take(self._bound)
+            self._samples[going] += 1
+            reward = self._feel(going)
+            tracking += np.where(going, exo.sampling * reward, 0.0)
+            # What diverged takes no further sample.
+            going = going & ~self.batch.warning[:, :, 1].any(axis=1)
+        return tracking
+
+    def _feel(self, going: NDArray[np.bool_]) -> Array:
+        """Take a sample of all sensors; return the reward per second for tracking."""
+        self._marks = self._scripts.marks(self._samples)
+        reward: Array
+        measured, self._columns, reward = self.exo.feel(self._physics, self._marks)
+        self._sight.look(self._sensors.read(measured, going))
+        return reward
+
+    def _told(self) -> dict[str, Any]:
+        """Fresh columns of an episode log, of all environments."""
+        marks, columns = self._marks, dict(self._columns)
+        return self.exo.told(self._physics, columns, self._samples, marks)
+
     def _final(
         self,
-        observation: Array,
+        observation: Singles,
         columns: dict[str, Any],
         terms: tuple[Array, Array],
         over: NDArray[np.bool_],
@@ -275,7 +317,7 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             return None
         if self._camera is None:
             self._camera = Camera(self.model)
-        shots = zip(self._films, self._physics.qpos, self._steps, strict=True)
+        shots = zip(self._films, self._physics.qpos, self._samples, strict=True)
         return tuple(
             film.picture(self._camera, qpos, int(step)) for film, qpos, step in shots
         )
@@ -286,9 +328,9 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
             self._camera.close()
             self._camera = None
 
-    def _begin(self, rows: NDArray[np.intp]) -> None:
+    def _begin(self, rows: NDArray[np.intp], options: Mapping[str, Any] | None) -> None:
         """Start an episode in some environments."""
-        data, device = self._start, self.exo.device
+        data, exo, device = self._start, self.exo, self.exo.device
         self.batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         for row in rows:
             rng = self._random[row]
@@ -296,15 +338,28 @@ class ExoVectorEnv(VectorEnv[Array, NDArray[np.float32], NDArray[Any]], EzPickle
                 rng, _ = seeding.np_random()
                 self._random[row] = rng
             self._films[row].cut()
+            self._become(row, exo.plants.draw(rng, options))
             script = self._scripts.write(row, rng)
+            self._sensors.begin(row, self.plants[row], exo.samples, rng)
             device.start(data, script.angles, script.commands[0])
             mujoco.mj_getState(self.model, data, self.batch.state[row], _STATE)
             self._physics.take(physics_of(data), row)
-        self._steps[rows] = 0
+        self._samples[rows] = 0
+        self._marks = self._scripts.marks(self._samples)
+        measured, self._columns, _ = exo.feel(self._physics, self._marks)
+        read = self._sensors.first(measured[rows], rows)
+        self._sight.begin(read, rows)
 
-    def _sample(self) -> tuple[Array, dict[str, Any]]:
-        marks = self._scripts.marks(self._steps)
-        return self.exo.sample(self._physics, self._steps, marks)
+    def _become(self, row: int, plant: Plant) -> None:
+        """Give an environment its plant, and the model that is started from."""
+        nominal = self.exo.plants.nominal
+        if plant is not self._became:
+            self.exo.device.become(plant)
+            self._became = plant
+        if plant is not nominal or self.plants[row] is not nominal:
+            for name in VARIED:
+                self.batch.expand(name)[row] = getattr(self.model, name)
+        self.plants[row] = plant
 
     def _info(
         self,

@@ -93,7 +93,7 @@ def _compile() -> None:
     replay(cable, 1e-3, u_proximal=still, u_distal=still)
     pulleys = Transmission.pull_pull(cable, motor_radius=0.02, joint_radius=0.05)
     pulleys.replay(1e-3, motor_angle=still, joint_angle=still)
-    with gymnasium.make("cc_mujoco/WristHandle-v0") as env:
+    with gymnasium.make("cc_mujoco/WristHandle-v1") as env:
         _, seen = env.reset(seed=0)
         for name in ("model", "stiction"):
             controller(name, env.unwrapped.drive).torque(seen)

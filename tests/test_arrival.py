@@ -10,7 +10,7 @@ LOADS = """
 from cc_mujoco.assets import scene_path
 assert mujoco.MjModel.from_xml_path(str(scene_path("wrist"))).nplugin
 """
-KNOWS = 'assert "cc_mujoco/AnkleExo-v0" in gymnasium.registry'
+KNOWS = 'assert "cc_mujoco/AnkleExo-v1" in gymnasium.registry'
 SCRIPTS = {
     "both first": f"import gymnasium, mujoco, cc_mujoco{LOADS}{KNOWS}",
     "both second": f"import cc_mujoco, mujoco, gymnasium{LOADS}{KNOWS}",

@@ -25,4 +25,4 @@ def test_a_row_names_what_is_in_the_scene_and_what_can_be_played(name: str) -> N
         assert spec.site(site) is not None
     assert device.trajectory in TRAJECTORIES
     assert device.task in TASKS
-    assert set(device.bounds) <= set(MEASURED)
+    assert set(device.units) <= set(MEASURED)

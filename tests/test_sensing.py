@@ -16,7 +16,7 @@ from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS, Measuring, Sensing
 
 def readings(sensing: Sensing, seeds: tuple[int, ...], steps: int = 30) -> list[Any]:
     """What is measured of a wrist that the motor turns."""
-    env = gymnasium.make_vec("cc_mujoco/WristHandle-v0", len(seeds), threads=1)
+    env = gymnasium.make_vec("cc_mujoco/WristHandle-v1", len(seeds), threads=1)
     wrist = env.unwrapped
     drive = sensing.equip(wrist.drive)
     measuring = Measuring(sensing, drive, ("flexor", "extensor"), seeds, steps)

@@ -22,7 +22,7 @@ from pathlib import Path
 import gymnasium
 import cc_mujoco
 from cc_mujoco.cli import main
-for name in ("cc_mujoco/WristHandle-v0", "cc_mujoco/AnkleExo-v0"):
+for name in ("cc_mujoco/WristHandle-v1", "cc_mujoco/AnkleExo-v1"):
     env = gymnasium.make(name)
     env.reset(seed=0)
     for _ in range(10):

@@ -26,7 +26,7 @@ class Benchmark:
     suite: Annotated[str, tyro.conf.arg(metavar="NAME")] = "v1"
     """What is played; a suite never changes."""
     controllers: Names = ()
-    """Names, MODULE:FUNCTION of yours or POLICY.zip; every name unless given."""
+    """Names, MODULE:FUNCTION or POLICY.safetensors; every name unless given."""
     scene: Names = ()
     """Devices; all of the suite unless given."""
     conditions: Names = ()

@@ -29,7 +29,7 @@ class Play:
     task: Name = None
     """What the device should make the wearer feel; the default depends on the scene."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
-    """What drives the motor: a name, MODULE:FUNCTION of yours, or POLICY.zip."""
+    """What drives the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
     duration: float = 10.0
     """Length of the episode in seconds."""
     seed: int = 0

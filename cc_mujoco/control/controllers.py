@@ -11,15 +11,16 @@ from __future__ import annotations
 from cc_mujoco.control.controller import Controller
 from cc_mujoco.control.disturbance import DisturbanceObserver
 from cc_mujoco.control.drive import Drive
-from cc_mujoco.control.external import Policy, from_callable
+from cc_mujoco.control.external import from_callable
 from cc_mujoco.control.feed_forward import FeedForward
 from cc_mujoco.control.model_based import ModelBased
+from cc_mujoco.control.policy import Policy
 from cc_mujoco.control.predictive import PredictiveCompensation
 from cc_mujoco.control.proportional_integral import Feedback, ProportionalIntegral
 from cc_mujoco.control.stiction import StictionCompensation
 from cc_mujoco.control.tensions import AdaptiveModel, FusedFeedback
 from cc_mujoco.errors import look_up
-from cc_mujoco.identity import is_outside, watched
+from cc_mujoco.identity import POLICY, is_outside, watched
 
 CONTROLLERS: dict[str, type[Controller]] = {
     "none": FeedForward,
@@ -39,8 +40,8 @@ def controller(name: str, drive: Drive) -> Controller:
     """Make a controller.
 
     Args:
-        name: A key of `CONTROLLERS`, `module:function` or a policy's file `*.zip`; see
-            `external`.
+        name: A key of `CONTROLLERS`, `module:function` (see `external`) or the file of
+            a policy, `*.safetensors` (see `policy`).
         drive: The device to be driven; environments have it as `unwrapped.drive`.
 
     Returns:
@@ -51,7 +52,7 @@ def controller(name: str, drive: Drive) -> Controller:
     """
     if is_outside(name):
         with watched(name):
-            if name.endswith(".zip"):
+            if name.endswith(POLICY):
                 return Policy(drive, name)
             return from_callable(name, drive)
     return look_up("controller", name, CONTROLLERS)(drive)

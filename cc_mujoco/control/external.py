@@ -1,7 +1,6 @@
-"""Controllers from outside: any `module:function`, and policies of Stable-Baselines3.
+"""Controllers from outside: any `module:function`.
 
     controller("my_module:my_function", drive)      # called with the drive
-    controller("runs/policy.zip", drive)            # a saved policy
 
 What the function returns is a `Controller`, or a function from what is measured to the
 torque of the motor [Nm]. An exception inside becomes a `CableError` that says where it
@@ -24,7 +23,6 @@ from numpy.typing import NDArray
 
 from cc_mujoco.control.controller import Controller
 from cc_mujoco.control.drive import Drive
-from cc_mujoco.control.observed import ACTION, alike, described
 from cc_mujoco.errors import CableError
 
 
@@ -134,84 +132,3 @@ def blamed(name: str) -> Iterator[None]:
             f"controller {name!r} raised {type(error).__name__} in {file}, line "
             f"{line}: {what}"
         ) from error
-
-
-class Policy(Controller):
-    """A policy that Stable-Baselines3 saved, fed as in the environment of its training.
-
-    It sees the environment's own observation and gives an action of it, the share of
-    the motor's torque. `scripts/train_policy.py` trains one.
-    """
-
-    def __init__(self, drive: Drive, path: str | os.PathLike[str]) -> None:
-        """Load the policy.
-
-        Args:
-            drive: The device to be driven.
-            path: The file.
-
-        Raises:
-            CableError: If Stable-Baselines3 is not installed, or the file cannot be
-                read or has a policy of another device or environment.
-        """
-        super().__init__(drive)
-        if drive.observed is None:
-            raise CableError(
-                f"policy {os.fspath(path)!r} needs a device with an environment; this "
-                "Drive has no `observed`."
-            )
-        self._observed = drive.observed
-        if not os.path.isfile(path):
-            raise CableError(f"policy {os.fspath(path)!r}: there is no such file.")
-        self._policy = _loaded(path)
-        for does, its, own in (
-            ("observes", self._policy.observation_space, self._observed.space),
-            ("acts with", self._policy.action_space, ACTION),
-        ):
-            if not alike(its, own):
-                raise CableError(
-                    f"policy {os.fspath(path)!r} is not one for {drive.observed.device}"
-                    f": it {does} {described(its)}, but the environment of "
-                    f"{drive.observed.device} {does} {described(own)}."
-                )
-
-    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Do nothing; see `Controller.reset`."""
-
-    def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Torque of the motor [Nm]; see `Controller.torque`."""
-        seen = self._observed.of(observation)
-        # One by one: a network rounds differently for one environment and for many.
-        rows = np.atleast_2d(seen)
-        share = np.array(
-            [self._policy.predict(row, deterministic=True)[0][0] for row in rows]
-        ).astype(np.float64)
-        torque = np.clip(share, -1.0, 1.0) * self.drive.high
-        return self.limited(torque if seen.ndim == 2 else float(torque[0]))
-
-
-def _loaded(path: str | os.PathLike[str]) -> Any:
-    """The policy in a file, of whichever algorithm."""
-    try:
-        import stable_baselines3 as algorithms
-        from stable_baselines3.common.save_util import load_from_zip_file
-    except ModuleNotFoundError:
-        raise CableError(
-            f"policy {os.fspath(path)!r} needs Stable-Baselines3: "
-            "pip install 'cc_mujoco[policy]'."
-        ) from None
-    try:
-        kind = (load_from_zip_file(path, device="cpu")[0] or {})["policy_class"]
-        for name in ("PPO", "SAC", "TD3"):
-            algorithm = getattr(algorithms, name)
-            if kind in algorithm.policy_aliases.values():
-                return algorithm.load(path, device="cpu").policy
-    except Exception as error:  # whatever a file of another kind makes it raise
-        raise CableError(
-            f"policy {os.fspath(path)!r} is not one that Stable-Baselines3 saved: "
-            f"{error}"
-        ) from error
-    raise CableError(
-        f"policy {os.fspath(path)!r} is a {kind.__name__}; it must be one of PPO, A2C, "
-        "SAC, TD3 or DDPG."
-    )

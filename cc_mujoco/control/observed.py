@@ -1,79 +1,202 @@
 """What the environment of a device observes: the one definition that all share.
 
+    sight = Sight(observed, 1)            # of one device; many are rows
+    sight.begin(measured)                 # (1, k), what is measured at the start
+    sight.observation()                   # (1, size) of float32, about 1
+    sight.act(share)                      # (1,), the action that follows
+    sight.look(measured)                  # after every sample that it is held for
+
 Environments observe it, and a saved policy is fed it wherever it plays.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box, Space
+from gymnasium.spaces import Box
 from numpy.typing import NDArray
+
+from cc_mujoco.checks import number, parameter
+from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
 
 ACTION = Box(-1.0, 1.0, (1,), dtype=np.float32)
 """What every environment takes: the share of the motor's torque."""
 
+FAR = 10.0
+"""Where an observation saturates."""
+
+PLAYS = (0.1, 0.3, 1.0)
+"""Half widths of the plays of `Observed.memory`, in units of the twist."""
+
+MOTOR, TURN, JOINT, SPEED, TORQUE, DESIRED = range(6)
+"""Places of what is measured: angle and velocity of the motor, of the joint; torques.
+"""
+
 
 @dataclass(frozen=True)
 class Observed:
-    """Columns of an episode log in the order in which they are observed, SI units."""
+    """What is observed of a device, and in which units.
+
+    A *frame* is twist of motor against joint, velocity of the motor, angle and velocity
+    of the joint, what is lacking of the desired torque, and that torque; then, where
+    the device knows it, sine and cosine of the phase of the gait. Motor angles are
+    taken at the joint, divided by the ratio. Each number is divided by its unit and cut
+    at `FAR`.
+    """
 
     device: str
     """Name of the device."""
-    ranges: tuple[tuple[str, float], ...]
-    """Columns, and the range of the sensor of each, plus or minus."""
+    columns: tuple[str, ...]
+    """What is measured, columns of an episode log."""
+    units: tuple[float, ...]
+    """What counts as 1 in a frame: twist [rad], velocity of the motor at the joint
+    [rad/s], angle [rad] and velocity [rad/s] of the joint, torque error and desired
+    torque [Nm], and of the phase [-]."""
+    ratio: float
+    """Motor angle per joint angle of an unstretched cable, signed [-]."""
+    period: float
+    """Time between two samples of the sensors [s]."""
+    hold: int = 1
+    """Samples for which an action is held."""
+    history: int = 0
+    """Earlier frames, each with the action that followed it, newest first."""
+    memory: bool = False
+    """Whether the plays of friction memory are observed: `min(max(p, x - r), x + r)`
+    for angles x of the motor and of the joint and the half widths r of `PLAYS`; each as
+    (x - p) / r. They know the last reversals, as a cable with friction does (M. A.
+    Krasnosel'skii and A. V. Pokrovskii, Systems with Hysteresis, 1989, ch. 2)."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be observed."""
+        number("hold", self.hold, 1, 1000, "samples")
+        number("history", self.history, 0, 1000, "frames")
+        for name in ("hold", "history"):
+            if not isinstance(getattr(self, name), int):
+                raise CableError(
+                    f"{name} must be a whole number, not {getattr(self, name)!r}."
+                )
+        if not isinstance(self.memory, bool):
+            raise CableError(f"memory must be True or False, not {self.memory!r}.")
+        parameter(self, "period", 1e-7, 1e3, "s")
+        if len(self.columns) < 6 or len(self.columns) != len(self.units):
+            raise CableError(
+                "Observed needs a unit for each column, and at least six columns."
+            )
 
     @property
-    def space(self) -> Space[Array]:
-        """The observation space of the environment."""
-        space: Space[Any] = Box(-self._most, self._most, dtype=np.float64)
-        return space
+    def frame(self) -> int:
+        """Numbers in a frame."""
+        return len(self.units)
 
-    @cached_property
-    def _most(self) -> Array:
-        return np.array([most for _, most in self.ranges])
+    @property
+    def space(self) -> Box:
+        """The observation space of the environment: frame, plays, history."""
+        size = self.frame + 2 * len(PLAYS) * self.memory
+        size += self.history * (self.frame + 1)
+        return Box(-FAR, FAR, (size,), dtype=np.float32)
 
     def of(self, columns: Mapping[str, Any]) -> Array:
-        """The observation, (k,) of numbers and (n, k) of arrays over n environments.
+        """What is measured, (k,) of numbers and (n, k) of arrays over n environments.
 
         Args:
-            columns: At least those that are observed; sensors saturate at their range.
+            columns: At least those that are measured.
         """
-        measured = np.array([columns[name] for name, _ in self.ranges])
-        # `np.clip` takes several times as long for small arrays.
-        within: Array = np.minimum(
-            np.maximum(np.ascontiguousarray(measured.T), -self._most), self._most
+        return np.ascontiguousarray(
+            np.array([columns[name] for name in self.columns]).T
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as plain JSON."""
+        return dataclasses.asdict(self)
+
+    @classmethod
+    def from_dict(cls, fields: Mapping[str, Any]) -> Observed:
+        """What `to_dict` gave, from JSON.
+
+        Raises:
+            CableError: If fields are missing, unknown or impossible.
+        """
+        names = {field.name for field in dataclasses.fields(cls)}
+        if set(fields) != names:
+            raise CableError(f"what is observed must say {', '.join(sorted(names))}.")
+        listed = {name: tuple(fields[name]) for name in ("columns", "units")}
+        return cls(**{**fields, **listed})
+
+
+class Sight:
+    """What n environments observe, with its past."""
+
+    def __init__(self, observed: Observed, count: int) -> None:
+        """Prepare; `begin` before anything else.
+
+        Args:
+            observed: What is observed.
+            count: Number of environments, n.
+        """
+        self.observed = observed
+        width = observed.frame
+        self._units = np.array(observed.units)
+        self._measured = np.zeros((count, width))
+        reach = np.array(PLAYS) * observed.units[0]
+        self._reach = np.concatenate((reach, reach))
+        self._plays = np.zeros((count, self._reach.size))
+        self._past = np.zeros((count, observed.history, width + 1))
+
+    def begin(self, measured: Array, rows: Any = slice(None)) -> None:
+        """Start an episode, in all environments or some: what is before is at rest.
+
+        Args:
+            measured: (rows, k).
+            rows: Which.
+        """
+        self._measured[rows] = measured
+        self._plays[rows] = self._angles()[rows]
+        self._past[rows] = 0.0
+        self._past[rows, :, :-1] = self._frame()[rows][:, None]
+
+    def act(self, share: Array, rows: Any = slice(None)) -> None:
+        """Note the actions (n,) that follow the present observations of these rows."""
+        past = self._past
+        if past.shape[1]:
+            past[rows, 1:] = past[rows, :-1]
+            past[rows, 0, :-1] = self._frame()[rows]
+            past[rows, 0, -1] = share[rows]
+
+    def look(self, measured: Array) -> None:
+        """Take a new sample (n, k) of what is measured."""
+        self._measured[:] = measured
+        if self.observed.memory:
+            angles, reach = self._angles(), self._reach
+            near = np.maximum(self._plays, angles - reach)
+            self._plays = np.minimum(near, angles + reach)
+
+    def observation(self) -> NDArray[np.float32]:
+        """What is observed now, (n, size)."""
+        parts = [self._frame()]
+        if self.observed.memory:
+            parts.append((self._angles() - self._plays) / self._reach)
+        count, frames, width = self._past.shape
+        if frames:
+            parts.append(self._past.reshape(count, frames * width))
+        return np.concatenate(parts, axis=1).astype(np.float32)
+
+    def _frame(self) -> Array:
+        seen, ratio = self._measured.copy(), self.observed.ratio
+        seen[:, MOTOR] = seen[:, MOTOR] / ratio - seen[:, JOINT]
+        seen[:, TURN] /= ratio
+        seen[:, TORQUE] = seen[:, DESIRED] - seen[:, TORQUE]
+        within: Array = np.minimum(np.maximum(seen / self._units, -FAR), FAR)
         return within
 
-
-def alike(one: Space[Any], other: Space[Any]) -> bool:
-    """Whether a space has the shape and the bounds of another, of whatever precision.
-
-    Bounds tell devices apart whose observations are of equal shape.
-    """
-    return (
-        isinstance(one, Box)
-        and isinstance(other, Box)
-        and one.shape == other.shape
-        and np.allclose(one.low, other.low)
-        and np.allclose(one.high, other.high)
-    )
-
-
-def described(space: Space[Any]) -> str:
-    """A space in few words: how many numbers, and how large."""
-    if not (isinstance(space, Box) and len(space.shape) == 1):
-        return f"{space}"
-    least, most = (
-        ", ".join(f"{value:g}" for value in bound) for bound in (space.low, space.high)
-    )
-    if np.array_equal(space.low, -space.high):
-        return f"{space.shape[0]} numbers within +-({most})"
-    return f"{space.shape[0]} numbers from ({least}) to ({most})"
+    def _angles(self) -> Array:
+        """Angles of motor and joint, each once for every play, (n, plays)."""
+        seen, ratio = self._measured, self.observed.ratio
+        both = np.stack((seen[:, MOTOR] / ratio, seen[:, JOINT]), axis=1)
+        angles: Array = np.repeat(both, len(PLAYS), axis=1)
+        return angles

@@ -1,6 +1,6 @@
 """What remains of an episode: its log, numbers, figure and Rerun recording.
 
-    env = gymnasium.make("cc_mujoco/WristHandle-v0", trajectory="sine", duration=8.0)
+    env = gymnasium.make("cc_mujoco/WristHandle-v1", trajectory="sine", duration=8.0)
     log = play(env, controller("pi", env.unwrapped.drive), seed=0)
     write_episode("runs/sine", log, env.unwrapped.model)
 

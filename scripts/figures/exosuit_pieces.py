@@ -26,7 +26,7 @@ LAW, WARM_UP = "pi", 1.0 + PERIOD
 def stride() -> NDArray[np.float64]:
     """Torques (samples, joints, 3) [Nm]: by pieces, of the winch's, of the shin's."""
     env = gymnasium.make(
-        "cc_mujoco/HipKneeExosuit-v0",
+        "cc_mujoco/HipKneeExosuit-v1",
         duration=WARM_UP + PERIOD,
         disable_env_checker=True,
     ).unwrapped

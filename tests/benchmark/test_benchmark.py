@@ -109,7 +109,7 @@ def test_a_cell_is_the_episode_of_the_environment_on_its_plant() -> None:
     found = play(cell).scores["rms_error"]
     (plant,) = draw(cell.condition, cell.seeds)
     env: Any = gymnasium.make(
-        "cc_mujoco/WristHandle-v0",
+        "cc_mujoco/WristHandle-v1",
         disable_env_checker=True,
         trajectory=plant.trajectory,
         task=cell.condition.task,
@@ -243,7 +243,7 @@ def test_what_cannot_be_played_is_refused() -> None:
     for changes, why in (
         ({"controllers": ()}, "at least one controller"),
         ({"controllers": ("unplugged",)}, "is a reference"),
-        ({"controllers": ("runs/p.zip", "runs_p.zip")}, "same files"),
+        ({"controllers": ("runs/p.safetensors", "runs_p.safetensors")}, "same files"),
         ({"suite": "v0"}, "unknown suite"),
         ({"conditions": ("rain",)}, "unknown condition"),
         ({"seeds": 1001}, "1 to 1,000 seeds"),

@@ -19,12 +19,20 @@ SCRIPT = Path(__file__).parents[2] / "scripts" / "train_policy.py"
 @pytest.mark.slow
 def test_script_trains_a_policy_that_the_benchmark_takes(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
-    path = tmp_path / "policy.zip"
-    words = [sys.executable, "-P", str(SCRIPT), "--steps", "1", "--out", str(path)]
-    subprocess.run(words, check=True, capture_output=True, cwd=SCRIPT.parents[1])
+    words = [sys.executable, "-P", str(SCRIPT), "--out", str(tmp_path)]
+    more = ["--steps", "512", "--envs", "8", "--seconds", "0.3"]
+    told = subprocess.run(
+        [*words, *more], check=True, capture_output=True, cwd=SCRIPT.parents[1]
+    )
+    assert b"steps/s" in told.stdout
+    curve = (tmp_path / "0.csv").read_text().splitlines()
+    assert curve[0] == "steps,processor_s,return_per_s"
+    assert len(curve) == 2
+    again = subprocess.run(words, capture_output=True, cwd=SCRIPT.parents[1])
+    assert b"is there already" in again.stderr
     condition = dataclasses.replace(SUITES["v1"].conditions("wrist")[0], duration=1.2)
-    cells = [Cell(condition, law) for law in (str(path), "none")]
-    trained, none = (play(cell).scores for cell in cells)
+    path = str(tmp_path / "0.safetensors")
+    trained, none = (play(Cell(condition, law)).scores for law in (path, "none"))
     assert trained["failed"][0] == 0.0
     assert np.isfinite(trained["rms_error"][0])
     assert trained["effort"][0] != none["effort"][0]
@@ -34,6 +42,6 @@ def test_script_says_what_to_install_where_it_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    monkeypatch.setattr(sys, "argv", [str(SCRIPT), "--out", str(tmp_path / "p.zip")])
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT), "--out", str(tmp_path)])
     with pytest.raises(SystemExit, match=r"cc_mujoco\[policy\]"):
         runpy.run_path(str(SCRIPT), run_name="__main__")

@@ -25,7 +25,7 @@ from cc_mujoco.human import TASKS, TRAJECTORIES, Sine, Spring, Wearer
 from cc_mujoco.recording.columns import columns_for
 from cc_mujoco.sensing import MEASURED
 
-WRIST, ANKLE = "cc_mujoco/WristHandle-v0", "cc_mujoco/AnkleExo-v0"
+WRIST, ANKLE = "cc_mujoco/WristHandle-v1", "cc_mujoco/AnkleExo-v1"
 
 
 def cables_of(env: gymnasium.Env[Any, Any]) -> tuple[str, ...]:
@@ -99,18 +99,18 @@ def test_random_actions_stay_finite_and_inside_the_spaces(name: str) -> None:
             env.reset()
 
 
-@pytest.mark.parametrize("action", [-1.0, 1.0])
-def test_full_torque_reaches_no_end_of_a_sensor(name: str, action: float) -> None:
-    env = gymnasium.make(name, duration=0.6)
-    env.reset(seed=0)
-    high = env.observation_space.high[:6]
-    truncated = False
+def test_observations_are_of_the_size_of_one(name: str) -> None:
+    env = gymnasium.make(name, duration=2.0)
+    law = CONTROLLERS["pi"](env.unwrapped.drive)
+    seen, info = env.reset(seed=0)
+    frames, truncated = [], False
     while not truncated:
-        observation, _, terminated, truncated, _ = env.step(
-            np.full(1, action, np.float32)
-        )
-        assert not terminated
-        assert (np.abs(observation[:6]) < high).all(), observation
+        action = env.unwrapped.action(law.torque(info))
+        seen, _, _, truncated, info = env.step(action)
+        frames.append(seen)
+    sizes = np.sqrt(np.mean(np.square(frames), axis=0))
+    assert (sizes[:4] > 0.05).all()
+    assert (sizes < 3.0).all()
 
 
 def test_info_is_a_fresh_log_row_of_floats_and_own_arrays(name: str) -> None:
@@ -170,40 +170,47 @@ def test_a_taut_ankle_cable_pulls_into_plantarflexion() -> None:
     assert info["joint_torque_nm"] < -20.0
 
 
-def test_rewards_are_the_documented_sum() -> None:
+@pytest.mark.parametrize("frame_skip", [2, 6])
+def test_rewards_are_the_documented_sum_per_second(frame_skip: int) -> None:
     for device in DEVICES.values():
         scale = device.torque_scale
         assert (
-            f"an error of {scale:g} Nm costs 1"
+            f"an error of {scale:g} Nm costs 1 per second"
             in getattr(envs, device.environment.split("/")[1].split("-")[0]).__doc__
         )
-        env = gymnasium.make(device.environment, duration=0.2)
+        env = gymnasium.make(device.environment, duration=0.2, frame_skip=frame_skip)
+        period = 0.0005 * frame_skip
         env.reset(seed=0)
         for action in (-3.0, -0.4, 0.0, 0.7):
             _, reward, _, _, info = env.step(np.full(1, action, np.float32))
-            error = info["joint_torque_nm"] - info["desired_torque_nm"]
+            error = abs(info["joint_torque_nm"] - info["desired_torque_nm"])
             used = float(np.float32(min(max(action, -1.0), 1.0)))
-            assert info["reward_tracking"] == pytest.approx(-((error / scale) ** 2))
-            assert info["reward_effort"] == pytest.approx(-0.001 * used**2)
+            tracking = -period * min(error / scale, 10.0)
+            assert info["reward_tracking"] == pytest.approx(tracking)
+            assert info["reward_effort"] == pytest.approx(-period * 0.05 * used**2)
             assert reward == info["reward_tracking"] + info["reward_effort"]
 
 
-def test_observations_are_the_documented_columns(name: str) -> None:
+def test_a_frame_is_what_the_documentation_says(name: str) -> None:
     env = gymnasium.make(name, duration=0.2)
-    columns = [
-        "motor_angle_rad",
-        "motor_velocity_rad_s",
-        "joint_angle_rad",
-        "joint_velocity_rad_s",
-        "joint_torque_nm",
-        "desired_torque_nm",
-    ]
+    device = next(d for d in DEVICES.values() if d.environment == name)
+    units, ratio = [*device.units.values()], env.unwrapped.drive.ratio
     for row in roll(env, 100):
-        observation, info = row[0], row[-1]
-        assert observation[:6].tolist() == [info[column] for column in columns]
-        if name == ANKLE:
-            assert np.hypot(*observation[6:]) == pytest.approx(1.0)
-    assert env.observation_space.shape == observation.shape
+        seen, info = row[0], row[-1]
+        joint, desired = info["joint_angle_rad"], info["desired_torque_nm"]
+        frame = [
+            info["motor_angle_rad"] / ratio - joint,
+            info["motor_velocity_rad_s"] / ratio,
+            joint,
+            info["joint_velocity_rad_s"],
+            desired - info["joint_torque_nm"],
+            desired,
+            *((info["phase_sine"], info["phase_cosine"]) if len(units) > 6 else ()),
+        ]
+        wanted = np.clip(np.array(frame) / units, -10.0, 10.0)
+        assert seen == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+    assert env.observation_space.shape == seen.shape == (len(units),)
+    assert env.observation_space.dtype == np.float32
 
 
 @pytest.fixture(scope="module")

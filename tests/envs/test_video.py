@@ -14,7 +14,7 @@ import pytest
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.envs import RecordVideo
 
-WRIST, SECONDS = "cc_mujoco/WristHandle-v0", 0.3
+WRIST, SECONDS = "cc_mujoco/WristHandle-v1", 0.3
 
 
 class Counting:
@@ -59,20 +59,22 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "wrapper", "frame_skip"),
+    ("name", "wrapper", "frame_skip", "hold"),
     [
-        (WRIST, gymnasium.wrappers.RecordVideo, 2),
-        (WRIST, gymnasium.wrappers.RecordVideo, 100),
-        *((device.environment, RecordVideo, 2) for device in DEVICES.values()),
-        (WRIST, RecordVideo, 100),
+        (WRIST, gymnasium.wrappers.RecordVideo, 2, 1),
+        (WRIST, gymnasium.wrappers.RecordVideo, 100, 1),
+        (WRIST, gymnasium.wrappers.RecordVideo, 2, 5),
+        *((device.environment, RecordVideo, 2, 1) for device in DEVICES.values()),
+        (WRIST, RecordVideo, 100, 1),
+        (WRIST, RecordVideo, 2, 5),
+        (WRIST, RecordVideo, 4, 50),
     ],
 )
 def test_a_video_lasts_as_long_as_the_episode(
-    name: str, wrapper: Any, frame_skip: int, tmp_path: Path
+    name: str, wrapper: Any, frame_skip: int, hold: int, tmp_path: Path
 ) -> None:
-    env = gymnasium.make(
-        name, duration=SECONDS, frame_skip=frame_skip, render_mode="rgb_array"
-    )
+    about = {"frame_skip": frame_skip, "hold": hold, "render_mode": "rgb_array"}
+    env = gymnasium.make(name, duration=SECONDS, **about)
     film = wrapper(env, str(tmp_path / "video"), episode_trigger=lambda episode: True)
     for _ in range(2):
         film.reset(seed=0)
@@ -81,7 +83,7 @@ def test_a_video_lasts_as_long_as_the_episode(
             *_, truncated, _ = film.step(np.zeros(1, np.float32))
     film.close()
     assert len(Clip.written) == 2
-    rate = min(30.0, 1.0 / (0.0005 * frame_skip))
+    rate = min(30.0, 1.0 / (0.0005 * frame_skip * hold))
     for clip in Clip.written:
         assert clip.seconds == pytest.approx(SECONDS, abs=1.5 / rate)
         shown = {id(frame) for frame in clip.frames}

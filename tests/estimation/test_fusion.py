@@ -145,7 +145,7 @@ def test_many_cables_at_once_are_the_same_as_one_by_one(at_rest: str) -> None:
 
 
 def test_inside_an_environment_step_and_on_its_recording() -> None:
-    env = gymnasium.make("cc_mujoco/WristHandle-v0", trajectory="reach", duration=0.5)
+    env = gymnasium.make("cc_mujoco/WristHandle-v1", trajectory="reach", duration=0.5)
     inner = env.unwrapped
     cable = engine.from_mjcf(inner.model)["flexor"]
     sensors = Sensors.at(cable, np.linspace(0.0, cable.length, 11).tolist(), 0.5)

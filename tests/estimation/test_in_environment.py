@@ -13,7 +13,7 @@ from cc_mujoco.sensing import Sensors
 
 
 def test_friction_of_the_scene_is_found_while_the_environment_steps() -> None:
-    env = gymnasium.make("cc_mujoco/WristHandle-v0", duration=1.0)
+    env = gymnasium.make("cc_mujoco/WristHandle-v1", duration=1.0)
     inner = env.unwrapped
     cable = engine.from_mjcf(inner.model)["flexor"]
     sensors = Sensors.at(cable, np.linspace(0.0, cable.length, 11).tolist(), 0.5)

@@ -19,7 +19,7 @@ from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS
 
 @pytest.fixture
 def env() -> Any:
-    with gymnasium.make("cc_mujoco/WristHandle-v0", duration=0.4) as made:
+    with gymnasium.make("cc_mujoco/WristHandle-v1", duration=0.4) as made:
         yield made
 
 

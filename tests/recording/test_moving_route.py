@@ -30,7 +30,7 @@ def moving_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("moving_scene")
 def test_an_episode_with_a_moving_route_is_recorded(tmp_path: Path) -> None:
-    env = gymnasium.make("cc_mujoco/AnkleExo-v0", duration=0.6)
+    env = gymnasium.make("cc_mujoco/AnkleExo-v1", duration=0.6)
     model = env.unwrapped.model
     assert engine.from_mjcf(model)[CABLE].bend == "route"
     log = play(env, controller("pi", env.unwrapped.drive))

@@ -10,12 +10,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pyarrow as pa
 import pytest
-from gymnasium.spaces import Box
 
-from cc_mujoco.control import Controller, Drive
+from cc_mujoco.control import Controller, Drive, Network, write_policy
 from cc_mujoco.control.controllers import CONTROLLERS
 from cc_mujoco.errors import CableError
 from cc_mujoco.sensing import MEASURED
@@ -26,7 +26,6 @@ from cc_mujoco.whatif.laws import Laws
 from cc_mujoco.whatif.metrics import measure_episode
 from cc_mujoco.whatif.show import show
 from cc_mujoco.whatif.store import read_table
-from control.policies import Linear, saved
 
 EPISODE = tuple(name for name, metric in METRICS.items() if metric.test == "episode")
 VARY = {
@@ -284,13 +283,16 @@ def test_controllers_that_need_a_drive_each_get_one(
 
 @pytest.mark.parametrize("scene", ["wrist", "ankle"])
 def test_a_saved_policy_drives_designs_as_their_environments(
-    scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scene: str, tmp_path: Path
 ) -> None:
-    observed = Builder(scene).device.bounds
-    high = np.array([*observed.values()])
-    weights = np.array([0.3, -0.5, 0.2, -0.1, -4.0, 4.0, 0.1, -0.1])[: high.size] / high
-    policy = Linear(Box(-high, high, dtype=np.float64), weights)
-    law = saved(policy, tmp_path / "policy.zip", monkeypatch)
+    drive = gymnasium.make(Builder(scene).device.environment).unwrapped.drive  # type: ignore[attr-defined]
+    observed = drive.observed
+    size = observed.frame
+    weights = np.array([[0.3, -0.5, 0.2, -0.1, 0.8, 0.4, 0.1, -0.1]])[:, :size]
+    still = np.zeros(size), np.ones(size)
+    network = Network((weights,), (np.zeros(1),), "identity", False, *still)
+    law = str(tmp_path / "policy.safetensors")
+    write_policy(law, network, observed)
     folder, vary = tmp_path / "study", {"motor_torque": [0.5, 40.0]}
     about: dict[str, Any] = {**SHORT, "trajectory": "sine", "controller": law}
     table = study(scene, vary, out=folder, **about)
@@ -298,9 +300,19 @@ def test_a_saved_policy_drives_designs_as_their_environments(
         log, _ = show(folder, row)
         found = measure_episode(log, Builder(scene).strength({}))
         assert found["tracking_error"] == table["tracking_error"][row].as_py()
-        seen = np.array([log[name] for name in observed]).T
-        # Of single precision, as actions are; each acts in the step that follows.
-        share = np.clip(seen @ weights, -1.0, 1.0)
+        # What the policy saw, worked out from the log; each acts in the step after.
+        joint, desired = log["joint_angle_rad"], log["desired_torque_nm"]
+        seen = [
+            log["motor_angle_rad"] / observed.ratio - joint,
+            log["motor_velocity_rad_s"] / observed.ratio,
+            joint,
+            log["joint_velocity_rad_s"],
+            desired - log["joint_torque_nm"],
+            desired,
+            *(log[name] for name in observed.columns[6:]),
+        ]
+        frames = np.clip(np.array(seen).T / observed.units, -10.0, 10.0)
+        share = np.clip(frames @ weights[0], -1.0, 1.0)
         assert np.abs(log["motor_torque_nm"][1:]).max() == pytest.approx(
             np.abs(share[:-1]).max() * table["motor_torque"][row].as_py(), rel=1e-5
         )

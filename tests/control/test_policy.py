@@ -1,0 +1,194 @@
+"""Policies: played as their environment would, read from files that execute nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from cc_mujoco.control import (
+    Drive,
+    Network,
+    Observed,
+    controller,
+    read_policy,
+    write_policy,
+)
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.errors import CableError
+from cc_mujoco.sensing import MEASURED
+
+IDS = [device.environment for device in DEVICES.values()]
+WRIST = DEVICES["wrist"].environment
+UNITS = (0.02, 2.0, 0.5, 2.0, 1.0, 1.0)
+OBSERVED = Observed("wrist", MEASURED[:6], UNITS, 5.2, 1e-3, 2, 3, True)
+DRIVE = Drive(5.2, -1.0, 1.0, 1e-3, observed=OBSERVED)
+
+
+def network(observed: Observed, squashed: bool = True, seed: int = 0) -> Network:
+    """Some network with a hidden layer, for what is observed."""
+    random = np.random.default_rng(seed)
+    size = observed.space.shape[0]
+    return Network(
+        (random.normal(size=(8, size)), random.normal(size=(1, 8))),
+        (random.normal(size=8), random.normal(size=1)),
+        "tanh",
+        squashed,
+        random.normal(size=size),
+        random.uniform(0.5, 2.0, size),
+        5.0,
+    )
+
+
+def written(path: Path, observed: Observed, **given: Any) -> str:
+    """The file of such a network."""
+    name = str(path / "policy.safetensors")
+    write_policy(name, network(observed, **given), observed)
+    return name
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_policy_acts_as_its_network_in_its_environment(
+    name: str, tmp_path: Path
+) -> None:
+    past = {"hold": 4, "history": 2, "memory": True}
+    env = gymnasium.make(name, disable_env_checker=True, duration=0.2, **past)
+    plain = gymnasium.make(name, disable_env_checker=True, duration=0.2)
+    inner: Any = env.unwrapped
+    net, law = (
+        network(inner.exo.observed),
+        controller(written(tmp_path, inner.exo.observed), plain.unwrapped.drive),  # type: ignore[attr-defined]
+    )
+    for seed in (3, 4):
+        law.reset()
+        seen, _ = env.reset(seed=seed)
+        _, info = plain.reset(seed=seed)
+        over = False
+        while not over:
+            share = np.float32(net(seen.astype(float)))
+            seen, *_, over, truth = env.step(np.array([share]))
+            for _ in range(4):
+                torque = law.torque(info)
+                action = plain.unwrapped.action(torque)  # type: ignore[attr-defined]
+                assert action == pytest.approx(share, rel=1e-6, abs=1e-7)
+                *_, info = plain.step(action)
+            assert info["joint_torque_nm"] == pytest.approx(truth["joint_torque_nm"])
+
+
+def test_one_of_many_is_played_as_if_it_were_alone(tmp_path: Path) -> None:
+    name, random = written(tmp_path, OBSERVED), np.random.default_rng(0)
+    together = controller(name, DRIVE)
+    alone = [controller(name, DRIVE) for _ in range(3)]
+    for step in range(20):
+        many = {column: random.normal(size=3) for column in MEASURED}
+        if step == 7:  # one of them begins anew
+            together.reset(np.array([False, True, False]))
+            alone[1].reset()
+        found = together.torque(many)
+        for row, law in enumerate(alone):
+            one = {column: float(values[row]) for column, values in many.items()}
+            assert law.torque(one) == found[row]
+
+
+def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
+    name = written(tmp_path, OBSERVED, squashed=False)
+    found, observed = read_policy(name)
+    own = network(OBSERVED, squashed=False)
+    assert observed == OBSERVED
+    assert found.far == 5.0
+    for x in np.random.default_rng(1).normal(size=(5, own.mean.size)):
+        assert found(x) == own(x)
+
+
+def test_the_file_is_one_of_safetensors(tmp_path: Path) -> None:
+    numpy = pytest.importorskip("safetensors.numpy")
+    name = written(tmp_path, OBSERVED)
+    tensors, own = numpy.load_file(name), network(OBSERVED)
+    assert np.array_equal(tensors["0.weight"], own.weights[0])
+    assert np.array_equal(tensors["deviation"], own.deviation)
+    assert set(tensors) == {"mean", "deviation"} | {
+        f"{layer}.{kind}" for layer in (0, 1) for kind in ("weight", "bias")
+    }
+
+
+def test_a_policy_of_another_device_is_refused_with_both_names(tmp_path: Path) -> None:
+    drives = {
+        name: gymnasium.make(name, disable_env_checker=True).unwrapped.drive  # type: ignore[attr-defined]
+        for name in IDS
+    }
+    for name, own in drives.items():
+        path = written(tmp_path, own.observed)
+        for other, drive in drives.items():
+            if other == name:
+                controller(path, drive)
+                continue
+            with pytest.raises(CableError) as caught:
+                controller(path, drive)
+            for device in (own.observed.device, drive.observed.device):
+                assert device in str(caught.value)
+
+
+def test_a_policy_for_other_samples_or_no_environment_is_refused(
+    tmp_path: Path,
+) -> None:
+    path = written(tmp_path, OBSERVED)
+    slow = Drive(5.2, -1.0, 1.0, 2e-3, observed=OBSERVED)
+    with pytest.raises(CableError, match="with samples every 1 ms, not 2 ms"):
+        controller(path, slow)
+    with pytest.raises(CableError, match="observed"):
+        controller(path, Drive(5.2, -1.0, 1.0, 1e-3))
+
+
+def test_a_network_that_does_not_fit_is_refused(tmp_path: Path) -> None:
+    small = Observed("wrist", MEASURED[:6], UNITS, 5.2, 1e-3)
+    with pytest.raises(CableError, match=r"for 33 numbers, but 6 are observed"):
+        write_policy(tmp_path / "p.safetensors", network(OBSERVED), small)
+    one, two = np.ones((1, 2)), np.ones((2, 3))
+    for weights, biases, words in (
+        ((two, one), (np.ones(2), np.ones(2)), "does not follow"),
+        ((two,), (np.ones(2),), "end in one number"),
+        ((one,), (np.ones(1),), "does not follow 3"),
+        ((two, one * np.nan), (np.ones(2), np.ones(1)), "finite"),
+    ):
+        with pytest.raises(CableError, match=words):
+            Network(weights, biases, "tanh", False, np.zeros(3), np.ones(3))
+    with pytest.raises(CableError, match="unknown activation"):
+        Network((one,), (np.ones(1),), "gelu", False, np.zeros(2), np.ones(2))
+    with pytest.raises(CableError, match="above 0"):
+        Network((one,), (np.ones(1),), "tanh", False, np.zeros(2), np.zeros(2))
+
+
+def test_files_that_are_no_policy_are_one_sentence(tmp_path: Path) -> None:
+    good = Path(written(tmp_path, OBSERVED)).read_bytes()
+    length = int.from_bytes(good[:8], "little")
+    header = json.loads(good[8 : 8 + length])
+
+    def again(**about: Any) -> bytes:
+        meta = json.loads(header["__metadata__"]["cc_mujoco"])
+        meta["observed"] |= about
+        changed = {**header, "__metadata__": {"cc_mujoco": json.dumps(meta)}}
+        text = json.dumps(changed).encode()
+        return len(text).to_bytes(8, "little") + text + good[8 + length :]
+
+    path = tmp_path / "bad.safetensors"
+    for content in (
+        b"",
+        b"hello",
+        good[:-8],
+        good[: 8 + length],
+        b"\xff" * 8 + good[8:],
+        (2).to_bytes(8, "little") + b"{}",
+        good.replace(b"F64", b"F32"),
+        good.replace(b'"hold', b'"held'),
+        again(history=4),
+        again(period=-1.0),
+        again(columns=["a"]),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(CableError, match=r"bad\.safetensors") as caught:
+            controller(str(path), DRIVE)
+        assert str(caught.value).endswith(".")

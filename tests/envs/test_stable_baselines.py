@@ -1,0 +1,111 @@
+"""Stable-Baselines3 on the vector environment; where it is installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from cc_mujoco.control import controller, read_policy
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.errors import CableError
+
+algorithms = pytest.importorskip("stable_baselines3")
+
+from stable_baselines3.common.vec_env import (  # noqa: E402
+    VecEnvWrapper,
+    VecMonitor,
+    VecNormalize,
+)
+
+from cc_mujoco.envs import StableBaselines, save_policy  # noqa: E402
+
+WRIST = DEVICES["wrist"].environment
+PAST: dict[str, Any] = {"hold": 2, "history": 1, "memory": True}
+
+
+def made(count: int = 4, **given: Any) -> Any:
+    """A vector environment for it."""
+    about = {"duration": 0.02, "autoreset_mode": "SameStep", **PAST, **given}
+    return gymnasium.make_vec(WRIST, count, **about)
+
+
+def test_it_steps_as_the_vector_environment_and_says_what_ended() -> None:
+    parts = made(2), made(3, task="transparent")
+    plain = made(2), made(3, task="transparent")
+    env = StableBaselines(*parts)
+    assert env.num_envs == 5
+    env.seed(7)
+    seen = env.reset()
+    own = [plain[0].reset(seed=7), plain[1].reset(seed=9)]
+    assert np.array_equal(seen, np.concatenate([one[0] for one in own]))
+    random = np.random.default_rng(0)
+    for step in range(1, 25):
+        actions = random.uniform(-1, 1, (5, 1)).astype(np.float32)
+        seen, rewards, overs, infos = env.step(actions)
+        ours = [plain[0].step(actions[:2]), plain[1].step(actions[2:])]
+        assert np.array_equal(seen, np.concatenate([one[0] for one in ours]))
+        assert np.allclose(rewards, np.concatenate([one[1] for one in ours]))
+        assert overs.all() == overs.any() == (step % 10 == 0)
+        for row, info in enumerate(infos):
+            assert ("terminal_observation" in info) == bool(overs[row])
+            if overs[row]:
+                part, place = divmod(row, 2) if row < 2 else (1, row - 2)
+                last = ours[part][4]["final_obs"][place]
+                assert np.array_equal(info["terminal_observation"], last)
+                assert info["TimeLimit.truncated"]
+    assert env.get_attr("num_envs") == [2, 2, 3, 3, 3]
+    assert env.env_is_wrapped(gymnasium.Wrapper, 1) == [False]
+    env.close()
+
+
+@pytest.mark.parametrize("kind", ["PPO", "A2C", "SAC", "TD3", "DDPG"])
+@pytest.mark.parametrize("normalised", [True, False])
+def test_what_any_algorithm_learns_is_played_as_it_predicts(
+    kind: str, normalised: bool, tmp_path: Path
+) -> None:
+    env: VecEnvWrapper = VecMonitor(StableBaselines(made()))
+    if normalised:
+        env = VecNormalize(env, clip_obs=2.0)
+    steps = {"n_steps": 16} if kind in ("PPO", "A2C") else {"learning_starts": 8}
+    net = {"net_arch": [16, 16]}
+    options: dict[str, Any] = {"seed": 0, "device": "cpu", "policy_kwargs": net}
+    model = getattr(algorithms, kind)("MlpPolicy", env, **options, **steps)
+    model.learn(64)
+    path = tmp_path / "policy.safetensors"
+    save_policy(model, path)
+    network, observed = read_policy(path)
+    assert observed == made().exo.observed
+    random = np.random.default_rng(0)
+    for seen in random.normal(0.0, 2.0, (10, observed.space.shape[0])):
+        shown = env.normalize_obs(seen) if normalised else seen  # type: ignore[attr-defined]
+        given, _ = model.predict(shown.astype(np.float32), deterministic=True)
+        assert network(seen) == pytest.approx(given[0], abs=1e-4)
+    drive = gymnasium.make(WRIST, duration=0.02).unwrapped.drive  # type: ignore[attr-defined]
+    controller(str(path), drive)
+
+
+def test_what_cannot_be_trained_or_saved_is_one_sentence(tmp_path: Path) -> None:
+    for envs, words in (
+        ((), "make_vec"),
+        ((gymnasium.make(WRIST),), "make_vec"),
+        ((made(autoreset_mode="NextStep"),), "SameStep"),
+        ((made(), made(history=3)), "observe the same"),
+    ):
+        with pytest.raises(CableError, match=words):
+            StableBaselines(*envs)
+    env = StableBaselines(made())
+    with pytest.raises(CableError, match="attributes"):
+        env.set_attr("plant", None)
+    with pytest.raises(CableError, match="methods"):
+        env.env_method("reset")
+    other = algorithms.PPO("MlpPolicy", "Pendulum-v1", n_steps=64, device="cpu")
+    with pytest.raises(CableError, match="trained on StableBaselines"):
+        save_policy(other, tmp_path / "p.safetensors")
+    kinds = {"activation_fn": __import__("torch").nn.ELU}
+    elu = algorithms.PPO("MlpPolicy", env, policy_kwargs=kinds, device="cpu")
+    with pytest.raises(CableError, match="unknown activation 'elu'"):
+        save_policy(elu, tmp_path / "p.safetensors")

@@ -83,6 +83,17 @@ def test_rendering_shows_the_pose_and_does_not_touch_the_simulation() -> None:
     drawn.close()
 
 
+@pytest.mark.usefixtures("gl")
+def test_a_video_is_written_without_a_screen(tmp_path: Path) -> None:
+    pytest.importorskip("moviepy")
+    env = gymnasium.make(WRIST, duration=0.2, hold=5, render_mode="rgb_array")
+    film = envs.RecordVideo(env, str(tmp_path))
+    roll(film, 40)
+    film.close()
+    (written,) = tmp_path.glob("*.mp4")
+    assert written.stat().st_size > 1000
+
+
 def test_random_actions_stay_finite_and_inside_the_spaces(name: str) -> None:
     env = gymnasium.make(name, duration=0.25)
     random = np.random.default_rng(2)

@@ -1,0 +1,53 @@
+"""How policies learnt: return against steps, every seed of each training.
+
+    python scripts/figures/learning_curves.py runs/ppo runs/sac --out envs/learning.png
+
+Draws the curves that `scripts/train_policy.py` left in these folders, and prints what
+is reached at the end: mean over seeds, least and most.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from cc_mujoco.figures import COLORS, figure, save, style
+
+
+def main() -> None:
+    """Read, draw, conclude."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("folders", type=Path, nargs="+")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    with style():
+        drawing = figure(7.0, 3.6)
+        axes = drawing.add_subplot()
+        for folder, color in zip(options.folders, COLORS, strict=False):
+            paths = sorted(folder.glob("*.csv"))
+            if not paths:
+                parser.error(f"{folder} has no learning curve (*.csv).")
+            ends = []
+            for path in paths:
+                steps, _, returns = np.loadtxt(path, delimiter=",", skiprows=1).T
+                label = folder.name if path == paths[0] else None
+                axes.plot(1e-3 * steps, returns, color=color, lw=1.2, label=label)
+                ends.append(float(returns[-1]))
+            print(
+                f"{folder.name}: {len(ends)} seeds, {np.mean(ends):.3f} "
+                f"({min(ends):.3f} to {max(ends):.3f}) per second"
+            )
+        axes.set(
+            title="Return while learning, exploration included",
+            xlabel="steps of 5 ms [thousand]",
+            ylabel="return per second",
+            ylim=(-1.5, 0.0),
+        )
+        axes.legend(loc="lower right")
+        save(drawing, options.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -57,12 +57,12 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
 
     - `reward_tracking` is \(-\min(|\tau_j - \tau_d| / \tau_1, 10)\) with the torque of
       the cables on the joint \(\tau_j\), the desired torque \(\tau_d\) and the error
-      \(\tau_1\) that costs 1 per second, which the device sets to about that of its
-      motor at the desired torque through the ideal ratio;
+      \(\tau_1\) that costs 1 per second, which the device sets;
     - `reward_effort` is \(-0.05\,a^2\) with the clipped action \(a\).
 
-    So an episode of T seconds has a return between -10.05 T and 0, and about -T for
-    the controller `none`.
+    So an episode of T seconds has a return between -10.05 T and 0; the controller
+    `none`, which knows no friction, has -0.4 T to -3 T where the devices are as they
+    are made.
 
     ## Info
 

@@ -21,6 +21,7 @@ import numpy as np
 from cc_mujoco.benchmark.conditions import TRANSMISSIONS, Condition, plants_of
 from cc_mujoco.checks import parameter
 from cc_mujoco.control import CableDrive, Drive
+from cc_mujoco.envs.sensors import BIAS
 from cc_mujoco.human import Perturbed, Trajectory, Walk, Wearer
 from cc_mujoco.transmission import Cable
 from cc_mujoco.transmission.parameters import BENDS, PATHS
@@ -40,9 +41,6 @@ SPREAD = {
 
 IMPEDANCE, CADENCE = 0.2, 0.03
 """Relative standard deviations of the wearer's impedance and of a gait's period."""
-
-BIAS = 2.0
-"""Standard deviation of a sensor's bias, as a multiple of that of its noise."""
 
 SENSORS = 3
 """Tension sensors on a cable, see `Sensing.equip`."""

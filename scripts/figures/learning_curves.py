@@ -1,6 +1,6 @@
 """How policies learnt: return against steps, every seed of each training.
 
-    python scripts/figures/learning_curves.py runs/ppo runs/sac --out envs/learning.png
+    python scripts/figures/learning_curves.py runs/ppo runs/fixed --out curves.png
 
 Draws the curves that `scripts/train_policy.py` left in these folders, and prints what
 is reached at the end: mean over seeds, least and most.
@@ -43,10 +43,10 @@ def main() -> None:
             title="Return while learning, exploration included",
             xlabel="steps of 5 ms [thousand]",
             ylabel="return per second",
-            ylim=(-1.5, 0.0),
+            ylim=(-0.8, 0.0),
         )
         axes.legend(loc="lower right")
-        save(drawing, options.out)
+        save(options.out, drawing)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ import numpy as np
 
 from cc_mujoco import files
 from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.instruments import TORQUE_SENSORS
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.earlier import VERDICT
 from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
@@ -164,7 +165,9 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
         "joint_torque_offset": 0.0,
         **dict.fromkeys(CLOCKS, 0.0),
     }
-    played: FloatArray = problem.plant.simulate(quiet, problem.effects, only=(0,))[0]
+    # The sensors of a scene show both torques, whatever those of the rig do.
+    whole = replace(problem.plant, instruments=TORQUE_SENSORS)
+    played: FloatArray = whole.simulate(quiet, problem.effects, only=(0,))[0]
     edge = round(1.0 / record.band / record.dt)
     passed = low_passed(shown, record.band, 1.0 / record.dt)
     error = (passed - played[:, :short])[:, edge:-edge]

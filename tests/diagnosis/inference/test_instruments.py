@@ -19,6 +19,9 @@ from cc_mujoco.diagnosis.inference.library import library
 from cc_mujoco.diagnosis.inference.load import load_noise, load_torque
 from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.result import Result
+from cc_mujoco.diagnosis.report.output import compared as compared_with
+from cc_mujoco.diagnosis.report.output import scene
 from cc_mujoco.diagnosis.scene.repair import repaired, write
 from cc_mujoco.diagnosis.scene.requirements import require_repairable
 from cc_mujoco.diagnosis.verdict import Diagnosis
@@ -51,9 +54,9 @@ def named(found: Diagnosis) -> list[str]:
     return [effect.id for effect in found.effects]
 
 
-def judged(kind: str, effects: Hidden, bench: Bench = BENCH) -> Diagnosis:
+def judged(kind: str, effects: Hidden, bench: Bench = BENCH) -> Result:
     data = told_by(kind, effects, bench, changes=TUNED)
-    return reason(data, bench, ids=FEW).diagnosis
+    return reason(data, bench, ids=FEW)
 
 
 @pytest.mark.parametrize(
@@ -71,7 +74,8 @@ def test_an_effect_in_the_conduit_is_named_and_what_cannot_be_seen_is_told(
     unseen: set[str],
 ) -> None:
     bench = BENCH if cables == 2 else Bench.of(alone(tmp_path))
-    found = judged(kind, VISCOUS, bench)
+    result = judged(kind, VISCOUS, bench)
+    found = result.diagnosis
     assert found.verdict == "named", found.statement
     assert named(found) == ["viscous_friction"]
     fitted = found.effects[0].parameters["viscous_friction"]
@@ -82,10 +86,13 @@ def test_an_effect_in_the_conduit_is_named_and_what_cannot_be_seen_is_told(
     assert unseen <= reasons.keys()
     for name in unseen:
         assert "it takes a torque sensor" in reasons[name]
+    scene(result, tmp_path / "repaired.xml")
+    (_, apart), size = compared_with(result, tmp_path / "repaired.xml")
+    assert apart < 1e-3 * size
 
 
 def test_nothing_is_named_where_nothing_is_missing() -> None:
-    found = judged("joint", {})
+    found = judged("joint", {}).diagnosis
     assert (found.verdict, named(found)) == ("none", []), found.statement
     assert "motor_inertia" in {each.id for each in found.not_testable}
 

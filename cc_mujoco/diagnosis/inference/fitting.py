@@ -23,7 +23,9 @@ from cc_mujoco.estimation.least_squares import Fit, Tuned, autocorrelation
 Masks = Sequence[NDArray[np.bool_]]
 """For every record the samples that take part."""
 
-_EVALUATIONS = 12
+_EVALUATIONS = 30
+"""Most of a fit: where the baseline ran away to make up for what is missing, the way
+back along a flat valley takes twenty."""
 _ENOUGH = 1e-3
 """Share of the cost by which a fit goes on."""
 

@@ -109,7 +109,6 @@ def cross_validate(
     problem: Problem,
     division: Sequence[Fold],
     starts: Sequence[FloatArray],
-    evaluations: int = 12,
 ) -> CrossValidation:
     """Fit a model on every fold and predict what it has not seen.
 
@@ -117,14 +116,13 @@ def cross_validate(
         problem: the model.
         division: of the samples.
         starts: one per fold.
-        evaluations: most of each fit.
     """
     fits: list[Fit] = []
     errors = [np.full(r.measured.shape, np.nan) for r in problem.plant.records]
     for fold, start in zip(division, starts, strict=True):
         if fits:  # what one fold has learnt
             start = start + fits[0].x - starts[0]
-        found = fit(problem, start, fold.train, evaluations)
+        found = fit(problem, start, fold.train)
         fits.append(found)
         for kept, error, mask in zip(
             errors, problem.errors(found.x, fold.test), fold.test, strict=True

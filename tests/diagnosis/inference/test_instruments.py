@@ -117,17 +117,19 @@ def test_friction_of_the_motor_hides_friction_that_needs_no_tension() -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "viscous", "name", "value"),
+    ("share", "changes", "name", "value"),
     [
-        (1.0, 40.0, "viscous_friction", 40.0),
-        (0.9, 0.0, "joint_stiffness", -0.1 * SPRING),
+        (1.0, {"viscous_friction": 40.0}, "viscous_friction", 40.0),
+        (1.0, {"end_compliance": 2e-5}, "end_compliance", 2e-5),
+        (0.9, {}, "joint_stiffness", -0.1 * SPRING),
     ],
 )
 def test_a_known_load_stands_in_for_the_joint_s_sensor(
-    share: float, viscous: float, name: str, value: float
+    share: float, changes: dict[str, float], name: str, value: float
 ) -> None:
-    data = loaded({**TUNED, "viscous_friction": viscous}, share * SPRING)
-    found = reason(data, BENCH, ids=("viscous_friction", "joint_stiffness")).diagnosis
+    data = loaded({**TUNED, **changes}, share * SPRING)
+    ids = ("viscous_friction", "joint_stiffness", "end_compliance")
+    found = reason(data, BENCH, ids=ids).diagnosis
     assert (found.verdict, named(found)) == ("named", [name]), found.statement
     assert found.effects[0].parameters[name].value == pytest.approx(value, rel=0.1)
 

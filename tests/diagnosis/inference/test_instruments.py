@@ -119,7 +119,6 @@ def test_friction_of_the_motor_hides_friction_that_needs_no_tension() -> None:
 @pytest.mark.parametrize(
     ("share", "changes", "name", "value"),
     [
-        (1.0, {"viscous_friction": 40.0}, "viscous_friction", 40.0),
         (1.0, {"end_compliance": 2e-5}, "end_compliance", 2e-5),
         (0.9, {}, "joint_stiffness", -0.1 * SPRING),
     ],

@@ -1,7 +1,10 @@
-"""Options that say in words what they are when they are not given."""
+"""What the commands have in common: options told in words, and a bar."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Annotated
 
 import tyro
@@ -19,3 +22,23 @@ def in_words(metavar: str | None = None) -> object:
 Name = Annotated[str | None, in_words("NAME")]
 Names = Annotated[tuple[str, ...], in_words("[NAME ...]")]
 Flag = Annotated[tyro.conf.FlagCreatePairsOff[bool], in_words()]
+
+
+@contextmanager
+def bar(total: float, name: str = "") -> Iterator[Callable[[float], object]]:
+    """Show how far an episode is, on a terminal; yields what takes its time [s].
+
+    Args:
+        total: Length of the episode [s]; of nothing, no bar is shown.
+        name: Of what is done with it.
+    """
+    from tqdm import tqdm
+
+    with tqdm(
+        desc=name or None,
+        total=total,
+        unit="s",
+        bar_format="{l_bar}{bar}| {n:.1f} of {total:.1f} s",
+        disable=not total or not sys.stderr.isatty(),
+    ) as shown:
+        yield lambda time: shown.update(time - shown.n)

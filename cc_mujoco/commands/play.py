@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar
 
 import tyro
 
-from cc_mujoco.commands.options import Name, in_words
+from cc_mujoco.commands.options import Flag, Name, bar, in_words
 from cc_mujoco.errors import CableError, look_up
 
 
@@ -37,6 +37,9 @@ class Play:
     out: Annotated[Path | None, in_words("DIR")] = None
     """Folder for the results; runs/SCENE-TRAJECTORY-SEED unless given."""
 
+    video: Flag = False
+    """Write video.mp4, too: the scene beside torques and tensions."""
+
     def run(self) -> None:
         """Play and write; print a table and how to open the recording."""
         from cc_mujoco.devices import DEVICES
@@ -59,13 +62,16 @@ class Play:
         out = self.out or Path("runs", name)
 
         import gymnasium
-        from tqdm import tqdm
 
         from cc_mujoco.control import controller
         from cc_mujoco.recording import play, write_episode
         from cc_mujoco.recording.episode import require_ours
 
         require_ours(out)
+        if self.video:
+            from cc_mujoco.recording.video import require_video
+
+            require_video()
 
         env = gymnasium.make(
             device.environment,
@@ -79,20 +85,12 @@ class Play:
         env.reset(seed=self.seed)
         if beyond := inner.beyond():
             print(f"warning: {names['task']}: {beyond}", file=sys.stderr)
-        with tqdm(
-            total=self.duration,
-            unit="s",
-            bar_format="{l_bar}{bar}| {n:.1f} of {total:.1f} s",
-            disable=not sys.stderr.isatty(),
-        ) as bar:
-            log = play(
-                env,
-                law,
-                seed=self.seed,
-                about=names,
-                progress=lambda time: bar.update(time - bar.n),
+        with bar(self.duration) as progress:
+            log = play(env, law, seed=self.seed, about=names, progress=progress)
+        with bar(self.duration if self.video else 0.0, "video") as progress:
+            found = write_episode(
+                out, log, inner.model, video=self.video, progress=progress
             )
-        found = write_episode(out, log, inner.model)
         env.close()
         for metric in found:
             value = f"{metric.value:.4g}" if math.isfinite(metric.value) else "-"

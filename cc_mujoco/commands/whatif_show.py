@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.commands.options import in_words
+from cc_mujoco.commands.options import Flag, bar, in_words
 
 
 @dataclass(frozen=True)
@@ -25,10 +24,11 @@ class WhatIfShow:
     out: Annotated[Path | None, in_words("DIR")] = None
     """Folder for the results; STUDY/design-ROW unless given."""
 
+    video: Flag = False
+    """Write video.mp4, too: the scene beside torques and tensions."""
+
     def run(self) -> None:
         """Play and write; print a table and how to open the recording."""
-        from tqdm import tqdm
-
         from cc_mujoco.recording import write_episode
         from cc_mujoco.recording.episode import require_ours
         from cc_mujoco.whatif.metrics import METRICS
@@ -43,16 +43,14 @@ class WhatIfShow:
             read_row(self.folder, self.row),
         )
         require_ours(out)
-        with tqdm(
-            total=duration,
-            unit="s",
-            bar_format="{l_bar}{bar}| {n:.1f} of {total:.1f} s",
-            disable=not sys.stderr.isatty(),
-        ) as bar:
-            log, model = show(
-                self.folder, self.row, lambda time: bar.update(time - bar.n)
-            )
-        write_episode(out, log, model)
+        if self.video:
+            from cc_mujoco.recording.video import require_video
+
+            require_video()
+        with bar(duration) as progress:
+            log, model = show(self.folder, self.row, progress)
+        with bar(duration if self.video else 0.0, "video") as progress:
+            write_episode(out, log, model, video=self.video, progress=progress)
         for name in about["variables"]:
             unit = VARIABLES[name.rpartition(".")[2]].unit
             print(_line(name, row[name], unit))

@@ -8,14 +8,25 @@ import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+
 START = 0.3
 """What belongs to the start of a trial or an episode [s]."""
 
 
-def axis(
-    time: NDArray[np.float64], lines: Iterable[NDArray[np.float64]]
-) -> rrb.ScalarAxis | None:
-    """An axis for the lines after their start, where that would flatten all else.
+def axis(time: Array, lines: Iterable[Array]) -> rrb.ScalarAxis | None:
+    """An axis with `limits`, or None for Rerun's own choice, all samples.
+
+    Args:
+        time: Of the samples, rising [s], (T,).
+        lines: Values, each (T,).
+    """
+    found = limits(time, lines)
+    return None if found is None else rrb.ScalarAxis(range=found, zoom_lock=False)
+
+
+def limits(time: Array, lines: Iterable[Array]) -> tuple[float, float] | None:
+    """Limits of an axis for the lines after their start, where that would flatten them.
 
     A motor that is not where the motion begins catches up within moments, and may need
     many times the torque of all that follows.
@@ -25,7 +36,7 @@ def axis(
         lines: Values, each (T,).
 
     Returns:
-        The axis, or None where Rerun's own choice, all samples, shows them well.
+        Low and high, or None where all samples together show them well.
     """
     values = np.stack([np.where(np.isfinite(line), line, np.nan) for line in lines])
     later = values[:, time - time[0] > START]
@@ -35,4 +46,4 @@ def axis(
     if not 0.0 < 2.0 * (high - low) < float(np.nanmax(values) - np.nanmin(values)):
         return None
     margin = 0.1 * (high - low)
-    return rrb.ScalarAxis(range=(low - margin, high + margin), zoom_lock=False)
+    return low - margin, high + margin

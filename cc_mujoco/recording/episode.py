@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 LOG = "log.parquet"
 FILES = ("recording.rrd", LOG, "metrics.json", "summary.png")
 """What `write_episode` leaves in its folder."""
+VIDEO = "video.mp4"
+"""What it leaves there besides, if asked for."""
 
 
 def play(
@@ -101,33 +104,41 @@ def describe(
 
 
 def require_ours(folder: str | os.PathLike[str]) -> None:
-    """Find out, before an episode is played, whether `FILES` may be written there.
+    """Find out, before an episode is played, whether its files may be written there.
 
     Raises:
         CableError: If not; see `files.require_ours`.
     """
-    files.require_ours(folder, FILES, lambda place: files.is_marked(place / LOG))
+    names = (*FILES, VIDEO)
+    files.require_ours(folder, names, lambda place: files.is_marked(place / LOG))
 
 
 def write_episode(
-    folder: str | os.PathLike[str], log: EpisodeLog, model: mujoco.MjModel
+    folder: str | os.PathLike[str],
+    log: EpisodeLog,
+    model: mujoco.MjModel,
+    *,
+    video: bool = False,
+    progress: Callable[[float], object] | None = None,
 ) -> tuple[Metric, ...]:
-    """Write recording, log, metrics and figure of an episode.
+    """Write recording, log, metrics, figure and, if asked, video of an episode.
 
     They are made beside the folder and moved into it when all are whole; other files in
-    the folder are left alone.
+    the folder are left alone. The video of an earlier episode goes with its log.
 
     Args:
         folder: Where `FILES` shall lie; made if need be.
         log: The episode.
         model: The model that the episode was played on.
+        video: Whether to write `VIDEO`, too.
+        progress: Called with the simulated time [s] that the video has reached.
 
     Returns:
         The metrics that were written.
 
     Raises:
         CableError: If the folder has files by these names that are not an episode's, or
-            cannot be written.
+            cannot be written; if a video cannot be made, see `video.require_video`.
     """
     from cc_mujoco.recording.rerun_file import write_recording
 
@@ -138,4 +149,10 @@ def write_episode(
         write_metrics(partial / "metrics.json", found)
         write_summary(partial / "summary.png", log)
         write_recording(partial / "recording.rrd", log, model, found)
+        if video:
+            from cc_mujoco.recording.video import write_video
+
+            write_video(partial / VIDEO, log, model, progress)
+    if not video:
+        Path(folder, VIDEO).unlink(missing_ok=True)
     return found

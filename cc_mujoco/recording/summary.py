@@ -59,11 +59,12 @@ def draw_summary(log: EpisodeLog) -> Figure:
         _draw_angle(angle, log)
         _draw_loop(top.add_subplot(grid[:, 1]), log)
         _draw_tensions(bottom, log)
-        drawing.suptitle(_title(log), x=0.012, ha="left", fontsize=13)
+        drawing.suptitle(title(log), x=0.012, ha="left", fontsize=13)
     return drawing
 
 
-def _title(log: EpisodeLog) -> str:
+def title(log: EpisodeLog) -> str:
+    """Scene, trajectory, task, controller and seed of an episode, as a line."""
     about = log.metadata
     parts = [str(about[key]) for key in ("scene", "trajectory", "task") if key in about]
     if "controller" in about:

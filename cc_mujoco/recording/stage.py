@@ -1,0 +1,326 @@
+"""Pictures of a device at work, its cables coloured by the tension inside.
+
+    with Stage(model, log.cables, 80.0, log["qpos"][::100]) as stage:
+        picture = stage.picture(qpos, tensions)
+
+Software draws OpenGL slowly where no graphics card does it, shadows above all. So what
+cannot move is drawn once, with all its looks, and remembered with its depth; a picture
+then takes what moves and the cables alone, and puts both together where either is
+nearer. It is drawn at twice the size and averaged. What moves casts no shadow.
+"""
+
+from __future__ import annotations
+
+import copy
+import ctypes.util
+import importlib
+import os
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from types import TracebackType
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import engine
+from cc_mujoco.errors import CableError
+from cc_mujoco.recording.conduit3d import (
+    conduit_points,
+    conduit_shares,
+    tension_colors,
+)
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+PIECES = 60
+"""Short capsules that a cable is drawn with, at least."""
+THICKER = 1.4
+"""Radius of a coloured cable over that of its line in the scene: colours need room."""
+SHADE, EMISSION = 0.72, 0.25
+"""Of the colours of cables: lit, they come near those of the scale."""
+FINER = 2
+"""Pixels drawn for one of the picture, along either side; `_averaged` counts on it."""
+SLICES, STACKS = 18, 5
+"""Faces around and along what is round and moves; more take longer to draw."""
+AROUND = 1.12
+"""Size of the picture over that of what moves in it."""
+TILE = 48
+"""Side of the squares that are read where something moves [drawn pixels]."""
+MARGIN = 4
+"""What a part may reach beyond its bounding box, for its edge [drawn pixels]."""
+MOST_GEOMS = 10000
+"""Of a scene; as in `mujoco.Renderer`."""
+OFF_IN_MOTION = (
+    mujoco.mjtRndFlag.mjRND_SHADOW,
+    mujoco.mjtRndFlag.mjRND_REFLECTION,
+    mujoco.mjtRndFlag.mjRND_SKYBOX,
+)
+HEADLESS = (("EGL", "mujoco.egl"), ("OSMesa", "mujoco.osmesa"))
+"""Library and module of the ways to draw without a display, the faster first."""
+
+
+def require_opengl() -> None:
+    """Find out, before long work, whether a `Stage` can be opened.
+
+    Raises:
+        CableError: If there is no OpenGL.
+    """
+    _context(8, 8).free()
+
+
+def _context(width: int, height: int) -> Any:
+    """Open OpenGL: as MUJOCO_GL says or, on Linux without it, with no display."""
+    try:
+        maker: Any = None
+        if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
+            here = (name for name, _ in HEADLESS if ctypes.util.find_library(name))
+            library = next(here, None)
+            if library is None:
+                raise ImportError("no such library is installed")
+            maker = importlib.import_module(dict(HEADLESS)[library]).GLContext
+        return (maker or mujoco.GLContext)(width, height)
+    except Exception as error:  # PyOpenGL and the drivers raise what they like
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise CableError(
+            "a video needs OpenGL, and neither EGL nor OSMesa works here "
+            f"({reason.rstrip('.')}); install one (libegl1 or libosmesa6 on Debian) "
+            "or set MUJOCO_GL to what works."
+        ) from None
+
+
+class Stage:
+    """A model, lit and seen by its first camera; needs OpenGL, but no display."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        cables: Iterable[str],
+        highest: float,
+        poses: Array,
+        size: tuple[int, int] = (720, 1280),
+    ) -> None:
+        """Aim at what moves, and draw what does not.
+
+        Args:
+            model: Compiled model; MuJoCo's free camera looks on if it has no other.
+            cables: Names of cables; those with a route are drawn.
+            highest: Tension of the brightest colour [N].
+            poses: Some of those that will be drawn (T, nq), to have all in the picture.
+            size: Height and width of the pictures [pixels].
+
+        Raises:
+            CableError: If there is no OpenGL.
+        """
+        self._highest = highest
+        self._model = model = copy.copy(model)
+        described = engine.from_mjcf(model)
+        drawn = [c for c in cables if c in described and described[c].route]
+        self._shares = {cable: conduit_shares(model, cable) for cable in drawn}
+        self._radius = {}
+        for cable in drawn:
+            tendon = engine.route_tendon(model, cable)
+            self._radius[cable] = THICKER * float(model.tendon_width[tendon])
+            model.tendon_rgba[tendon, 3] = 0.0
+        height, width = (FINER * side for side in size)
+        self._size = height, width
+        model.vis.global_.offheight, model.vis.global_.offwidth = height, width
+        model.vis.quality.offsamples = 0
+        self._data = mujoco.MjData(model)
+        self._camera = mujoco.MjvCamera()
+        mujoco.mjv_defaultFreeCamera(model, self._camera)
+        if model.ncam:
+            self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+            self._camera.fixedcamid = 0
+        self._scene = mujoco.MjvScene(model, MOST_GEOMS)
+        self._frustum: tuple[float, float, float] | None = None
+        self._frustum = self._aim(poses)
+        self._gl = _context(width, height)
+        self._gl.make_current()
+        self._drawing: Any = self._open()
+        self._pose(poses[0], mujoco.mjtCatBit.mjCAT_STATIC)
+        self._render()
+        self._back, self._depth = self._read(0, 0, width, height)
+        self._still = _averaged(self._back)
+        for flag in OFF_IN_MOTION:
+            self._scene.flags[flag] = 0
+        # The context holds the shapes, and the shadows' map, which has done its work.
+        self._drawing.free()
+        model.vis.quality.numslices, model.vis.quality.numstacks = SLICES, STACKS
+        model.vis.quality.shadowsize = 0
+        self._drawing = self._open()
+
+    def __enter__(self) -> Stage:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Free OpenGL."""
+        self._drawing.free()
+        self._gl.free()
+
+    def picture(self, qpos: Array, tensions: Mapping[str, Array]) -> Picture:
+        """Take a picture, (height, width, 3).
+
+        Args:
+            qpos: Pose (nq,).
+            tensions: Tension at the nodes of each cable (n,) [N].
+        """
+        self._pose(qpos, mujoco.mjtCatBit.mjCAT_DYNAMIC)
+        for cable, shares in self._shares.items():
+            self._add(cable, qpos, shares, tensions[cable])
+        self._render()
+        picture = self._still.copy()
+        for left, bottom, width, height in self._parts():
+            colors, depth = self._read(left, bottom, width, height)
+            rows = slice(bottom, bottom + height)
+            columns = slice(left, left + width)
+            nearer = depth < self._depth[rows, columns]
+            merged = self._back[rows, columns].copy()
+            merged[nearer] = colors[nearer]
+            picture[
+                bottom // FINER : (bottom + height) // FINER,
+                left // FINER : (left + width) // FINER,
+            ] = _averaged(merged)
+        return picture[::-1]
+
+    def _open(self) -> Any:
+        scale = mujoco.mjtFontScale.mjFONTSCALE_100
+        drawing = mujoco.MjrContext(self._model, scale)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, drawing)
+        return drawing
+
+    def _pose(self, qpos: Array, category: mujoco.mjtCatBit) -> None:
+        """Put what stands still, or what moves, into the scene."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(self._model, self._data)
+        mujoco.mjv_updateScene(
+            self._model,
+            self._data,
+            mujoco.MjvOption(),
+            None,
+            self._camera,
+            category.value,
+            self._scene,
+        )
+        if self._frustum is None:
+            return
+        for eye in self._scene.camera:
+            eye.frustum_width = 0.0  # by the shape of the picture
+            eye.frustum_center, eye.frustum_bottom, eye.frustum_top = self._frustum
+
+    def _add(
+        self, cable: str, qpos: Array, shares: Array, tension: Array | None
+    ) -> None:
+        """Add a cable to the scene as capsules, grey if its tension is not given."""
+        if shares.size <= PIECES:
+            # Nodes have tensions, or in the open the parts between the points.
+            middle = 0.5 * (shares[:-1] + shares[1:])
+            fine = np.linspace(0.0, 1.0, PIECES + 1)
+            at = 0.5 * (fine[:-1] + fine[1:])
+            if tension is not None:
+                known = shares if shares.size == tension.size else middle
+                tension = np.interp(at, known, tension)
+            shares = fine
+        elif tension is not None and shares.size == tension.size:
+            tension = 0.5 * (tension[:-1] + tension[1:])
+        points = conduit_points(self._model, cable, qpos[None], shares)[0]
+        shown = np.zeros(len(points) - 1) if tension is None else tension
+        colors = tension_colors(shown, self._highest).astype(np.float32) * (
+            SHADE / 255.0
+        )
+        colors[:, 3] = 1.0
+        shape, none = mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3)
+        scene, radius = self._scene, self._radius[cable]
+        for color, start, end in zip(colors, points[:-1], points[1:], strict=True):
+            geom = scene.geoms[scene.ngeom]
+            mujoco.mjv_initGeom(geom, shape, none, none, np.zeros(9), color)
+            mujoco.mjv_connector(geom, shape, radius, start, end)
+            geom.emission, geom.specular = EMISSION, 0.1
+            scene.ngeom += 1
+
+    def _aim(self, poses: Array) -> tuple[float, float, float]:
+        """Centre, bottom and top of a frustum that has all that moves in it."""
+        boxes = []
+        for qpos in poses:
+            self._pose(qpos, mujoco.mjtCatBit.mjCAT_DYNAMIC)
+            for cable, shares in self._shares.items():
+                self._add(cable, qpos, shares, None)
+            boxes.append(_seen(self._scene))
+        low, high = np.concatenate(boxes).T.reshape(2, 2, -1)
+        low, high = low.min(axis=1), high.max(axis=1)
+        center, half = 0.5 * (low + high), 0.5 * (high - low)
+        tall = AROUND * max(half[1], half[0] * self._size[0] / self._size[1])
+        return float(center[0]), float(center[1] - tall), float(center[1] + tall)
+
+    def _parts(self) -> Iterator[tuple[int, int, int, int]]:
+        """Parts of the picture that hold the scene: left, bottom, width, height."""
+        eye, (height, width) = self._scene.camera[0], self._size
+        per_meter = height / (eye.frustum_top - eye.frustum_bottom)
+        left = eye.frustum_center - 0.5 * width / per_meter
+        boxes = (_seen(self._scene) - [left, eye.frustum_bottom] * 2) * per_meter
+        boxes += np.array([-MARGIN, -MARGIN, MARGIN, MARGIN])
+        tall, wide = -(-height // TILE), -(-width // TILE)
+        tiles = np.clip(boxes // TILE, -1, (wide, tall) * 2).astype(int)
+        held = np.zeros((tall + 2, wide + 2), bool)  # with a rim that is outside
+        for x, y, x_end, y_end in (tiles + 1).tolist():
+            held[y : y_end + 1, x : x_end + 1] = True
+        held[[0, -1]] = held[:, [0, -1]] = False
+        for row, line in enumerate(held[1:-1]):
+            ends = np.flatnonzero(np.diff(line)).reshape(-1, 2) * TILE
+            bottom = row * TILE
+            up = min(TILE, height - bottom)
+            for start, end in ends.tolist():
+                yield start, bottom, min(end, width) - start, up
+
+    def _render(self) -> None:
+        height, width = self._size
+        mujoco.mjr_render(
+            mujoco.MjrRect(0, 0, width, height), self._scene, self._drawing
+        )
+
+    def _read(
+        self, left: int, bottom: int, width: int, height: int
+    ) -> tuple[Picture, NDArray[np.float32]]:
+        """Colours and depth of a part of what was rendered, the lowest row first."""
+        colors = np.empty((height, width, 3), np.uint8)
+        depth = np.empty((height, width), np.float32)
+        part = mujoco.MjrRect(left, bottom, width, height)
+        mujoco.mjr_readPixels(colors, depth, part, self._drawing)
+        return colors, depth
+
+
+def _seen(scene: mujoco.MjvScene) -> Array:
+    """Left, bottom, right and top of each geom on the plane of the frustum: (n, 4)."""
+    geoms = scene.geoms[: scene.ngeom]
+    places = np.array([geom.pos for geom in geoms], dtype=np.float64)
+    turns = np.array([geom.mat for geom in geoms], dtype=np.float64)
+    halves = np.array([geom.size for geom in geoms], dtype=np.float64)
+    # Between the two eyes, as MuJoCo draws a picture for one.
+    position, forward, up = (
+        np.mean([getattr(eye, name) for eye in scene.camera], axis=0, dtype=np.float64)
+        for name in ("pos", "forward", "up")
+    )
+    axes = np.stack([np.cross(forward, up), up, forward])
+    place = (places - position) @ axes.T
+    reach = np.einsum("gij,gj->gi", np.abs(axes @ turns.reshape(-1, 3, 3)), halves)
+    near = float(scene.camera[0].frustum_near)
+    nearest = np.maximum(place[:, 2] - reach[:, 2], near)[:, None]
+    farthest = np.maximum(place[:, 2] + reach[:, 2], near)[:, None]
+    low, high = place[:, :2] - reach[:, :2], place[:, :2] + reach[:, :2]
+    low = near * np.minimum(low / nearest, low / farthest)
+    high = near * np.maximum(high / nearest, high / farthest)
+    return np.concatenate([low, high], axis=1)
+
+
+def _averaged(fine: Picture) -> Picture:
+    """Make one pixel of `FINER` by `FINER`."""
+    wide = fine[::2].astype(np.uint16) + fine[1::2]
+    return ((wide[:, ::2] + wide[:, 1::2] + 2) >> 2).astype(np.uint8)

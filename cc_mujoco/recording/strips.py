@@ -1,0 +1,179 @@
+"""What stands around the scene of a video: torques and tensions over time, a scale.
+
+All of it is drawn once, whole and faded; a frame of the video has the whole lines
+before its moment, the faded ones after it, and the moment as an upright line.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.figures import (
+    BLUE,
+    DASH,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    TENSION_COLORS,
+    style,
+)
+from cc_mujoco.recording.axis import limits
+from cc_mujoco.recording.log import EpisodeLog
+from cc_mujoco.recording.summary import title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Picture = NDArray[np.uint8]
+
+SIZE = (720, 1280)
+"""Height and width of a frame [pixels]."""
+SCENE = (44, 632, 0, 760)
+"""Where the scene is in it: top, height, left, width [pixels]."""
+DPI = 100
+FADED = 0.25
+"""Opacity of what is still to come."""
+PLOTS = (836, 1256)
+"""First and last column of the plots [pixels]."""
+CURSOR = 2
+"""Width of the line at the moment shown [pixels]."""
+
+
+class Strips:
+    """Frames of a video of an episode, but for the scene in them."""
+
+    def __init__(self, log: EpisodeLog, highest: float) -> None:
+        """Draw them.
+
+        Args:
+            log: The episode.
+            highest: Tension of the brightest colour [N].
+        """
+        self._start, self._end = float(log["time_s"][0]), float(log["time_s"][-1])
+        self._whole, self.rows = _drawn(log, highest, 1.0)
+        self._faded, _ = _drawn(log, highest, FADED)
+
+    def column(self, time: float) -> int:
+        """Column of a frame at which the plots show this time [s]."""
+        share = (time - self._start) / max(self._end - self._start, 1e-9)
+        return round(PLOTS[0] + share * (PLOTS[1] - PLOTS[0]))
+
+    def frame(self, scene: Picture, time: float) -> Picture:
+        """Put a frame together.
+
+        Args:
+            scene: Picture of the scene, of the size in `SCENE`.
+            time: The moment that it shows [s].
+
+        Returns:
+            The frame (720, 1280, 3).
+        """
+        frame = self._faded.copy()
+        column = self.column(time)
+        frame[:, SCENE[3] : column] = self._whole[:, SCENE[3] : column]
+        for top, bottom in self.rows:
+            frame[top:bottom, column - CURSOR // 2 : column + CURSOR // 2] = 0
+        top, height, left, width = SCENE
+        frame[top : top + height, left : left + width] = scene
+        return frame
+
+
+def _drawn(
+    log: EpisodeLog, highest: float, opacity: float
+) -> tuple[Picture, list[tuple[int, int]]]:
+    """Draw it with lines of some opacity; with the rows that each plot takes."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    height, width = SIZE
+    with style():
+        figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
+        canvas = FigureCanvasAgg(figure)
+        figure.text(14 / width, 1 - 22 / height, title(log), fontsize=11, va="center")
+        _draw_scale(figure, highest)
+        plots = _draw_plots(figure, log, opacity)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        pixels = canvas.buffer_rgba()  # type: ignore[no-untyped-call]
+        picture = np.array(pixels)[..., :3]
+    boxes = [axes.get_window_extent() for axes in plots]
+    return picture, [(height - round(b.y1), height - round(b.y0)) for b in boxes]
+
+
+def _draw_scale(figure: Figure, highest: float) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    height, width = SIZE
+    axes = figure.add_axes((120 / width, 22 / height, 400 / width, 10 / height))
+    colors = ScalarMappable(Normalize(0.0, highest), TENSION_COLORS)
+    figure.colorbar(colors, cax=axes, orientation="horizontal")
+    axes.tick_params(length=2, pad=1, labelsize=8)
+    middle = 27 / height
+    figure.text(14 / width, middle, "tension [N]", fontsize=9, va="center")
+    figure.text(540 / width, middle, "grey: slack", fontsize=9, va="center")
+
+
+def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
+    """One under the other, on one time axis."""
+    height, width = SIZE
+    torque: Lines = [
+        ("delivered", "joint_torque_nm", BLUE, "-"),
+        ("desired", "desired_torque_nm", ORANGE, (0, DASH)),
+    ]
+    shown: list[tuple[str, Lines]] = [
+        ("Joint torque [N m]", torque),
+        ("Motor torque [N m]", [("", "motor_torque_nm", GREEN, "-")]),
+    ]
+    for cable in log.cables:
+        ends: Lines = [
+            ("motor end", f"tension_{cable}_proximal_n", BLUE, "-"),
+            ("joint end", f"tension_{cable}_distal_n", SKY, "-"),
+        ]
+        shown.append((f"Tension, {cable} [N]", ends))
+    top, bottom, between = 44, 52, 34
+    each = (height - top - bottom - between * (len(shown) - 1)) / len(shown)
+    time, plots = log["time_s"], []
+    for number, (name, lines) in enumerate(shown):
+        low = height - top - each - number * (each + between)
+        place = (PLOTS[0], low, PLOTS[1] - PLOTS[0], each)
+        axes = figure.add_axes(
+            (
+                place[0] / width,
+                place[1] / height,
+                place[2] / width,
+                place[3] / height,
+            )
+        )
+        axes.axhline(0.0, color=GREY, linewidth=0.6)
+        for label, column, color, look in lines:
+            axes.plot(
+                time,
+                log[column],
+                color=color,
+                label=label,
+                alpha=opacity,
+                linestyle=look,
+            )
+        axes.set(title=name, xlim=(time[0], max(time[-1], time[0] + 1e-9)))
+        reach = limits(time, [log[column] for _, column, *_ in lines])
+        if reach is not None:
+            axes.set_ylim(*reach)
+        axes.locator_params(axis="y", nbins=5)
+        if len(lines) > 1:
+            legend = axes.legend(
+                ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.97), borderpad=0.2
+            )
+            for handle in legend.get_lines():
+                handle.set_alpha(1.0)
+        axes.tick_params(labelbottom=number == len(shown) - 1)
+        plots.append(axes)
+    plots[-1].set_xlabel("time [s]")
+    return plots
+
+
+Lines = list[tuple[str, str, str, str | tuple[int, tuple[int, int]]]]

@@ -1,0 +1,123 @@
+"""The video of an episode: the scene, its cables coloured by tension, beside the plots.
+
+    write_video("episode.mp4", log, env.unwrapped.model)
+
+30 frames for every simulated second, in H.264, which every player and page shows. No
+display is needed, but OpenGL and PyAV (`pip install 'cc_mujoco[video]'`) are.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing
+from cc_mujoco.recording.log import EpisodeLog
+from cc_mujoco.recording.stage import Stage, require_opengl
+from cc_mujoco.recording.strips import SCENE, SIZE, Strips
+
+RATE = 30
+"""Frames per simulated second [1/s]."""
+CODEC = "libx264"
+LOOKS = {"preset": "veryfast", "crf": "20"}
+"""How it is encoded: fast, with lines and letters still sharp."""
+CONTAINER = {"movflags": "+faststart"}
+"""The index in front, so that a page can show it while it arrives."""
+AIMED_AT = 40
+"""Poses of the episode that the camera is aimed by."""
+
+
+def require_video() -> None:
+    """Find out, before an episode is played, whether a video can be made of it.
+
+    Raises:
+        CableError: If PyAV, its encoder or OpenGL is missing.
+    """
+    _av()
+    require_opengl()
+
+
+def write_video(
+    path: str | os.PathLike[str],
+    log: EpisodeLog,
+    model: mujoco.MjModel,
+    progress: Callable[[float], object] | None = None,
+) -> None:
+    """Write the video of an episode as MP4.
+
+    Args:
+        path: File to write; an older one stays until the new one is whole.
+        log: The episode.
+        model: The model that the episode was played on.
+        progress: Called with the simulated time [s] of what is done.
+
+    Raises:
+        CableError: If PyAV or OpenGL is missing, or the file cannot be written.
+    """
+    av = _av()
+    samples = _samples(log["time_s"])
+    qpos = log["qpos"]
+    nodes = {cable: log[f"tension_{cable}_nodes_n"] for cable in log.cables}
+    highest = max((float(values.max()) for values in nodes.values()), default=0.0)
+    highest = max(highest, 1e-9)
+    strips = Strips(log, highest)
+    _, height, _, width = SCENE
+    poses = qpos[np.linspace(0, len(log) - 1, AIMED_AT).astype(int)]
+    with (
+        replacing(path) as partial,
+        Stage(model, log.cables, highest, poses, (height, width)) as stage,
+        av.open(os.fspath(partial), "w", format="mp4", options=CONTAINER) as film,
+        ThreadPoolExecutor(1) as other,  # encodes a frame while the next is drawn
+    ):
+        stream = film.add_stream(CODEC, rate=RATE, options=LOOKS)
+        stream.height, stream.width = SIZE
+        stream.pix_fmt = "yuv420p"
+
+        def encode(number: int, scene: NDArray[np.uint8], time: float) -> None:
+            frame = av.VideoFrame.from_ndarray(strips.frame(scene, time), "rgb24")
+            frame.pts, frame.time_base = number, Fraction(1, RATE)
+            film.mux(stream.encode(frame))
+
+        waiting = None
+        for number, sample in enumerate(samples.tolist()):
+            tensions = {cable: values[sample] for cable, values in nodes.items()}
+            scene = stage.picture(qpos[sample], tensions)
+            if waiting is not None:
+                waiting.result()
+            waiting = other.submit(encode, number, scene, float(log["time_s"][sample]))
+            if progress is not None:
+                progress((number + 1) / RATE)
+        if waiting is not None:
+            waiting.result()
+        film.mux(stream.encode(None))
+
+
+def _samples(time: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the sample nearest to each frame; an episode has at least one frame."""
+    count = max(1, round(float(time[-1] - time[0]) * RATE))
+    moments = time[0] + np.arange(count) / RATE
+    after = np.clip(np.searchsorted(time, moments), 1, max(len(time) - 1, 1))
+    if len(time) == 1:
+        return np.zeros(1, dtype=np.intp)
+    later = moments - time[after - 1] > time[after] - moments
+    return np.asarray(np.where(later, after, after - 1), dtype=np.intp)
+
+
+def _av() -> Any:
+    try:
+        import av
+    except ImportError:
+        raise CableError(
+            "a video needs PyAV: pip install 'cc_mujoco[video]'."
+        ) from None
+    if CODEC not in av.codecs_available:
+        raise CableError(f"a video needs PyAV with {CODEC}, which this one lacks.")
+    return av

@@ -410,10 +410,10 @@ def test_a_file_that_cannot_grow_is_named(
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     for most, file in ((1000, "log.parquet"), (400_000, "recording.rrd")):
 
-        def limited(*given: Any, most: int = most) -> Any:
+        def limited(*given: Any, most: int = most, **asked: Any) -> Any:
             resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
             try:
-                return write(*given)
+                return write(*given, **asked)
             finally:
                 resource.setrlimit(resource.RLIMIT_FSIZE, before)
 

@@ -34,6 +34,8 @@ from cc_mujoco.recording.conduit3d import (
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
+Part = tuple[tuple[int, int, int, int], Picture, NDArray[np.float32]]
+"""Left, bottom, width, height; colours and depth [drawn pixels]."""
 
 PIECES = 60
 """Short capsules that a cable is drawn with, at least."""
@@ -173,18 +175,27 @@ class Stage:
             qpos: Pose (nq,).
             tensions: Tension at the nodes of each cable (n,) [N].
         """
+        return self.develop(self.expose(qpos, tensions))
+
+    def expose(self, qpos: Array, tensions: Mapping[str, Array]) -> list[Part]:
+        """Draw what moves: the half of `picture` that needs OpenGL, and its thread."""
         self._pose(qpos, mujoco.mjtCatBit.mjCAT_DYNAMIC)
         for cable, shares in self._shares.items():
             self._add(cable, qpos, shares, tensions[cable])
         self._render()
+        return [(part, *self._read(*part)) for part in self._parts()]
+
+    def develop(self, parts: list[Part]) -> Picture:
+        """Put what moves before and behind what does not; any thread may."""
         picture = self._still.copy()
-        for left, bottom, width, height in self._parts():
-            colors, depth = self._read(left, bottom, width, height)
+        for (left, bottom, width, height), colors, depth in parts:
             rows = slice(bottom, bottom + height)
             columns = slice(left, left + width)
-            nearer = depth < self._depth[rows, columns]
+            nearer = np.flatnonzero(depth < self._depth[rows, columns])
+            if not nearer.size:
+                continue
             merged = self._back[rows, columns].copy()
-            merged[nearer] = colors[nearer]
+            merged.reshape(-1, 3)[nearer] = colors.reshape(-1, 3)[nearer]
             picture[
                 bottom // FINER : (bottom + height) // FINER,
                 left // FINER : (left + width) // FINER,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
 from cc_mujoco.recording.log import EpisodeLog
-from cc_mujoco.recording.stage import Stage, require_opengl
+from cc_mujoco.recording.stage import Part, Stage, require_opengl
 from cc_mujoco.recording.strips import SCENE, SIZE, Strips
 
 RATE = 30
@@ -75,13 +75,14 @@ def write_video(
         replacing(path) as partial,
         Stage(model, log.cables, highest, poses, (height, width)) as stage,
         av.open(os.fspath(partial), "w", format="mp4", options=CONTAINER) as film,
-        ThreadPoolExecutor(1) as other,  # encodes a frame while the next is drawn
+        ThreadPoolExecutor(1) as other,  # finishes a frame while the next is drawn
     ):
         stream = film.add_stream(CODEC, rate=RATE, options=LOOKS)
         stream.height, stream.width = SIZE
         stream.pix_fmt = "yuv420p"
 
-        def encode(number: int, scene: NDArray[np.uint8], time: float) -> None:
+        def encode(number: int, parts: list[Part], time: float) -> None:
+            scene = stage.develop(parts)
             frame = av.VideoFrame.from_ndarray(strips.frame(scene, time), "rgb24")
             frame.pts, frame.time_base = number, Fraction(1, RATE)
             film.mux(stream.encode(frame))
@@ -89,10 +90,10 @@ def write_video(
         waiting = None
         for number, sample in enumerate(samples.tolist()):
             tensions = {cable: values[sample] for cable, values in nodes.items()}
-            scene = stage.picture(qpos[sample], tensions)
+            parts = stage.expose(qpos[sample], tensions)
             if waiting is not None:
                 waiting.result()
-            waiting = other.submit(encode, number, scene, float(log["time_s"][sample]))
+            waiting = other.submit(encode, number, parts, float(log["time_s"][sample]))
             if progress is not None:
                 progress((number + 1) / RATE)
         if waiting is not None:

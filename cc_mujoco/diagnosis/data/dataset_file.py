@@ -108,6 +108,8 @@ MOTOR = ("torque_constant", "gear_ratio", "gear_efficiency")
 LOAD = ("load_stiffness", "load_inertia", "load_damping", "load_weight")
 """Those that make a joint's torque of its motion; with their angles."""
 ANGLES = ("exit_angle", "load_rest_angle", "load_hanging_angle")
+EXACT = ("exit_angle", "gear_ratio", "gear_efficiency", "load_hanging_angle")
+"""Those that a diagnosis does not tune."""
 MAY_VANISH = ("friction", *ANGLES, "load_damping")
 """Those that may be 0."""
 
@@ -373,6 +375,11 @@ def _rig(table: Table) -> dict[str, Constant]:
         if doubt > value > 0.0 and name not in ANGLES:
             right = "one standard deviation in the unit of the value, and no larger"
             raise inner.wrong("uncertainty", right)
+        if doubt > 0.0 and name in EXACT:
+            raise CableError(
+                f"{inner.where}: `uncertainty` cannot be used; a diagnosis takes this "
+                "constant for exact."
+            )
         constants[name] = Constant(value * factor, doubt * factor)
     if constants.get("gear_efficiency", Constant(1.0)).value > 1.0:
         raise table.wrong("gear_efficiency", "more than 0 and no more than 1")

@@ -76,6 +76,10 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         ("columns = 3", r"columns must be a table, written as \[columns\]"),
         ("[trials]\nrun_1 = 'test'", r"run_1 must be a table"),
         ("[rig]\nmotor_radus = 1", "did you mean 'motor_radius'"),
+        (
+            "[rig]\ngear_ratio = {value = 5, uncertainty = 1}",
+            "takes this constant for exact",
+        ),
         ("[rig]\nmotor_radius = '2 cm'", "value must be a finite number"),
         ("[rig]\nmotor_radius = {unit = 'mm'}", "needs a `value`"),
         ("[rig]\nmotor_radius = {value = 2, unit = 'in'}", "unknown unit"),

@@ -9,11 +9,14 @@ import importlib
 import pkgutil
 import shutil
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import get_type_hints
 
 import pdoc
+
+from cc_mujoco.errors import CableError
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "build" / "docs"
@@ -28,13 +31,26 @@ def opened(package: str) -> list[ModuleType]:
     inside = [entry.name for entry in pkgutil.iter_modules([folder])]
     # Environments and scenes lie beside the package that they are part of.
     inside += [p.split(".")[-1] for p in PACKAGES if p.rpartition(".")[0] == package]
+    modules = {name: there for name in inside if (there := found(f"{package}.{name}"))}
     if public := getattr(module, "__all__", None):
         # What a package gives when asked for is not in it before, where pdoc looks; and
         # of its modules pdoc shows those only that are public names.
+        shown = []
         for name in public:
-            setattr(module, name, getattr(module, name))
-        module.__dict__["__all__"] = list(dict.fromkeys([*public, *inside]))
-    return [module, *(importlib.import_module(f"{package}.{n}") for n in inside)]
+            with suppress(CableError):  # its module is told of already
+                setattr(module, name, getattr(module, name))
+                shown.append(name)
+        module.__dict__["__all__"] = list(dict.fromkeys([*shown, *modules]))
+    return [module, *modules.values()]
+
+
+def found(name: str) -> ModuleType | None:
+    """A module, unless it needs a package that is not installed."""
+    try:
+        return importlib.import_module(name)
+    except CableError as error:
+        print(f"left out: {name}: {error}")
+        return None
 
 
 def resolve(module: ModuleType) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from cc_mujoco.errors import CableError
@@ -21,9 +22,10 @@ def number(label: str, value: Any, low: float, high: float, unit: str) -> None:
     except (TypeError, ValueError):
         admitted = False
     if not admitted:
-        raise CableError(
-            f"{label} must be a number in [{low:g}, {high:g}] {unit}, not {value!r}."
-        )
+        among = f"a number in [{low:g}, {high:g}] {unit}".rstrip()
+        if low == -math.inf and high == math.inf:
+            among = "one number"
+        raise CableError(f"{label} must be {among}, not {value!r}.")
 
 
 def parameter(owner: object, name: str, low: float, high: float, unit: str) -> None:

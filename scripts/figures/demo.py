@@ -1,10 +1,10 @@
 """What a cable does to a torque, and what compensation buys: one motion, three laws.
 
-    python scripts/figures/demo.py --out runs/demo/controllers.png
+    python scripts/figures/demo.py --out controllers.png --record runs/demo
 
 The wearer sweeps the wrist handle, which is to feel like a spring. Draws what is
 desired and what arrives, and the flexor's tension at both ends, and says it in plain
-words.
+words. With --record the last of the three leaves recording, log, metrics and figure.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ import cc_mujoco  # noqa: F401, registers the environments
 from cc_mujoco.control import controller
 from cc_mujoco.figures import BLUE, DASH, GREY, ORANGE, figure, figure_path, save, style
 from cc_mujoco.human import Spring
-from cc_mujoco.recording import EpisodeLog, play
+from cc_mujoco.recording import EpisodeLog, play, write_episode
+from cc_mujoco.recording.episode import require_ours
 
 Array = NDArray[np.float64]
 
@@ -31,8 +32,8 @@ LAWS = {
     "predictive": "the cable's model, rolled ahead",
 }
 CABLE, SPRING = "flexor", Spring(2.5)
-DURATION, BEGIN = 5.0, 0.5
-"""Of the motion, and of what is judged [s]."""
+BEGIN = 0.5
+"""From when on torques are judged [s]."""
 
 
 class Played(NamedTuple):
@@ -55,16 +56,20 @@ class Played(NamedTuple):
         return float(np.sqrt(off / np.mean(self.desired[late] ** 2)))
 
 
-def played(law: str) -> Played:
+def played(law: str, duration: float, folder: Path | None) -> Played:
     """The motion with one controller, with the sensors of the device."""
     env: Any = gymnasium.make(
         "cc_mujoco/WristHandle-v1",
         trajectory="sweep",
         task=SPRING,
-        duration=DURATION,
+        duration=duration,
         disable_env_checker=True,
     )
-    log: EpisodeLog = play(env, controller(law, env.unwrapped.drive), seed=0)
+    about = {"trajectory": "sweep", "task": "spring of 2.5 Nm/rad", "controller": law}
+    drive = env.unwrapped.drive
+    log: EpisodeLog = play(env, controller(law, drive), seed=0, about=about)
+    if folder is not None:
+        write_episode(folder, log, env.unwrapped.model)
     env.close()
     lost = [log[f"dissipated_{name}_j"] for name in log.cables]
     return Played(
@@ -87,7 +92,7 @@ def words(found: dict[str, Played]) -> list[str]:
     return [
         f"The wearer sweeps the handle over {np.ptp(none.joint):.2f} rad, "
         f"{travel:.0f} rad in all; the device should feel like a spring, with up to "
-        f"{np.abs(none.desired).max():.2f} Nm.",
+        f"{np.abs(best.desired).max():.2f} Nm.",
         f"Of {best.proximal[moment]:.0f} N that the motor pulls at most, "
         f"{best.distal[moment]:.0f} N come out of the conduit: {1.0 - kept:.0%} are "
         "lost on the way.",
@@ -127,13 +132,26 @@ def main() -> None:
     """Play, draw, say."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=figure_path, default="controllers.png")
-    out = parser.parse_args().out
-    found = {law: played(law) for law in LAWS}
+    parser.add_argument("--record", type=Path, help="folder for the last of the three")
+    parser.add_argument("--duration", type=float, default=5.0, help="[s]")
+    arguments = parser.parse_args()
+    if arguments.duration <= 2.0 * BEGIN:
+        parser.error(f"--duration must be more than {2.0 * BEGIN:g} s")
+    out, record = arguments.out, arguments.record
+    if record is not None:
+        require_ours(record)
+    found = {
+        law: played(law, arguments.duration, record if law == last else None)
+        for last in (list(LAWS)[-1],)
+        for law in LAWS
+    }
     draw(found, out)
     print()
     for sentence in words(found):
         print(f"- {sentence}")
     print(f"\nsee:        {out}")
+    if record is not None:
+        print(f"open with:  rerun {record / 'recording.rrd'}   ({list(LAWS)[-1]})")
 
 
 if __name__ == "__main__":

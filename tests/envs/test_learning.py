@@ -242,7 +242,7 @@ def test_ranges_that_make_no_plant_are_one_sentence(given: Any, message: str) ->
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"friction": "low"}, "must be a number"),
+        ({"friction": "low"}, "must be one number"),
         ({"friction": 0.9}, "cable 'flexor'"),
         ({"reset_mask": np.ones(1, dtype=np.bool_)}, "unknown variation"),
         ({"delay": True}, "finite number"),

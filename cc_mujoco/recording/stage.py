@@ -87,7 +87,7 @@ def _context(width: int, height: int) -> Any:
     except Exception as error:  # PyOpenGL and the drivers raise what they like
         reason = " ".join(str(error).split()) or type(error).__name__
         raise CableError(
-            "a video needs OpenGL, and neither EGL nor OSMesa works here "
+            "a video needs OpenGL by EGL or OSMesa, and what is here does not work "
             f"({reason.rstrip('.')}); install one (libegl1 or libosmesa6 on Debian) "
             "or set MUJOCO_GL to what works."
         ) from None

@@ -140,18 +140,16 @@ def main() -> None:
     out, record = arguments.out, arguments.record
     if record is not None:
         require_ours(record)
-    found = {
-        law: played(law, arguments.duration, record if law == last else None)
-        for last in (list(LAWS)[-1],)
-        for law in LAWS
-    }
+    *others, last = LAWS
+    found = {law: played(law, arguments.duration, None) for law in others}
+    found[last] = played(last, arguments.duration, record)
     draw(found, out)
     print()
     for sentence in words(found):
         print(f"- {sentence}")
     print(f"\nsee:        {out}")
     if record is not None:
-        print(f"open with:  rerun {record / 'recording.rrd'}   ({list(LAWS)[-1]})")
+        print(f"open with:  rerun {record / 'recording.rrd'}   ({last})")
 
 
 if __name__ == "__main__":

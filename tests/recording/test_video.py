@@ -160,5 +160,5 @@ def test_without_opengl_nothing_is_played(
     monkeypatch.setattr(util, "find_library", lambda name: None)
     assert cli.main(["play", "wrist", "--duration", "1000", "--video"]) == 2
     (said,) = capsys.readouterr().err.splitlines()
-    assert "a video needs OpenGL, and neither EGL nor OSMesa works here" in said
+    assert "a video needs OpenGL by EGL or OSMesa, and what is here does not" in said
     assert not list(tmp_path.iterdir())

@@ -375,6 +375,8 @@ def _rig(table: Table) -> dict[str, Constant]:
         if doubt > value > 0.0 and name not in ANGLES:
             right = "one standard deviation in the unit of the value, and no larger"
             raise inner.wrong("uncertainty", right)
+        if doubt > 0.0 == value and name in LOAD:
+            raise inner.wrong("value", "more than 0 where it has an uncertainty")
         if doubt > 0.0 and name in EXACT:
             raise CableError(
                 f"{inner.where}: `uncertainty` cannot be used; a diagnosis takes this "

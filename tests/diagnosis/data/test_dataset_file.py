@@ -76,6 +76,7 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         ("columns = 3", r"columns must be a table, written as \[columns\]"),
         ("[trials]\nrun_1 = 'test'", r"run_1 must be a table"),
         ("[rig]\nmotor_radus = 1", "did you mean 'motor_radius'"),
+        ("[rig]\nload_damping = {value = 0, uncertainty = 1}", "more than 0 where"),
         (
             "[rig]\ngear_ratio = {value = 5, uncertainty = 1}",
             "takes this constant for exact",

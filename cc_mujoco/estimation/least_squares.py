@@ -14,9 +14,11 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -218,11 +220,24 @@ def differences(
 def in_threads(
     function: Callable[[_Item], _Found], items: Sequence[_Item]
 ) -> list[_Found]:
-    """What a function makes of every item, in order; compiled code runs at once."""
-    if len(items) < 2 or THREADS < 2:
+    """What a function makes of every item, in order; compiled code runs at once.
+
+    A function that calls this again does so within its thread.
+    """
+    if len(items) < 2 or THREADS < 2 or getattr(_HERE, "inside", False):
         return [function(item) for item in items]
-    with ThreadPoolExecutor(min(THREADS, len(items))) as pool:
-        return list(pool.map(function, items))
+    return list(_pool().map(function, items))
+
+
+_HERE = threading.local()
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    def begin() -> None:
+        _HERE.inside = True
+
+    return ThreadPoolExecutor(THREADS, initializer=begin)
 
 
 def covariance(

@@ -83,7 +83,11 @@ class Slopes:
         self._inner: list[bool] = []
 
     def of(
-        self, problem: Problem, x: FloatArray, seen: Sequence[int]
+        self,
+        problem: Problem,
+        x: FloatArray,
+        seen: Sequence[int],
+        torques: Sequence[FloatArray],
     ) -> list[FloatArray]:
         """(parameters, 2, samples) of these records [Nm].
 
@@ -91,13 +95,13 @@ class Slopes:
             problem: the model.
             x: place of the parameters.
             seen: indices of the records.
+            torques: (2, samples) of these there [Nm].
         """
         steps = [_step(p, place) for p, place in zip(problem.tuned, x, strict=True)]
         inner = self._inner = self._inner or [
             _replayed(problem, x, k, step) for k, step in enumerate(steps)
         ]
         records = [problem.plant.records[k] for k in seen]
-        torques = problem.torques(x, seen)
 
         def take(first: int, places: Sequence[int], again: bool) -> None:
             """Difference from a parameter on, what needs a replay or all else."""
@@ -158,22 +162,23 @@ def jacobian(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     priors = np.diag([-1.0 / p.prior for p in problem.tuned])
     priors = priors[:, [np.isfinite(p.prior) for p in problem.tuned]]
-    slopes = problem.slopes.of(problem, x, seen)
-    rows = residual_changes(steepness(problem, x, masks), slopes)
+    torques = problem.torques(x, seen)
+    slopes = problem.slopes.of(problem, x, seen, torques)
+    rows = residual_changes(steepness(problem, torques, masks), slopes)
     return np.concatenate([rows, priors], axis=1).T
 
 
 def steepness(
-    problem: Problem, x: FloatArray, masks: Masks
+    problem: Problem, torques: Sequence[FloatArray], masks: Masks
 ) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
     """Change of residuals (2, samples) per torque [1/Nm], and the samples that count.
 
-    Of every record with such.
+    Of every record with such, of which `torques` are given.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     found = []
-    for k, error in zip(seen, problem.plainly(x, seen), strict=True):
-        size = np.abs(error)
+    for k, torque in zip(seen, torques, strict=True):
+        size = np.abs(problem.plant.records[k].measured - torque) / problem.floor[k]
         root = np.sqrt(
             np.maximum(2.0 * HUBER_DELTA * size - HUBER_DELTA**2, HUBER_DELTA**2)
         )

@@ -224,14 +224,16 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
     apart = backwards - forwards
     moving = np.where(np.abs(apart) > _MOVING * width, np.sign(apart), 0.0)
     sure = np.flatnonzero(moving)
+    turned, count = np.zeros(angle.size), np.zeros(angle.size)
     for turn in np.flatnonzero(np.diff(moving[sure])):
         side = moving[sure[turn]]
         part = slice(sure[turn], sure[turn + 1] + 1)
         reach = np.minimum(side * forwards[part], side * backwards[part]) + width
         highest = reach >= reach.max() - _LEVEL * width
         level = np.median(side * angle[part][highest])
-        found[part] = side * np.minimum(reach, level)
-    return found
+        turned[part] += side * np.minimum(reach, level)
+        count[part] += 1.0  # two turns may have a sample in common
+    return np.where(count > 0.0, turned / np.maximum(count, 1.0), found)
 
 
 @compiled

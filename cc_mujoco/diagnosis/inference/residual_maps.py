@@ -114,74 +114,73 @@ def _map(
     edges = np.unique(np.quantile(whole, np.linspace(0.0, 1.0, BINS + 1)))
     if edges.size < 3:
         edges = np.linspace(whole.min(), whole.max(), 4)
-    place = [
-        np.clip(np.digitize(v, edges[1:-1]), 0, edges.size - 2).astype(np.intp)
-        for v in values
-    ]
     bins = edges.size - 1
-    centre = np.array(
-        [
-            float(np.mean(whole[np.concatenate(place) == b]))
-            if np.any(np.concatenate(place) == b)
-            else 0.5 * (edges[b] + edges[b + 1])
-            for b in range(bins)
-        ]
+    place = np.clip(np.digitize(whole, edges[1:-1]), 0, bins - 1).astype(np.intp)
+    # Stretches of every trial count for either half by turns.
+    half = np.concatenate([(np.arange(v.size) * 8 // v.size) % 2 for v in values])
+    cell = place + bins * half
+    count = np.bincount(cell, minlength=2 * bins).reshape(2, bins)
+    inside = np.where(count.sum(axis=0) > 0, count.sum(axis=0), 1)
+    centre = np.where(
+        count.sum(axis=0) > 0,
+        np.bincount(place, weights=whole, minlength=bins) / inside,
+        0.5 * (edges[:-1] + edges[1:]),
     )
-    share = _share(place, before, bins)
+
+    def sums(error: Sequence[FloatArray]) -> FloatArray:
+        found = np.bincount(cell, np.concatenate(error), 2 * bins)
+        return found.reshape(2, bins).astype(np.float64)
+
+    square = sum(float(e @ e) for e in before)
+    own, rest = sums(before), sums(after)
     shares, means = [], []
     for _ in range(SHIFTS):
-        moved = [
-            np.roll(
-                e,
-                int(
-                    random.integers(e.size // 4, max(3 * e.size // 4, e.size // 4 + 1))
-                ),
-            )
-            for e in before
-        ]
-        shares.append(_share(place, moved, bins))
-        means.append(_means(place, moved, bins))
+        moved = sums([np.roll(e, _shift(e.size, random)) for e in before])
+        shares.append(_share(moved, count, square))
+        means.append(_means(moved, count))
     return Map(
         channel,
         axis.name,
         axis.unit,
         centre,
-        _means(place, before, bins),
-        _means(place, after, bins),
+        _means(own, count),
+        _means(rest, count),
         1.96 * np.std(np.nan_to_num(np.array(means)), axis=0),
-        max(share, 0.0),
+        max(_share(own, count, square), 0.0),
         max(float(np.quantile(shares, 0.95)), 0.0),
     )
 
 
-def _means(
-    place: Sequence[NDArray[np.intp]], error: Sequence[FloatArray], bins: int
-) -> FloatArray:
-    where, what = np.concatenate(place).astype(int), np.concatenate(error)
-    count = np.bincount(where, minlength=bins).astype(float)
-    count[count == 0.0] = np.nan
-    found: FloatArray = np.bincount(where, weights=what, minlength=bins) / count
+def _shift(size: int, random: np.random.Generator) -> int:
+    """Samples by which an error is shifted against the axis: far from none or all."""
+    first = size // 4
+    return int(random.integers(first, max(3 * size // 4, first + 1)))
+
+
+def _means(sums: FloatArray, count: NDArray[np.intp]) -> FloatArray:
+    """Mean error by bin (bins,), NaN where there is no sample.
+
+    Args:
+        sums: of the errors by half and bin (2, bins).
+        count: of the samples (2, bins).
+    """
+    whole = count.sum(axis=0).astype(float)
+    whole[whole == 0.0] = np.nan
+    found: FloatArray = sums.sum(axis=0) / whole
     return found
 
 
-def _share(
-    place: Sequence[NDArray[np.intp]], error: Sequence[FloatArray], bins: int
-) -> float:
-    """Share of the variance that bin means of one half explain in the other."""
-    left, total = 0.0, 0.0
-    halves = [(np.arange(e.size) * 8 // max(e.size, 1)) % 2 for e in error]
-    for side in (0, 1):
-        train = _means(
-            [p[h != side] for p, h in zip(place, halves, strict=True)],
-            [e[h != side] for e, h in zip(error, halves, strict=True)],
-            bins,
-        )
-        train = np.nan_to_num(train)
-        for p, e, h in zip(place, error, halves, strict=True):
-            seen = e[h == side]
-            left += float(np.sum((seen - train[p[h == side].astype(int)]) ** 2))
-            total += float(np.sum(seen**2))
-    return 1.0 - left / max(total, 1e-300)
+def _share(sums: FloatArray, count: NDArray[np.intp], square: float) -> float:
+    """Share of the variance that bin means of one half explain in the other.
+
+    Args:
+        sums: of the errors by half and bin (2, bins).
+        count: of the samples (2, bins).
+        square: of all errors together.
+    """
+    mean = (sums / np.maximum(count, 1))[::-1]
+    left = square - 2.0 * np.sum(mean * sums) + np.sum(count * mean**2)
+    return 1.0 - float(left) / max(square, 1e-300)
 
 
 def ranked(drawn: Sequence[Map], most: int = 6) -> tuple[Where, ...]:

@@ -153,7 +153,7 @@ def screen(
     given = _Screen(
         problem,
         x,
-        steepness(problem, x, masks),
+        steepness(problem, here, masks),
         seen,
         here,
         error,

@@ -124,6 +124,7 @@ def search(
 ) -> Search:
     """Add effects while each passes, then drop those that later ones made useless."""
     now, rounds, changes = baseline, [], Changes()
+    known = [baseline]
     first: tuple[Signature, ...] = ()
     for count in range(MOST):
         left = [name for name in ids if name not in now.problem.effects]
@@ -151,10 +152,12 @@ def search(
                 candidate.crossed.problem.slopes.forget()
         if step.added is None:
             break
+        known += [c.crossed for c in candidates if c.crossed is not now]
         now = resolved(
             next(c.crossed for c in candidates if c.id == step.added), division
         )
-    now, losses = _pruned(now, division, thresholds)
+        known.append(now)
+    now, losses = _pruned(now, division, thresholds, known)
     beyond = max(baseline.held_out_mse - baseline.problem.inflation**-2, 1e-12)
     shares = {name: loss / beyond for name, loss in losses.items()}
     return Search(baseline, now, _settled(rounds), first, shares)
@@ -337,14 +340,20 @@ def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:
 
 
 def _pruned(
-    now: CrossValidation, division: Sequence[Fold], thresholds: Thresholds
+    now: CrossValidation,
+    division: Sequence[Fold],
+    thresholds: Thresholds,
+    known: Sequence[CrossValidation],
 ) -> tuple[CrossValidation, dict[str, float]]:
     """Without the effects that later ones have made useless.
 
-    And by how much the held-out mean square grows where one of the rest is taken out.
+    And by how much the held-out mean square grows where one of the rest is taken out;
+    `known` are models that have been fitted already.
     """
     while True:
-        slim = {name: _without(now, name, division) for name in now.problem.effects}
+        slim = {
+            name: _without(now, name, division, known) for name in now.problem.effects
+        }
         losses = {
             name: crossed.held_out_mse - now.held_out_mse
             for name, crossed in slim.items()
@@ -357,8 +366,15 @@ def _pruned(
 
 
 def _without(
-    now: CrossValidation, name: str, division: Sequence[Fold]
+    now: CrossValidation,
+    name: str,
+    division: Sequence[Fold],
+    known: Sequence[CrossValidation],
 ) -> CrossValidation:
     slim = now.problem.without(name)
+    for crossed in known:
+        same = crossed.problem.plant is slim.plant
+        if same and set(crossed.problem.effects) == set(slim.effects):
+            return crossed
     kept = [i for i, p in enumerate(now.problem.tuned) if p in slim.tuned]
     return cross_validate(slim, division, [fit.x[kept] for fit in now.fits])

@@ -128,13 +128,15 @@ def search(
     first: tuple[Signature, ...] = ()
     for count in range(MOST):
         left = [name for name in ids if name not in now.problem.effects]
-        progress(count / MOST, f"screening {len(left)} effects")
-        signatures = _screened(now, division, left, changes)
-        first = first or tuple(signatures)
         # At the floor there is nothing to explain, and chance rewards anything; one
         # torque alone does not contradict what fits it a little better.
         both = len(now.problem.plant.instruments.rows) > 1
         hopeful = now.misfit > (1.0 if both else thresholds.misfit)
+        if first and not hopeful:
+            break
+        progress(count / MOST, f"screening {len(left)} effects")
+        signatures = _screened(now, division, left, changes)
+        first = first or tuple(signatures)
         chosen = _chosen(signatures, HOPELESS * thresholds.reduction) if hopeful else []
         candidates: list[Candidate] = []
         while chosen:

@@ -2,7 +2,8 @@
 
     python scripts/diagnosis_study/diagnose_benchmark.py --strength 2 4 --out runs/b
 
-Rigs, motions and sensors come from `rig`, which shares no code with the package.
+Rigs, motions and sensors come from `rig`, which shares no code with the package;
+`--make guides` are rigs by other equations.
 Every case is generated, written to files, diagnosed from these as the command does, and
 only then compared with its label. Studies draw from disjoint seeds: `development` and
 `calibration` were used to set thresholds, `final` only to measure, once; what that
@@ -48,15 +49,19 @@ PAIRS = (
 
 
 def cases(
-    study: str, seeds: int, strengths: Sequence[float], kinds: list[str]
+    study: str,
+    seeds: int,
+    strengths: Sequence[float],
+    kinds: list[str],
+    make: str = "bristles",
 ) -> Iterator[dict[str, Any]]:
     """Cases of a study: what is hidden, how strongly, seed of rig and motion."""
-    from rig.effects import NAMED, UNKNOWN
+    from rig.makes import MAKES
 
     first = STUDIES[study]
     hidden: list[tuple[str, tuple[str, ...]]] = []
-    hidden += [("named", (name,)) for name in NAMED]
-    hidden += [("unknown", (name,)) for name in UNKNOWN]
+    hidden += [("named", (name,)) for name in MAKES[make].named]
+    hidden += [("unknown", (name,)) for name in MAKES[make].unknown]
     hidden += [("none", ())] * 10
     hidden += [("pair", pair) for pair in PAIRS]
     for turn, strength in enumerate(list(strengths) * seeds):
@@ -64,7 +69,8 @@ def cases(
             if kind in kinds:
                 seed = first + 100 * turn + place
                 yield {
-                    "kind": kind, "hidden": names, "seed": seed, "strength": strength
+                    "kind": kind, "hidden": names, "seed": seed, "strength": strength,
+                    "make": make,
                 }  # fmt: skip
 
 
@@ -80,7 +86,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     from rig.strength import calibrate, measure
 
     seed = case["seed"]
-    rig = make_rig(seed)
+    rig = make_rig(seed, make=case["make"])
     amounts = {
         name: calibrate(rig, name, case["strength"], "rich", seed)
         for name in case["hidden"]
@@ -166,7 +172,7 @@ def settled(
         motor, joint, kind[motion.description.split(",")[0]], motion.pretension
     )
     seed = case["seed"]
-    rig = make_rig(seed)
+    rig = make_rig(seed, make=case["make"])
     data = make_dataset(rig, amounts, "rich", seed)
     (more,) = clean_dataset(rig, amounts, [trial], seed)
     data.append(logged(more, BASIC, [seed, rig.seed, len(data)]))
@@ -222,6 +228,9 @@ def main() -> None:
     )
     parser.add_argument("--only", nargs="+", default=[], help="ids")
     parser.add_argument(
+        "--make", choices=("bristles", "guides"), default="bristles", help="of the rigs"
+    )
+    parser.add_argument(
         "--naive",
         nargs="*",
         choices=("binned", "sparse", "bic"),
@@ -238,11 +247,13 @@ def main() -> None:
         parser.error(str(error))
     options.out.mkdir(parents=True, exist_ok=True)
     records = read(kept)
-    done = {(r["seed"], r["strength"]) for r in records}
+    done = {(r["seed"], r["strength"], r["make"]) for r in records}
     wanted = [
         case
-        for case in cases(options.study, options.seeds, options.strength, options.kinds)
-        if (case["seed"], case["strength"]) not in done
+        for case in cases(
+            options.study, options.seeds, options.strength, options.kinds, options.make
+        )
+        if (case["seed"], case["strength"], case["make"]) not in done
         and (not options.only or set(case["hidden"]) & set(options.only))
     ]
     with ProcessPoolExecutor(options.jobs) as pool:
@@ -260,7 +271,11 @@ def read(kept: Path) -> list[dict[str, Any]]:
     """The cases that an earlier run finished; none if the file is no such run's."""
     try:
         found = [json.loads(line) for line in kept.read_text().splitlines()]
-        return found if all({"seed", "strength"} <= r.keys() for r in found) else []
+        return (
+            found
+            if all({"seed", "strength", "make"} <= r.keys() for r in found)
+            else []
+        )
     except (OSError, ValueError, AttributeError):
         return []
 

@@ -5,9 +5,7 @@ differently (massive nodes, bristles, an ordinary differential equation).
 """
 
 from rig.dataset import make_dataset as make_dataset
-from rig.effects import EFFECTS as EFFECTS
-from rig.effects import NAMED as NAMED
-from rig.effects import UNKNOWN as UNKNOWN
+from rig.makes import MAKES as MAKES
 from rig.nominal import NOMINAL as NOMINAL
 from rig.nominal import Rig as Rig
 from rig.nominal import make_rig as make_rig

@@ -14,8 +14,8 @@ _HERE = Path(__file__).parent
 
 
 def _drop_stale_code() -> None:
-    newest = max(source.stat().st_mtime for source in _HERE.glob("*.py"))
-    for index in (_HERE / "__pycache__").glob("*.nbi"):
+    newest = max(source.stat().st_mtime for source in _HERE.rglob("*.py"))
+    for index in _HERE.rglob("__pycache__/*.nbi"):
         if index.stat().st_mtime < newest:
             index.unlink(missing_ok=True)
 

@@ -12,10 +12,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.effects import EFFECTS, Truth
-from rig.kernel import integrate
+from rig.effects import Truth
+from rig.makes import MAKES
 from rig.nominal import Rig
-from rig.plant import plant_of
 from rig.sensors import BASIC, CHANNELS, Chain, logged, sampled
 from rig.trials import SETS, Trial
 
@@ -27,40 +26,34 @@ def make_trials(trials: str, seed: int) -> list[Trial]:
     return SETS[trials](np.random.default_rng([seed, 0x3A1]))
 
 
-def truth_of(
-    rig: Rig, effects: Mapping[str, float], seed: int, nodes: int = 12
-) -> Truth:
+def truth_of(rig: Rig, effects: Mapping[str, float], seed: int, **mesh: int) -> Truth:
     """The rig with effects hidden in it; an amount of 0 hides nothing.
 
     Args:
         rig: the rig.
-        effects: amount by id, see `EFFECTS`.
+        effects: amount by id, see `MAKES`.
         seed: of what else an effect draws.
-        nodes: massive nodes per cable.
+        mesh: of its make's `plant_of`.
     """
-    truth = Truth(plant_of(rig, nodes), Chain())
+    make = MAKES[rig.make]
+    truth = Truth(make.plant_of(rig, **mesh), Chain())
     for name, amount in effects.items():
         if amount != 0.0:
             rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-            truth = EFFECTS[name].hide(truth, float(amount), rng)
+            truth = make.effects[name].hide(truth, float(amount), rng)
     return truth
-
-
-def _refinement(truth: Truth) -> int:
-    """Shorter steps where impacts or falling friction make motion touchy."""
-    return 2 if truth.plant.backlash or truth.plant.stribeck else 1
 
 
 def run(truth: Truth, rig: Rig, trial: Trial, refine: int = 1) -> Array:
     """Records of one trial, see `kernel.integrate`; `refine` shortens its steps."""
-    return integrate(
+    return MAKES[rig.make].integrate(
         truth.plant,
         rig.pretension * trial.tightness,
         np.array(trial.servo),
         np.array(trial.environment),
         trial.command,
         trial.target,
-        refine * _refinement(truth),
+        refine,
     )
 
 
@@ -88,7 +81,7 @@ def make_dataset(
 
     Args:
         rig: the rig, see `make_rig`.
-        effects: amount by id, see `EFFECTS`; empty hides nothing.
+        effects: amount by id, see `MAKES`; empty hides nothing.
         trials: `rich`, `ramps` or `human`.
         seed: of motions, noise and what effects draw; not of the rig.
         tensions: whether the four end tensions are recorded too.

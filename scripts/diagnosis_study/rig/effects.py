@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from rig.plant import BUMPS, Plant
+from rig.plant import BUMPS
 from rig.sensors import Chain
 
 
 class Truth(NamedTuple):
     """The physics and the sensors of a rig, hidden effects included."""
 
-    plant: Plant
+    plant: Any
     chain: Chain
 
 

@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rig.dataset import make_dataset, make_trials, truth_of
-from rig.effects import EFFECTS, Truth
+from rig.effects import Truth
+from rig.makes import MAKES
 from rig.nominal import NOMINAL, Rig, make_rig
 from rig.strength import calibrate, measure
 from rig.trials import SETS
@@ -93,7 +94,7 @@ def label_of(
     """What is hidden, how much of it, and in which rig."""
     hidden = []
     for name, amount in amounts.items():
-        effect = EFFECTS[name]
+        effect = MAKES[rig.make].effects[name]
         hidden.append(
             {
                 "id": name,
@@ -117,10 +118,15 @@ def label_of(
 
 
 def generate(
-    out: Path, effects: list[str], strength: float, trials: str, seed: int
+    out: Path,
+    effects: list[str],
+    strength: float,
+    trials: str,
+    seed: int,
+    make: str = "bristles",
 ) -> None:
     """Write one sealed data set; `out` appears when it is complete."""
-    rig = make_rig(seed)
+    rig = make_rig(seed, make=make)
     amounts = {name: calibrate(rig, name, strength, trials, seed) for name in effects}
     data = make_dataset(rig, amounts, trials, seed)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -137,31 +143,28 @@ def generate(
         shutil.rmtree(draft, ignore_errors=True)
 
 
-def _ids(text: str) -> list[str]:
-    names = [] if text == "none" else text.split(",")
-    for name in names:
-        if name not in EFFECTS:
-            known = ", ".join(["none", *EFFECTS])
-            raise argparse.ArgumentTypeError(f"no effect {name!r}; there are {known}")
-    return names
-
-
 def main(argv: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path, required=True, help="folder to create")
-    parser.add_argument("--effect", type=_ids, default=[], help="ids, by commas")
+    parser.add_argument("--effect", default="none", help="ids, by commas")
+    parser.add_argument("--make", choices=MAKES, default="bristles", help="of the rig")
     parser.add_argument("--strength", type=float, default=2.0, help="R of each effect")
     parser.add_argument("--trials", choices=list(SETS), default="rich")
     parser.add_argument("--seed", type=int, default=0, help="of rig, motions, noise")
     given = parser.parse_args(argv)
     if not 0 <= given.strength < math.inf or given.seed < 0:
         parser.error("--strength and --seed must be finite and not negative")
+    names = [] if given.effect == "none" else given.effect.split(",")
+    for name in names:
+        if name not in MAKES[given.make].effects:
+            known = ", ".join(["none", *MAKES[given.make].effects])
+            parser.error(f"argument --effect: no effect {name!r}; there are {known}")
     if given.out.exists():
         parser.error(f"{given.out} is there already; name a new folder")
-    generate(given.out, given.effect, given.strength, given.trials, given.seed)
+    generate(given.out, names, given.strength, given.trials, given.seed, given.make)
 
 
 if __name__ == "__main__":

@@ -64,6 +64,8 @@ class Rig:
     joint_clock_offset: float
     """How much later than labelled the card of the joint's two channels samples [s]:
     less than half a sample."""
+    make: str = "bristles"
+    """Whose equations it follows, see `makes.MAKES`."""
 
 
 # Standard deviation of (truth / nominal - 1), cut at two of them.
@@ -103,13 +105,14 @@ _NOMINAL_OF = {
 }
 
 
-def make_rig(seed: int, spread: float = 1.0) -> Rig:
+def make_rig(seed: int, spread: float = 1.0, make: str = "bristles") -> Rig:
     """The rig that `seed` built.
 
     Args:
         seed: not negative; the same seed builds the same rig.
         spread: how far, in units of the usual few percent, it is off nominal. 0 gives
             the nominal rig without offsets.
+        make: whose equations it follows, see `makes.MAKES`.
     """
     rng = np.random.default_rng([seed, 0x816])
 
@@ -125,5 +128,5 @@ def make_rig(seed: int, spread: float = 1.0) -> Rig:
     values["friction_a"] = friction * (1 + mismatch)
     values["friction_b"] = friction * (1 - mismatch)
     values |= {name: sd * deviate() for name, sd in _OFFSETS.items()}
-    assert set(values) == {field.name for field in fields(Rig)} - {"seed"}
-    return Rig(seed=seed, **values)
+    assert set(values) == {field.name for field in fields(Rig)} - {"seed", "make"}
+    return Rig(seed=seed, make=make, **values)

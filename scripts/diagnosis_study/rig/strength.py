@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from rig.dataset import make_trials, run, truth_of
-from rig.effects import EFFECTS, Truth
+from rig.effects import Truth
+from rig.makes import MAKES
 from rig.nominal import Rig
 from rig.sensors import CHANNELS, SAMPLE_RATE, sampled
 
@@ -174,8 +175,8 @@ def calibrate(
     """
     if strength == 0.0:
         return 0.0
-    limit = EFFECTS[effect].limit
-    x = math.log(EFFECTS[effect].typical)
+    hidden = MAKES[rig.make].effects[effect]
+    limit, x = hidden.limit, math.log(hidden.typical)
     last: tuple[float, float] | None = None
     for _ in range(_ATTEMPTS):
         reached = measure(rig, {effect: math.exp(x)}, trials, seed).refit

@@ -1,0 +1,1 @@
+"""A rig of another make: a cable without mass through guides, see `README.md`."""

@@ -1,0 +1,234 @@
+"""Two cables without mass: springs between guides that hold by friction; compiled.
+
+Every instant is an equilibrium. A guide holds the cable by three contacts of different
+stiffness that stick until they slide (a generalised Maxwell-slip element: Iwan,
+J. Appl. Mech. 33, 1966); what they hold together makes the capstan equation exact,
+
+    F_c = 2 tanh(mu bend / 2) N,
+
+with N the mean tension of both sides. The equilibrium is found by Newton's method on a
+tridiagonal system, at once for all guides.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rig.compiled import compiled
+from rig.guides.plant import Array, Plant
+
+SHARES = np.array([0.5, 0.3, 0.2])
+"""What each contact holds of the friction of a guide."""
+SOFT = np.array([0.5, 1.0, 2.0])
+"""Travel over which it comes to sliding, over `Plant.yield_travel`."""
+_ENOUGH = 1e-6
+_ITERATIONS = 60
+
+
+class Cables(NamedTuple):
+    """State of both cables; displacements are towards the motor [m].
+
+    Attributes:
+        place: of the cable at its guides (2, guides) [m].
+        stuck: where every contact holds it (2, guides, contacts) [m].
+        speed: of the cable at its guides, with a lag (2, guides) [m/s].
+        rest: how far bonds have grown, 0 to 1 (2, guides).
+        travel: (2,) mean way of the cable since the start [m].
+        tension: of every piece (2, guides + 1) [N].
+        stretch: of the anchorage at the joint (2,) [m].
+        snapped: (2,) whether the conduit has given way.
+        work: (2,) of friction and dampers [J].
+    """
+
+    place: Array
+    stuck: Array
+    speed: Array
+    rest: Array
+    travel: Array
+    tension: Array
+    stretch: Array
+    snapped: Array
+    work: Array
+
+
+def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
+    """Both cables at rest in pretension; `arcs` are the displacements of both."""
+    guides = p.bend.shape[1]
+    place = np.repeat(np.array(arcs)[:, None], guides, axis=1)
+    stuck = np.repeat(place[:, :, None], SHARES.size, axis=2)
+    return Cables(
+        place,
+        stuck,
+        np.zeros((2, guides)),
+        np.zeros((2, guides)),
+        np.zeros(2),
+        np.full((2, guides + 1), pretension),
+        np.full(2, pretension * p.anchor),
+        np.zeros(2),
+        np.zeros(2),
+    )
+
+
+@compiled
+def pull(stiffness: float, stretch: float, sag: float) -> tuple[float, float]:
+    """Tension of a piece and its slope by the stretch; never negative."""
+    if sag == 0.0:
+        return (stiffness * stretch, stiffness) if stretch > 0.0 else (0.0, 0.0)
+    root = math.sqrt(stretch * stretch + sag * sag)
+    tension = 0.5 * stiffness * (stretch + root)
+    return tension, 0.5 * stiffness * (1.0 + stretch / root)
+
+
+@compiled
+def _held(
+    p: Plant, cables: Cables, c: int, i: int, joint: float
+) -> tuple[float, float]:
+    """What a guide holds over its load, and friction that needs no load [N]."""
+    guides = p.bend.shape[1]
+    speed = cables.speed[c, i]
+    factor = 1.0 + p.stick_excess / (1.0 + (speed / p.stick_speed) ** 2)
+    factor *= 1.0 + p.bonding * cables.rest[c, i]
+    factor *= 1.0 + p.running_in * (
+        1.0 - math.exp(-cables.travel[c] / p.running_travel)
+    )
+    lean = p.lean if c == 0 else -0.6 * p.lean
+    factor *= 1.0 + lean * math.tanh(speed / 2e-3)
+    bend = p.bend[c, i]
+    if p.flexing != 0.0 and i >= guides - guides // 3:
+        bend += p.flexing * math.sin(joint) / (guides // 3)
+    dry = 0.5 * p.wiper if i == 1 or i == guides - 2 else 0.0
+    return 2.0 * math.tanh(0.5 * p.friction[c] * factor * max(bend, 0.0)), dry
+
+
+@compiled
+def settle(
+    p: Plant,
+    cables: Cables,
+    c: int,
+    tight: float,
+    near: float,
+    far: float,
+    joint: float,
+    dt: float,
+) -> tuple[float, float]:
+    """Bring a cable to the equilibrium of a step's end; tensions of its ends [N].
+
+    Args:
+        p: the plant.
+        cables: their state, which moves on.
+        c: which cable.
+        tight: tension at rest [N].
+        near: displacement of its end at the motor [m].
+        far: that of its end at the joint [m].
+        joint: angle of the joint [rad].
+        dt: of the step [s].
+    """
+    guides = p.bend.shape[1]
+    place, tension = cables.place[c], cables.tension[c]
+    before = place.copy()
+    grips, dry = np.empty(guides), np.empty(guides)
+    for i in range(guides):
+        grips[i], dry[i] = _held(p, cables, c, i, joint)
+    other = np.mean(cables.tension[1 - c])
+    slope = np.empty(guides + 1)
+    low, mid, high = np.empty(guides), np.empty(guides), np.empty(guides)
+    left, force = np.empty(guides), np.empty(guides)
+    anchor = p.anchor
+    if p.snapping != 0.0 and c == 0:
+        if tension[guides // 2] > p.snap_tension:
+            cables.snapped[c] = 1.0
+        elif tension[guides // 2] < 0.8 * p.snap_tension:
+            cables.snapped[c] = 0.0
+        near -= p.snapping * cables.snapped[c]
+    smallest = 1e300
+    for turn in range(_ITERATIONS):
+        stretched = cables.stretch[c]
+        for i in range(guides + 1):
+            ahead = near if i == 0 else place[i - 1]
+            behind = far if i == guides else place[i]
+            k = p.piece[c, i]
+            sag = p.sag * p.piece_share[c, i]
+            rest = tight / k - 0.25 * sag * sag * k / tight
+            if i == guides and anchor != 0.0:
+                # A spring with a damper in it, in series with the last piece.
+                given = dt / (dt + p.anchor_time)
+                k_anchor = 1.0 / (anchor * given)
+                start_ = cables.stretch[c] * (1.0 - given)
+                x = ahead - behind + rest + tight * anchor - start_
+                k = k * k_anchor / (k + k_anchor)
+                tension[i], slope[i] = pull(k, x, sag)
+                stretched = start_ + tension[i] / k_anchor
+            else:
+                tension[i], slope[i] = pull(k, ahead - behind + rest, sag)
+        worst = 0.0
+        for i in range(guides):
+            load = 0.5 * (tension[i] + tension[i + 1])
+            grip = grips[i]
+            if p.adhesion != 0.0:
+                light = p.reference_tension / (p.reference_tension + load)
+                grip *= 1.0 + p.adhesion * (2.0 * light - 1.0)
+            extra = p.rubbing * p.bend[c, i] * other / p.bend.shape[1]
+            bound = grip * load + dry[i] + extra
+            share, stiff = 0.0, 0.0
+            for k_ in range(SHARES.size):
+                reach = SOFT[k_] * p.yield_travel
+                off = (place[i] - cables.stuck[c, i, k_]) / reach
+                share += SHARES[k_] * min(max(off, -1.0), 1.0)
+                if -1.0 < off < 1.0:
+                    stiff += SHARES[k_] / reach
+            damper = p.dashpot * 2.0 * (guides - i) / (guides * (guides + 1.0)) / dt
+            force[i] = bound * share + damper * (place[i] - before[i])
+            mid[i] = bound * stiff + damper
+            if p.notches != 0.0 and c == 0 and i == guides // 2:
+                phase = 2.0 * math.pi / p.notch_pitch
+                force[i] += p.notches * math.sin(phase * place[i])
+                mid[i] += max(p.notches * phase * math.cos(phase * place[i]), 0.0)
+            # Towards the motor pulls the piece before, back the one behind.
+            left[i] = tension[i] - tension[i + 1] - force[i]
+            half_load = 0.5 * grip * share
+            low[i] = -slope[i] + half_load * slope[i]
+            high[i] = -slope[i + 1] - half_load * slope[i + 1]
+            mid[i] += slope[i] + slope[i + 1] + half_load * (slope[i + 1] - slope[i])
+            mid[i] += 1e-3
+            worst = max(worst, abs(left[i]))
+        if worst < _ENOUGH * p.reference_tension:
+            break
+        _solved(low, mid, high, left)
+        # Shorter steps where contacts go over from one side to the other for ever.
+        part = 1.0 if worst < smallest or turn < 8 else 0.5
+        smallest = min(smallest, worst)
+        for i in range(guides):
+            place[i] += part * left[i]
+    if anchor != 0.0:
+        cables.stretch[c] = stretched
+    way = 0.0
+    mix = dt / (0.01 + dt)
+    for i in range(guides):
+        for k_ in range(SHARES.size):
+            reach = SOFT[k_] * p.yield_travel
+            off = place[i] - cables.stuck[c, i, k_]
+            cables.stuck[c, i, k_] += off - min(max(off, -reach), reach)
+        moved = place[i] - before[i]
+        cables.work[c] += force[i] * moved
+        way += abs(moved) / guides
+        cables.speed[c, i] += mix * (moved / dt - cables.speed[c, i])
+        grown = cables.rest[c, i] + (1.0 - cables.rest[c, i]) * dt / p.bonding_time
+        cables.rest[c, i] = grown / (1.0 + abs(moved) / p.bonding_slip)
+    cables.travel[c] += way
+    return tension[0], tension[guides]
+
+
+@compiled
+def _solved(low: Array, mid: Array, high: Array, left: Array) -> None:
+    """Solve a tridiagonal system in place of its right side (Thomas)."""
+    n = mid.size
+    for i in range(1, n):
+        part = low[i] / mid[i - 1]
+        mid[i] -= part * high[i - 1]
+        left[i] -= part * left[i - 1]
+    left[n - 1] /= mid[n - 1]
+    for i in range(n - 2, -1, -1):
+        left[i] = (left[i] - high[i] * left[i + 1]) / mid[i]

@@ -12,15 +12,6 @@ from cc_mujoco.diagnosis.evidence import Evidence, Map
 from cc_mujoco.diagnosis.report.drawings import shown_maps
 from cc_mujoco.diagnosis.report.excerpt import Excerpt
 from cc_mujoco.diagnosis.report.isolability import confounded_pairs, invisible
-from cc_mujoco.diagnosis.report.page import (
-    Html,
-    bar,
-    bullets,
-    element,
-    joined,
-    paragraph,
-    table,
-)
 from cc_mujoco.diagnosis.report.steps import steps
 from cc_mujoco.diagnosis.verdict import Diagnosis, RunnerUp
 from cc_mujoco.diagnosis.wording import (
@@ -39,6 +30,15 @@ from cc_mujoco.diagnosis.wording import (
     share,
 )
 from cc_mujoco.estimation.least_squares import Estimate
+from cc_mujoco.page import (
+    Html,
+    bar,
+    bullets,
+    element,
+    joined,
+    paragraph,
+    table,
+)
 
 
 def header(diagnosis: Diagnosis, names: Names) -> Html:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from cc_mujoco.diagnosis.report.page import Html, bullets, element, joined
 from cc_mujoco.diagnosis.verdict import Diagnosis, Found
 from cc_mujoco.diagnosis.wording import (
     NO_SCENE,
@@ -15,6 +14,7 @@ from cc_mujoco.diagnosis.wording import (
     plain,
     share,
 )
+from cc_mujoco.page import Html, bullets, element, joined
 
 AGAIN = "run the same command again"
 

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 import cc_mujoco.diagnosis.report.report as report_module
 from cc_mujoco.diagnosis.evidence import Evidence
 from cc_mujoco.diagnosis.report.drawings import STEMS
-from cc_mujoco.diagnosis.report.page import Html, element
 from cc_mujoco.diagnosis.report.report import write_report
 from cc_mujoco.diagnosis.verdict import Diagnosis, Gap, NotTestable
 from cc_mujoco.diagnosis.wording import MINUS, Names, headline
 from cc_mujoco.errors import CableError
+from cc_mujoco.page import Html, element
 from diagnosis.report_examples import DIAGNOSES, NOTHING, TITLES, evidence, maps
 
 VOID = {"meta", "img"}

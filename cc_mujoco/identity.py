@@ -1,7 +1,7 @@
 """What decides the numbers of a run besides its settings: the code that made them.
 
-    then = made_by("law:make", "walk.csv")  # plain JSON, kept beside the numbers
-    differences(then, made_by("law:make", "walk.csv"))  # ["law.py"] once it is edited
+    then = made_by("law:make")  # plain JSON, kept beside the numbers
+    differences(then, made_by("law:make"))  # ["law.py"] once it is edited
 
 It is the library's own sources and scenes, the versions of what it computes with, and
 the user's files: the module of a controller, whatever it imports from outside the
@@ -65,11 +65,11 @@ def sources() -> str:
     return digest.hexdigest()[:24]
 
 
-def made_by(controller: str = "", trajectory: str = "") -> dict[str, Any]:
+def made_by(*controllers: str, trajectory: str = "") -> dict[str, Any]:
     """Who makes numbers in this process, as plain JSON.
 
     Args:
-        controller: name of one that was made before, in `watched`.
+        controllers: names of those that were made before, in `watched`.
         trajectory: name, or path of a CSV file.
     """
     files = {}
@@ -77,7 +77,7 @@ def made_by(controller: str = "", trajectory: str = "") -> dict[str, Any]:
         place = os.path.abspath(trajectory)
         _digests.pop(place, None)
         files[trajectory] = _digest(place)
-    if is_outside(controller):
+    for controller in filter(is_outside, controllers):
         files |= _files(controller)
     return {"versions": versions(), "sources": sources(), "files": files}
 

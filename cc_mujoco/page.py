@@ -90,6 +90,14 @@ def page(title: str, kind: str, *content: Content) -> str:
     )
 
 
+def listed(words: Iterable[str], last: str = "and") -> str:
+    """Words as a sentence lists them: `a, b and c`."""
+    words = list(words)
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
 def _html(content: Content) -> str:
     return content if isinstance(content, Html) else escape(content)
 

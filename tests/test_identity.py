@@ -117,10 +117,10 @@ def test_what_a_process_imported_stays_what_it_was(project: Path) -> None:
 
 def test_a_recorded_trajectory_counts(project: Path) -> None:
     Path("walk.csv").write_text("0,1\n")
-    then = made_by("pi", "walk.csv")
+    then = made_by("pi", trajectory="walk.csv")
     assert set(then["files"]) == {"walk.csv"}
     Path("walk.csv").write_text("0,2\n")
-    assert differences(then, made_by("pi", "walk.csv")) == ["walk.csv"]
+    assert differences(then, made_by("pi", trajectory="walk.csv")) == ["walk.csv"]
 
 
 def test_other_sources_and_versions_are_named() -> None:

@@ -129,7 +129,7 @@ class Playing:
 
     def made_by(self) -> dict[str, Any]:
         """See `Job.made_by`."""
-        return made_by_all(self.plan.controllers)
+        return made_by(*self.plan.controllers)
 
     def size(self, piece: Sequence[Cell]) -> int:
         """Number of cells."""
@@ -144,15 +144,6 @@ class Playing:
             times = time_steps(cell) if entry else None
             found.append(_tables(cell, result, times))
         return found
-
-
-def made_by_all(controllers: Sequence[str]) -> dict[str, Any]:
-    """What makes the results of several controllers; see `identity.made_by`."""
-    every = [made_by(name) for name in ("", *controllers)]
-    files: dict[str, str] = {}
-    for one in every:
-        files |= one["files"]
-    return every[0] | {"files": files}
 
 
 def require_ours(plan: Plan, out: str | os.PathLike[str]) -> None:

@@ -8,9 +8,10 @@ from pathlib import Path
 from cc_mujoco.benchmark import drawing
 from cc_mujoco.benchmark.report import BASELINE, markdown
 from cc_mujoco.benchmark.results import Results, write_results
-from cc_mujoco.benchmark.runner import FIGURES, RESULTS, TABLE, Plan, made_by_all
+from cc_mujoco.benchmark.runner import FIGURES, RESULTS, TABLE, Plan
 from cc_mujoco.figures import save, style
 from cc_mujoco.files import replacing
+from cc_mujoco.identity import made_by
 
 
 def write(
@@ -22,7 +23,7 @@ def write(
         The tables, as Markdown.
     """
     out = Path(out)
-    makers = made_by_all(plan.controllers)
+    makers = made_by(*plan.controllers)
     write_results(out / RESULTS, results, plan.suite, makers)
     text = markdown(results, baseline)
     with replacing(out / TABLE) as partial:

@@ -44,8 +44,9 @@ class WhatIf:
     """How the wearer moves: a name or FILE.csv; the default depends on the scene."""
     task: Name = None
     """What the device should make the wearer feel; the default depends on the scene."""
-    controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
-    """What drives the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
+    controllers: Annotated[tuple[str, ...], in_words("NAME [NAME ...]")] = ("model",)
+    """What drives the motor: names, MODULE:FUNCTION or POLICY.safetensors; of several,
+    each design is judged with the one that tracks best."""
     duration: float = 10.0
     """Length of an episode in seconds."""
     seed: int = 0
@@ -114,7 +115,7 @@ class WhatIf:
         trial: dict[str, Any] = {
             "trajectory": self.trajectory,
             "task": self.task,
-            "controller": self.controller,
+            "controllers": self.controllers,
             "duration": self.duration,
             "seed": self.seed,
             "timestep": self.timestep,

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping
 
 from cc_mujoco.diagnosis.verdict import Diagnosis, Gap
 from cc_mujoco.estimation.least_squares import Estimate
+from cc_mujoco.page import listed
 
 TORQUE_UNIT = "Nm"
 SIGN = (
@@ -71,14 +72,6 @@ def plain(name: str) -> str:
 def channel(name: str) -> str:
     """What a channel is called: without its unit, `motor torque`."""
     return plain(name.removesuffix("_nm"))
-
-
-def listed(words: Iterable[str], last: str = "and") -> str:
-    """Words as a sentence lists them: `a, b and c`."""
-    words = list(words)
-    if len(words) < 2:
-        return "".join(words)
-    return f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
 def capital(text: str) -> str:

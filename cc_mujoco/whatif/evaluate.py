@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,8 +17,11 @@ from cc_mujoco.identity import made_by
 from cc_mujoco.sensing import PERFECT
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.metrics import (
+    CHOSEN_BY,
     METRICS,
     Row,
+    Test,
+    by_controller,
     measure_backdrive,
     measure_backlash,
     measure_bandwidth,
@@ -46,9 +49,11 @@ class Result(NamedTuple):
     """What became of one design."""
 
     metrics: dict[str, float]
-    """NaN where it cannot be had."""
+    """NaN where it cannot be had; those of `by_controller` besides."""
     failed: str
     """Why it failed in simulation; empty where it did not."""
+    controller: str = ""
+    """The one that metrics are of; empty where the design failed."""
 
 
 def evaluate(
@@ -64,36 +69,63 @@ def evaluate(
         tick: called now and then with the share that is done; may raise to stop.
 
     Returns:
-        One result per design, whatever becomes of the others.
+        One result per design, whatever becomes of the others. Of several controllers
+        it is that with the least tracking error, the first of equals; one that fails
+        is out, and the design with it only where all do.
     """
     builder = Builder(protocol.scene, protocol.timestep)
     models = [builder.model(design) for design in designs]
-    found: list[dict[str, float]] = [{} for _ in designs]
-    failed = [""] * len(designs)
     tests = episodes(protocol, builder)
-    total = sum(episode.duration for episode in tests.values())
+    laws = protocol.controllers
+    found: list[dict[str, dict[str, float]]] = [{n: {} for n in laws} for _ in designs]
+    failed: list[dict[str, str]] = [{} for _ in designs]
+    total = sum(episode.duration for _, _, episode in tests)
     done = 0.0
-    for test, episode in tests.items():
+    for test, law, episode in tests:
         start, part = done / total, episode.duration / total
         played = play(episode, models, tick=_within(tick, start, part))
         for index, why in enumerate(played.failed):
+            of = (law,) if law else laws
             if why:
                 where = "" if test == "episode" else f"{test} test: "
-                failed[index] = failed[index] or where + why
-            else:
-                found[index] |= _measure(test, played, index, builder, designs[index])
+                failed[index] = dict.fromkeys(of, where + why) | failed[index]
+                continue
+            row = _measure(test, played, index, builder, designs[index])
+            for name in of:
+                found[index][name] |= row
         done += episode.duration
-    return [
-        Result(
-            {n: math.nan if why else row.get(n, math.nan) for n in protocol.metrics},
-            why,
-        )
-        for row, why in zip(found, failed, strict=True)
-    ]
+    pairs = zip(found, failed, strict=True)
+    return [_result(protocol, rows, why) for rows, why in pairs]
 
 
-def episodes(protocol: EpisodeProtocol, builder: Builder) -> dict[str, Episode]:
-    """What has to be played for the metrics of a protocol, by test.
+def _result(
+    protocol: EpisodeProtocol,
+    rows: Mapping[str, Mapping[str, float]],
+    failed: Mapping[str, str],
+) -> Result:
+    """The result of a design, from those with each controller."""
+    columns = by_controller(protocol)
+    good = [law for law in protocol.controllers if law not in failed]
+    if not good:
+        none = dict.fromkeys((*protocol.metrics, *columns), math.nan)
+        return Result(none, failed[protocol.controllers[0]])
+    best = good[0]
+    if len(protocol.controllers) > 1:
+        best = min(good, key=lambda law: rows[law][CHOSEN_BY])
+    metrics = {name: rows[best].get(name, math.nan) for name in protocol.metrics}
+    for column, (name, law) in columns.items():
+        metrics[column] = rows[law].get(name, math.nan) if law in good else math.nan
+    return Result(metrics, "", best)
+
+
+def episodes(
+    protocol: EpisodeProtocol, builder: Builder
+) -> list[tuple[Test, str, Episode]]:
+    """What has to be played for the metrics of a protocol.
+
+    Returns:
+        Test, name of the controller, episode; no name where the test is of the
+        hardware alone.
 
     Raises:
         CableError: the trajectory or the task cannot be played.
@@ -105,31 +137,36 @@ def episodes(protocol: EpisodeProtocol, builder: Builder) -> dict[str, Episode]:
         protocol.duration,
         protocol.frame_skip,
         protocol.seed,
-        protocol.controller,
+        None,
     )
     needed = {METRICS[name].test for name in protocol.metrics}
-    found: dict[str, Episode] = {}
+    found: list[tuple[Test, str, Episode]] = []
     if "episode" in needed:
-        found["episode"] = main
+        found += [
+            ("episode", law, dataclasses.replace(main, controller=law))
+            for law in protocol.controllers
+        ]
     if "backdrive" in needed:
-        unpowered = dataclasses.replace(main, task="transparent", controller=None)
-        found["backdrive"] = unpowered
+        found.append(("backdrive", "", dataclasses.replace(main, task="transparent")))
     if needed & {"backlash", "bandwidth"}:
         held, most, one_way = _held(main, builder.model({}))
         # A cable that only pulls swings between nothing and its most.
         share, bias = (0.5, 0.5) if one_way else (1.0, 0.0)
         if "backlash" in needed:
-            found["backlash"] = dataclasses.replace(
+            slow = dataclasses.replace(
                 held,
                 task=Swing(share * most, bias * most),
                 duration=SWINGS * SWING_TIME,
                 controller="none",
             )
+            found.append(("backlash", "", slow))
         if "bandwidth" in needed:
             chirp = Chirp(CHIRP_SHARE * most, 2.5 * CHIRP_SHARE * bias * most)
-            found["bandwidth"] = dataclasses.replace(
-                held, task=chirp, duration=CHIRP_TIME
-            )
+            fast = dataclasses.replace(held, task=chirp, duration=CHIRP_TIME)
+            found += [
+                ("bandwidth", law, dataclasses.replace(fast, controller=law))
+                for law in protocol.controllers
+            ]
     return found
 
 
@@ -140,10 +177,12 @@ def rehearse(protocol: EpisodeProtocol, builder: Builder) -> None:
         CableError: trajectory, task or controller cannot be used.
     """
     model = builder.model({})
-    for episode in episodes(protocol, builder).values():
+    for _, _, episode in episodes(protocol, builder):
         exo = episode.exo(model)
         exo.author.write(np.random.default_rng(protocol.seed))
-        controller(protocol.controller, PERFECT.equip(exo.drive))
+    drive = PERFECT.equip(exo.drive)
+    for law in protocol.controllers:
+        controller(law, drive)
 
 
 @dataclass(frozen=True)
@@ -158,7 +197,7 @@ class Trial:
 
     def made_by(self) -> dict[str, Any]:
         """See `Job.made_by`; a trajectory from a file goes with the protocol."""
-        return made_by(self.protocol.controller)
+        return made_by(*self.protocol.controllers)
 
     def size(self, piece: Sequence[Design]) -> int:
         """Number of designs."""
@@ -187,7 +226,7 @@ def _held(main: Episode, model: mujoco.MjModel) -> tuple[Episode, float, bool]:
 
 
 def _measure(
-    test: str, played: Rollout, index: int, builder: Builder, design: Design
+    test: Test, played: Rollout, index: int, builder: Builder, design: Design
 ) -> dict[str, float]:
     row = Row(played, index, tuple(builder.cables))
     if test == "backdrive":

@@ -19,7 +19,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.recording.columns import DRIVEN, RATIO
 from cc_mujoco.recording.metrics import EFFICIENCY, Samples, efficiency, wound
 from cc_mujoco.recording.signals import loop_width
-from cc_mujoco.whatif.protocol import CHIRP_HIGH, CHIRP_LOW, SWINGS
+from cc_mujoco.whatif.protocol import CHIRP_HIGH, CHIRP_LOW, SWINGS, EpisodeProtocol
 from cc_mujoco.whatif.simulate import Rollout
 
 Array = NDArray[np.float64]
@@ -41,6 +41,11 @@ class Metric:
     """Whether more is better."""
     test: Test = "episode"
     """What has to be played for it."""
+
+    @property
+    def driven(self) -> bool:
+        """Whether a controller decides it, and not the hardware alone."""
+        return self.test in ("episode", "bandwidth")
 
 
 METRICS: dict[str, Metric] = {
@@ -70,6 +75,26 @@ METRICS: dict[str, Metric] = {
     )
 }  # fmt: skip
 """Every metric by name."""
+
+CHOSEN_BY = "tracking_error"
+"""What is least with the best of several controllers."""
+
+
+def by_controller(protocol: EpisodeProtocol) -> dict[str, tuple[str, str]]:
+    """Columns of what is measured with each of several controllers.
+
+    Returns:
+        Metric and controller by name of the column, `METRIC@CONTROLLER`; nothing where
+        there is one controller.
+    """
+    if len(protocol.controllers) == 1:
+        return {}
+    return {
+        f"{name}@{law}": (name, law)
+        for law in protocol.controllers
+        for name in protocol.metrics
+        if METRICS[name].driven
+    }
 
 
 @dataclass(frozen=True, eq=False)

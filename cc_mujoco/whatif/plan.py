@@ -29,7 +29,7 @@ from cc_mujoco.whatif.designs import (
     require_count,
 )
 from cc_mujoco.whatif.evaluate import Design, rehearse
-from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.whatif.metrics import CHOSEN_BY, METRICS
 from cc_mujoco.whatif.protocol import CHIRP_TIME, CONTROL_PERIOD, EpisodeProtocol
 
 BATCH = 96
@@ -40,6 +40,9 @@ MEMORY, SAMPLE = 250e6, 300.0
 """What a batch may keep, and what a design keeps of a control step [byte]."""
 
 SAMPLINGS = ("grid", "lhs")
+
+DEFAULT_CONTROLLERS = ("model",)
+"""It follows from a design's own cables, where fixed gains suit one design alone."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,11 @@ class Plan:
             field.name: getattr(self.protocol, field.name)
             for field in dataclasses.fields(self.protocol)
         }
-        protocol |= {"trajectory": self.source, "metrics": list(self.protocol.metrics)}
+        protocol |= {
+            "trajectory": self.source,
+            "controllers": list(self.protocol.controllers),
+            "metrics": list(self.protocol.metrics),
+        }
         about: dict[str, Any] = {
             "protocol": protocol,
             "variables": list(self.ranges),
@@ -91,7 +98,7 @@ class Plan:
 
     def made_by(self) -> dict[str, Any]:
         """What makes the table besides, see `identity`."""
-        return made_by(self.protocol.controller, self.source)
+        return made_by(*self.protocol.controllers, trajectory=self.source)
 
 
 def make_plan(
@@ -103,7 +110,7 @@ def make_plan(
     samples: int | None = None,
     trajectory: str | None = None,
     task: str | None = None,
-    controller: str = "pi",
+    controllers: Sequence[str] = DEFAULT_CONTROLLERS,
     duration: float = 10.0,
     seed: int = 0,
     timestep: float | None = None,
@@ -115,7 +122,7 @@ def make_plan(
         CableError: what is wrong, in one sentence.
     """
     protocol, builder = _trial(
-        scene, trajectory, task, controller, duration, seed, timestep, metrics
+        scene, trajectory, task, controllers, duration, seed, timestep, metrics
     )
     if (vary is None or not vary) == (designs is None):
         raise CableError("give what to vary, or a list of designs, and not both.")
@@ -152,7 +159,7 @@ def empty_plan(
     *,
     trajectory: str | None = None,
     task: str | None = None,
-    controller: str = "pi",
+    controllers: Sequence[str] = DEFAULT_CONTROLLERS,
     duration: float = 10.0,
     seed: int = 0,
     timestep: float | None = None,
@@ -164,17 +171,33 @@ def empty_plan(
         CableError: what is wrong, in one sentence.
     """
     protocol, builder = _trial(
-        scene, trajectory, task, controller, duration, seed, timestep, metrics
+        scene, trajectory, task, controllers, duration, seed, timestep, metrics
     )
     source = builder.device.trajectory if trajectory is None else trajectory
     return Plan(protocol, (), {}, False, (), source), builder
+
+
+def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
+    """Controllers, each once.
+
+    Raises:
+        CableError: there is none, or one is given twice.
+    """
+    if isinstance(names, str):
+        raise CableError(f"controllers must be a list of names, not {names!r}.")
+    if not names:
+        raise CableError("a study needs a controller.")
+    for name in names:
+        if list(names).count(name) > 1:
+            raise CableError(f"controller {name!r} is given twice.")
+    return tuple(names)
 
 
 def _trial(
     scene: str,
     trajectory: str | None,
     task: str | None,
-    law: str,
+    laws: Sequence[str],
     duration: float,
     seed: int,
     timestep: float | None,
@@ -191,20 +214,24 @@ def _trial(
         )
     for name in metrics:
         look_up("metric", name, METRICS)
+    laws = _read_controllers(laws)
     number("duration", duration, 0.05, LONGEST, "s")
     if not (isinstance(seed, int) and seed >= 0):
         raise CableError(f"seed must be an integer >= 0, not {seed!r}.")
     home = builder.device
     source = home.trajectory if trajectory is None else trajectory
+    chosen = tuple(dict.fromkeys(metrics))
+    if chosen and len(laws) > 1 and CHOSEN_BY not in chosen:
+        chosen = (*chosen, CHOSEN_BY)
     protocol = EpisodeProtocol(
         scene,
         from_csv(source) if source.lower().endswith(".csv") else source,
         home.task if task is None else task,
-        law,
+        laws,
         duration,
         seed,
         step,
-        tuple(dict.fromkeys(metrics)) or tuple(METRICS),
+        chosen or tuple(METRICS),
     )
     rehearse(protocol, builder)
     return protocol, builder

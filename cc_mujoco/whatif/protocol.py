@@ -46,7 +46,8 @@ class EpisodeProtocol:
     trajectory: str | Trajectory
     """Name, or what a CSV file holds."""
     task: str
-    controller: str
+    controllers: tuple[str, ...]
+    """That drive the motor, each in an episode of its own."""
     duration: float
     """Length of the episode [s]."""
     seed: int

@@ -18,7 +18,8 @@ from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.pareto import Limit, Objective, costs, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity, sensitivity
-from cc_mujoco.whatif.variables import VARIABLES
+from cc_mujoco.whatif.store import CONTROLLER
+from cc_mujoco.whatif.wording import cell, driven_by, headed
 
 RANKING, PARETO, SOBOL, EFFECTS = (
     "ranking.md",
@@ -102,7 +103,7 @@ def markdown(
     parts = [
         f"# What if: {protocol.scene}, {len(table)} designs",
         f"Trajectory {plan.source}, task {protocol.task}, "
-        f"controller {protocol.controller}, {protocol.duration:g} s, "
+        f"{driven_by(protocol.controllers)}, {protocol.duration:g} s, "
         f"seed {protocol.seed}, time step {1e3 * protocol.timestep:g} ms.",
     ]
     if failed:
@@ -196,12 +197,13 @@ def _ranking(
     best = pareto(cost) if chosen else np.zeros(len(cost), dtype=np.bool_)
     metrics = [goal.name for goal in goals]
     metrics += [name for name in plan.protocol.metrics if name not in metrics]
-    columns = ["design", *plan.varied, *metrics]
-    head = [_headed(name) for name in columns]
+    several = len(plan.protocol.controllers) > 1
+    columns = ["design", *plan.varied, *metrics, *([CONTROLLER] if several else [])]
+    head = [headed(name) for name in columns]
     rows = []
     for place in places:
         row = table.slice(int(place), 1).to_pylist()[0]
-        cells = [_cell(row[name]) for name in columns]
+        cells = [cell(row[name]) for name in columns]
         cells[0] += "*" if best[place] else ""
         rows.append(cells)
     return table_of(head, rows)
@@ -242,17 +244,6 @@ def _index(share: float, error: float | None) -> str:
     if error is None:
         return f"{share:.3f}"
     return f"{share:.3f} ± {error:.3f}" if share else f"- ± {error:.3f}"
-
-
-def _headed(name: str) -> str:
-    thing = METRICS.get(name) or VARIABLES.get(name.rpartition(".")[2])
-    return name if thing is None or thing.unit == "1" else f"{name} [{thing.unit}]"
-
-
-def _cell(value: object) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _table(

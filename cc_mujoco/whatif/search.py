@@ -32,7 +32,7 @@ from cc_mujoco.whatif.pareto import (
     read_limits,
     read_objectives,
 )
-from cc_mujoco.whatif.plan import Plan, batches_of, empty_plan
+from cc_mujoco.whatif.plan import DEFAULT_CONTROLLERS, Plan, batches_of, empty_plan
 from cc_mujoco.whatif.store import Store
 from cc_mujoco.workers import WORKER_TIMEOUT, Progress, run_here, run_on_cluster
 
@@ -54,7 +54,7 @@ def optimise(
     evaluations: int = 400,
     trajectory: str | None = None,
     task: str | None = None,
-    controller: str = "pi",
+    controllers: Sequence[str] = DEFAULT_CONTROLLERS,
     duration: float = 10.0,
     seed: int = 0,
     timestep: float | None = None,
@@ -79,7 +79,7 @@ def optimise(
         trajectory: as in `study`, as are all others; what is measured is by default
             only what objectives and limits ask for.
         task: see `study`.
-        controller: see `study`.
+        controllers: see `study`.
         duration: see `study` [s].
         seed: see `study`; also of the sampler.
         timestep: see `study` [s].
@@ -106,7 +106,7 @@ def optimise(
         subject_to,
         trajectory=trajectory,
         task=task,
-        controller=controller,
+        controllers=controllers,
         duration=duration,
         seed=seed,
         timestep=timestep,
@@ -145,7 +145,7 @@ def make_search(
         objectives: see there.
         subject_to: see there.
         metrics: see there.
-        trial: how designs are tried: trajectory, task, controller, duration, seed,
+        trial: how designs are tried: trajectory, task, controllers, duration, seed,
             timestep.
 
     Raises:

@@ -18,7 +18,7 @@ from cc_mujoco.sensing import PERFECT
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import Design
 from cc_mujoco.whatif.protocol import CONTROL_PERIOD
-from cc_mujoco.whatif.store import read_study, read_table
+from cc_mujoco.whatif.store import CONTROLLER, read_study, read_table
 
 
 def show(
@@ -56,9 +56,12 @@ def show(
         duration=protocol["duration"],
         frame_skip=round(CONTROL_PERIOD / protocol["timestep"]),
     )
-    names = {key: protocol[key] for key in ("trajectory", "task", "controller")}
-    law = controller(protocol["controller"], PERFECT.equip(env.unwrapped.drive))
-    makers = made_by(protocol["controller"], protocol["trajectory"])
+    drive = PERFECT.equip(env.unwrapped.drive)
+    laws = {name: controller(name, drive) for name in protocol["controllers"]}
+    chosen = read_row(folder, row).get(CONTROLLER) or protocol["controllers"][0]
+    law = laws[chosen]
+    names = {key: protocol[key] for key in ("trajectory", "task")}
+    makers = made_by(*laws, trajectory=protocol["trajectory"])
     if changed := differences(seal(read_table(folder)), makers):
         raise CableError(
             f"design {row} would not be the one in the table of {folder}, which was "
@@ -70,7 +73,7 @@ def show(
         law,
         sensing=PERFECT,
         seed=protocol["seed"],
-        about={**names, "design": row, "variables": design},
+        about={**names, "controller": chosen, "design": row, "variables": design},
         progress=progress,
     )
     log = EpisodeLog(log.columns, {**log.metadata, MODEL_XML: builder.xml(design)})

@@ -22,11 +22,14 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
 from cc_mujoco.identity import differences, seal, sealed
 from cc_mujoco.whatif.evaluate import Result
-from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.whatif.metrics import METRICS, by_controller
 from cc_mujoco.whatif.plan import Plan
+from cc_mujoco.whatif.protocol import EpisodeProtocol
 from cc_mujoco.whatif.variables import VARIABLES
 
 STUDY, PARTS, TABLE = "study.json", "parts", "table.parquet"
+CONTROLLER = "controller"
+"""Column of the controller that metrics are of, where several were tried."""
 
 
 class Store:
@@ -73,7 +76,7 @@ class Store:
                 if other := differences(seal(part), self._makers):
                     changed = other
                 else:
-                    results = _read_part(part, plan.protocol.metrics)
+                    results = _read_part(part, plan.protocol)
                     self._found[int(path.stem)] = results
         # Parts of this code beside a table of other code: it was asked for anew.
         if not self._found and (folder / TABLE).exists() and plan.search is None:
@@ -106,7 +109,7 @@ class Store:
             return
         parts = self._folder / PARTS
         parts.mkdir(exist_ok=True)
-        columns = _columns(results, self.plan.protocol.metrics)
+        columns = _columns(results, self.plan.protocol)
         with replacing(parts / f"{batch:06d}.parquet") as partial:
             pq.write_table(sealed(pa.table(columns), self._makers), partial)
 
@@ -135,7 +138,7 @@ class Store:
         columns: dict[str, pa.Array] = {"design": pa.array(range(len(results)))}
         for name in plan.ranges:
             columns[name] = pa.array([design[name] for design in plan.designs])
-        columns |= _columns(results, plan.protocol.metrics)
+        columns |= _columns(results, plan.protocol)
         fields = [_field(name, array.type) for name, array in columns.items()]
         return pa.Table.from_arrays(list(columns.values()), schema=pa.schema(fields))
 
@@ -220,36 +223,50 @@ def _require_same(folder: Path, about: Mapping[str, Any]) -> None:
         )
 
 
-def _columns(results: Sequence[Result], metrics: Sequence[str]) -> dict[str, pa.Array]:
-    """Columns of metrics, null where there is no number, and of failures."""
+def _columns(
+    results: Sequence[Result], protocol: EpisodeProtocol
+) -> dict[str, pa.Array]:
+    """Columns of metrics, null where there is no number, of controllers, of failures.
+
+    Which controller it was is told where there are several.
+    """
+    each = by_controller(protocol)
     columns = {
         name: pa.array(
             [row.metrics[name] for row in results], pa.float64(), from_pandas=True
         )
-        for name in metrics
+        for name in (*protocol.metrics, *each)
     }
-    reasons = [row.failed or None for row in results]
-    return columns | {"failed": pa.array(reasons, pa.string())}
+    texts = {"failed": [row.failed or None for row in results]}
+    if each:
+        texts = {CONTROLLER: [row.controller or None for row in results]} | texts
+    return columns | {name: pa.array(t, pa.string()) for name, t in texts.items()}
 
 
-def _read_part(part: pa.Table, metrics: Sequence[str]) -> list[Result]:
+def _read_part(part: pa.Table, protocol: EpisodeProtocol) -> list[Result]:
+    names = (*protocol.metrics, *by_controller(protocol))
     return [
         Result(
-            {n: float("nan") if row[n] is None else row[n] for n in metrics},
+            {n: float("nan") if row[n] is None else row[n] for n in names},
             row["failed"] or "",
+            row.get(CONTROLLER) or "",
         )
         for row in part.to_pylist()
     ]
 
 
-def _field(name: str, kind: pa.DataType) -> pa.Field:
+def _field(column: str, kind: pa.DataType) -> pa.Field:
+    name, _, law = column.partition("@")
     if name == "design":
         about = {"unit": "1", "meaning": "number of the design"}
+    elif name == CONTROLLER:
+        about = {"unit": "1", "meaning": "controller that the metrics are of"}
     elif name == "failed":
         about = {"unit": "1", "meaning": "why the simulation failed, if it did"}
     else:
         metric, variable = METRICS.get(name), VARIABLES.get(name.rpartition(".")[2])
         thing = metric or variable
         assert thing is not None
-        about = {"unit": thing.unit, "meaning": thing.meaning}
-    return pa.field(name, kind, metadata=about)
+        by = f"with controller {law}: " if law else ""
+        about = {"unit": thing.unit, "meaning": by + thing.meaning}
+    return pa.field(column, kind, metadata=about)

@@ -15,7 +15,7 @@ import pyarrow as pa
 from cc_mujoco.identity import told
 from cc_mujoco.whatif.designs import Given
 from cc_mujoco.whatif.evaluate import Trial
-from cc_mujoco.whatif.plan import Plan, make_plan
+from cc_mujoco.whatif.plan import DEFAULT_CONTROLLERS, Plan, make_plan
 from cc_mujoco.whatif.store import Store
 from cc_mujoco.workers import WORKER_TIMEOUT, Progress, run_here, run_on_cluster
 
@@ -29,7 +29,7 @@ def study(
     samples: int | None = None,
     trajectory: str | None = None,
     task: str | None = None,
-    controller: str = "pi",
+    controllers: Sequence[str] = DEFAULT_CONTROLLERS,
     duration: float = 10.0,
     seed: int = 0,
     timestep: float | None = None,
@@ -53,7 +53,8 @@ def study(
         trajectory: how the wearer moves, a name or the path of a CSV file; that of the
             scene by default, as is the task.
         task: what the wearer should feel.
-        controller: what drives the motor.
+        controllers: that drive the motor; of several, the metrics of a design are
+            those with the one that tracks best, and `METRIC@CONTROLLER` has each.
         duration: of the episode of each design [s].
         seed: of everything random, sampling included.
         timestep: of the physics, a divisor of 1 ms [s]; that of the scene by default.
@@ -82,7 +83,7 @@ def study(
         samples=samples,
         trajectory=trajectory,
         task=task,
-        controller=controller,
+        controllers=controllers,
         duration=duration,
         seed=seed,
         timestep=timestep,

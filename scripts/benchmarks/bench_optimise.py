@@ -60,11 +60,11 @@ def main() -> None:
     parser.add_argument("--levels", type=int, default=22, help="of every variable")
     parser.add_argument("--duration", type=float, default=2.0, help="of an episode [s]")
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--controller", default="none")
+    parser.add_argument("--controllers", nargs="+", default=["none"])
     arguments = parser.parse_args()
     count = arguments.levels ** len(ENDS)
     few = count // SHARE
-    how = {"duration": arguments.duration, "controller": arguments.controller}
+    how = {"duration": arguments.duration, "controllers": arguments.controllers}
     measured = [*GOALS, "slack_margin"]
     with tqdm(total=count, unit="design") as bar:
         begin = time.perf_counter()

@@ -106,7 +106,7 @@ def loop(plan: Plan) -> None:
             duration=protocol.duration,
             frame_skip=protocol.frame_skip,
         ).unwrapped
-        law = controller(protocol.controller, env.drive)
+        law = controller(protocol.controllers[0], env.drive)
         driven = env.exo.device.driven
         measuring = Measuring(PERFECT, law.drive, driven, protocol.seed, env.exo.steps)
         run(Single(env, protocol.seed), law, measure=measuring.measure)

@@ -38,7 +38,6 @@ def main() -> None:
         },
         trajectory="sine",
         task="spring",
-        controller="none",
         duration=6.0,
         metrics=["reflected_torque", "slack_margin"],
     )

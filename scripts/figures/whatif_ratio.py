@@ -2,8 +2,9 @@
 
     python scripts/figures/whatif_ratio.py --out cc_mujoco/whatif/whatif_ratio.png
 
-The ankle exoskeleton helps a walking wearer, with drums and levers of many sizes and no
-compensation of friction. Draws what the motor must give and prints what that says.
+The ankle exoskeleton helps a walking wearer, with drums and levers of many sizes, each
+driven by a model of its own cable. Draws what the motor must give and prints what that
+says.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ from cc_mujoco.whatif.simulate import play
 DRUM = np.linspace(0.01, 0.05, 9)
 LEVER = np.linspace(0.06, 0.18, 7)
 HOW: dict[str, Any] = {
-    "controller": "none",
     "duration": 5.0,
     "metrics": (
         "peak_motor_torque",
@@ -114,7 +114,7 @@ def racing(lever: float, drum: float) -> float:
     design = {"joint_radius": float(lever), "motor_radius": float(drum)}
     plan = make_plan("ankle", designs=[design], **HOW)
     builder = Builder("ankle")
-    episode = episodes(plan.protocol, builder)["episode"]
+    ((_, _, episode),) = episodes(plan.protocol, builder)
     columns = play(episode, [builder.model(design)]).columns
     power = columns["motor_torque_nm"][0] * columns["motor_velocity_rad_s"][0]
     slack = columns["least_tension_n"][0, 0] <= 0.0

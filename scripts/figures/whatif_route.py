@@ -60,7 +60,6 @@ def main() -> None:
         len(designs),
         scene="ankle",
         designs=designs,
-        controller="pi",
         duration=5.0,
         metrics=tuple(PANELS),
     )
@@ -101,7 +100,7 @@ def conclusion(table: pa.Table) -> str:
         f"With the motor on the thigh instead of a stand the conduit wraps "
         f"{ROUTES[thigh].wrap:.1f} instead of {ROUTES[0].wrap:.1f} rad: at friction "
         f"{FRICTION[1]:g} efficiency rises from {share[0, 1]:.0%} to "
-        f"{share[thigh, 1]:.0%}, peak motor power falls from {power[0, 1]:.0f} to "
+        f"{share[thigh, 1]:.0%}, peak motor power goes from {power[0, 1]:.0f} to "
         f"{power[thigh, 1]:.0f} W and the torque error from {error[0, 1]:.1f} to "
         f"{error[thigh, 1]:.1f} N m. Tight bends on the way from the stand bring "
         f"efficiency down to {share[tight, 1]:.0%}, and a liner of friction "

@@ -232,12 +232,12 @@ def test_the_controller_of_a_worker_is_that_of_the_client(
         "wrist",
         {"loops": [1, 2]},
         duration=0.2,
-        controller="law_of_mine:make",
+        controllers=["law_of_mine:make"],
         metrics=["tracking_error"],
     )
     assert carry_out(plan, scheduler=cluster.address).equals(carry_out(plan))
     cluster.work(HOME, tmp_path / "other")
-    words = ("--controller", "law_of_mine:make")
+    words = ("--controllers", "law_of_mine:make")
     assert "differs in law_of_mine.py" in refusal(cluster.address, *words)
 
 

@@ -139,7 +139,7 @@ def test_numbers_of_an_episode() -> None:
 def test_efficiency_of_a_driven_joint_falls_as_friction_rises() -> None:
     friction = [0.01, 0.1, 0.6]
     about: Any = {"duration": 1.5, "metrics": ("efficiency",), "threads": 1}
-    found = study("ankle", {"friction": friction}, controller="pi", **about)
+    found = study("ankle", {"friction": friction}, controllers=["pi"], **about)
     values = found["efficiency"].to_pylist()
     assert values == sorted(values, reverse=True)
     assert 0.0 < values[-1] < 0.1 < 0.5 < values[0] < 1.0

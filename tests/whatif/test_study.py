@@ -58,8 +58,10 @@ def test_controllers_that_sense_tension_are_shown_as_measured(
 ) -> None:
     vary = {"joint_radius": [0.09, 0.104], "friction": [0.02, 0.05]}
     table = study("wrist", {**vary, "static_friction": 0.0}, out=tmp_path,
-                  controller=law, **SHORT)  # fmt: skip
-    plain = study("wrist", {**vary, "static_friction": 0.0}, controller="none", **SHORT)
+                  controllers=[law], **SHORT)  # fmt: skip
+    plain = study(
+        "wrist", {**vary, "static_friction": 0.0}, controllers=["none"], **SHORT
+    )
     log, _ = show(tmp_path, 2)
     found = measure_episode(log, Builder("wrist").strength({}))
     assert found["tracking_error"] == table["tracking_error"][2].as_py()
@@ -173,7 +175,7 @@ def gain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], N
 
 
 OWN: dict[str, Any] = {
-    "controller": "gained:make",
+    "controllers": ["gained:make"],
     "out": "study",
     "trajectory": "sine",
     "duration": 0.3,
@@ -245,16 +247,84 @@ def test_a_design_that_fails_is_a_row_with_the_reason(
     monkeypatch.setitem(CONTROLLERS, "mad", Mad)
     metrics = ("slack_margin", "reflected_torque")
     vary = {"motor_torque": [0.1, 1.0, 0.2]}
-    table = study("wrist", vary, controller="mad", duration=0.2, metrics=metrics)
+    table = study("wrist", vary, controllers=["mad"], duration=0.2, metrics=metrics)
     failed = table["failed"].to_pylist()
     assert failed[0] is failed[2] is None
     assert re.fullmatch(
         r"the simulation diverged at 0.001 s \(mjWARN_BADCTRL\)", failed[1]
     )
     assert table["reflected_torque"][1].as_py() is None
-    alone = study("wrist", {"motor_torque": [0.1]}, controller="mad", duration=0.2,
+    alone = study("wrist", {"motor_torque": [0.1]}, controllers=["mad"], duration=0.2,
                   metrics=metrics)  # fmt: skip
     assert table.slice(0, 1).drop_columns("design").equals(alone.drop_columns("design"))
+
+
+def test_of_several_controllers_a_design_has_that_which_tracks_best(
+    tmp_path: Path,
+) -> None:
+    laws, metrics = ("none", "pi"), ("peak_tension", "backlash_width")
+    vary = {"friction": [0.02, 0.2], "motor_torque": [0.1, 1.0]}
+    about: dict[str, Any] = {**SHORT, "metrics": metrics, "duration": 0.3}
+    table = study("wrist", vary, controllers=laws, out=tmp_path, **about)
+    alone = {
+        law: study(
+            "wrist",
+            vary,
+            controllers=[law],
+            **{**about, "metrics": (*metrics, "tracking_error")},
+        )
+        for law in laws
+    }
+    assert "backlash_width@pi" not in table.column_names
+    for row in table.to_pylist():
+        each = {
+            law: t.slice(row["design"], 1).to_pylist()[0] for law, t in alone.items()
+        }
+        best = min(laws, key=lambda law: each[law]["tracking_error"])
+        assert row["controller"] == best
+        for name in (*metrics, "tracking_error"):
+            assert row[name] == each[best][name]
+        for law in laws:
+            assert row[f"peak_tension@{law}"] == each[law]["peak_tension"]
+        log, _ = show(tmp_path, row["design"])
+        assert log.metadata["controller"] == best
+        found = measure_episode(log, Builder("wrist").strength({}))
+        assert found["peak_tension"] == row["peak_tension"]
+    # Interrupted after its first batch, it goes on to the same table.
+    other = tmp_path / "other"
+    plan = make_plan("wrist", vary, controllers=laws, **about)
+
+    def stop(done: float) -> None:
+        if done >= 1.0:
+            raise _StopError
+
+    with pytest.raises(_StopError):
+        carry_out(plan, other, threads=1, progress=stop)
+    assert carry_out(plan, other).equals(table)
+
+
+def test_a_controller_that_fails_is_out_unless_all_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Broken(Controller):
+        """Gives no number."""
+
+        def reset(self, where: Any = None) -> None:
+            """Nothing to forget."""
+
+        def torque(self, observation: Any) -> Any:
+            """Not a number."""
+            return np.nan + 0.0 * observation["joint_angle_rad"]
+
+    monkeypatch.setitem(CONTROLLERS, "broken", Broken)
+    about: dict[str, Any] = {**SHORT, "metrics": ("peak_tension",)}
+    table = study("wrist", {"friction": [0.1]}, controllers=["broken", "none"], **about)
+    (row,) = table.to_pylist()
+    assert row["controller"] == "none" and row["failed"] is None
+    assert row["peak_tension@broken"] is None
+    assert row["peak_tension"] == row["peak_tension@none"] > 0.0
+    alone = study("wrist", {"friction": [0.1]}, controllers=["broken"], **about)
+    assert "diverged" in alone["failed"][0].as_py()
 
 
 def test_controllers_that_need_a_drive_each_get_one(
@@ -294,7 +364,7 @@ def test_a_saved_policy_drives_designs_as_their_environments(
     law = str(tmp_path / "policy.safetensors")
     write_policy(law, network, observed)
     folder, vary = tmp_path / "study", {"motor_torque": [0.5, 40.0]}
-    about: dict[str, Any] = {**SHORT, "trajectory": "sine", "controller": law}
+    about: dict[str, Any] = {**SHORT, "trajectory": "sine", "controllers": [law]}
     table = study(scene, vary, out=folder, **about)
     for row in range(2):
         log, _ = show(folder, row)
@@ -321,7 +391,7 @@ def test_a_saved_policy_drives_designs_as_their_environments(
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
 def test_every_controller_drives_different_designs_as_each_alone(name: str) -> None:
     vary = {"motor_radius": [0.02, 0.03]}
-    plan = make_plan("wrist", vary, controller=name, **{**SHORT, "duration": 0.06})
+    plan = make_plan("wrist", vary, controllers=[name], **{**SHORT, "duration": 0.06})
     together = evaluate(plan.protocol, plan.designs)
     for design, result in zip(plan.designs, together, strict=True):
         (alone,) = evaluate(plan.protocol, [design])
@@ -342,7 +412,7 @@ def test_every_controller_drives_different_designs_as_each_alone(name: str) -> N
 def test_a_task_of_the_phase_alone_is_asked_of_every_design(
     name: str, vary: dict[str, Any]
 ) -> None:
-    plan = make_plan("ankle", vary, controller=name, duration=0.05, task="assist",
+    plan = make_plan("ankle", vary, controllers=[name], duration=0.05, task="assist",
                      metrics=("tracking_error", "peak_motor_power"))  # fmt: skip
     together = evaluate(plan.protocol, plan.designs)
     alone = [evaluate(plan.protocol, [design])[0] for design in plan.designs]
@@ -354,7 +424,11 @@ def test_a_task_of_the_phase_alone_is_asked_of_every_design(
     [
         ({"trajectory": "swep"}, "did you mean 'sweep'"),
         ({"task": "tunel"}, "did you mean 'tunnel'"),
-        ({"controller": "pid"}, "did you mean 'pi'"),
+        ({"controllers": ["pid"]}, "did you mean 'pi'"),
+        ({"controllers": ["pi", "pid"]}, "did you mean 'pi'"),
+        ({"controllers": ["pi", "pi"]}, "'pi' is given twice"),
+        ({"controllers": []}, "needs a controller"),
+        ({"controllers": "pi"}, "list of names"),
         ({"metrics": ["efficency"]}, "did you mean 'efficiency'"),
         ({"timestep": 0.0003}, "must divide the 1 ms"),
         ({"duration": 0.0}, "duration"),

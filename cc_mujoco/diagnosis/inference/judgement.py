@@ -12,7 +12,8 @@ from cc_mujoco.diagnosis.inference.gap import overall
 from cc_mujoco.diagnosis.inference.plausibility import FITS_ONLY
 from cc_mujoco.diagnosis.inference.search import Search, Thresholds
 from cc_mujoco.diagnosis.verdict import Found, Gap, Strayed, Verdict
-from cc_mujoco.diagnosis.wording import capital, channel, listed, number, share
+from cc_mujoco.diagnosis.wording import capital, channel, number, share
+from cc_mujoco.page import listed
 
 EXPLAINED = 0.6
 """Share of the error beyond the floor that named effects have to take, or else the gap.

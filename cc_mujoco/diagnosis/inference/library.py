@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from cc_mujoco.diagnosis.data.instruments import Instrument, Instruments
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectParameter
-from cc_mujoco.diagnosis.wording import listed
+from cc_mujoco.page import listed
 
 _BEHIND: dict[str, tuple[str, tuple[Instrument, ...]]] = {
     "motor_inertia": ("motor", ("torque sensor", "motor current")),

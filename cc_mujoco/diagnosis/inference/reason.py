@@ -36,8 +36,9 @@ from cc_mujoco.diagnosis.verdict import (
     Gap,
     RunnerUp,
 )
-from cc_mujoco.diagnosis.wording import capital, listed
+from cc_mujoco.diagnosis.wording import capital
 from cc_mujoco.estimation.least_squares import Estimate
+from cc_mujoco.page import listed
 
 Progress = Callable[[float, str], None]
 

@@ -20,8 +20,9 @@ from cc_mujoco.diagnosis.inference.jacobian import jacobian
 from cc_mujoco.diagnosis.inference.plant import CLOCKS, OFFSETS
 from cc_mujoco.diagnosis.inference.screen import Signature, amplitudes
 from cc_mujoco.diagnosis.verdict import Confounded, NotTestable, Strayed
-from cc_mujoco.diagnosis.wording import listed, number, plain
+from cc_mujoco.diagnosis.wording import number, plain
 from cc_mujoco.estimation.least_squares import Estimate, Tuned
+from cc_mujoco.page import listed
 
 SEEN = 3.0
 """Size over its uncertainty with which a plausible effect would show."""

@@ -16,13 +16,14 @@ from cc_mujoco.diagnosis.report import sections
 from cc_mujoco.diagnosis.report.drawings import STEMS, draw
 from cc_mujoco.diagnosis.report.excerpt import ordinary, worst
 from cc_mujoco.diagnosis.verdict import Diagnosis
-from cc_mujoco.diagnosis.wording import Names, headline, listed
+from cc_mujoco.diagnosis.wording import Names, headline
 from cc_mujoco.figures import save, style
 from cc_mujoco.files import replacing_folder
 from cc_mujoco.page import (
     Html,
     element,
     joined,
+    listed,
     page,
     paragraph,
     picture,

@@ -24,7 +24,6 @@ from cc_mujoco.diagnosis.wording import (
     gap_sentence,
     headline,
     interval,
-    listed,
     number,
     plain,
     share,
@@ -36,6 +35,7 @@ from cc_mujoco.page import (
     bullets,
     element,
     joined,
+    listed,
     paragraph,
     table,
 )

@@ -10,11 +10,10 @@ from cc_mujoco.diagnosis.wording import (
     fitted,
     gap_sentence,
     interval,
-    listed,
     plain,
     share,
 )
-from cc_mujoco.page import Html, bullets, element, joined
+from cc_mujoco.page import Html, bullets, element, joined, listed
 
 AGAIN = "run the same command again"
 

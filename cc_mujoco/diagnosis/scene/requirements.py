@@ -24,9 +24,9 @@ from cc_mujoco.diagnosis.scene.mechanical import Values
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
 from cc_mujoco.diagnosis.scene.repair import repaired, write
 from cc_mujoco.diagnosis.scene.rollout import rollout
-from cc_mujoco.diagnosis.wording import listed
 from cc_mujoco.engine import from_mjcf
 from cc_mujoco.errors import CableError
+from cc_mujoco.page import listed
 
 _FLAGS = ("actuation", "constraint", "damper", "limit", "sensor", "spring")
 """Parts of MuJoCo that cables, instruments or effects are made of."""

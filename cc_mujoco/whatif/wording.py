@@ -1,0 +1,46 @@
+"""How the names and numbers of a study are written for a reader."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.whatif.variables import VARIABLES
+
+
+def unit_of(name: str) -> str:
+    """Unit of a metric or a variable; empty where it has none."""
+    thing = METRICS.get(name) or VARIABLES.get(name.rpartition(".")[2])
+    return "" if thing is None or thing.unit == "1" else thing.unit
+
+
+def headed(name: str) -> str:
+    """Title of a column."""
+    unit = unit_of(name)
+    return f"{name} [{unit}]" if unit else name
+
+
+def cell(value: object) -> str:
+    """A value in a table; `-` where there is none."""
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def plain(name: str) -> str:
+    """A name in a sentence."""
+    return name.replace("_", " ")
+
+
+def quantity(name: str, value: object) -> str:
+    """A value in a sentence, with its unit."""
+    unit = unit_of(name)
+    return f"{cell(value)} {unit}" if unit and value is not None else cell(value)
+
+
+def driven_by(controllers: Sequence[str]) -> str:
+    """Which controllers a study has."""
+    if len(controllers) == 1:
+        return f"controller {controllers[0]}"
+    names = ", ".join(controllers)
+    return f"for each design the best by tracking of controllers {names}"

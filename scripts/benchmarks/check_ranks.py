@@ -1,0 +1,125 @@
+"""Whether a controller judges designs, or itself: ranks of designs with several.
+
+    python scripts/benchmarks/check_ranks.py --scene ankle
+
+Plays a Latin hypercube of designs with controllers of fixed gains and with controllers
+that follow from each design, and prints how far they agree on which design is better
+(Spearman's rank correlation), and how many designs each makes worse than no controller.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.stats import spearmanr
+from tqdm import tqdm
+
+from cc_mujoco.control import Drive, ProportionalIntegral
+from cc_mujoco.whatif import study
+
+VARY = {
+    "ankle": {
+        "friction": "0.03:0.2",
+        "wrap": "0.8:6",
+        "motor_radius": "0.01:0.05",
+        "joint_radius": "0.06:0.18",
+        "pretension": "5:40",
+        "axial_stiffness": "30000:300000:log",
+    },
+    "wrist": {
+        "friction": "0.02:0.2",
+        "loops": "0.25:2.5",
+        "motor_radius": "0.01:0.03",
+        "pretension": "3:50",
+        "axial_stiffness": "2000:20000:log",
+        "rotor_inertia": "1e-5:2e-4:log",
+    },
+}
+LAWS = ("none", "pi", "check_ranks:damped", "model")
+METRICS = (
+    "tracking_error",
+    "peak_motor_power",
+    "peak_motor_torque",
+    "slack_share",
+    "efficiency",
+)
+
+
+class Damped(ProportionalIntegral):
+    """`pi` whose motor is damped critically on the stretch of the design's cables."""
+
+    def __init__(self, drive: Drive) -> None:
+        """Work the damping out, for one design or for many."""
+        super().__init__(drive)
+        joint = [
+            sum(c.distal**2 * c.cable.axial_stiffness / c.cable.length for c in row)
+            for row in drive.cable_drives
+        ]
+        stiffness = np.array(joint) / np.square(drive.ratio)
+        closed = (1.0 + self.proportional) * stiffness
+        self.damping = 2.0 * np.sqrt(closed * drive.inertia) - drive.damping
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Torque of the motor [Nm]."""
+        drive, desired = self.drive, observation["desired_torque_nm"]
+        ahead = (
+            observation["motor_velocity_rad_s"]
+            - drive.ratio * observation["joint_velocity_rad_s"]
+        )
+        damping = np.maximum(self.damping, 0.0)
+        if np.ndim(desired) == 0:
+            damping = float(damping[0])
+        feedforward = desired / drive.ratio - damping * ahead
+        return self.closed(feedforward, desired - observation["joint_torque_nm"])
+
+
+def damped(drive: Drive) -> Damped:
+    """Make `Damped`."""
+    return Damped(drive)
+
+
+def main() -> None:
+    """Print a table per metric."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scene", default="ankle", choices=VARY)
+    parser.add_argument("--designs", type=int, default=60)
+    parser.add_argument("--duration", type=float, default=5.0)
+    parser.add_argument("--threads", type=int, default=0)
+    given = parser.parse_args()
+    with tqdm(total=given.designs, disable=not sys.stderr.isatty()) as bar:
+        table = study(
+            given.scene,
+            VARY[given.scene],
+            sampling="lhs",
+            samples=given.designs,
+            controllers=LAWS,
+            duration=given.duration,
+            metrics=METRICS,
+            threads=given.threads,
+            progress=lambda done: bar.update(done - bar.n),
+        )
+    for name in METRICS:
+        found = {
+            law: np.array(table[f"{name}@{law}"].to_pylist(), float) for law in LAWS
+        }
+        print(f"{given.scene}, {name}")
+        for law, values in found.items():
+            worse = int(np.sum(values > found["none"] * (1.0 + 1e-6)))
+            lacking = int(np.isnan(values).sum())
+            print(
+                f"  {law:20} median {np.nanmedian(values):8.3g}, greatest "
+                f"{np.nanmax(values):8.3g}, above none in {worse}, none in {lacking}"
+            )
+        for one, other in itertools.combinations(LAWS, 2):
+            both = np.isfinite(found[one]) & np.isfinite(found[other])
+            rank = spearmanr(found[one][both], found[other][both]).statistic
+            print(f"  rank correlation {one}, {other}: {rank:.2f} of {both.sum()}")
+
+
+if __name__ == "__main__":
+    main()

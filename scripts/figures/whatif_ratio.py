@@ -98,8 +98,8 @@ def conclusion(table: pa.Table) -> str:
     exact = np.unravel_index(np.argmin(error), error.shape)
     return (
         f"Peak motor torque goes with the ratio to the power {steep:.2f}, and tension "
-        f"with the lever to the power {lever:.2f}. Peak motor power follows the "
-        f"ratio only loosely (rank correlation {alike:.2f}): it has a ridge, up to "
+        f"with the lever to the power {lever:.2f}. Peak motor power goes with "
+        f"the ratio, too (rank correlation {alike:.2f}), up to "
         f"{power[most]:.0f} W with a drum of {1e3 * DRUM[most[1]]:.0f} mm and a lever "
         f"of {1e3 * LEVER[most[0]]:.0f} mm, where in "
         f"{racing(LEVER[most[0]], DRUM[most[1]]):.0%} of the time above half that "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,7 +96,8 @@ class WhatIf:
             plan, table = self._carried_out(
                 plan, objectives, limits, folder, lambda done: bar.update(done - bar.n)
             )
-        files = write_report(folder, plan, table, objectives, limits)
+        command = shlex.join(["cc-mujoco", *sys.argv[1:]])
+        files = write_report(folder, plan, table, objectives, limits, command)
         failed = len(table) - table["failed"].null_count
         print(f"{len(table)} designs, {failed} of which failed in simulation")
         if limits:

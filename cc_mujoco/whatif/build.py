@@ -165,10 +165,10 @@ class Builder:
         discs = (self.device.motor_pulley, self.device.joint_pulley)
         found = {}
         for place, (joint, disc) in enumerate(zip(joints, discs, strict=True)):
-            on = [name for name in self._radii if self._target(name, place) == joint]
+            on = [name for name in self.radii if self._target(name, place) == joint]
             more = 0.0
             for name in on:
-                nominal = self._radii[name][place]
+                nominal = self.radii[name][place]
                 radius = _own(design, name).get(RADII[place], nominal)
                 more += (float(radius) / nominal) ** 4 - 1.0
             if disc and more:
@@ -181,7 +181,7 @@ class Builder:
         return str(ends[end].target)
 
     @cached_property
-    def _radii(self) -> dict[str, tuple[float, float]]:
+    def radii(self) -> dict[str, tuple[float, float]]:
         """Pulley radii of the scene, by cable; of a lever the gear of its tendon."""
         found = {}
         for name in self.cables:

@@ -10,16 +10,19 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from cc_mujoco import identity
 from cc_mujoco.figures import save, style
 from cc_mujoco.files import replacing
 from cc_mujoco.markdown import table as table_of
+from cc_mujoco.page import Html, element, joined, page, paragraph, picture
+from cc_mujoco.whatif import sections
 from cc_mujoco.whatif.charts import effects_plot, heat_maps, pareto_plot
 from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.pareto import Limit, Objective, costs, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity, sensitivity
 from cc_mujoco.whatif.store import CONTROLLER
-from cc_mujoco.whatif.wording import cell, driven_by, headed
+from cc_mujoco.whatif.wording import UNSAID, cell, driven_by, headed
 
 RANKING, PARETO, SOBOL, EFFECTS = (
     "ranking.md",
@@ -28,7 +31,10 @@ RANKING, PARETO, SOBOL, EFFECTS = (
     "effects.parquet",
 )
 EFFECTS_PLOT, HEAT_MAPS, PARETO_PLOT = "effects.png", "heatmaps.png", "pareto.png"
-FILES = (RANKING, PARETO, SOBOL, EFFECTS, EFFECTS_PLOT, HEAT_MAPS, PARETO_PLOT)
+REPORT = "report.html"
+FILES = (
+    REPORT, RANKING, PARETO, SOBOL, EFFECTS, EFFECTS_PLOT, HEAT_MAPS, PARETO_PLOT
+)  # fmt: skip
 """All that may be written beside the table."""
 
 LISTED = 20
@@ -41,6 +47,7 @@ def write_report(
     table: pa.Table,
     objectives: Sequence[Objective],
     limits: Sequence[Limit] = (),
+    command: str = "",
 ) -> tuple[Path, ...]:
     """Write all that is made of a table.
 
@@ -51,6 +58,7 @@ def write_report(
         objectives: what the ranking and the Pareto set go by; all metrics by default,
             and then there is no Pareto set.
         limits: that a design must keep to be in the Pareto set.
+        command: that made the study, for the reader.
 
     Returns:
         The files that were written.
@@ -85,7 +93,76 @@ def write_report(
     text = markdown(plan, table, goals, bool(objectives), cost, found, limits)
     with replacing(folder / RANKING) as partial:
         partial.write_text(text, encoding="utf-8")
-    return (folder / RANKING, *written)
+    finding = sections.Finding.of(plan, table, goals, limits, cost, bool(objectives))
+    text = _page(finding, found, folder, tuple(drawings), command)
+    with replacing(folder / REPORT) as partial:
+        partial.write_text(text, encoding="utf-8")
+    return (folder / REPORT, folder / RANKING, *written)
+
+
+TITLES = {
+    "best": "The best designs",
+    "sure": "How sure that is",
+    "trade": "What one objective costs in another",
+    "matters": "What matters",
+    "limits": "What the limits leave over",
+    "failures": "Designs without numbers",
+    "fixed": "What was held fixed",
+    "words": "What the names mean",
+    "made": "How this was made",
+}
+"""Sections of the page in their order."""
+
+
+def _page(
+    finding: sections.Finding,
+    found: Sequence[Sensitivity],
+    folder: Path,
+    drawn: Sequence[str],
+    command: str,
+) -> str:
+    def shown(name: str, words: str) -> Html:
+        return picture(folder / name, words) if name in drawn else Html()
+
+    def with_pictures(part: Html | None, *pictures: Html) -> Html | None:
+        return None if part is None else joined([part, *pictures])
+
+    front = shown(PARETO_PLOT, "All designs, and those that nothing beats.")
+    effects = shown(
+        EFFECTS_PLOT,
+        "Mean of every metric along every variable; above each, its share alone.",
+    )
+    maps = shown(HEAT_MAPS, "Every metric over the two variables that matter most.")
+    versions = ", ".join(f"{name} {text}" for name, text in identity.versions().items())
+    made = joined(
+        [
+            *([paragraph(element("code", command))] if command else ()),
+            paragraph(f"The table of all designs lies beside this page. {versions}."),
+        ]
+    )
+    parts = {
+        "best": sections.best(finding),
+        "sure": sections.confidence(finding),
+        "trade": with_pictures(sections.trade_offs(finding), front),
+        "matters": with_pictures(sections.matters(found, finding.goals), effects, maps),
+        "limits": sections.slack(finding),
+        "failures": sections.failures(finding),
+        "fixed": sections.fixed(finding),
+        "words": sections.words(finding),
+        "made": made,
+    }
+    there = {key: part for key, part in parts.items() if part is not None}
+    links = [element("a", TITLES[key], href=f"#{key}") for key in there]
+    return page(
+        f"What if: {finding.plan.protocol.scene}",
+        "named" if finding.best is not None else "fix-data",
+        sections.header(finding),
+        element("nav", joined(links, " ")),
+        *(
+            element("section", element("h2", TITLES[key]), part, id=key)
+            for key, part in there.items()
+        ),
+    )
 
 
 def markdown(
@@ -133,10 +210,7 @@ def markdown(
     parts += [_sensitivity(one) for one in found]
     known = {one.metric for one in found}
     if unknown := [name for name in protocol.metrics if name not in known]:
-        parts.append(
-            f"Nothing can be said of {', '.join(unknown)}: no variation, too few "
-            "designs, or designs left out are not foretold by the others."
-        )
+        parts.append(f"Nothing can be said of {', '.join(unknown)}: {UNSAID}.")
     parts.append("## Metrics")
     parts.append(
         table_of(

@@ -7,6 +7,11 @@ from collections.abc import Sequence
 from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.variables import VARIABLES
 
+UNSAID = (
+    "no variation, too few designs, or designs left out are not foretold by the others"
+)
+"""Why it may be unknown what a metric depends on."""
+
 
 def unit_of(name: str) -> str:
     """Unit of a metric or a variable; empty where it has none."""

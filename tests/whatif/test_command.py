@@ -36,6 +36,7 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
         "pareto.parquet",
         "pareto.png",
         "ranking.md",
+        "report.html",
         "sobol.parquet",
         "study.json",
         "table.parquet",

@@ -1,0 +1,397 @@
+"""What the page of a study says, section by section; nothing here draws."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.page import Html, bar, bullets, element, joined, listed, paragraph, table
+from cc_mujoco.transmission.parameters import PARAMETERS
+from cc_mujoco.whatif.build import RADII, Builder
+from cc_mujoco.whatif.designs import Range
+from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.whatif.pareto import Limit, Objective, order, pareto, within
+from cc_mujoco.whatif.plan import Plan
+from cc_mujoco.whatif.sensitivity import Sensitivity
+from cc_mujoco.whatif.store import CONTROLLER
+from cc_mujoco.whatif.variables import VARIABLES
+from cc_mujoco.whatif.wording import UNSAID, cell, driven_by, headed, plain, quantity
+
+Array = NDArray[np.float64]
+Row = Mapping[str, object]
+
+LISTED = 10
+"""Designs in the table of the best."""
+NEAR = 0.05
+"""Part of an objective's range within which designs are as good as the best."""
+ALWAYS = ("axial_stiffness", "pretension", "friction")
+"""Parameters of a cable that are told even where they have their default."""
+EDGE = 0.02
+"""Part of a range within which a value lies at its end."""
+LATE = 0.8
+"""Part of a search after which a best design says that it is not at its end."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finished study and what its designs are ranked by.
+
+    Attributes:
+        plan: the study.
+        rows: its table, a mapping per design.
+        goals: what makes a design good.
+        limits: that a good design keeps.
+        cost: see `pareto.costs`.
+        kept: whether designs keep the limits.
+        order: designs from best to worst.
+        front: which are in the Pareto set.
+        chosen: whether objectives were given; otherwise every metric is one.
+    """
+
+    plan: Plan
+    rows: tuple[Row, ...]
+    goals: tuple[Objective, ...]
+    limits: tuple[Limit, ...]
+    cost: Array
+    kept: NDArray[np.bool_]
+    order: NDArray[np.intp]
+    front: NDArray[np.bool_]
+    chosen: bool
+
+    @classmethod
+    def of(
+        cls,
+        plan: Plan,
+        found: pa.Table,
+        goals: Sequence[Objective],
+        limits: Sequence[Limit],
+        cost: Array,
+        chosen: bool,
+    ) -> Finding:
+        """Rank the designs of a table."""
+        return cls(
+            plan,
+            tuple(found.to_pylist()),
+            tuple(goals),
+            tuple(limits),
+            cost,
+            within(found, limits),
+            order(cost),
+            pareto(cost),
+            chosen,
+        )
+
+    @property
+    def best(self) -> Row | None:
+        """The first design; None where none has all numbers and keeps the limits."""
+        first = int(self.order[0])
+        return None if np.isnan(self.cost[first]).any() else self.rows[first]
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Variables that take several values."""
+        return self.plan.varied
+
+
+def header(found: Finding) -> Html:
+    """What was asked, and the answer."""
+    device = DEVICES[found.plan.protocol.scene]
+    title = element("h1", f"What if? {device.meaning[:1].upper()}{device.meaning[1:]}")
+    goals = listed([f"{'most' if g.high else 'least'} {plain(g.name)}"
+                    for g in found.goals])  # fmt: skip
+    if not found.chosen:
+        goals = "the best in all that was measured, as no objective was given"
+    many = f"{len(found.rows)} designs were simulated, looking for {goals}"
+    if found.limits:
+        limits = listed([limit.text for limit in found.limits])
+        many += f" with {limits}, which {int(found.kept.sum())} keep"
+    best = found.best
+    if best is None:
+        return element(
+            "header",
+            title,
+            paragraph("No design is good enough.", kind="lead"),
+            paragraph(f"{many}. What stands in the way is below."),
+        )
+    first = "The best design"
+    if len(found.goals) > 1:
+        alone = int(found.front.sum()) == 1
+        first = "Best in every objective" if alone else "The best compromise"
+    lead = f"{first} is design {best['design']}: {_setting(found, best)}."
+    gives = listed([f"{plain(g.name)} {quantity(g.name, best[g.name])}"
+                    for g in found.goals])  # fmt: skip
+    return element(
+        "header",
+        title,
+        paragraph(lead, kind="lead"),
+        paragraph(f"It gives {gives}.", kind="lead"),
+        paragraph(f"{many}."),
+    )
+
+
+def best(found: Finding) -> Html | None:
+    """A table of the best designs."""
+    if found.best is None:
+        return None
+    names = [goal.name for goal in found.goals]
+    names += [n.name for n in found.limits if n.name not in names]
+    if len(found.plan.protocol.controllers) > 1:
+        names.append(CONTROLLER)
+    columns = ["design", *found.varied, *names]
+    rows = []
+    for place in found.order[:LISTED]:
+        if np.isnan(found.cost[place]).any():
+            break
+        row = found.rows[int(place)]
+        cells = [cell(row[name]) for name in columns]
+        rows.append([cells[0] + ("*" if found.front[place] else ""), *cells[1:]])
+    words = (
+        "The order is by mean rank in the objectives, after the designs that no other "
+        "beats in all of them (marked *)."
+        if len(found.goals) > 1
+        else "The order is by the objective."
+    )
+    return joined([paragraph(words), table([headed(n) for n in columns], rows)])
+
+
+def confidence(found: Finding) -> Html | None:
+    """How sure it is that the best is the best."""
+    row = found.best
+    if row is None:
+        return None
+    said = []
+    first = int(found.order[0])
+    good = ~np.isnan(found.cost).any(axis=1)
+    span = np.ptp(found.cost[good], axis=0)
+    near = good & (found.cost <= found.cost[first] + NEAR * span).all(axis=1)
+    others = int(near.sum()) - 1
+    said.append(
+        f"{others} other designs are as good to within {NEAR:.0%} of the range of "
+        "every objective"
+        + (
+            ": what they have in common matters, not the last digit of the best."
+            if others
+            else ": it stands alone, so small differences from it cost something."
+        )
+    )
+    edges = [
+        f"{plain(name)} at the {end} end"
+        for name in found.varied
+        if (end := _end(found.plan.ranges[name], row[name]))
+    ]
+    if edges:
+        said.append(
+            f"It has {listed(edges)} of what was tried; a wider range may hold "
+            "something better."
+        )
+    if found.plan.search is not None:
+        share = (first + 1) / len(found.rows)
+        said.append(
+            f"The search found it as design {first} of {len(found.rows)}"
+            + (
+                "; so late, more designs may well find a better one."
+                if share > LATE
+                else "; the rest of the search brought nothing better."
+            )
+        )
+    said.append(
+        "All numbers are of a simulation with perfect sensors and one wearer's motion, "
+        f"{driven_by(found.plan.protocol.controllers)}; parts, wearers and liners that "
+        "differ from the model give other numbers."
+    )
+    return bullets(said)
+
+
+def trade_offs(found: Finding) -> Html | None:
+    """What one objective costs in another, along the Pareto set."""
+    members = np.flatnonzero(found.front)
+    if len(found.goals) < 2 or members.size < 2:
+        return None
+    said: list[str | Html] = []
+    for column, goal in enumerate(found.goals):
+        row = found.rows[int(members[np.argmin(found.cost[members, column])])]
+        rest = listed(
+            [
+                f"{plain(other.name)} {quantity(other.name, row[other.name])}"
+                for other in found.goals
+                if other is not goal
+            ]
+        )
+        word = "most" if goal.high else "least"
+        said.append(
+            f"The {word} {plain(goal.name)}, {quantity(goal.name, row[goal.name])}, "
+            f"has design {row['design']} ({_setting(found, row)}), with {rest}."
+        )
+    opening = (
+        f"{members.size} designs are such that nothing beats them in all objectives: "
+        "to gain in one, another has to give."
+    )
+    return joined([paragraph(opening), bullets(said)])
+
+
+def matters(found: Sequence[Sensitivity], goals: Sequence[Objective]) -> Html:
+    """Which variables decide each objective."""
+    known = [one for goal in goals for one in found if one.metric == goal.name]
+    unknown = [g.name for g in goals if g.name not in {one.metric for one in known}]
+    parts: list[Html] = []
+    if unknown:
+        lost = listed([plain(name) for name in unknown])
+        parts.append(paragraph(f"Nothing can be said of {lost}: {UNSAID}."))
+    if not known:
+        return parts[0]
+    for one in known:
+        names = sorted(one.total, key=lambda name: -one.total[name])
+        rows = []
+        for name in names:
+            values, means = one.effects[name]
+            text = one.levels.get(name) or [f"{value:.4g}" for value in values]
+            low, high = int(np.argmin(means)), int(np.argmax(means))
+            share = one.total[name]
+            rows.append(
+                [
+                    plain(name),
+                    joined([f"{share:.0%}", bar(share)]),
+                    f"{means[low]:.4g} at {text[low]}",
+                    f"{means[high]:.4g} at {text[high]}",
+                ]
+            )
+        unit = METRICS[one.metric].unit
+        head = ("variable", "share", f"least mean [{unit}]", f"greatest mean [{unit}]")
+        parts += [element("h3", plain(one.metric)), table(head, rows)]
+    words = (
+        "The share of the differences between designs that goes when a variable is "
+        "held (Sobol's total index; shares overlap where variables act together). "
+        "Means are over all values of the other variables."
+    )
+    return joined([paragraph(words), *parts])
+
+
+def slack(found: Finding) -> Html | None:
+    """What the limits leave over, and which of them stand in the way."""
+    if not found.limits:
+        return None
+    row = found.best
+    rows = []
+    for limit in found.limits:
+        alone = [_kept(other, limit) for other in found.rows]
+        rest = [
+            all(_kept(other, each) for each in found.limits if each is not limit)
+            for other in found.rows
+        ]
+        only = sum(r and not a for r, a in zip(rest, alone, strict=True))
+        cells = [limit.text, f"{sum(alone)} of {len(alone)}", str(only)]
+        if row is not None:
+            value = float(str(row[limit.name]))
+            left = value - limit.bound if limit.least else limit.bound - value
+            cells += [quantity(limit.name, value), quantity(limit.name, left)]
+        rows.append(cells)
+    head = ["limit", "designs that keep it", "that only this one excludes"]
+    if row is not None:
+        head += [f"design {row['design']}", "left over"]
+    return table(head, rows)
+
+
+def failures(found: Finding) -> Html | None:
+    """Designs without numbers, by reason."""
+    reasons = Counter(
+        re.sub(r"-?\d[\d.,e+-]*", "…", str(row["failed"]))
+        for row in found.rows
+        if row["failed"]
+    )
+    said = [f"{many} designs: {why}." for why, many in reasons.most_common()]
+    for name in found.plan.protocol.metrics:
+        lacking = sum(row[name] is None and not row["failed"] for row in found.rows)
+        if lacking:
+            said.append(f"{lacking} designs ran, but have no {plain(name)}.")
+    return bullets(said) if said else None
+
+
+def fixed(found: Finding) -> Html:
+    """What every design has in common."""
+    plan, builder = found.plan, Builder(found.plan.protocol.scene)
+    protocol = plan.protocol
+    rows: list[Sequence[str]] = [
+        ("motion of the wearer", plan.source),
+        ("task of the device", protocol.task),
+        ("controllers", ", ".join(protocol.controllers)),
+        ("length of the episode", f"{protocol.duration:g} s"),
+        ("seed of all that is random", str(protocol.seed)),
+        ("time step of the physics", f"{1e3 * protocol.timestep:g} ms"),
+    ]
+    for name in plan.ranges:
+        if name not in found.varied:
+            rows.append((plain(name), quantity(name, plan.designs[0][name])))
+    for cable, key, value in _of_scene(builder):
+        if key not in plan.ranges and f"{cable}.{key}" not in plan.ranges:
+            owner = f"{cable}: " if cable else ""
+            rows.append((owner + plain(key), quantity(key, value)))
+    return joined(
+        [
+            paragraph(
+                "Everything that was not varied is as in the scene; effects of cables "
+                "that are off are left out. A conduit is lengths and bend radii in "
+                "metres; loops, wrap or length, where varied, bend it otherwise, and a "
+                "diameter makes the cable stiffer."
+            ),
+            table(("what", "value"), rows),
+        ]
+    )
+
+
+def _of_scene(builder: Builder) -> Iterator[tuple[str, str, object]]:
+    """Cable, variable and its value in the scene."""
+    for name, cable in builder.cables.items():
+        for p in PARAMETERS:
+            value = getattr(cable, p.name)
+            if p.name in ALWAYS or value != p.default:
+                yield name, p.name, value
+        yield name, "conduit", cable.to_config()["conduit"]
+        for key, radius in zip(RADII, builder.radii[name], strict=True):
+            yield name, key, radius
+    motor, joint = builder.spec.actuator("motor"), builder.spec.joint("motor")
+    yield "", "motor_torque", float(motor.ctrlrange[1] * motor.gear[0])
+    yield "", "rotor_inertia", float(joint.armature)
+    yield "", "motor_damping", float(np.ravel(joint.damping)[0])
+    yield "", "strength", builder.device.strength
+    yield "", "diameter", builder.device.diameter
+
+
+def words(found: Finding) -> Html:
+    """What the names mean."""
+    names = [*found.plan.protocol.metrics, *found.plan.ranges]
+    rows = []
+    for name in names:
+        thing = METRICS.get(name) or VARIABLES[name.rpartition(".")[2]]
+        rows.append((name, thing.unit, thing.meaning))
+    return table(("name", "unit", "meaning"), rows)
+
+
+def _setting(found: Finding, row: Row) -> str:
+    return listed([f"{plain(n)} {quantity(n, row[n])}" for n in found.varied])
+
+
+def _kept(row: Row, limit: Limit) -> bool:
+    value = row[limit.name]
+    if value is None:
+        return False
+    number = float(str(value))
+    return number >= limit.bound if limit.least else number <= limit.bound
+
+
+def _end(values: Range, value: object) -> str:
+    """The end of its range at which a value lies; empty where it lies inside."""
+    levels = [level for level in values.levels if not isinstance(level, str)]
+    ends = values.ends or ((min(levels), max(levels)) if levels else None)
+    if ends is None or isinstance(value, str) or ends[0] == ends[1]:
+        return ""
+    scale = np.log if values.log else np.asarray
+    low, high, here = scale([*ends, float(str(value))])
+    share = (here - low) / (high - low)
+    return "low" if share <= EDGE else "high" if share >= 1.0 - EDGE else ""

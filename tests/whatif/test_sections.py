@@ -1,0 +1,110 @@
+"""The page of a study: what it says of designs that are made up here."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from html import unescape
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from cc_mujoco.whatif import make_plan
+from cc_mujoco.whatif.pareto import costs, read_limits, read_objectives
+from cc_mujoco.whatif.report import write_report
+from cc_mujoco.whatif.sections import Finding, confidence, failures, slack
+
+GOALS = ("tracking_error", "peak_tension")
+
+
+def finding(
+    errors: Sequence[float | None],
+    tensions: Sequence[float | None],
+    limits: Sequence[str] = (),
+    goals: Sequence[str] = GOALS,
+    failed: Sequence[str | None] | None = None,
+) -> tuple[Finding, pa.Table]:
+    plan = make_plan("wrist", designs=[
+        {"friction": 0.1 + 0.1 * (n % 4), "pretension": 10.0 + n}
+        for n in range(len(errors))
+    ], metrics=GOALS)  # fmt: skip
+    table = pa.table(
+        {
+            "design": range(len(errors)),
+            **{n: [d[n] for d in plan.designs] for n in plan.ranges},
+            "tracking_error": pa.array(errors, pa.float64()),
+            "peak_tension": pa.array(tensions, pa.float64()),
+            "failed": pa.array(failed or [None] * len(errors), pa.string()),
+        }
+    )
+    read, kept = read_objectives(goals), read_limits(limits)
+    cost = costs(table, read, kept)
+    return Finding.of(plan, table, read, kept, cost, True), table
+
+
+def said(page: str | None) -> str:
+    return unescape(re.sub(r"<style>.*</style>|<[^>]+>", " ", page or "", flags=re.S))
+
+
+def written(folder: Path, found: Finding, table: pa.Table) -> str:
+    write_report(folder, found.plan, table, found.goals, found.limits, "cc-mujoco <x>")
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_page_begins_with_the_best_design_and_needs_nothing_else(
+    tmp_path: Path,
+) -> None:
+    found, table = finding([3.0, 1.0, 2.0, 4.0], [50.0, 60.0, 40.0, 70.0],
+                           ["peak_tension<=55"])  # fmt: skip
+    page = written(tmp_path, found, table)
+    assert not re.search(r"(src|href)=\"(?!data:|#)", page)
+    assert "<script" not in page and "default-src 'none'" in page
+    text = " ".join(said(page).split())
+    lead = "Best in every objective is design 2: friction 0.3 and pretension 12 N."
+    assert lead in text and "with peak_tension<=55, which 2 keep" in text
+    assert text.index(lead) < text.index("2* 0.3 12 2 40") < text.index("0 0.1 10 3 50")
+    assert "cc-mujoco <x>" in text
+
+
+def test_without_a_good_design_the_page_says_what_stands_in_the_way(
+    tmp_path: Path,
+) -> None:
+    found, table = finding([3.0, 1.0], [50.0, 60.0], ["peak_tension<=20"])
+    text = " ".join(said(written(tmp_path, found, table)).split())
+    assert "No design is good enough." in text
+    assert "peak_tension<=20 0 of 2 2" in text
+    assert "The best designs" not in text
+
+
+def test_a_limit_excludes_alone_what_keeps_all_others() -> None:
+    limits = ["peak_tension<=55", "tracking_error<=2.5"]
+    found, _ = finding([3.0, 1.0, 2.0, 4.0], [50.0, 60.0, 40.0, 70.0], limits)
+    text = " ".join(said(slack(found)).split())
+    assert "peak_tension<=55 2 of 4 1 40 N 15 N" in text
+    assert "tracking_error<=2.5 2 of 4 1 2 N m 0.5 N m" in text
+
+
+@pytest.mark.parametrize(
+    ("errors", "ends"),
+    [
+        ([1.0, 2.0, 3.0, 4.0], "friction at the low end and pretension at the low end"),
+        ([2.0, 1.0, 3.0, 4.0], ""),
+        ([4.0, 2.0, 3.0, 1.0], "friction at the high end and pretension at the high"),
+    ],
+)
+def test_a_best_design_at_the_end_of_a_range_is_said_to_be(
+    errors: list[float], ends: str
+) -> None:
+    found, _ = finding(errors, [1.0] * 4, goals=GOALS[:1])
+    text = said(confidence(found))
+    assert ends in text and ("wider range" in text) == bool(ends)
+
+
+def test_failures_are_counted_by_reason_whatever_their_numbers() -> None:
+    why = ["diverged at 0.125 s (X)", "diverged at 1.5 s (X)", None, "impossible: y"]
+    found, _ = finding([None, None, None, None], [None, None, 1.0, None], failed=why)
+    text = said(failures(found))
+    assert "2 designs: diverged at … s (X)." in text
+    assert "1 designs: impossible: y." in text
+    assert "1 designs ran, but have no tracking error." in text

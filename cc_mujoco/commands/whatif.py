@@ -16,6 +16,7 @@ from cc_mujoco.errors import CableError
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from cc_mujoco.whatif.around import Around
     from cc_mujoco.whatif.pareto import Limit, Objective
     from cc_mujoco.whatif.plan import Plan
     from cc_mujoco.workers import Progress
@@ -62,6 +63,8 @@ class WhatIf:
     """A limit that a good design keeps, also METRIC<=NUMBER; once each."""
     optimise: Annotated[int | None, in_words("INT")] = None
     """Search for the best with so many designs; VALUES may then be low:high[:log]."""
+    around: Flag = False
+    """Simulate around the best design, too: what variables and limits are worth."""
     threads: Annotated[int, in_words()] = 0
     """Threads that simulate; one per processor unless given."""
     scheduler: Annotated[str | None, in_words("ADDRESS")] = None
@@ -86,6 +89,8 @@ class WhatIf:
         folder = self.out or Path("runs", f"whatif-{self.scene}")
         plan, objectives, limits = self._asked()
         require_ours(folder, FILES)
+        if self.around and not objectives:
+            raise CableError("--around goes by an --objective, which is not given.")
         with tqdm(
             total=self.optimise or len(plan.designs),
             unit="design",
@@ -97,7 +102,10 @@ class WhatIf:
                 plan, objectives, limits, folder, lambda done: bar.update(done - bar.n)
             )
         command = shlex.join(["cc-mujoco", *sys.argv[1:]])
-        files = write_report(folder, plan, table, objectives, limits, command)
+        nearby = self._around(plan, table, objectives, limits)
+        files = write_report(folder, plan, table, objectives, limits, command, nearby)
+        if self.around and nearby is None:
+            print("around:   nothing, as no design is good enough or none can move")
         failed = len(table) - table["failed"].null_count
         print(f"{len(table)} designs, {failed} of which failed in simulation")
         if limits:
@@ -170,6 +178,31 @@ class WhatIf:
         if self.optimise is None:
             return plan, carry_out(plan, *where, **how)
         return search(plan, objectives, limits, self.optimise, *where, **how)
+
+    def _around(
+        self,
+        plan: Plan,
+        table: pa.Table,
+        objectives: tuple[Objective, ...],
+        limits: tuple[Limit, ...],
+    ) -> Around | None:
+        """What is around the best design, if it was asked for."""
+        from cc_mujoco.whatif.around import around
+        from cc_mujoco.whatif.study import carry_out
+
+        if not self.around:
+            return None
+
+        def run(few: Plan) -> pa.Table:
+            return carry_out(
+                few,
+                None,
+                self.threads,
+                self.scheduler,
+                worker_timeout=self.worker_timeout,
+            )
+
+        return around(plan, table, objectives, limits, run)
 
     def _vary(self) -> dict[str, str]:
         found: dict[str, str] = {}

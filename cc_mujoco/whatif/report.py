@@ -16,13 +16,14 @@ from cc_mujoco.files import replacing
 from cc_mujoco.markdown import table as table_of
 from cc_mujoco.page import Html, element, joined, page, paragraph, picture
 from cc_mujoco.whatif import sections
+from cc_mujoco.whatif.around import Around
 from cc_mujoco.whatif.charts import effects_plot, heat_maps, pareto_plot
 from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.pareto import Limit, Objective, costs, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity, sensitivity
 from cc_mujoco.whatif.store import CONTROLLER
-from cc_mujoco.whatif.wording import UNSAID, cell, driven_by, headed
+from cc_mujoco.whatif.wording import NEARBY, UNSAID, WORTH, cell, driven_by, headed
 
 RANKING, PARETO, SOBOL, EFFECTS = (
     "ranking.md",
@@ -31,9 +32,10 @@ RANKING, PARETO, SOBOL, EFFECTS = (
     "effects.parquet",
 )
 EFFECTS_PLOT, HEAT_MAPS, PARETO_PLOT = "effects.png", "heatmaps.png", "pareto.png"
-REPORT = "report.html"
+REPORT, AROUND = "report.html", "around.parquet"
 FILES = (
-    REPORT, RANKING, PARETO, SOBOL, EFFECTS, EFFECTS_PLOT, HEAT_MAPS, PARETO_PLOT
+    REPORT, RANKING, AROUND, PARETO, SOBOL, EFFECTS, EFFECTS_PLOT, HEAT_MAPS,
+    PARETO_PLOT,
 )  # fmt: skip
 """All that may be written beside the table."""
 
@@ -48,6 +50,7 @@ def write_report(
     objectives: Sequence[Objective],
     limits: Sequence[Limit] = (),
     command: str = "",
+    nearby: Around | None = None,
 ) -> tuple[Path, ...]:
     """Write all that is made of a table.
 
@@ -59,6 +62,7 @@ def write_report(
             and then there is no Pareto set.
         limits: that a design must keep to be in the Pareto set.
         command: that made the study, for the reader.
+        nearby: what is around the best design, where that was looked for.
 
     Returns:
         The files that were written.
@@ -74,6 +78,10 @@ def write_report(
     cost = costs(table, goals, limits)
     best = pareto(cost)
     written = [folder / SOBOL, folder / EFFECTS]
+    (folder / AROUND).unlink(missing_ok=True)
+    if nearby is not None:
+        _write_table(folder / AROUND, around_table(nearby))
+        written.append(folder / AROUND)
     _write_table(folder / SOBOL, sobol_table(found))
     _write_table(folder / EFFECTS, effects_table(found))
     drawings = {}
@@ -90,11 +98,11 @@ def write_report(
         for name, drawing in drawings.items():
             save(folder / name, drawing)
             written.append(folder / name)
-    text = markdown(plan, table, goals, bool(objectives), cost, found, limits)
+    text = markdown(plan, table, goals, bool(objectives), cost, found, limits, nearby)
     with replacing(folder / RANKING) as partial:
         partial.write_text(text, encoding="utf-8")
     finding = sections.Finding.of(plan, table, goals, limits, cost, bool(objectives))
-    text = _page(finding, found, folder, tuple(drawings), command)
+    text = _page(finding, found, folder, tuple(drawings), command, nearby)
     with replacing(folder / REPORT) as partial:
         partial.write_text(text, encoding="utf-8")
     return (folder / REPORT, folder / RANKING, *written)
@@ -106,6 +114,7 @@ TITLES = {
     "trade": "What one objective costs in another",
     "matters": "What matters",
     "limits": "What the limits leave over",
+    "nearby": "What variables and limits are worth there",
     "failures": "Designs without numbers",
     "fixed": "What was held fixed",
     "words": "What the names mean",
@@ -114,12 +123,17 @@ TITLES = {
 """Sections of the page in their order."""
 
 
+def _not_in_the_way(key: str) -> bool:
+    return key not in ("limits", "failures")
+
+
 def _page(
     finding: sections.Finding,
     found: Sequence[Sensitivity],
     folder: Path,
     drawn: Sequence[str],
     command: str,
+    nearby: Around | None,
 ) -> str:
     def shown(name: str, words: str) -> Html:
         return picture(folder / name, words) if name in drawn else Html()
@@ -146,12 +160,15 @@ def _page(
         "trade": with_pictures(sections.trade_offs(finding), front),
         "matters": with_pictures(sections.matters(found, finding.goals), effects, maps),
         "limits": sections.slack(finding),
+        "nearby": sections.nearby(nearby),
         "failures": sections.failures(finding),
         "fixed": sections.fixed(finding),
         "words": sections.words(finding),
         "made": made,
     }
     there = {key: part for key, part in parts.items() if part is not None}
+    if finding.best is None:  # what stands in the way comes first
+        there = {key: there[key] for key in sorted(there, key=_not_in_the_way)}
     links = [element("a", TITLES[key], href=f"#{key}") for key in there]
     return page(
         f"What if: {finding.plan.protocol.scene}",
@@ -173,6 +190,7 @@ def markdown(
     cost: np.ndarray,
     found: Sequence[Sensitivity],
     limits: Sequence[Limit] = (),
+    nearby: Around | None = None,
 ) -> str:
     """The ranking as Markdown, with effects and indices below."""
     protocol = plan.protocol
@@ -206,6 +224,11 @@ def markdown(
         rule = f"the Pareto set (marked *) first, each part {rule}"
     parts.append(f"The best {min(LISTED, len(table))}: {rule}.")
     parts.append(_ranking(plan, table, goals, cost, chosen))
+    if nearby is not None:
+        parts += [f"## Around design {nearby.design}", NEARBY]
+        parts.append(table_of(*sections.slope_table(nearby)))
+        if nearby.prices:
+            parts += [WORTH, table_of(*sections.price_table(nearby))]
     parts.append("## What each metric depends on")
     parts += [_sensitivity(one) for one in found]
     known = {one.metric for one in found}
@@ -219,6 +242,19 @@ def markdown(
         )
     )
     return "\n\n".join(parts) + "\n"
+
+
+def around_table(found: Around) -> pa.Table:
+    """Slopes at the best design, a metric and a variable per row; values as text."""
+    rows = [
+        (found.design, one.metric, one.variable, cell(one.low), cell(one.high),
+         one.change, one.error)
+        for one in found.slopes
+    ]  # fmt: skip
+    kinds = [("design", pa.int64()), ("metric", pa.string()), ("variable", pa.string()),
+             ("low", pa.string()), ("high", pa.string()), ("change", pa.float64()),
+             ("error", pa.float64())]  # fmt: skip
+    return _table(kinds, rows)
 
 
 def sobol_table(found: Iterable[Sensitivity]) -> pa.Table:

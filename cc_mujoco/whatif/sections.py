@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.page import Html, bar, bullets, element, joined, listed, paragraph, table
 from cc_mujoco.transmission.parameters import PARAMETERS
+from cc_mujoco.whatif.around import Around, Slope
 from cc_mujoco.whatif.build import RADII, Builder
 from cc_mujoco.whatif.designs import Range
 from cc_mujoco.whatif.metrics import METRICS
@@ -22,7 +23,17 @@ from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity
 from cc_mujoco.whatif.store import CONTROLLER
 from cc_mujoco.whatif.variables import VARIABLES
-from cc_mujoco.whatif.wording import UNSAID, cell, driven_by, headed, plain, quantity
+from cc_mujoco.whatif.wording import (
+    NEARBY,
+    UNSAID,
+    WORTH,
+    cell,
+    driven_by,
+    headed,
+    plain,
+    quantity,
+    unit_of,
+)
 
 Array = NDArray[np.float64]
 Row = Mapping[str, object]
@@ -118,7 +129,8 @@ def header(found: Finding) -> Html:
             "header",
             title,
             paragraph("No design is good enough.", kind="lead"),
-            paragraph(f"{many}. What stands in the way is below."),
+            *_nearest(found),
+            paragraph(f"{many}."),
         )
     first = "The best design"
     if len(found.goals) > 1:
@@ -134,6 +146,22 @@ def header(found: Finding) -> Html:
         paragraph(f"It gives {gives}.", kind="lead"),
         paragraph(f"{many}."),
     )
+
+
+def _nearest(found: Finding) -> list[Html]:
+    """The design that is least beyond its limits, if any has their numbers."""
+    beyond = {}
+    for number, row in enumerate(found.rows):
+        if found.limits and all(row[limit.name] is not None for limit in found.limits):
+            metrics = {n.name: float(str(row[n.name])) for n in found.limits}
+            beyond[number] = max(limit.beyond(metrics) for limit in found.limits)
+    if not beyond:
+        return []
+    row = found.rows[min(beyond, key=lambda number: beyond[number])]
+    gives = listed([f"{plain(n.name)} {quantity(n.name, row[n.name])}"
+                    for n in found.limits])  # fmt: skip
+    lead = f"The nearest is design {row['design']}, {_setting(found, row)}: {gives}."
+    return [paragraph(lead, kind="lead")]
 
 
 def best(found: Finding) -> Html | None:
@@ -253,24 +281,29 @@ def matters(found: Sequence[Sensitivity], goals: Sequence[Objective]) -> Html:
             values, means = one.effects[name]
             text = one.levels.get(name) or [f"{value:.4g}" for value in values]
             low, high = int(np.argmin(means)), int(np.argmax(means))
+            ends = [f"{means[k]:.4g} at {text[k]}" for k in (low, high)]
+            if means[low] == means[high]:  # the surface does without it
+                ends = ["-", "-"]
             share = one.total[name]
-            rows.append(
-                [
-                    plain(name),
-                    joined([f"{share:.0%}", bar(share)]),
-                    f"{means[low]:.4g} at {text[low]}",
-                    f"{means[high]:.4g} at {text[high]}",
-                ]
-            )
+            told = _share(share, one.errors[1].get(name))
+            rows.append([plain(name), joined([told, bar(share)]), *ends])
         unit = METRICS[one.metric].unit
         head = ("variable", "share", f"least mean [{unit}]", f"greatest mean [{unit}]")
-        parts += [element("h3", plain(one.metric)), table(head, rows)]
+        how = paragraph(f"{one.how[:1].upper()}{one.how[1:]}.", kind="small")
+        parts += [element("h3", plain(one.metric)), table(head, rows), how]
     words = (
         "The share of the differences between designs that goes when a variable is "
         "held (Sobol's total index; shares overlap where variables act together). "
-        "Means are over all values of the other variables."
+        "Means are over all values of the other variables; a share below its error is "
+        "not told from none."
     )
     return joined([paragraph(words), *parts])
+
+
+def _share(share: float, error: float | None) -> str:
+    if error is None:
+        return f"{share:.0%}"
+    return f"{share:.0%} ± {error:.0%}" if share else f"below ± {error:.0%}"
 
 
 def slack(found: Finding) -> Html | None:
@@ -296,6 +329,64 @@ def slack(found: Finding) -> Html | None:
     if row is not None:
         head += [f"design {row['design']}", "left over"]
     return table(head, rows)
+
+
+def nearby(found: Around | None) -> Html | None:
+    """What each variable and each limit is worth at the best design."""
+    if found is None:
+        return None
+    return joined(
+        [
+            paragraph(NEARBY),
+            table(*slope_table(found)),
+            *([paragraph(WORTH), table(*price_table(found))] if found.prices else ()),
+        ]
+    )
+
+
+def slope_table(found: Around) -> tuple[list[str], list[list[str]]]:
+    """Head and rows: a variable per row, a metric per column."""
+    metrics = list(dict.fromkeys(slope.metric for slope in found.slopes))
+    rows = []
+    for name in dict.fromkeys(slope.variable for slope in found.slopes):
+        mine = [slope for slope in found.slopes if slope.variable == name]
+        span = f"{cell(mine[0].low)} to {quantity(name, mine[0].high)}"
+        rows.append([plain(name), span, *(_slope(slope) for slope in mine)])
+    return ["variable", "tried", *map(headed, metrics)], rows
+
+
+def price_table(found: Around) -> tuple[list[str], list[list[str]]]:
+    """Head and rows: an objective and a limit per row."""
+    rows = []
+    for price in found.prices:
+        name = price.objective
+        worth = "-"
+        if price.limit is not None:
+            worth = "does not bind"
+            if price.price > 0.0:
+                own, other = unit_of(name) or "1", unit_of(price.limit.name) or "1"
+                worth = f"{price.price:.3g} {own} per {other}"
+        rows.append(
+            [
+                plain(name),
+                "as they are" if price.limit is None else price.limit.text,
+                worth,
+                cell(price.now),
+                cell(price.promised),
+                "fails" if np.isnan(price.found) else cell(price.found),
+                "yes" if price.kept else "no",
+            ]
+        )
+    head = ["objective", "limits", "shadow price", "now", "promised", "simulated",
+            "keeps the rest"]  # fmt: skip
+    return head, rows
+
+
+def _slope(slope: Slope) -> str:
+    if np.isnan(slope.change):
+        return "-"
+    error = "" if np.isnan(slope.error) else f" ± {slope.error:.2g}"
+    return f"{slope.change:+.3g}{error}"
 
 
 def failures(found: Finding) -> Html | None:

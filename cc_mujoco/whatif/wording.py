@@ -13,6 +13,27 @@ UNSAID = (
 """Why it may be unknown what a metric depends on."""
 
 
+NEARBY = (
+    "How much each number changes at the best design for a tenth of a variable's range "
+    "more, or over the neighbouring values where only some are allowed: by designs a "
+    "fiftieth of the range to either side (column `tried`). Behind ± stands half the "
+    "difference between the two sides; where it is as large as the change itself, the "
+    "number bends there and the slope says little."
+)
+"""What the table of slopes is."""
+WORTH = (
+    "What moving by up to a tenth of every range should bring by these slopes (a "
+    "linear program), the other objectives no worse, and what it brought when it was "
+    "simulated: with the limits as they are, and with each relaxed by a tenth of its "
+    "size. A shadow price is what one unit of a limit is worth; a limit that does not "
+    "bind is worth nothing here. Where the simulated number is not better than now, "
+    "the slopes promise too much; where it is better with the limits as they are, and "
+    "keeps the rest, the best design was not yet the optimum. `keeps the rest` allows "
+    "another objective to be 1 % worse."
+)
+"""What the table of prices is."""
+
+
 def unit_of(name: str) -> str:
     """Unit of a metric or a variable; empty where it has none."""
     thing = METRICS.get(name) or VARIABLES.get(name.rpartition(".")[2])

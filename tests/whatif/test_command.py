@@ -25,11 +25,12 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
     metrics = ("slack_margin", "peak_tension", "tracking_error", "efficiency")
     words += [word for name in metrics for word in ("--metric", name)]
     goals = ["--objective", "slack_margin", "--objective", "max:peak_tension"]
-    assert cli.main([*words, *vary, *goals]) == 0
+    assert cli.main([*words, *vary, *goals, "--around"]) == 0
     said = capsys.readouterr()
     assert said.err == "" and "6 designs, 0 of which failed" in said.out
     out = tmp_path / "study"
     assert sorted(path.name for path in out.iterdir()) == [
+        "around.parquet",
         "effects.parquet",
         "effects.png",
         "heatmaps.png",
@@ -51,6 +52,14 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
     rows = [line for line in ranking.splitlines() if line.startswith("| ")]
     starred = [int(row.split()[1][:-1]) for row in rows if row.split()[1][-1] == "*"]
     assert sorted(starred) == best != []
+    around = pq.read_table(out / "around.parquet").to_pylist()
+    assert {(row["metric"], row["variable"]) for row in around} == {
+        (name, variable)
+        for name in ("slack_margin", "peak_tension")
+        for variable in ("friction", "loops")
+    }
+    for told in (ranking, (out / "report.html").read_text()):
+        assert "tried" in told and "promised" in told
     effects = pq.read_table(out / "effects.parquet").to_pylist()
     slack = {
         (row["variable"], row["value"]): row["mean"]
@@ -110,6 +119,7 @@ def test_a_file_of_designs_and_no_objectives(tmp_path: Path) -> None:
         (["--vary", "friction=1", "--vary", "friction=2"], "twice"),
         (["--vary", "friction=0.1", "--threads", "-1"], "--threads"),
         (["--designs", "none.csv"], "cannot read the designs none.csv"),
+        (["--vary", "friction=0.1", "--around"], "goes by an --objective"),
         ([], "what to vary"),
     ],
 )

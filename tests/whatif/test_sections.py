@@ -73,7 +73,9 @@ def test_without_a_good_design_the_page_says_what_stands_in_the_way(
     found, table = finding([3.0, 1.0], [50.0, 60.0], ["peak_tension<=20"])
     text = " ".join(said(written(tmp_path, found, table)).split())
     assert "No design is good enough." in text
+    assert "The nearest is design 0, friction 0.1 and pretension 10 N: peak" in text
     assert "peak_tension<=20 0 of 2 2" in text
+    assert text.index("peak_tension<=20 0 of 2") < text.rindex("What matters")
     assert "The best designs" not in text
 
 

@@ -1,0 +1,373 @@
+"""What each variable and each limit is worth at the best design.
+
+    found = around(plan, table, objectives, limits, carry_out)
+
+Designs a step to either side of the best in one variable at a time are simulated, all
+together; their differences are slopes. Between them and the limits a linear program
+says where, within `TRUST` of the ranges, the best objective should lie as things are
+and with each limit relaxed by `RELAX`; the multipliers of its limits are their shadow
+prices. What it proposes is simulated as well, so that the promise stands beside what
+came of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.designs import Range
+from cc_mujoco.whatif.evaluate import Design
+from cc_mujoco.whatif.pareto import Limit, Objective, costs, order
+from cc_mujoco.whatif.plan import Plan, batches_of
+from cc_mujoco.whatif.variables import Value
+
+Array = NDArray[np.float64]
+
+STEP = 0.02
+"""To either side, of a variable's range."""
+TRUST = 0.1
+"""Of a variable's range, to either side: as far as slopes are believed."""
+RELAX = 0.1
+"""By how much a limit is relaxed, of its size; by 1 of its unit where it is 0."""
+WORSE = 0.01
+"""Of an objective, which counts as no worse where another is improved."""
+PIECE = 8
+"""Most designs that are simulated together."""
+
+
+@dataclass(frozen=True)
+class Slope:
+    """How a metric changes with a variable.
+
+    Attributes:
+        metric: its name.
+        variable: its name.
+        low: value of the variable to one side; that of the best where there is none.
+        high: the same to the other side.
+        change: of the metric for `TRUST` of the range more, or from `low` to `high`
+            where only some values are allowed; NaN where it cannot be had.
+        error: half the difference between the slopes to either side, in the same
+            measure; NaN where there is one side.
+    """
+
+    metric: str
+    variable: str
+    low: Value
+    high: Value
+    change: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Price:
+    """What could be gained beside the best design.
+
+    Attributes:
+        objective: name of the metric.
+        limit: as it would be; None where all are as they are.
+        price: shadow price, objective per unit of the limit, NaN without a limit.
+        now: the objective at the best design.
+        promised: the same by the linear program.
+        found: the same simulated at the design that it proposes; NaN where it failed.
+        kept: whether that design keeps the limits, the relaxed one among them, and is
+            no worse in the other objectives.
+        design: that design.
+    """
+
+    objective: str
+    limit: Limit | None
+    price: float
+    now: float
+    promised: float
+    found: float
+    kept: bool
+    design: Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class Around:
+    """The best design: its number, slopes there, and what limits are worth."""
+
+    design: int
+    slopes: tuple[Slope, ...]
+    prices: tuple[Price, ...]
+
+
+def around(
+    plan: Plan,
+    table: pa.Table,
+    objectives: Sequence[Objective],
+    limits: Sequence[Limit],
+    run: Callable[[Plan], pa.Table],
+) -> Around | None:
+    """Look around the best design of a study.
+
+    Args:
+        plan: the study.
+        table: its table.
+        objectives: what makes a design good.
+        limits: that it keeps.
+        run: carries a plan out; see `study.carry_out`.
+
+    Returns:
+        What was found; None where no design is good, or none could move.
+
+    Raises:
+        CableError: no objectives were given.
+    """
+    if not objectives:
+        raise CableError("what is around the best design needs an objective.")
+    cost = costs(table, objectives, limits)
+    best = int(order(cost)[0])
+    if np.isnan(cost[best]).any():
+        return None
+    base = plan.designs[best]
+    builder = Builder(plan.protocol.scene, plan.protocol.timestep)
+    sides = {
+        name: _sides(builder, plan.ranges[name], base, name) for name in plan.varied
+    }
+    tried = [base, *(d for pair in sides.values() for d in pair if d is not None)]
+    if len(tried) == 1:
+        return None
+    rows = iter(run(_plan(plan, builder, tried)).to_pylist())
+    centre = next(rows)
+    names = _measured(objectives, limits)
+    slopes: list[Slope] = []
+    for name, pair in sides.items():
+        found = [None if design is None else next(rows) for design in pair]
+        slopes += [_slope(m, name, plan.ranges[name], centre, found) for m in names]
+    program = _Program(plan, base, centre, slopes, objectives, limits)
+    prices = program.prices()
+    proposed: list[tuple[Price, Design]] = []
+    for price in prices:
+        try:
+            proposed.append((price, builder.check(price.design)))
+        except CableError:  # promised by slopes alone, and impossible
+            continue
+    there: list[Mapping[str, object]] = []
+    if proposed:
+        designs = [design for _, design in proposed]
+        there = run(_plan(plan, builder, designs)).to_pylist()
+    checked = {id(price): row for (price, _), row in zip(proposed, there, strict=True)}
+    return Around(
+        best,
+        tuple(slopes),
+        tuple(
+            _checked(price, checked.get(id(price)), centre, objectives, limits)
+            for price in prices
+        ),
+    )
+
+
+def _plan(plan: Plan, builder: Builder, designs: Sequence[Design]) -> Plan:
+    layouts = {i: builder.layout(design) for i, design in enumerate(designs)}
+    return dataclasses.replace(
+        plan,
+        designs=tuple(designs),
+        full=False,
+        batches=batches_of(layouts, PIECE),
+        search=None,
+    )
+
+
+def _share(values: Range, value: Value) -> float:
+    """Where in its range a value lies, 0 to 1."""
+    assert values.ends is not None
+    low, high = values.ends
+    number = float(value)
+    if values.log:
+        return math.log(number / low) / math.log(high / low)
+    return (number - low) / (high - low)
+
+
+def _moved(values: Range, value: Value, by: float) -> Value:
+    share = np.clip(_share(values, value) + by, 0.0, 1.0)
+    return values.at(np.array([share]))[0]
+
+
+def _sides(
+    builder: Builder, values: Range, base: Design, name: str
+) -> tuple[Design | None, Design | None]:
+    """The best design with a variable less and more; None where that cannot be."""
+    here = base[name]
+    if values.ends is not None:
+        less, more = (_moved(values, here, by) for by in (-STEP, STEP))
+    elif isinstance(here, str):
+        return None, None
+    else:
+        levels = sorted(values.levels, key=float)
+        place = levels.index(here)
+        less = levels[max(place - 1, 0)]
+        more = levels[min(place + 1, len(levels) - 1)]
+    found: list[Design | None] = []
+    for value in (less, more):
+        try:
+            same = math.isclose(float(value), float(here), rel_tol=1e-9)
+            found.append(None if same else builder.check({**base, name: value}))
+        except CableError:
+            found.append(None)
+    return found[0], found[1]
+
+
+def _slope(
+    metric: str,
+    name: str,
+    values: Range,
+    centre: Mapping[str, object],
+    sides: Sequence[Mapping[str, object] | None],
+) -> Slope:
+    here, value = centre[name], _number(centre[metric])
+    less, more = ((row or centre)[name] for row in sides)
+    changes = []
+    for row in sides:
+        if row is None:
+            continue
+        change = _number(row[metric]) - value
+        if values.ends is not None:
+            run = _share(values, _value(row[name])) - _share(values, _value(here))
+            changes.append(TRUST * change / run)
+        else:
+            changes.append(-change if row is sides[0] else change)
+    total = math.nan
+    if changes:
+        total = float(np.mean(changes) if values.ends is not None else np.sum(changes))
+    error = 0.5 * abs(changes[1] - changes[0]) if len(changes) == 2 else math.nan
+    return Slope(metric, name, _value(less), _value(more), total, error)
+
+
+class _Program:
+    """The linear program of the neighbourhood, in parts `TRUST` of the ranges."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        base: Design,
+        centre: Mapping[str, object],
+        slopes: Sequence[Slope],
+        objectives: Sequence[Objective],
+        limits: Sequence[Limit],
+    ) -> None:
+        self._base, self._centre, self._ranges = base, centre, plan.ranges
+        self._objectives, self._limits = objectives, limits
+        self._change = {(s.metric, s.variable): s.change for s in slopes}
+        names = {s.metric for s in slopes}
+        self.free = tuple(
+            variable
+            for variable in plan.varied
+            if plan.ranges[variable].ends is not None
+            and all(math.isfinite(self._change[m, variable]) for m in names)
+        )
+        shares = [_share(plan.ranges[v], base[v]) / TRUST for v in self.free]
+        self._bounds = [(max(-1.0, -s), min(1.0, 1.0 / TRUST - s)) for s in shares]
+
+    def prices(self) -> list[Price]:
+        """As things are and with each limit relaxed, for each objective."""
+        if not self.free:
+            return []
+        return [
+            self._price(goal, limit)
+            for goal in self._objectives
+            for limit in (None, *self._limits)
+        ]
+
+    def _price(self, goal: Objective, relaxed: Limit | None) -> Price:
+        from scipy.optimize import linprog
+
+        rows, room = [], []
+        for limit in self._limits:
+            sign = -1.0 if limit.least else 1.0
+            bound = relax(limit).bound if limit is relaxed else limit.bound
+            rows.append(sign * self._row(limit.name))
+            left = sign * (bound - _number(self._centre[limit.name]))
+            room.append(max(left, 0.0))
+        for other in self._objectives:
+            if other is not goal:
+                rows.append((-1.0 if other.high else 1.0) * self._row(other.name))
+                room.append(0.0)
+        sign = -1.0 if goal.high else 1.0
+        found = linprog(
+            sign * self._row(goal.name),
+            np.array(rows) if rows else None,
+            np.array(room) if rows else None,
+            bounds=self._bounds,
+            method="highs",
+        )
+        now = _number(self._centre[goal.name])
+        price = math.nan
+        if relaxed is not None:
+            price = abs(float(found.ineqlin.marginals[self._limits.index(relaxed)]))
+        moved = {
+            name: _moved(self._ranges[name], self._base[name], TRUST * float(by))
+            for name, by in zip(self.free, found.x, strict=True)
+        }
+        promised = now + sign * float(found.fun)
+        return Price(
+            goal.name,
+            None if relaxed is None else relax(relaxed),
+            price,
+            now,
+            promised,
+            math.nan,
+            False,
+            {**self._base, **moved},
+        )
+
+    def _row(self, metric: str) -> Array:
+        return np.array([self._change[metric, name] for name in self.free])
+
+
+def relax(limit: Limit) -> Limit:
+    """The limit, easier to keep by `RELAX`."""
+    by = RELAX * abs(limit.bound) or 1.0
+    return dataclasses.replace(
+        limit, bound=limit.bound - by if limit.least else limit.bound + by
+    )
+
+
+def _checked(
+    price: Price,
+    row: Mapping[str, object] | None,
+    centre: Mapping[str, object],
+    objectives: Sequence[Objective],
+    limits: Sequence[Limit],
+) -> Price:
+    """A price with what its design gave in simulation."""
+    if row is None:
+        return price
+    metrics = {n: _number(row[n]) for n in _measured(objectives, limits)}
+    eased = [relax(limit) == price.limit for limit in limits]
+    kept = all(
+        (relax(limit) if easier else limit).beyond(metrics) <= 0.0
+        for limit, easier in zip(limits, eased, strict=True)
+    )
+    now = {goal.name: _number(centre[goal.name]) for goal in objectives}
+    kept &= all(
+        goal.cost(metrics) <= goal.cost(now) + WORSE * abs(goal.cost(now))
+        for goal in objectives
+        if goal.name != price.objective
+    )
+    return dataclasses.replace(price, found=metrics[price.objective], kept=kept)
+
+
+def _measured(
+    objectives: Sequence[Objective], limits: Sequence[Limit]
+) -> tuple[str, ...]:
+    names = [*(goal.name for goal in objectives), *(limit.name for limit in limits)]
+    return tuple(dict.fromkeys(names))
+
+
+def _number(value: object) -> float:
+    return math.nan if value is None else float(str(value))
+
+
+def _value(value: object) -> Value:
+    assert isinstance(value, (str, int, float))
+    return value

@@ -52,6 +52,7 @@ def _shared(
     slip_direction: FloatArray,
     desired: float,
     share: FloatArray,
+    taut: FloatArray,
 ) -> None:
     """Distal tension of every cable that together make the joint torque [N].
 
@@ -62,16 +63,17 @@ def _shared(
         slip_direction: direction in which each cable slips.
         desired: joint torque [Nm].
         share: out.
+        taut: scratch, which cables are.
     """
     if n.size == 1:
         share[0] = max(-desired / distal[0], 0.0)
         return
-    taut = np.ones(n.size, dtype=np.bool_)
+    taut[:] = 1.0
     for _ in range(n.size):
         # Torque = -sum f_i (s_i0 + f_i g) / unit_i of the cables that are taut.
         constant, slope = 0.0, 0.0
         for k in range(n.size):
-            if taut[k]:
+            if taut[k] != 0.0:
                 rest, unit = _stretches(prm[k], n[k], slip_direction[k])
                 constant -= distal[k] * rest / unit
                 slope -= distal[k] ** 2 / unit
@@ -82,9 +84,9 @@ def _shared(
         for k in range(n.size):
             rest, unit = _stretches(prm[k], n[k], slip_direction[k])
             tension = (rest + distal[k] * angle) / unit
-            share[k] = max(tension, 0.0) if taut[k] else 0.0
-            if taut[k] and tension < 0.0:
-                taut[k], again = False, True
+            share[k] = max(tension, 0.0) if taut[k] != 0.0 else 0.0
+            if taut[k] != 0.0 and tension < 0.0:
+                taut[k], again = 0.0, True
         if not again:
             break
 
@@ -97,32 +99,30 @@ def dynamic(
     distal: FloatArray,
     slip_direction: FloatArray,
     gain: FloatArray,
-    desired: FloatArray,
-) -> FloatArray:
+    desired: float,
+    scratch: FloatArray,
+) -> float:
     """Compensation of dynamic friction (4.2): every distal tension times its gain.
 
     Args:
-        prm: packed parameters (rows, cables, numbers).
+        prm: packed parameters (cables, numbers).
         n: segments of every cable.
-        arm: of every cable where the motor is (rows, cables) [m/rad].
+        arm: of every cable where the motor is (cables,) [m/rad].
         distal: arms at the joint [m/rad].
-        slip_direction: direction in which every cable last slipped as a whole (rows,
-            cables).
-        gain: proximal per distal tension at that time (rows, cables).
-        desired: joint torque (rows,) [Nm].
+        slip_direction: direction in which every cable last slipped as a whole (cables,)
+        gain: proximal per distal tension at that time (cables,).
+        desired: joint torque [Nm].
+        scratch: (3, cables).
 
     Returns:
-        Motor torque (rows,) [Nm].
+        Motor torque [Nm].
     """
-    share = np.empty(n.size)
-    found = np.empty(desired.size)
-    for row in range(desired.size):
-        _shared(prm[row], n, distal, slip_direction[row], desired[row], share)
-        torque = 0.0
-        for k in range(n.size):
-            torque -= arm[row, k] * gain[row, k] * share[k]
-        found[row] = torque
-    return found
+    share = scratch[0]
+    _shared(prm, n, distal, slip_direction, desired, share, scratch[1])
+    torque = 0.0
+    for k in range(n.size):
+        torque -= arm[k] * gain[k] * share[k]
+    return torque
 
 
 @compiled
@@ -132,9 +132,10 @@ def whole(
     arm: FloatArray,
     distal: FloatArray,
     state: FloatArray,
-    slip_direction: FloatArray,
-    desired: FloatArray,
-) -> FloatArray:
+    slip_direction: float,
+    desired: float,
+    scratch: FloatArray,
+) -> float:
     """Torque at which the whole of every cable slips the way the motor shall turn.
 
     Listing 4.1: where part of a cable stands still, the proximal tension is the one at
@@ -142,34 +143,29 @@ def whole(
     Where all of it moves that way already this is the compensation of dynamic friction.
 
     Args:
-        prm: packed parameters (rows, cables, numbers).
+        prm: packed parameters (cables, numbers).
         n: segments of every cable.
-        arm: of every cable where the motor is (rows, cables) [m/rad].
+        arm: of every cable where the motor is (cables,) [m/rad].
         distal: arms at the joint [m/rad].
-        state: of the model (rows, cables, numbers).
-        slip_direction: sense in which the motor shall turn, 1, -1 or 0 for as it is
-            (rows,).
-        desired: joint torque (rows,) [Nm].
+        state: of the model (cables, numbers).
+        slip_direction: sense in which the motor shall turn, 1, -1 or 0 for as it is.
+        desired: joint torque [Nm].
+        scratch: (3, cables).
 
     Returns:
-        Motor torque (rows,) [Nm].
+        Motor torque [Nm].
     """
-    share, senses = np.empty(n.size), np.empty(n.size)
-    found = np.empty(desired.size)
-    for row in range(desired.size):
-        for k in range(n.size):
-            senses[k] = np.sign(arm[row, k]) * slip_direction[row]
-        _shared(prm[row], n, distal, senses, desired[row], share)
-        torque = 0.0
-        for k in range(n.size):
-            tension = share[k]
-            if slip_direction[row] != 0.0:
-                tension = _breakaway(
-                    prm[row, k], n[k], state[row, k], senses[k], tension
-                )
-            torque -= arm[row, k] * tension
-        found[row] = torque
-    return found
+    share, senses = scratch[0], scratch[2]
+    for k in range(n.size):
+        senses[k] = np.sign(arm[k]) * slip_direction
+    _shared(prm, n, distal, senses, desired, share, scratch[1])
+    torque = 0.0
+    for k in range(n.size):
+        tension = share[k]
+        if slip_direction != 0.0:
+            tension = _breakaway(prm[k], n[k], state[k], senses[k], tension)
+        torque -= arm[k] * tension
+    return torque
 
 
 @compiled

@@ -13,12 +13,13 @@ the same bits.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control.drive import Drive
 
 
@@ -58,3 +59,12 @@ class Controller(ABC):
         """A torque within the limits of the motor, a float for a number [Nm]."""
         within = np.clip(torque, self.drive.low, self.drive.high)
         return within if isinstance(within, np.ndarray) else float(within)
+
+
+def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray:
+    """What is measured by these names (rows, names); a number is a row of its own."""
+    columns = [np.atleast_1d(np.asarray(observation[name], float)) for name in names]
+    seen = np.empty((max(column.size for column in columns), len(names)))
+    for place, column in enumerate(columns):
+        seen[:, place] = column
+    return seen

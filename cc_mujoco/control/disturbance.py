@@ -68,17 +68,12 @@ class DisturbanceObserver(ModelBased):
         self._known = np.ones(np.shape(self._applied), dtype=np.bool_)
         return self._applied
 
-    def feedforward(
-        self, observation: Mapping[str, Any], desired: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Motor torque that is fed forward (rows,) [Nm]."""
+    def disturbance(self) -> Any:
+        """Motor torque that is added to what is fed forward [Nm]."""
         unexplained = np.where(
             self._known, self._applied - self.model.motor_torque(), 0.0
         )
         self._disturbance = self._disturbance + self._share * (
             unexplained - self._disturbance
         )
-        found: NDArray[np.float64] = (
-            super().feedforward(observation, desired) + self._disturbance
-        )
-        return found
+        return self._disturbance

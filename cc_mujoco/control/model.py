@@ -16,6 +16,8 @@ One model holds the cables of many environments; each row is computed by itself.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -23,7 +25,8 @@ from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.control.drive import CableDrive, Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import PARAMETERS, kernel, stepper
-from cc_mujoco.transmission.packing import slips, tensions
+from cc_mujoco.transmission.friction import INDEX
+from cc_mujoco.transmission.packing import LENGTH, slips, tensions
 
 _FRICTIONS = [
     place
@@ -31,6 +34,7 @@ _FRICTIONS = [
     if parameter.name in ("friction", "static_friction")
 ]
 _MOST_FRICTION = 5.0
+_EA = INDEX["axial_stiffness"]
 
 
 class CableModel:
@@ -73,6 +77,8 @@ class CableModel:
         most = int(self.segments.max())
         self._size = kernel.parameter_size(most), kernel.state_size(most)
         self.work = np.empty(kernel.work_size(most))
+        self.scratch = np.empty((3, len(cables)))
+        self._new = np.zeros((len(cables), self._size[1]))
         self._allocate(len(drive.cable_drives))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -90,8 +96,8 @@ class CableModel:
             motor_angle: [rad]; of a round pulley only its changes matter.
             joint_torque: of the cables on the joint [Nm].
         """
-        angle = np.atleast_1d(np.asarray(motor_angle, dtype=float))
-        torque = np.atleast_1d(np.asarray(joint_torque, dtype=float))
+        angle = np.ascontiguousarray(motor_angle, dtype=float)
+        torque = np.ascontiguousarray(joint_torque, dtype=float)
         self.ready(angle)
         _follow(
             self.packed,
@@ -106,6 +112,7 @@ class CableModel:
             self.gain,
             self.arm,
             self.drive.period,
+            self._new,
             self.work,
         )
 
@@ -196,6 +203,25 @@ class CableModel:
         self.factor[row, cable] = factor
 
 
+def joint_stiffness(cable_drives: Sequence[CableDrive]) -> float:
+    """Stiffness of all cables of a device at its joint [Nm/rad]."""
+    prm, _, _, _, distal = stepper.between(
+        [one.cable for one in cable_drives],
+        [one.proximal for one in cable_drives],
+        [one.distal for one in cable_drives],
+    )
+    return stiffness(prm, distal)
+
+
+@compiled
+def stiffness(prm: FloatArray, distal: FloatArray) -> float:
+    """The same of packed cables (cables, numbers) and their arms (cables,) [m/rad]."""
+    total = 0.0
+    for k in range(distal.size):
+        total += distal[k] ** 2 * prm[k, _EA] / prm[k, LENGTH]
+    return total
+
+
 @compiled
 def _rest(
     prm: FloatArray,
@@ -207,6 +233,57 @@ def _rest(
 ) -> None:
     """Bring the cables of an environment to rest at a motor angle and joint angle 0."""
     stepper.rest(stepper.Cables(prm, n, proximal, proximal, distal), motor, 0.0, state)
+
+
+@compiled
+def follow(
+    cables: stepper.Cables,
+    state: FloatArray,
+    motor: float,
+    torque: float,
+    joint: float,
+    slip_direction: FloatArray,
+    gain: FloatArray,
+    arm: FloatArray,
+    dt: float,
+    new: FloatArray,
+    work: FloatArray,
+) -> float:
+    """Step the cables of one environment to a motor angle and a joint torque.
+
+    Args:
+        cables: of the environment.
+        state: of the model (cables, numbers); stepped on.
+        motor: angle of the motor [rad].
+        torque: of the cables on the joint [Nm].
+        joint: angle of the joint before [rad].
+        slip_direction: see `CableModel` (cables,); moved on.
+        gain: likewise.
+        arm: likewise.
+        dt: time step [s].
+        new: scratch, as `state`.
+        work: scratch, `kernel.work_size`.
+
+    Returns:
+        Angle of the joint [rad].
+    """
+    n = cables.n
+    load = stepper.Load(torque, 0.0, -np.inf, np.inf)
+    found = stepper.balance(cables, state, True, motor, joint, load, dt, new, work)
+    for k in range(n.size):
+        arm[k] = cables.proximal[k] * stepper.proximal(cables, k, motor)[1]
+        slip, tension = slips(new[k], n[k]), tensions(new[k], n[k])
+        sign = np.sign(slip[0])
+        for j in range(n[k]):
+            if slip[j] * sign <= 0.0:
+                sign = 0.0
+        low, high = tension[0], tension[n[k]]
+        if sign != 0.0 and min(low, high) > 0.0:
+            slip_direction[k] = sign
+            gain[k] = low / high
+        for i in range(state.shape[1]):
+            state[k, i] = new[k, i]
+    return found
 
 
 @compiled
@@ -223,28 +300,16 @@ def _follow(
     gain: FloatArray,
     arm: FloatArray,
     dt: float,
+    new: FloatArray,
     work: FloatArray,
 ) -> None:
     """Step every environment to a motor angle and a joint torque."""
-    new = np.zeros(state.shape[1:])
     for row in range(motor.size):
         cables = stepper.Cables(prm[row], n, proximal, proximal, distal)
-        load = stepper.Load(torque[row], 0.0, -np.inf, np.inf)
-        joint[row] = stepper.balance(
-            cables, state[row], True, motor[row], joint[row], load, dt, new, work
-        )
-        for k in range(n.size):
-            arm[row, k] = proximal[k] * stepper.proximal(cables, k, motor[row])[1]
-            slip, tension = slips(new[k], n[k]), tensions(new[k], n[k])
-            sign = np.sign(slip[0])
-            for j in range(n[k]):
-                if slip[j] * sign <= 0.0:
-                    sign = 0.0
-            low, high = tension[0], tension[n[k]]
-            if sign != 0.0 and min(low, high) > 0.0:
-                slip_direction[row, k] = sign
-                gain[row, k] = low / high
-        state[row] = new
+        joint[row] = follow(
+            cables, state[row], motor[row], torque[row], joint[row],
+            slip_direction[row], gain[row], arm[row], dt, new, work,
+        )  # fmt: skip
 
 
 @compiled

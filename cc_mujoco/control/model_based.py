@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -16,11 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.checks import number
-from cc_mujoco.control import compensation
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.control import laws
+from cc_mujoco.control.controller import readings
 from cc_mujoco.control.drive import Drive
-from cc_mujoco.control.model import CableModel
+from cc_mujoco.control.model import CableModel, joint_stiffness
 from cc_mujoco.control.proportional_integral import ProportionalIntegral
 from cc_mujoco.errors import CableError
+from cc_mujoco.transmission.stepper import Counts
 
 Mismatch = float | Callable[[Any], Any]
 
@@ -75,17 +79,7 @@ class ModelBased(ProportionalIntegral):
         number("settling", settling, 0.0, 10.0, "s")
         self.mismatch = mismatch
         self.settling = settling
-        self.stiffness = np.array(
-            [
-                sum(
-                    cable_drive.distal**2
-                    * cable_drive.cable.axial_stiffness
-                    / cable_drive.cable.length
-                    for cable_drive in row
-                )
-                for row in drive.cable_drives
-            ]
-        )
+        self.stiffness = np.array([joint_stiffness(row) for row in drive.cable_drives])
         """Of all cables at the joint, one for all environments or one each [Nm/rad]."""
         self.model = CableModel(drive)
         self._calls: Any = 0
@@ -96,52 +90,76 @@ class ModelBased(ProportionalIntegral):
         self.model.reset(where)
         self._calls = 0 if where is None else np.where(where, 0, self._calls)
 
+    @property
+    def gains(self) -> laws.Gains:
+        """The numbers of the law, as they are now."""
+        return dataclasses.replace(super().gains, settling=self.settling)
+
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
-        desired = observation["desired_torque_nm"]
-        torque = observation["joint_torque_nm"]
-        self.follow(observation, torque)
-        feedforward = self.feedforward(
-            observation, np.atleast_1d(np.asarray(desired, dtype=float))
-        )
-        feedforward = feedforward - self._damping(observation)
-        self._calls = self._calls + 1
-        error = self.unanswered(desired - torque)
-        if np.ndim(desired) == 0:
-            return self.closed(float(feedforward[0]), float(np.ravel(error)[0]))
-        return self.closed(feedforward, error)
+        seen = readings(observation, laws.SEEN)
+        self.follow(seen)
+        found = self.answer(seen)
+        numbers = np.ndim(observation["desired_torque_nm"]) == 0
+        return float(found[0]) if numbers else found
 
-    def follow(self, observation: Mapping[str, Any], joint_torque: Any) -> None:
-        """Have the model follow the device."""
-        self.model.follow(observation["motor_angle_rad"], joint_torque)
+    def follow(self, seen: FloatArray) -> None:
+        """Have the model follow the device.
+
+        Args:
+            seen: what is measured (rows, `laws.SEEN`).
+        """
+        self.model.follow(seen[:, laws.ANGLE], seen[:, laws.TORQUE])
         error = self.mismatch
         if callable(error):
             error = error(self._calls * self.drive.period)
+        self._calls = self._calls + 1
         self.model.scale_friction(np.reshape(1.0 + error, (-1, 1)))
 
-    def unanswered(self, error: Any) -> Any:
-        """The part of the error [Nm] that is left to the feedback: all of it."""
-        return error
-
-    def _damping(self, observation: Mapping[str, Any]) -> Any:
-        """Torque against the motor's running ahead of the joint [Nm]."""
-        ratio = self.drive.ratio
-        keeping_up = ratio * observation["joint_velocity_rad_s"]
-        relative_velocity = observation["motor_velocity_rad_s"] - keeping_up
-        return self.settling * self.stiffness / ratio**2 * relative_velocity
-
-    def feedforward(
-        self, observation: Mapping[str, Any], desired: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Motor torque that is fed forward (rows,) [Nm]."""
-        model = self.model
-        found: NDArray[np.float64] = compensation.dynamic(
+    def answer(self, seen: FloatArray) -> FloatArray:
+        """Torque of the motor (rows,) [Nm], once the model has followed the device."""
+        model, rows = self.model, len(seen)
+        found = np.empty(rows)
+        _torques(
+            self.gains.packed,
+            np.full(rows, self.stiffness),
             model.packed,
             model.segments,
-            model.arm,
             model.distal,
+            model.arm,
             model.slip_direction,
             model.gain,
-            desired,
+            np.full(rows, self.disturbance(), dtype=float),
+            self.memory(rows),
+            seen,
+            model.scratch,
+            found,
         )
         return found
+
+    def disturbance(self) -> Any:
+        """Motor torque that is added to what is fed forward [Nm]: none."""
+        return 0.0
+
+
+@compiled
+def _torques(
+    gains: FloatArray,
+    stiffness: FloatArray,
+    prm: FloatArray,
+    n: Counts,
+    distal: FloatArray,
+    arm: FloatArray,
+    slip_direction: FloatArray,
+    gain: FloatArray,
+    disturbance: FloatArray,
+    memory: FloatArray,
+    seen: FloatArray,
+    scratch: FloatArray,
+    found: FloatArray,
+) -> None:
+    for row in range(found.size):
+        found[row] = laws.model_based(
+            gains, stiffness[row], prm[row], n, distal, arm[row], slip_direction[row],
+            gain[row], disturbance[row], memory[row], seen[row], scratch,
+        )  # fmt: skip

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from cc_mujoco.checks import number
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control import planning, rollout
-from cc_mujoco.control.controller import Controller
+from cc_mujoco.control.controller import Controller, readings
 from cc_mujoco.control.drive import Drive
-from cc_mujoco.control.model import CableModel
+from cc_mujoco.control.model import CableModel, joint_stiffness
 from cc_mujoco.errors import CableError
 
 _READ = (
@@ -150,10 +150,7 @@ class PredictiveCompensation(Controller):
         )
         greatest = max(abs(end) for end in drive.reach)
         noise = max(drive.torque_noise, _LEAST_NOISE * greatest)
-        stiffness = sum(
-            one.distal**2 * one.cable.axial_stiffness / one.cable.length
-            for one in drive.cables
-        )
+        stiffness = joint_stiffness(drive.cables)
         self._tune = np.array(
             [
                 period,
@@ -204,10 +201,7 @@ class PredictiveCompensation(Controller):
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
-        seen = np.stack(
-            [np.atleast_1d(np.asarray(observation[name], float)) for name in _READ],
-            axis=1,
-        )
+        seen = readings(observation, _READ)
         if seen.shape[0] != self._memory.shape[0]:
             self._forget(seen.shape[0])
         model = self.model

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.checks import number
-from cc_mujoco.control.controller import Controller
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.control import laws
+from cc_mujoco.control.controller import Controller, readings
 from cc_mujoco.control.drive import Drive
 
 
@@ -54,17 +56,43 @@ class ProportionalIntegral(Controller):
         self.proportional = proportional
         self.integral = integral
         self.feed_forward = feed_forward
-        self._sum: Any = 0.0
+        self._memory: FloatArray = np.zeros((1, laws.MEMORY))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Empty the integral; see `Controller.reset`."""
-        self._sum = 0.0 if where is None else np.where(where, 0.0, self._sum)
+        if where is None:
+            self._memory = np.zeros((1, laws.MEMORY))
+        else:
+            self.memory(np.size(where))[where] = 0.0
+
+    @property
+    def gains(self) -> laws.Gains:
+        """The numbers of the law, as they are now."""
+        drive = self.drive
+        return laws.Gains(
+            ratio=drive.ratio,
+            low=drive.low,
+            high=drive.high,
+            period=drive.period,
+            one_way=float(drive.one_way),
+            feed_forward=float(self.feed_forward),
+            proportional=self.proportional,
+            integral=self.integral,
+        )
+
+    def memory(self, rows: int) -> FloatArray:
+        """What the law keeps of every environment (rows, `laws.MEMORY`)."""
+        if len(self._memory) != rows:
+            self._memory = np.tile(self._memory, (rows, 1))
+        return self._memory
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
-        desired = observation["desired_torque_nm"]
-        feedforward = desired / self.drive.ratio if self.feed_forward else 0.0
-        return self.closed(feedforward, desired - observation["joint_torque_nm"])
+        seen = readings(observation, ("desired_torque_nm", "joint_torque_nm"))
+        memory, found = self.memory(len(seen)), np.empty(len(seen))
+        _torques(self.gains.packed, memory, seen, found)
+        numbers = np.ndim(observation["desired_torque_nm"]) == 0
+        return float(found[0]) if numbers else found
 
     def closed(self, feedforward: Any, error: Any) -> Any:
         """Close the loop around a feed-forward.
@@ -76,16 +104,28 @@ class ProportionalIntegral(Controller):
         Returns:
             Torque of the motor within its limits [Nm].
         """
-        drive = self.drive
-        following = self._sum + self.integral * drive.period * error / drive.ratio
-        if drive.one_way:
-            following = np.maximum(following, -np.maximum(feedforward, 0.0))
-        torque = feedforward + self.proportional * error / drive.ratio + following
-        limited = self.limited(torque)
-        # Beyond a limit, and the error would push further.
-        winding = (torque - limited) * (error / drive.ratio) > 0.0
-        self._sum = np.where(winding, self._sum, following)
-        return limited
+        both = readings({"fed": feedforward, "error": error}, ("fed", "error"))
+        found = np.empty(len(both))
+        _closed(self.gains.packed, self.memory(len(both)), both, found)
+        numbers = np.ndim(feedforward) == 0 and np.ndim(error) == 0
+        return float(found[0]) if numbers else found
+
+
+@compiled
+def _torques(
+    gains: FloatArray, memory: FloatArray, seen: FloatArray, found: FloatArray
+) -> None:
+    for row in range(found.size):
+        desired, torque = seen[row, 0], seen[row, 1]
+        found[row] = laws.proportional_integral(gains, memory[row], desired, torque)
+
+
+@compiled
+def _closed(
+    gains: FloatArray, memory: FloatArray, both: FloatArray, found: FloatArray
+) -> None:
+    for row in range(found.size):
+        found[row] = laws.closed(gains, memory[row], both[row, 0], both[row, 1])
 
 
 class Feedback(ProportionalIntegral):

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.checks import number
-from cc_mujoco.control import compensation
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.control import laws
 from cc_mujoco.control.drive import Drive
 from cc_mujoco.control.model_based import Mismatch, ModelBased
+from cc_mujoco.transmission.stepper import Counts
 
 
 class StictionCompensation(ModelBased):
@@ -61,40 +61,50 @@ class StictionCompensation(ModelBased):
         self.tolerance = 0.01 * most if tolerance is None else tolerance
         number("preview", self.preview, 0.0, 10.0, "s")
         number("tolerance", self.tolerance, 0.0, 1e6, "Nm")
-        self._sense: Any = 0.0
-        self._turned: Any = False
 
-    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Start at rest in the pretension; see `Controller.reset`."""
-        super().reset(where)
-        self._sense = 0.0 if where is None else np.where(where, 0.0, self._sense)
+    @property
+    def gains(self) -> laws.Gains:
+        """The numbers of the law, as they are now."""
+        return dataclasses.replace(
+            super().gains, preview=self.preview, tolerance=self.tolerance
+        )
 
-    def unanswered(self, error: Any) -> Any:
-        """The part of the error [Nm] that is left to the feedback.
-
-        None when the sense has just turned: what is fed forward answers it.
-        """
-        return np.where(self._turned, 0.0, error)
-
-    def feedforward(
-        self, observation: Mapping[str, Any], desired: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Motor torque that is fed forward (rows,) [Nm]."""
-        lack = desired - observation["joint_torque_nm"]
-        motion = self.stiffness * self.preview * observation["joint_velocity_rad_s"]
-        # Positive at the motor is what winds towards a positive ratio.
-        wanted = np.sign(self.drive.ratio) * (lack + motion)
-        turns = wanted * np.where(self._sense == 0.0, np.sign(wanted), -self._sense)
-        self._turned = turns > self.tolerance
-        self._sense = np.where(self._turned, np.sign(wanted), self._sense)
-        model = self.model
-        found: NDArray[np.float64] = compensation.whole(
+    def answer(self, seen: FloatArray) -> FloatArray:
+        """Torque of the motor (rows,) [Nm], once the model has followed the device."""
+        model, rows = self.model, len(seen)
+        found = np.empty(rows)
+        _torques(
+            self.gains.packed,
+            np.full(rows, self.stiffness),
             model.packed,
             model.segments,
-            model.arm,
             model.distal,
+            model.arm,
             model.state,
-            np.atleast_1d(self._sense),
-            desired,
+            self.memory(rows),
+            seen,
+            model.scratch,
+            found,
         )
         return found
+
+
+@compiled
+def _torques(
+    gains: FloatArray,
+    stiffness: FloatArray,
+    prm: FloatArray,
+    n: Counts,
+    distal: FloatArray,
+    arm: FloatArray,
+    state: FloatArray,
+    memory: FloatArray,
+    seen: FloatArray,
+    scratch: FloatArray,
+    found: FloatArray,
+) -> None:
+    for row in range(found.size):
+        found[row] = laws.stiction(
+            gains, stiffness[row], prm[row], n, distal, arm[row], state[row],
+            memory[row], seen[row], scratch,
+        )  # fmt: skip

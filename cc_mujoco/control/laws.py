@@ -1,0 +1,234 @@
+"""The laws of one control step of one device, compiled, without allocation.
+
+    memory[:] = 0.0                                    # at the start of an episode
+    torque = proportional_integral(gains, memory, desired, measured)
+
+The controllers run them for every environment that they have; compiled for another
+machine they run on their own. `gains` are numbers in the order of `GAINS`, `seen` what
+is measured in the order of `SEEN`, and `memory` what a law keeps from one step to the
+next.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray, compiled, internal
+from cc_mujoco.control import compensation
+from cc_mujoco.transmission.parameter import Parameter, parameter, parameters_of
+from cc_mujoco.transmission.stepper import Counts
+
+SEEN = (
+    "motor_angle_rad",
+    "motor_velocity_rad_s",
+    "joint_velocity_rad_s",
+    "joint_torque_nm",
+    "desired_torque_nm",
+)
+"""What the laws read, of `sensing.MEASURED`."""
+ANGLE, VELOCITY, JOINT_VELOCITY, TORQUE, DESIRED = range(len(SEEN))
+
+INTEGRAL, SENSE = range(2)
+"""Of the memory: torque of the integral [Nm]; sense in which the motor shall turn."""
+MEMORY = 2
+"""Numbers that a law keeps."""
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What a law knows of motor and feedback."""
+
+    ratio: float = parameter(
+        unit="1",
+        bounds=(-1e6, 1e6),
+        default=1.0,
+        meaning="joint torque per motor torque without friction, signed, not 0",
+    )
+    low: float = parameter(
+        unit="Nm", bounds=(-1e9, 1e9), default=-1.0, meaning="least torque of the motor"
+    )
+    high: float = parameter(
+        unit="Nm",
+        bounds=(-1e9, 1e9),
+        default=1.0,
+        meaning="greatest torque of the motor, above `low`",
+    )
+    period: float = parameter(
+        unit="s",
+        bounds=(0.0, 1e3),
+        default=1e-3,
+        low_open=True,
+        meaning="time between two steps of the controller",
+    )
+    one_way: float = parameter(
+        unit="1",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning="1 where the cables only transmit positive motor torque, else 0",
+    )
+    feed_forward: float = parameter(
+        unit="1",
+        bounds=(0.0, 1.0),
+        default=1.0,
+        meaning="1 where the desired torque is fed forward, else 0",
+    )
+    proportional: float = parameter(
+        unit="1", bounds=(0.0, 1e6), default=1.0, meaning="K_p"
+    )
+    integral: float = parameter(
+        unit="1/s", bounds=(0.0, 1e6), default=2.0, meaning="K_i"
+    )
+    settling: float = parameter(
+        unit="s",
+        bounds=(0.0, 10.0),
+        default=0.03,
+        meaning="time in which the motor settles relative to the joint; 0 is undamped",
+    )
+    preview: float = parameter(
+        unit="s",
+        bounds=(0.0, 10.0),
+        default=0.02,
+        meaning="time by which the motion of the joint is looked ahead",
+    )
+    tolerance: float = parameter(
+        unit="Nm",
+        bounds=(0.0, 1e6),
+        default=0.0,
+        meaning="torque at the joint below which the sense does not turn",
+    )
+
+    @property
+    def packed(self) -> FloatArray:
+        """The numbers as the laws have them."""
+        return np.array([getattr(self, gain.name) for gain in GAINS], dtype=float)
+
+
+GAINS: tuple[Parameter, ...] = parameters_of(Gains)
+"""The gains, in the order in which the laws have them."""
+
+(
+    _RATIO, _LOW, _HIGH, _PERIOD, _ONE_WAY, _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL,
+    _SETTLING, _PREVIEW, _TOLERANCE,
+) = range(len(GAINS))  # fmt: skip
+
+
+@compiled
+def closed(
+    gains: FloatArray, memory: FloatArray, feedforward: float, error: float
+) -> float:
+    """Motor torque within its limits [Nm]: the loop closed around a feed-forward.
+
+    Args:
+        gains: see `GAINS`.
+        memory: of the law; its integral is moved on.
+        feedforward: motor torque that is fed forward [Nm].
+        error: desired less measured joint torque [Nm].
+    """
+    ratio = gains[_RATIO]
+    following = memory[INTEGRAL] + gains[_INTEGRAL] * gains[_PERIOD] * error / ratio
+    if gains[_ONE_WAY] != 0.0:
+        following = np.maximum(following, -np.maximum(feedforward, 0.0))
+    torque = feedforward + gains[_PROPORTIONAL] * error / ratio + following
+    limited = torque  # no number stays none
+    if torque < gains[_LOW]:
+        limited = gains[_LOW]
+    elif torque > gains[_HIGH]:
+        limited = gains[_HIGH]
+    # Beyond a limit, and the error would push further.
+    if not (torque - limited) * (error / ratio) > 0.0:
+        memory[INTEGRAL] = following
+    return float(limited)
+
+
+@compiled
+def proportional_integral(
+    gains: FloatArray, memory: FloatArray, desired: float, torque: float
+) -> float:
+    """Motor torque of `ProportionalIntegral` from the torques at the joint [Nm]."""
+    feedforward = 0.0
+    if gains[_FEED_FORWARD] != 0.0:
+        feedforward = desired / gains[_RATIO]
+    return closed(gains, memory, feedforward, desired - torque)
+
+
+@internal
+def _damping(gains: FloatArray, stiffness: float, seen: FloatArray) -> float:
+    """Torque against the motor's running ahead of the joint [Nm]."""
+    ratio = gains[_RATIO]
+    ahead = seen[VELOCITY] - ratio * seen[JOINT_VELOCITY]
+    return float(gains[_SETTLING] * stiffness / (ratio * ratio) * ahead)
+
+
+@compiled
+def model_based(
+    gains: FloatArray,
+    stiffness: float,
+    prm: FloatArray,
+    n: Counts,
+    distal: FloatArray,
+    arm: FloatArray,
+    slip_direction: FloatArray,
+    gain: FloatArray,
+    disturbance: float,
+    memory: FloatArray,
+    seen: FloatArray,
+    scratch: FloatArray,
+) -> float:
+    """Motor torque of `ModelBased` [Nm], once its model has followed the device.
+
+    Args:
+        gains: see `GAINS`.
+        stiffness: of all cables at the joint [Nm/rad].
+        prm: packed parameters (cables, numbers).
+        n: segments of every cable.
+        distal: arms at the joint [m/rad].
+        arm: of every cable where the motor is (cables,) [m/rad].
+        slip_direction: see `CableModel` (cables,).
+        gain: likewise.
+        disturbance: motor torque to be added [Nm].
+        memory: of the law.
+        seen: what is measured.
+        scratch: (3, cables).
+    """
+    feedforward = compensation.dynamic(
+        prm, n, arm, distal, slip_direction, gain, seen[DESIRED], scratch
+    )
+    feedforward = feedforward + disturbance - _damping(gains, stiffness, seen)
+    return closed(gains, memory, feedforward, seen[DESIRED] - seen[TORQUE])
+
+
+@compiled
+def stiction(
+    gains: FloatArray,
+    stiffness: float,
+    prm: FloatArray,
+    n: Counts,
+    distal: FloatArray,
+    arm: FloatArray,
+    state: FloatArray,
+    memory: FloatArray,
+    seen: FloatArray,
+    scratch: FloatArray,
+) -> float:
+    """Motor torque of `StictionCompensation` [Nm]; see `model_based`.
+
+    `state` is that of the model (cables, numbers).
+    """
+    error = seen[DESIRED] - seen[TORQUE]
+    motion = stiffness * gains[_PREVIEW] * seen[JOINT_VELOCITY]
+    # Positive at the motor is what winds towards a positive ratio.
+    wanted = math.copysign(1.0, gains[_RATIO]) * (error + motion)
+    sense = memory[SENSE]
+    turns = wanted * (np.sign(wanted) if sense == 0.0 else -sense)
+    turned = turns > gains[_TOLERANCE]
+    if turned:
+        memory[SENSE] = np.sign(wanted)
+    feedforward = compensation.whole(
+        prm, n, arm, distal, state, memory[SENSE], seen[DESIRED], scratch
+    )
+    feedforward -= _damping(gains, stiffness, seen)
+    # Where the sense has just turned, what is fed forward answers the error.
+    return closed(gains, memory, feedforward, 0.0 if turned else error)

@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import update_wrapper
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -38,6 +39,7 @@ _CALLS = {
     "transmission": ("transmission",),
     "engine": ("transmission", "engine"),
     "control": ("transmission", "engine", "control"),
+    "export": ("transmission", "engine", "control", "export"),
     "predecessors": ("transmission", "engine", "predecessors"),
     "reproduce/experiments": ("transmission", "engine", "reproduce/experiments"),
 }
@@ -153,6 +155,42 @@ def exported(signature: Any) -> Callable[[Function], Function]:
         return cast("Function", update_wrapper(bound, function))
 
     return decorate
+
+
+@dataclass(frozen=True)
+class Bitcode:
+    """LLVM's bitcode of a function and of what is compiled into it."""
+
+    name: str
+    """What compiled code of other modules calls it."""
+    symbol: str
+    """What it is called in its own."""
+    content: bytes
+
+
+def bitcode(name: str, function: Any, signature: Any) -> list[Bitcode]:
+    """A function, callable from C, and every exported one, for another compiler.
+
+    Args:
+        name: What it shall be called.
+        function: In Python.
+        signature: That it is compiled for.
+    """
+    with announced():
+        try:
+            code = cfunc(signature, cache=True, error_model="numpy")(function)
+        except RuntimeError:
+            code = cfunc(signature, error_model="numpy")(function)
+    codes = {name: code, **{name: code for name, (_, code) in _EXPORTED.items()}}
+    # What Numba read from its cache has no other form than the one meant for linking.
+    return [
+        Bitcode(name, code.native_name, _module(code).as_bitcode())
+        for name, code in codes.items()
+    ]
+
+
+def _module(code: Any) -> Any:
+    return code._library._get_module_for_linking()
 
 
 @intrinsic(prefer_literal=True)

@@ -16,14 +16,19 @@ import pytest
 
 import cc_mujoco
 from cc_mujoco import cli, recording
+from cc_mujoco.assets import scene_path
 from cc_mujoco.benchmark import drawing
 from cc_mujoco.benchmark.runner import FIGURES
 from cc_mujoco.commands.listing import Listing
 from cc_mujoco.commands.parsing import COMMANDS
 from cc_mujoco.devices import DEVICES
+from cc_mujoco.export import FILES as EXPORTED_FILES
 from cc_mujoco.figures import figure
 from cc_mujoco.recording import FILES, EpisodeLog
 from engine.processes import processes
+
+EXPORT = ["export", "--out", "x"]
+ANKLE = str(scene_path("ankle"))
 
 # Where the package was imported from; tests run in another folder.
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
@@ -216,6 +221,25 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
         (["whatif", "--designs", ""], "--designs is empty"),
         (["diagnose", "x.csv", "--scene", "", "--out", "x"], "--scene is empty"),
         (["benchmark", "--controllers", "pi", ""], "a word is empty"),
+        ([*EXPORT, "--scene", "wrsit", "--controller", "pi"], "did you mean 'wrist'"),
+        ([*EXPORT, "--scene", "wrist", "--controller", "pid"], "did you mean 'pi'"),
+        (
+            [*EXPORT, "--scene", "wrist", "--controller", "predictive"],
+            "'predictive' cannot be exported",
+        ),
+        (
+            "export --scene wrist --controller pi --out x --target arm7".split(),
+            "did you mean 'armv7'",
+        ),
+        (
+            [*EXPORT, "--scene", "wrist", "--controller", "pi", "--model", "no.xml"],
+            "cannot read no.xml",
+        ),
+        ("export --scene wrist --controller pi --out taken".split(), "is a file"),
+        (
+            [*EXPORT, "--scene", "wrist", "--controller", "pi", "--model", ANKLE],
+            "is no variant of the scene 'wrist'",
+        ),
     ],
 )
 def test_bad_input_is_one_sentence(
@@ -363,6 +387,7 @@ def test_an_interruption_at_the_start_is_one_sentence(
 
 
 RUNS = {
+    "export": ("export --scene wrist --controller pi".split(), EXPORTED_FILES),
     "play": (["play", "wrist", "--duration", "0.1"], FILES),
     "benchmark": (
         "benchmark --scene wrist --controllers pi --conditions ordinary-rough "
@@ -395,10 +420,33 @@ def test_no_command_replaces_files_that_it_did_not_write(
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("name", ["benchmark", "whatif"])
+@pytest.mark.parametrize("name", ["benchmark", "export", "whatif"])
 def test_a_command_runs_again_into_its_own_folder(name: str, tmp_path: Path) -> None:
     for _ in range(2):
         assert cli.main([*RUNS[name][0], "--out", "runs"]) == 0
+
+
+def test_an_exported_controller_has_the_parameters_of_a_variant(tmp_path: Path) -> None:
+    scene = scene_path("wrist").read_text("utf-8")
+    assert scene.count('key="friction" value="0.21"') == 2
+    variant = tmp_path / "variant.xml"
+    variant.write_text(
+        scene.replace('"friction" value="0.21"', '"friction" value="0.125"')
+    )
+    words = [
+        *EXPORT,
+        "--scene",
+        "wrist",
+        "--controller",
+        "model",
+        "--model",
+        variant.name,
+    ]
+    assert cli.main(words) == 0
+    parameters = (tmp_path / "x" / "cc_parameters.c").read_text()
+    for cable in ("FLEXOR", "EXTENSOR"):
+        assert f"[CC_{cable}_FRICTION] = 0.125," in parameters
+        assert f"[CC_{cable}_STATIC_FRICTION] = 0.63," in parameters
 
 
 @pytest.mark.usefixtures("undrawn")

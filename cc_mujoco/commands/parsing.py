@@ -12,6 +12,7 @@ import tyro
 
 from cc_mujoco.commands.benchmark import Benchmark
 from cc_mujoco.commands.diagnose import Diagnose
+from cc_mujoco.commands.export import Export
 from cc_mujoco.commands.listing import Listing
 from cc_mujoco.commands.play import Play
 from cc_mujoco.commands.reproduce import Reproduce
@@ -26,6 +27,7 @@ COMMANDS = {
     "whatif": WhatIf,
     "whatif-show": WhatIfShow,
     "benchmark": Benchmark,
+    "export": Export,
     "list": Listing,
 }
 
@@ -36,6 +38,7 @@ Command = (
     | Annotated[WhatIf, tyro.conf.subcommand("whatif")]
     | Annotated[WhatIfShow, tyro.conf.subcommand("whatif-show")]
     | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[Listing, tyro.conf.subcommand("list")]
 )
 

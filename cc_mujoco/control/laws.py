@@ -110,7 +110,7 @@ GAINS: tuple[Parameter, ...] = parameters_of(Gains)
 """The gains, in the order in which the laws have them."""
 
 (
-    _RATIO, _LOW, _HIGH, _PERIOD, _ONE_WAY, _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL,
+    _RATIO, _LOW, _HIGH, PERIOD, _ONE_WAY, _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL,
     _SETTLING, _PREVIEW, _TOLERANCE,
 ) = range(len(GAINS))  # fmt: skip
 
@@ -128,7 +128,7 @@ def closed(
         error: desired less measured joint torque [Nm].
     """
     ratio = gains[_RATIO]
-    following = memory[INTEGRAL] + gains[_INTEGRAL] * gains[_PERIOD] * error / ratio
+    following = memory[INTEGRAL] + gains[_INTEGRAL] * gains[PERIOD] * error / ratio
     if gains[_ONE_WAY] != 0.0:
         following = np.maximum(following, -np.maximum(feedforward, 0.0))
     torque = feedforward + gains[_PROPORTIONAL] * error / ratio + following

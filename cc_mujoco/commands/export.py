@@ -1,0 +1,69 @@
+"""`cc-mujoco export`: a controller as an object file with a C header."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import tyro
+
+from cc_mujoco.commands.options import in_words
+from cc_mujoco.errors import CableError, look_up
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a controller for C: object file, header, parameters, example."""
+
+    interrupted: ClassVar[str] = "nothing was written"
+
+    scene: Annotated[str, tyro.conf.arg(metavar="SCENE")]
+    """The device whose cables the controller knows."""
+    controller: Annotated[str, tyro.conf.arg(metavar="NAME")]
+    """What drives the motor: pi, feedback, model or stiction."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Folder to write to."""
+    target: Annotated[str, tyro.conf.arg(metavar="MACHINE")] = "host"
+    """What it runs on: host, aarch64 or armv7."""
+    model: Annotated[Path | None, in_words("FILE.xml")] = None
+    """A variant of the scene, as a diagnosis writes it, to take parameters from."""
+
+    def run(self) -> None:
+        """Compile and write; print what was written and how to build it."""
+        from cc_mujoco.devices import DEVICES
+
+        device = look_up("scene", self.scene, DEVICES)
+
+        from cc_mujoco.export import TARGETS, Plan, require_ours, write
+
+        target = look_up("target", self.target, TARGETS)
+        require_ours(self.out)
+
+        import gymnasium
+        import mujoco
+
+        model = None
+        if self.model is not None:
+            try:
+                model = mujoco.MjModel.from_xml_path(str(self.model))
+            except ValueError as error:
+                reason = " ".join(str(error).split())
+                raise CableError(f"cannot read {self.model}: {reason}") from None
+        try:
+            env: Any = gymnasium.make(
+                device.environment, disable_env_checker=True, model=model
+            ).unwrapped
+        except KeyError as error:  # MuJoCo's, of a name that is not in the model
+            raise CableError(
+                f"{self.model} is no variant of the scene {self.scene!r}: "
+                f"{str(error.args[0]).rstrip('.')}."
+            ) from None
+        plan = Plan.of(self.controller, env.drive, env.exo.device.driven)
+        what = f"{self.controller} for the scene {self.scene}, on {self.target}"
+        write(self.out, plan, target, what)
+        env.close()
+        print(
+            f"{len(plan.fields)} parameters, {8 * plan.places[-1]} bytes of memory\n"
+            f"build with:  cmake -B build {self.out} && cmake --build build"
+        )

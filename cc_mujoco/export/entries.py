@@ -1,0 +1,235 @@
+"""What C calls: the laws of `control.laws` on memory that the caller owns, compiled.
+
+    init(memory, shape, parameters, least, most)    # 0, or 1 + what is wrong
+    torque = step(memory, shape, readings)
+
+`shape` says how many cables there are, then the segments of each, then the sections of
+each. `parameters` are the gains; then, of every cable, its arms at motor and joint, its
+scalars and its sections. Memory is numbers only; `places` says what stands where.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import carray  # type: ignore[attr-defined]
+from numba.extending import intrinsic
+
+from cc_mujoco.compiled import FloatArray, compiled, internal, types
+from cc_mujoco.control import laws
+from cc_mujoco.control.model import follow, stiffness
+from cc_mujoco.transmission import friction, kernel, stepper
+from cc_mujoco.transmission.packing import SCALARS
+
+FRESH, JOINT, STIFFNESS = 0, 1, 2
+"""Places in the memory: whether no step was taken yet, angle of the joint since the
+start as the model finds it [rad], stiffness of all cables there [Nm/rad]."""
+_MEMORY = 3
+_COUNT, _SEEN = len(laws.GAINS), len(laws.SEEN)
+_GAINS = _MEMORY + laws.MEMORY
+_CABLES = _GAINS + _COUNT
+_ROWS = 5  # proximal and distal arm, arm now, direction of slip, gain
+
+_RATIO, _LOW, _HIGH = (
+    [gain.name for gain in laws.GAINS].index(name) for name in ("ratio", "low", "high")
+)
+_FRICTION = friction.INDEX["friction"]
+_STATIC = friction.INDEX["static_friction"]
+_PRETENSION = friction.INDEX["pretension"]
+_EXPONENT = friction.INDEX["tension_exponent"]
+
+NUMBERS = types.CPointer(types.float64)
+COUNTS = types.CPointer(types.int64)
+INIT = types.int64(NUMBERS, COUNTS, NUMBERS, NUMBERS, NUMBERS)
+STEP = types.float64(NUMBERS, COUNTS, NUMBERS)
+
+
+@compiled
+def places(cables: int, most: int) -> tuple[int, int, int, int, int, int]:
+    """Where numbers stand in the memory, given the most segments of a cable.
+
+    Returns:
+        First numbers of what the laws need to compute with, of the packed parameters,
+        the states, the states after a step, the scratch; and how many numbers there
+        are.
+    """
+    scratch = _CABLES + _ROWS * cables
+    packed = scratch + 3 * cables
+    state = packed + cables * kernel.parameter_size(most)
+    new = state + cables * kernel.state_size(most)
+    work = new + cables * kernel.state_size(most)
+    return scratch, packed, state, new, work, work + kernel.work_size(most)
+
+
+@intrinsic
+def _moved(context: Any, pointer: Any, count: Any) -> Any:
+    """A pointer, so many numbers further on."""
+
+    def codegen(context: Any, builder: Any, called: Any, args: Any) -> Any:
+        return builder.gep(args[0], [args[1]])
+
+    return pointer(pointer, types.int64), codegen
+
+
+_at: Any = _moved
+
+
+@internal
+def _admitted(count: int, parameters: Any, least: Any, most: Any) -> int:
+    """1 + the index of a parameter that is out of its range; 0 if there is none."""
+    for i in range(count):
+        if not least[i] <= parameters[i] <= most[i]:
+            return i + 1
+    if parameters[_RATIO] == 0.0:
+        return _RATIO + 1
+    if not parameters[_LOW] < parameters[_HIGH]:
+        return _HIGH + 1
+    return 0
+
+
+@internal
+def _consistent(values: FloatArray) -> int:
+    """1 + the index of a scalar of a cable that contradicts others; 0 if none does."""
+    if 0.0 < values[_STATIC] < values[_FRICTION]:
+        return _STATIC + 1
+    if values[_EXPONENT] != 0.0 and values[_PRETENSION] == 0.0:
+        return _EXPONENT + 1
+    return 0
+
+
+@internal
+def _take(memory: Any, parameters: Any) -> None:
+    for i in range(_COUNT):
+        memory[_GAINS + i] = parameters[i]
+
+
+def set_gains(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """Take the gains of a controller without a model.
+
+    Returns:
+        0, or 1 + the index of a parameter that cannot be; then nothing is taken.
+    """
+    wrong = _admitted(_COUNT, parameters, least, most)
+    if wrong == 0:
+        _take(memory, parameters)
+    return wrong
+
+
+def set_cables(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """Take the gains of a controller with a model, and its cables.
+
+    Returns:
+        0, or 1 + the index of a parameter that cannot be; then nothing is taken.
+    """
+    cables = shape[0]
+    longest, count = 0, _COUNT
+    for k in range(cables):
+        longest = max(longest, shape[1 + k])
+        count += 2 + SCALARS + 2 * shape[1 + cables + k]
+    wrong = _admitted(count, parameters, least, most)
+    if wrong != 0:
+        return wrong
+    first = _COUNT
+    for k in range(cables):
+        if parameters[first] == 0.0 or parameters[first + 1] == 0.0:
+            return first + (1 if parameters[first] == 0.0 else 2)
+        wrong = _consistent(carray(_at(parameters, first + 2), SCALARS))
+        if wrong != 0:
+            return first + 2 + wrong
+        first += 2 + SCALARS + 2 * shape[1 + cables + k]
+    _take(memory, parameters)
+    _, packed, _, _, _, _ = places(cables, longest)
+    size = kernel.parameter_size(longest)
+    first = _COUNT
+    for k in range(cables):
+        memory[_CABLES + k] = parameters[first]
+        memory[_CABLES + cables + k] = parameters[first + 1]
+        sections = shape[1 + cables + k]
+        kernel.pack(
+            carray(_at(parameters, first + 2), SCALARS),
+            carray(_at(parameters, first + 2 + SCALARS), (sections, 2)),
+            shape[1 + k],
+            carray(_at(memory, packed + k * size), size),
+        )
+        first += 2 + SCALARS + 2 * sections
+    memory[STIFFNESS] = stiffness(
+        carray(_at(memory, packed), (cables, size)),
+        carray(_at(memory, _CABLES + cables), cables),
+    )
+    return 0
+
+
+@internal
+def _measured(readings: Any) -> bool:
+    """Whether all that the laws read is a number."""
+    for i in range(_SEEN):
+        if not np.isfinite(readings[i]):
+            return False
+    return True
+
+
+def step_proportional_integral(memory: Any, shape: Any, readings: Any) -> float:
+    """Motor torque of the next step [Nm], or no number where a reading is none."""
+    desired, torque = readings[laws.DESIRED], readings[laws.TORQUE]
+    if not (np.isfinite(desired) and np.isfinite(torque)):
+        return np.nan
+    law = carray(_at(memory, _MEMORY), laws.MEMORY)
+    if memory[FRESH] != 0.0:
+        law[:] = 0.0
+        memory[FRESH] = 0.0
+    gains = carray(_at(memory, _GAINS), _COUNT)
+    return laws.proportional_integral(gains, law, desired, torque)
+
+
+@internal
+def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> float:
+    if not _measured(readings):
+        return np.nan
+    count, longest = shape[0], 0
+    for k in range(count):
+        longest = max(longest, shape[1 + k])
+    scratch, packed, first, after, work, end = places(count, longest)
+    size, width = kernel.parameter_size(longest), kernel.state_size(longest)
+    seen = carray(readings, _SEEN)
+    law = carray(_at(memory, _MEMORY), laws.MEMORY)
+    gains = carray(_at(memory, _GAINS), _COUNT)
+    proximal = carray(_at(memory, _CABLES), count)
+    distal = carray(_at(memory, _CABLES + count), count)
+    arm = carray(_at(memory, _CABLES + 2 * count), count)
+    direction = carray(_at(memory, _CABLES + 3 * count), count)
+    gain = carray(_at(memory, _CABLES + 4 * count), count)
+    room = carray(_at(memory, scratch), (3, count))
+    prm = carray(_at(memory, packed), (count, size))
+    state = carray(_at(memory, first), (count, width))
+    new = carray(_at(memory, after), (count, width))
+    n = carray(_at(shape, 1), count)
+    cables = stepper.Cables(prm, n, proximal, proximal, distal)
+    if memory[FRESH] != 0.0:
+        stepper.rest(cables, seen[laws.ANGLE], 0.0, state)
+        law[:] = 0.0
+        direction[:] = 0.0
+        gain[:] = 1.0
+        memory[JOINT], memory[FRESH] = 0.0, 0.0
+    memory[JOINT] = follow(
+        cables, state, seen[laws.ANGLE], seen[laws.TORQUE], memory[JOINT], direction,
+        gain, arm, gains[laws.PERIOD], new, carray(_at(memory, work), end - work),
+    )  # fmt: skip
+    if with_stiction:
+        return laws.stiction(
+            gains, memory[STIFFNESS], prm, n, distal, arm, state, law, seen, room
+        )
+    return laws.model_based(
+        gains, memory[STIFFNESS], prm, n, distal, arm, direction, gain, 0.0, law, seen,
+        room,
+    )  # fmt: skip
+
+
+def step_model_based(memory: Any, shape: Any, readings: Any) -> float:
+    """Motor torque of the next step [Nm], or no number where a reading is none."""
+    return _step_model(memory, shape, readings, False)
+
+
+def step_stiction(memory: Any, shape: Any, readings: Any) -> float:
+    """Motor torque of the next step [Nm], or no number where a reading is none."""
+    return _step_model(memory, shape, readings, True)

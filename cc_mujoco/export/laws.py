@@ -1,0 +1,188 @@
+"""Which controllers can be exported, and the numbers that they are given.
+
+plan = Plan.of("stiction", drive, ("flexor", "extensor"))
+plan.fields[0].name, plan.values()[0]      # "ratio", 5.2
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.control import (
+    CONTROLLERS,
+    CableDrive,
+    Drive,
+    Feedback,
+    ModelBased,
+    ProportionalIntegral,
+    StictionCompensation,
+)
+from cc_mujoco.control.laws import GAINS
+from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.export import entries
+from cc_mujoco.transmission import PARAMETERS
+
+
+@dataclass(frozen=True)
+class Law:
+    """The compiled functions of a controller."""
+
+    set_parameters: Callable[..., Any]
+    step: Callable[..., Any]
+    has_model: bool
+    unread: frozenset[str]
+    """Gains that it does not read."""
+
+
+_SENSE = frozenset({"preview", "tolerance"})
+_FEEDBACK = Law(
+    entries.set_gains,
+    entries.step_proportional_integral,
+    False,
+    _SENSE | {"settling"},
+)
+LAWS: dict[type[ProportionalIntegral], Law] = {
+    ProportionalIntegral: _FEEDBACK,
+    Feedback: _FEEDBACK,
+    ModelBased: Law(
+        entries.set_cables, entries.step_model_based, True, _SENSE | {"feed_forward"}
+    ),
+    StictionCompensation: Law(
+        entries.set_cables, entries.step_stiction, True, frozenset({"feed_forward"})
+    ),
+}
+"""Controllers whose step is a compiled function, hence can be exported."""
+
+EXPORTED = tuple(name for name, kind in CONTROLLERS.items() if kind in LAWS)
+"""Their names."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One parameter, and where it comes from."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    value: float
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A controller for a device, as it is exported."""
+
+    law: Law
+    fields: tuple[Field, ...]
+    """Parameters in the order in which C has them."""
+    cables: tuple[str, ...]
+    """Names of the cables that the controller has a model of."""
+    segments: tuple[int, ...]
+    sections: tuple[int, ...]
+
+    @classmethod
+    def of(cls, name: str, drive: Drive, cables: tuple[str, ...]) -> Plan:
+        """Plan a controller with its default gains.
+
+        Args:
+            name: Of the controller.
+            drive: The device.
+            cables: Names of its cables.
+
+        Raises:
+            CableError: There is no such controller, it cannot be exported, or it needs
+                cables and there are none.
+        """
+        kind = look_up("controller", name, CONTROLLERS)
+        if kind not in LAWS:
+            raise CableError(
+                f"controller {name!r} cannot be exported, for its step is not one "
+                f"compiled function; {', '.join(EXPORTED)} can be."
+            )
+        made: Any = kind(drive)
+        law = LAWS[kind]
+        known = drive.cables if law.has_model else ()
+        rows = tuple(zip(map(_identifier, cables), known, strict=False))
+        fields = [
+            Field(gain.name, gain.unit, *_bounds(gain), getattr(made.gains, gain.name),
+                  gain.meaning + _unread(gain.name, law))
+            for gain in GAINS
+        ]  # fmt: skip
+        for cable, own in rows:
+            fields += _of_cable(cable, own)
+        if len({field.name.upper() for field in fields}) < len(fields):
+            raise CableError(
+                f"cables {', '.join(cables)} have the same name in C; rename one."
+            )
+        return cls(
+            law,
+            tuple(fields),
+            tuple(cable for cable, _ in rows),
+            tuple(own.cable.segments for _, own in rows),
+            tuple(len(own.cable.conduit) for _, own in rows),
+        )
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """What the compiled functions are told: see `entries`."""
+        return (len(self.cables), *self.segments, *self.sections)
+
+    def values(self) -> FloatArray:
+        """The parameters, in order."""
+        return np.array([field.value for field in self.fields])
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Where numbers stand in the memory; the last is how many there are."""
+        longest = max(self.segments, default=0)
+        return tuple(entries.places(len(self.cables), longest))
+
+
+def _identifier(name: str) -> str:
+    return re.sub(r"\W", "_", name, flags=re.ASCII)
+
+
+def _bounds(parameter: Any) -> tuple[float, float]:
+    low = parameter.low
+    return (
+        math.nextafter(low, math.inf) if parameter.low_open else low
+    ), parameter.high
+
+
+def _unread(name: str, law: Law) -> str:
+    return "; this controller does not read it" if name in law.unread else ""
+
+
+def _of_cable(name: str, own: CableDrive) -> Iterator[Field]:
+    most, least = 1e6, math.nextafter(0.0, 1.0)
+    for side, value in (("proximal", own.proximal), ("distal", own.distal)):
+        end = "motor" if side == "proximal" else "joint"
+        yield Field(
+            f"{name}_{side}", "m/rad", -most, most, value,
+            f"displacement of the {side} end per angle of the {end}, signed, not 0",
+        )  # fmt: skip
+    for parameter, value in zip(PARAMETERS, own.cable.scalars, strict=True):
+        low, high = _bounds(parameter)
+        if own.cable.path == "open" and parameter.name.startswith("seal_"):
+            high = 0.0
+        yield Field(
+            f"{name}_{parameter.name}", parameter.unit, low, high, value,
+            parameter.meaning,
+        )  # fmt: skip
+    for i, section in enumerate(own.cable.conduit):
+        yield Field(
+            f"{name}_length_{i}", "m", least, most, section.length,
+            f"length of section {i} of the conduit, from the motor",
+        )  # fmt: skip
+        yield Field(
+            f"{name}_radius_{i}", "m", least, math.inf, section.radius,
+            "its bend radius; infinite where it is straight",
+        )  # fmt: skip

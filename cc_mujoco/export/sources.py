@@ -1,0 +1,289 @@
+"""The text beside the object file: C header, parameters, example, CMake file."""
+
+from __future__ import annotations
+
+import math
+import struct
+import textwrap
+from collections.abc import Iterable
+
+from cc_mujoco.control.laws import SEEN
+from cc_mujoco.export import entries
+from cc_mujoco.export.laws import Plan
+from cc_mujoco.transmission.packing import STATE_HEADER
+
+MARK = "/* Written by cc-mujoco export: "
+"""What the header begins with."""
+
+_READINGS = {
+    "motor_angle_rad": "angle of the motor; of a round pulley only its changes matter",
+    "motor_velocity_rad_s": "its velocity",
+    "joint_velocity_rad_s": "velocity of the joint, from its encoder",
+    "joint_torque_nm": "measured torque of the cables on the joint",
+    "desired_torque_nm": "torque that the cables shall put into the joint",
+}
+
+
+def header(plan: Plan, what: str) -> str:
+    """The C header.
+
+    Args:
+        plan: What is exported.
+        what: Of which controller, for what scene and machine.
+    """
+    readings = "\n".join(f"    double {name}; /* {_READINGS[name]} */" for name in SEEN)
+    indices = "\n".join(
+        f"    CC_{field.name.upper()}, /* {_described(field.meaning, field.unit)}, "
+        f"{_span(field.low, field.high)} */"
+        for field in plan.fields
+    )
+    return f"""{MARK}{what}. */
+#ifndef CC_CONTROLLER_H
+#define CC_CONTROLLER_H
+
+#include <stddef.h>
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+#define CC_CONTROLLER_DOUBLES {plan.places[-1]}
+#define CC_CONTROLLER_PARAMETERS {len(plan.fields)}
+
+/* All that a controller keeps. It is yours: static, on the stack or on the heap, with
+ * the alignment of a double. Nothing is allocated, locked, printed or thrown; there is
+ * no global state, so that threads may step controllers of their own. It holds no
+ * pointers and may be copied. */
+typedef struct {{
+    double number[CC_CONTROLLER_DOUBLES];
+}} cc_controller;
+
+/* What is measured once a period (CC_PERIOD), in SI units and with the signs of the
+ * scene. */
+typedef struct {{
+{readings}
+}} cc_readings;
+
+/* Places of the parameters: meaning [unit], range. */
+enum {{
+{indices}
+}};
+
+/* The parameters of the scene; pass a copy with other numbers in it if you like. */
+extern const double cc_controller_parameters[CC_CONTROLLER_PARAMETERS];
+
+/* sizeof(cc_controller), of the library that is linked. */
+size_t cc_controller_size(void);
+
+/* Begin. Returns 0, or 1 + the place of the first parameter that is out of its range
+ * or contradicts another; then nothing is written. */
+int cc_controller_init(cc_controller *controller, const double *parameters);
+
+/* Take other parameters from the next step on, and go on from the present state.
+ * Returns as cc_controller_init; of parameters that cannot be none is taken. Call it
+ * between two steps, from the thread that takes them. */
+int cc_controller_set_parameters(cc_controller *controller, const double *parameters);
+
+/* Forget the past: the next step begins an episode, at rest in the pretension. */
+void cc_controller_reset(cc_controller *controller);
+
+/* Motor torque [Nm] until the next reading, within CC_LOW and CC_HIGH. It is not a
+ * number where a reading that the controller uses is none, or infinite; then the state
+ * stays as it was, and what the motor does is yours to decide. */
+double cc_controller_step(cc_controller *controller, const cc_readings *readings);
+{_observer(plan)}
+#ifdef __cplusplus
+}}
+#endif
+#endif
+"""
+
+
+def _observer(plan: Plan) -> str:
+    if not plan.cables:
+        return ""
+    _, _, state, new, _, _ = plan.places
+    width = (new - state) // len(plan.cables)
+    names = ", ".join(
+        f"CC_CABLE_{cable.upper()} = {k}" for k, cable in enumerate(plan.cables)
+    )
+    first = [state + k * width + STATE_HEADER for k in range(len(plan.cables))]
+    return f"""
+/* What the observer finds after a step. */
+enum {{ {names}, CC_CABLES = {len(plan.cables)} }};
+
+/* Nodes of a cable, from the motor to the joint. */
+static inline int cc_controller_nodes(int cable)
+{{
+    static const int nodes[CC_CABLES] = {{{_listed(n + 1 for n in plan.segments)}}};
+    return nodes[cable];
+}}
+
+/* Their tensions [N]; a negative one is slack: the cable carries nothing there. */
+static inline const double *cc_controller_tensions(const cc_controller *controller,
+                                                   int cable)
+{{
+    static const int first[CC_CABLES] = {{{_listed(first)}}};
+    return controller->number + first[cable];
+}}
+
+/* Angle of the joint since the first step [rad]. */
+static inline double cc_controller_joint_angle(const cc_controller *controller)
+{{
+    return controller->number[{entries.JOINT}];
+}}
+"""
+
+
+def _listed(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, numbers))
+
+
+def _described(meaning: str, unit: str) -> str:
+    return f"{meaning} [{'-' if unit == '1' else unit}]".replace("*/", "* /")
+
+
+def _span(low: float, high: float) -> str:
+    least = "above 0" if 0.0 < low < 1e-300 else f"{low:g}"
+    return f"{least} to {high:g}"
+
+
+def parameters(plan: Plan) -> str:
+    """The parameters as a C array."""
+    rows = "\n".join(
+        f"    [CC_{field.name.upper()}] = {_literal(field.value)}, "
+        f"/* {'-' if field.unit == '1' else field.unit} */"
+        for field in plan.fields
+    )
+    return f"""#include <math.h>
+
+#include "cc_controller.h"
+
+const double cc_controller_parameters[CC_CONTROLLER_PARAMETERS] = {{
+{rows}
+}};
+"""
+
+
+def _literal(value: float) -> str:
+    """A number that C reads as the same bits."""
+    if math.isinf(value):
+        return "INFINITY" if value > 0.0 else "-INFINITY"
+    return repr(float(value))
+
+
+def example() -> str:
+    """A program that reads measurements and writes torques."""
+    names = ",".join(SEEN)
+    arguments = ", ".join(f"&r.{name}" for name in SEEN)
+    return f"""/* Torques of recorded readings: cc_example < readings.csv
+ *
+ * One line per period: {names}
+ * In a real-time loop the call of cc_controller_step stands between reading the sensors
+ * and setting the current of the motor; nothing else of this file does. */
+#include <stdio.h>
+
+#include "cc_controller.h"
+
+static cc_controller controller;
+
+int main(void)
+{{
+    char line[512];
+    cc_readings r;
+    int wrong = cc_controller_init(&controller, cc_controller_parameters);
+    if (wrong) {{
+        fprintf(stderr, "parameter %d cannot be %.17g\\n", wrong - 1,
+                cc_controller_parameters[wrong - 1]);
+        return 2;
+    }}
+    if (!fgets(line, sizeof line, stdin)) {{
+        fprintf(stderr, "no header on standard input\\n");
+        return 2;
+    }}
+    puts("motor_torque_nm");
+    for (long row = 2; fgets(line, sizeof line, stdin); row++) {{
+        if (sscanf(line, "%lf,%lf,%lf,%lf,%lf", {arguments}) != {len(SEEN)}) {{
+            fprintf(stderr, "line %ld has not {len(SEEN)} numbers\\n", row);
+            return 2;
+        }}
+        printf("%.17g\\n", cc_controller_step(&controller, &r));
+    }}
+    return 0;
+}}
+"""
+
+
+CMAKE = """cmake_minimum_required(VERSION 3.13)
+project(cc_controller C)
+
+add_library(cc_controller STATIC cc_parameters.c cc_controller.o)
+set_source_files_properties(cc_controller.o PROPERTIES EXTERNAL_OBJECT TRUE)
+target_include_directories(cc_controller PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
+set_target_properties(cc_controller PROPERTIES C_STANDARD 99
+                      POSITION_INDEPENDENT_CODE ON)
+if(NOT WIN32)
+  target_link_libraries(cc_controller PUBLIC m)
+endif()
+
+add_executable(cc_example cc_example.c)
+set_target_properties(cc_example PROPERTIES C_STANDARD 99)
+target_link_libraries(cc_example PRIVATE cc_controller)
+"""
+
+
+def interface(plan: Plan, bits: int, set_parameters: str, step: str) -> str:
+    """LLVM assembly of the functions of the header.
+
+    Args:
+        plan: What is exported.
+        bits: Of a pointer of the machine.
+        set_parameters: Name of the compiled function of `entries` that takes them.
+        step: Of the one that takes a step.
+    """
+    shape = ", ".join(f"i64 {count}" for count in plan.shape)
+    count = len(plan.fields)
+    least = _constants(field.low for field in plan.fields)
+    most = _constants(field.high for field in plan.fields)
+    size = 8 * plan.places[-1]
+    return textwrap.dedent(f"""
+        @shape = private constant [{len(plan.shape)} x i64] [{shape}]
+        @least = private constant [{count} x double] [{least}]
+        @most = private constant [{count} x double] [{most}]
+        declare i64 @"{set_parameters}"(ptr, ptr, ptr, ptr, ptr)
+        declare double @"{step}"(ptr, ptr, ptr)
+
+        define i{bits} @cc_controller_size() {{
+          ret i{bits} {size}
+        }}
+        define i32 @cc_controller_set_parameters(ptr %0, ptr %1) {{
+          %3 = call i64 @"{set_parameters}"(
+            ptr %0, ptr @shape, ptr %1, ptr @least, ptr @most)
+          %4 = trunc i64 %3 to i32
+          ret i32 %4
+        }}
+        define i32 @cc_controller_init(ptr %0, ptr %1) {{
+          %3 = call i32 @cc_controller_set_parameters(ptr %0, ptr %1)
+          %4 = icmp eq i32 %3, 0
+          br i1 %4, label %begin, label %end
+        begin:
+          call void @cc_controller_reset(ptr %0)
+          br label %end
+        end:
+          ret i32 %3
+        }}
+        define void @cc_controller_reset(ptr %0) {{
+          %2 = getelementptr double, ptr %0, i64 {entries.FRESH}
+          store double 1.0, ptr %2
+          ret void
+        }}
+        define double @cc_controller_step(ptr %0, ptr %1) {{
+          %3 = call double @"{step}"(ptr %0, ptr @shape, ptr %1)
+          ret double %3
+        }}
+        """)
+
+
+def _constants(numbers: Iterable[float]) -> str:
+    bits = [struct.unpack("<Q", struct.pack("<d", number))[0] for number in numbers]
+    return ", ".join(f"double 0x{number:016X}" for number in bits)

@@ -1,0 +1,72 @@
+"""The folder of an exported controller, written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from cc_mujoco import files
+from cc_mujoco.compiled import bitcode
+from cc_mujoco.export import entries, sources
+from cc_mujoco.export.laws import Plan
+from cc_mujoco.export.machine import Target, emit
+
+HEADER, OBJECT = "cc_controller.h", "cc_controller.o"
+FILES = (HEADER, OBJECT, "cc_parameters.c", "cc_example.c", "CMakeLists.txt")
+"""What a folder holds."""
+
+
+def require_ours(folder: str | os.PathLike[str]) -> None:
+    """Find out, before long work, whether a controller may be written to a folder.
+
+    Raises:
+        CableError: It may not.
+    """
+    files.require_ours(folder, FILES, _is_ours)
+
+
+def _is_ours(folder: Path) -> bool:
+    try:
+        with open(folder / HEADER, encoding="utf-8") as header:
+            return header.read(len(sources.MARK)) == sources.MARK
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def write(
+    folder: str | os.PathLike[str], plan: Plan, target: Target, what: str
+) -> None:
+    """Compile a controller and write it with all that C needs.
+
+    Args:
+        folder: Where; what an earlier export left there is replaced.
+        plan: The controller.
+        target: The machine.
+        what: Of which controller, for what scene and machine; stands in the header.
+
+    Raises:
+        CableError: It cannot be compiled for that machine, or not be written there.
+    """
+    require_ours(folder)
+    law = plan.law
+    functions = {
+        one.name: one
+        for entry, signature in (
+            (law.set_parameters, entries.INIT), (law.step, entries.STEP),
+        )
+        for one in bitcode(entry.__name__, entry, signature)
+    }  # fmt: skip
+    assembly = sources.interface(
+        plan, target.bits, law.set_parameters.__name__, law.step.__name__
+    )
+    compiled = emit(target, assembly, functions.values())
+    texts = {
+        HEADER: sources.header(plan, what),
+        "cc_parameters.c": sources.parameters(plan),
+        "cc_example.c": sources.example(),
+        "CMakeLists.txt": sources.CMAKE,
+    }
+    with files.replacing_folder(folder) as partial:
+        (partial / OBJECT).write_bytes(compiled)
+        for name, text in texts.items():
+            (partial / name).write_text(text, encoding="utf-8", newline="\n")

@@ -1,0 +1,129 @@
+"""How long does a step of an exported controller take?
+
+    python scripts/benchmarks/bench_export.py --scene wrist ankle
+
+Every controller that can be exported drives its device for an episode with a noisy
+torque sensor; what it read is then fed to the exported one by a program in C that times
+each step. Needs a C compiler. Prints size of the object file, memory, and the median,
+the 999th of a thousand and the longest of the steps of an episode, each the fastest of
+several repetitions of that step: the others were interrupted by something else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from cc_mujoco.control import controller
+from cc_mujoco.control.laws import SEEN
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.export import EXPORTED, TARGETS, Plan, write
+
+PROGRAM = """#define _POSIX_C_SOURCE 199309L
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#include "cc_controller.h"
+
+static cc_controller c;
+
+int main(int count, char **words)
+{
+    int repetitions = atoi(words[1]);
+    long rows = atol(words[2]);
+    cc_readings *r = malloc(rows * sizeof *r);
+    double *best = malloc(rows * sizeof *best);
+    if (count != 3 || !r || !best || fread(r, sizeof *r, rows, stdin) != (size_t)rows)
+        return 2;
+    for (long i = 0; i < rows; i++) best[i] = 1e9;
+    for (int k = 0; k < repetitions; k++) {
+        if (cc_controller_init(&c, cc_controller_parameters)) return 2;
+        for (long i = 0; i < rows; i++) {
+            struct timespec from, to;
+            clock_gettime(CLOCK_MONOTONIC, &from);
+            cc_controller_step(&c, &r[i]);
+            clock_gettime(CLOCK_MONOTONIC, &to);
+            double took = 1e9 * (to.tv_sec - from.tv_sec) + (to.tv_nsec - from.tv_nsec);
+            if (took < best[i]) best[i] = took;
+        }
+    }
+    fwrite(best, sizeof *best, rows, stdout);
+    return 0;
+}
+"""
+
+
+def readings(env: Any, name: str, duration: float) -> np.ndarray:
+    """What a controller reads in an episode, (steps, `SEEN`)."""
+    law = controller(name, env.drive)
+    _, info = env.reset(seed=1)
+    law.reset()
+    random = np.random.default_rng(2)
+    rows = []
+    for _ in range(round(duration / env.drive.period)):
+        seen = {key: float(info[key]) for key in SEEN}
+        seen["joint_torque_nm"] += random.normal() * env.drive.torque_noise
+        rows.append(list(seen.values()))
+        *_, info = env.step(env.action(law.torque(seen)))
+    return np.array(rows)
+
+
+def timed(env: Any, name: str, read: np.ndarray, repetitions: int) -> str:
+    """Export, build and time; a row of the table."""
+    plan = Plan.of(name, env.drive, env.exo.device.driven)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place, "controller")
+        write(folder, plan, TARGETS["host"], "a benchmark")
+        (folder / "bench.c").write_text(PROGRAM)
+        sources = ["bench.c", "cc_parameters.c", "cc_controller.o"]
+        subprocess.run(
+            ["cc", "-std=c99", "-O2", "-o", "bench", *sources, "-lm"],
+            cwd=folder,
+            check=True,
+        )
+        size = (folder / "cc_controller.o").stat().st_size
+        done = subprocess.run(
+            [folder / "bench", str(repetitions), str(len(read))],
+            input=read.tobytes(),
+            capture_output=True,
+            check=True,
+        )
+    took = np.frombuffer(done.stdout) * 1e-3
+    middle, high = np.quantile(took, [0.5, 0.999])
+    return (
+        f"{size / 1024:.0f} | {8 * plan.places[-1] / 1024:.1f} | "
+        f"{middle:.2f} | {high:.2f} | {took.max():.2f}"
+    )
+
+
+def main() -> None:
+    """Time every controller on every scene that is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--scene", nargs="+", choices=DEVICES, default=["wrist"])
+    parser.add_argument("--duration", type=float, default=5.0)
+    parser.add_argument("--repetitions", type=int, default=20)
+    given = parser.parse_args()
+    print(
+        "| scene | controller | object [KiB] | memory [KiB] | median [us] "
+        "| 99.9 % [us] | longest [us] |\n|---|---|---:|---:|---:|---:|---:|"
+    )
+    for scene in given.scene:
+        env: Any = gymnasium.make(
+            DEVICES[scene].environment,
+            disable_env_checker=True,
+            duration=given.duration,
+        ).unwrapped
+        for name in EXPORTED:
+            read = readings(env, name, given.duration)
+            row = timed(env, name, read, given.repetitions)
+            print(f"| {scene} | `{name}` | {row} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

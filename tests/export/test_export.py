@@ -1,0 +1,386 @@
+"""Exported controllers: the library's torques bit for bit, from C, without Python."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from cc_mujoco.control import Controller, Drive, controller
+from cc_mujoco.control.laws import SEEN
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.errors import CableError
+from cc_mujoco.export import EXPORTED, FILES, TARGETS, Plan, write
+
+Array = NDArray[np.float64]
+Made = Callable[[str, str], tuple[Path, Plan]]
+
+COMPILER = shutil.which("gcc") or shutil.which("clang")
+STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
+CASES = [("wrist", "pi"), ("wrist", "stiction"), ("ankle", "pi"), ("ankle", "model")]
+INTERFACE = {
+    f"cc_controller_{name}"
+    for name in ("size", "init", "set_parameters", "reset", "step")
+}
+FROM_C = {
+    "memset", "memcpy", "memmove",
+    "sin", "cos", "exp", "log", "pow", "expm1", "log1p",
+}  # fmt: skip
+
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+
+
+@functools.cache
+def device(scene: str) -> Any:
+    return gymnasium.make(
+        DEVICES[scene].environment, disable_env_checker=True, duration=3.0
+    ).unwrapped
+
+
+def plan_of(scene: str, name: str) -> Plan:
+    env = device(scene)
+    return Plan.of(name, env.drive, env.exo.device.driven)
+
+
+@functools.cache
+def episode(scene: str, name: str) -> tuple[Array, Array]:
+    """Readings and torques of a controller that drives its device, with noise."""
+    env = device(scene)
+    law = controller(name, env.drive)
+    _, info = env.reset(seed=3)
+    law.reset()
+    random = np.random.default_rng(4)
+    readings, torques = [], []
+    for _ in range(1_500):
+        readings.append([info[key] for key in SEEN])
+        readings[-1] += random.normal(size=5) * (1e-5, 1e-2, 1e-2, 1e-2, 0.0)
+        torques.append(law.torque(seen(readings[-1])))
+        *_, info = env.step(env.action(torques[-1]))
+    return np.array(readings), np.array(torques)
+
+
+def seen(readings: Any) -> dict[str, float]:
+    return dict(zip(SEEN, np.asarray(readings).tolist(), strict=True))
+
+
+def python(law: Controller, readings: Array) -> Array:
+    return np.array([law.torque(seen(row)) for row in readings])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """Exports of this machine, each written once."""
+
+    @functools.cache
+    def written(scene: str, name: str) -> tuple[Path, Plan]:
+        folder = tmp_path_factory.mktemp("export") / f"{scene}-{name}"
+        plan = plan_of(scene, name)
+        write(folder, plan, TARGETS["host"], "a test")
+        return folder, plan
+
+    return written
+
+
+class Library:
+    """An exported controller, called from here."""
+
+    def __init__(self, folder: Path, plan: Plan) -> None:
+        assert COMPILER is not None
+        shared = folder / "shared.so"
+        if not shared.exists():
+            sources = [folder / "cc_controller.o", folder / "cc_parameters.c"]
+            run(COMPILER, *STRICT, "-shared", "-fPIC", "-o", shared, *sources, "-lm")
+        self.library = ctypes.CDLL(str(shared))
+        self.library.cc_controller_step.restype = ctypes.c_double
+        self.library.cc_controller_size.restype = ctypes.c_size_t
+        count = len(plan.fields)
+        self.parameters = np.array(
+            (ctypes.c_double * count).in_dll(self.library, "cc_controller_parameters")
+        )
+        self.memory = np.full(plan.places[-1], np.nan)
+
+    def take(self, parameters: Array, how: str = "init") -> int:
+        call = getattr(self.library, f"cc_controller_{how}")
+        return int(call(self._at(self.memory), self._at(parameters)))
+
+    def reset(self) -> None:
+        self.library.cc_controller_reset(self._at(self.memory))
+
+    def step(self, readings: Array) -> float:
+        given = np.ascontiguousarray(readings)
+        call = self.library.cc_controller_step
+        return float(call(self._at(self.memory), self._at(given)))
+
+    def torques(self, readings: Array) -> Array:
+        return np.array([self.step(row) for row in readings])
+
+    def _at(self, numbers: Array) -> Any:
+        return numbers.ctypes.data_as(ctypes.c_void_p)
+
+
+def run(*words: Any, **how: Any) -> str:
+    done = subprocess.run(
+        [str(word) for word in words], capture_output=True, text=True, **how
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def symbols(path: Path) -> tuple[set[str], set[str]]:
+    """Names that an object file defines for others, and those that it needs."""
+    nm = shutil.which("nm")
+    if nm is None:
+        pytest.skip("there is no nm to list symbols with")
+    listed = [line.split()[-2:] for line in run(nm, "-g", path).splitlines()]
+    return (
+        {name for kind, name in listed if kind != "U"},
+        {name for kind, name in listed if kind == "U"},
+    )
+
+
+@needs_compiler
+@pytest.mark.parametrize(("scene", "name"), CASES)
+def test_torques_are_those_of_the_library_bit_for_bit(
+    scene: str, name: str, made: Made
+) -> None:
+    readings, torques = episode(scene, name)
+    exported = Library(*made(scene, name))
+    assert exported.library.cc_controller_size() == exported.memory.nbytes
+    assert exported.take(exported.parameters) == 0
+    assert np.array_equal(exported.torques(readings), torques)
+    assert np.ptp(torques) > 0.1
+    exported.reset()
+    assert np.array_equal(exported.torques(readings[:300]), torques[:300])
+
+
+def example(folder: Path, readings: Array, compiler: Any, *emulator: str) -> Array:
+    """What the program that is written beside the object file prints."""
+    program = folder / "example"
+    sources = [folder / f"cc_{name}" for name in ("example.c", "parameters.c")]
+    run(
+        compiler, *STRICT, *(["-static"] if emulator else []), "-o", program, *sources,
+        folder / "cc_controller.o", "-lm",
+    )  # fmt: skip
+    rows = "".join(",".join(map(repr, row)) + "\n" for row in readings.tolist())
+    said = run(*emulator, program, input=",".join(SEEN) + "\n" + rows)
+    head, *torques = said.splitlines()
+    assert head == "motor_torque_nm"
+    return np.array([float(torque) for torque in torques])
+
+
+@needs_compiler
+def test_the_example_gives_the_torques_of_recorded_readings(made: Made) -> None:
+    readings, torques = episode("wrist", "stiction")
+    folder, _ = made("wrist", "stiction")
+    assert np.array_equal(example(folder, readings, COMPILER), torques)
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="there is no cmake")
+@needs_compiler
+def test_the_cmake_file_builds(made: Made, tmp_path: Path) -> None:
+    folder, _ = made("wrist", "pi")
+    run("cmake", "-S", folder, "-B", tmp_path)
+    run("cmake", "--build", tmp_path)
+    assert (tmp_path / "cc_example").exists()
+
+
+@pytest.mark.parametrize(("scene", "name"), CASES[1:])
+def test_nothing_of_python_remains(scene: str, name: str, made: Made) -> None:
+    folder, _ = made(scene, name)
+    defined, needed = symbols(folder / "cc_controller.o")
+    assert defined == INTERFACE
+    assert needed <= FROM_C
+
+
+@needs_compiler
+def test_parameters_can_be_exchanged_while_it_runs(made: Made) -> None:
+    readings, _ = episode("wrist", "stiction")
+    folder, plan = made("wrist", "stiction")
+    exported = Library(folder, plan)
+    law: Any = controller("stiction", device("wrist").drive)
+    law.reset()
+    exported.take(exported.parameters)
+    before = python(law, readings[:400])
+    assert np.array_equal(exported.torques(readings[:400]), before)
+    law.mismatch = 0.5
+    law.model.scale_friction(1.5)
+    law.proportional = 0.5
+    changed = exported.parameters.copy()
+    for place, field in enumerate(plan.fields):
+        rubs = re.fullmatch(r"(flex|extens)or_(static_)?friction", field.name)
+        changed[place] *= 1.5 if rubs else 1.0
+        changed[place] *= 0.5 if field.name == "proportional" else 1.0
+    assert exported.take(changed, "set_parameters") == 0
+    after = python(law, readings[400:])
+    assert np.array_equal(exported.torques(readings[400:]), after)
+
+
+@needs_compiler
+@given(st.data())
+def test_a_parameter_that_cannot_be_is_named_and_none_is_taken(
+    made: Made, data: st.DataObject
+) -> None:
+    folder, plan = made("wrist", "stiction")
+    exported = Library(folder, plan)
+    assert exported.take(exported.parameters) == 0
+    exported.torques(episode("wrist", "stiction")[0][:5])
+    before = exported.memory.tobytes()
+    place = data.draw(st.integers(0, len(plan.fields) - 1))
+    field = plan.fields[place]
+    wrong = [np.nan, np.nextafter(field.low, -np.inf), -np.inf]
+    if np.isfinite(field.high):
+        wrong += [np.nextafter(field.high, np.inf), np.inf]
+    if field.name == "ratio" or field.name.endswith(("_proximal", "_distal")):
+        wrong += [] if "seal" in field.name else [0.0]
+    changed = exported.parameters.copy()
+    changed[place] = data.draw(st.sampled_from(wrong))
+    assert exported.take(changed, "set_parameters") == place + 1
+    assert exported.memory.tobytes() == before
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"low": 2.0, "high": 2.0}, "high"),
+        ({"flexor_static_friction": 1e-6}, "flexor_static_friction"),
+        (
+            {"extensor_tension_exponent": 0.1, "extensor_pretension": 0.0},
+            "extensor_tension_exponent",
+        ),
+    ],
+)
+def test_parameters_that_contradict_each_other_are_named(
+    changes: dict[str, float], named: str, made: Made
+) -> None:
+    folder, plan = made("wrist", "stiction")
+    exported = Library(folder, plan)
+    names = [field.name for field in plan.fields]
+    changed = exported.parameters.copy()
+    for name, value in changes.items():
+        changed[names.index(name)] = value
+    assert exported.take(changed) == names.index(named) + 1
+
+
+@needs_compiler
+@pytest.mark.parametrize("place", range(len(SEEN)))
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_reading_that_is_no_number_gives_none_and_changes_nothing(
+    place: int, bad: float, made: Made
+) -> None:
+    readings, torques = episode("wrist", "stiction")
+    exported = Library(*made("wrist", "stiction"))
+    exported.take(exported.parameters)
+    exported.torques(readings[:20])
+    lost = readings[20].copy()
+    lost[place] = bad
+    before = exported.memory.tobytes()
+    assert np.isnan(exported.step(lost))
+    assert exported.memory.tobytes() == before
+    assert exported.step(readings[20]) == torques[20]
+
+
+@needs_compiler
+def test_what_the_observer_finds_is_told_in_c(made: Made, tmp_path: Path) -> None:
+    folder, _ = made("wrist", "stiction")
+    readings, _ = episode("wrist", "stiction")
+    row = ", ".join(map(repr, readings[0].tolist()))
+    (tmp_path / "main.c").write_text(
+        f"""#include <stdio.h>
+        #include "cc_controller.h"
+        int main(void) {{
+            static cc_controller c;
+            cc_readings r = {{ {row} }};
+            cc_controller_init(&c, cc_controller_parameters);
+            for (int i = 0; i < 3; i++) cc_controller_step(&c, &r);
+            for (int i = 0; i < cc_controller_nodes(CC_CABLE_EXTENSOR); i++)
+                printf("%.17g\\n", cc_controller_tensions(&c, CC_CABLE_EXTENSOR)[i]);
+            printf("%.17g\\n", cc_controller_joint_angle(&c));
+        }}"""
+    )
+    run(
+        COMPILER, *STRICT, "-I", folder, "-o", tmp_path / "main", tmp_path / "main.c",
+        folder / "cc_parameters.c", folder / "cc_controller.o", "-lm",
+    )  # fmt: skip
+    *tensions, angle = map(float, run(tmp_path / "main").split())
+    law: Any = controller("stiction", device("wrist").drive)
+    python(law, np.tile(readings[0], (3, 1)))
+    assert np.array_equal(np.maximum(tensions, 0.0), law.model.tension(1)[0])
+    assert angle == law.model.joint[0]
+
+
+@pytest.mark.parametrize(
+    ("target", "machine"), [("aarch64", 183), ("armv7", 40)], ids=["aarch64", "armv7"]
+)
+def test_objects_for_other_machines_need_c_alone(
+    target: str, machine: int, tmp_path: Path
+) -> None:
+    write(tmp_path, plan_of("ankle", "pi"), TARGETS[target], "a test")
+    path = tmp_path / "cc_controller.o"
+    assert path.read_bytes()[:4] == b"\x7fELF"
+    assert int.from_bytes(path.read_bytes()[18:20], "little") == machine
+    defined, needed = symbols(path)
+    assert defined == INTERFACE
+    assert {name for name in needed if not name.startswith("__aeabi_")} <= FROM_C
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("target", "prefix", "emulator", "scene", "name"),
+    [
+        ("aarch64", "aarch64-linux-gnu", "qemu-aarch64", "ankle", "stiction"),
+        ("armv7", "arm-linux-gnueabihf", "qemu-arm", "ankle", "model"),
+    ],
+)
+def test_other_machines_give_the_same_torques(
+    target: str, prefix: str, emulator: str, scene: str, name: str, tmp_path: Path
+) -> None:
+    compiler, machine = shutil.which(f"{prefix}-gcc"), shutil.which(emulator)
+    if compiler is None or machine is None:
+        pytest.skip(f"{prefix}-gcc and {emulator} are not installed")
+    write(tmp_path, plan_of(scene, name), TARGETS[target], "a test")
+    readings, torques = episode(scene, name)
+    found = example(tmp_path, readings, compiler, machine)
+    # Another C library may round exp and log otherwise in the last bit.
+    assert np.abs(found - torques).max() <= 1e-9
+
+
+@pytest.mark.parametrize("name", EXPORTED)
+@pytest.mark.parametrize("scene", DEVICES)
+def test_every_scene_has_a_plan_whose_values_are_within_their_ranges(
+    scene: str, name: str
+) -> None:
+    plan = plan_of(scene, name)
+    for field in plan.fields:
+        assert field.low <= field.value <= field.high, field
+    assert len(set(field.name for field in plan.fields)) == len(plan.fields)
+
+
+def test_what_cannot_be_exported_is_one_sentence() -> None:
+    env = device("wrist")
+    cables = env.exo.device.driven
+    for name, says in (
+        ("predictive", "'predictive' cannot be exported"),
+        ("stction", "did you mean 'stiction'"),
+    ):
+        with pytest.raises(CableError, match=says):
+            Plan.of(name, env.drive, cables)
+    with pytest.raises(CableError, match="needs to know the cables"):
+        Plan.of("model", Drive(5.0, -1.0, 1.0, 1e-3), ())
+
+
+def test_the_files_are_those_that_are_told(made: Made) -> None:
+    folder, _ = made("wrist", "pi")
+    assert {path.name for path in folder.iterdir()} - {"shared.so"} == set(FILES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from cc_mujoco.benchmark.runner import FIGURES
 from cc_mujoco.commands.listing import Listing
 from cc_mujoco.commands.parsing import COMMANDS
 from cc_mujoco.devices import DEVICES
+from cc_mujoco.export import EXPORTED, TARGETS
 from cc_mujoco.export import FILES as EXPORTED_FILES
 from cc_mujoco.figures import figure
 from cc_mujoco.recording import FILES, EpisodeLog
@@ -319,6 +321,11 @@ def test_help_reads_well_and_loads_nothing_that_takes_long(
     assert "--help" in said
     for nonsense in ("None", "False", "default: )", "{None", "`module:function`"):
         assert nonsense not in said
+
+
+def test_help_names_what_can_be_exported(helps: dict[str, dict[str, Any]]) -> None:
+    words = set(re.findall(r"[\w-]+", helps["export"]["said"]))
+    assert words >= {*EXPORTED, *TARGETS}
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,12 +22,13 @@ from cc_mujoco.control import Controller, Drive, controller
 from cc_mujoco.control.laws import SEEN
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
-from cc_mujoco.export import EXPORTED, FILES, TARGETS, Plan, write
+from cc_mujoco.export import EXPORTED, FILES, TARGETS, Plan, Target, write
 
 Array = NDArray[np.float64]
 Made = Callable[[str, str], tuple[Path, Plan]]
 
 COMPILER = shutil.which("gcc") or shutil.which("clang")
+GUARD = 64
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
 CASES = [("wrist", "pi"), ("wrist", "stiction"), ("ankle", "pi"), ("ankle", "model")]
 INTERFACE = {
@@ -109,7 +110,9 @@ class Library:
         self.parameters = np.array(
             (ctypes.c_double * count).in_dll(self.library, "cc_controller_parameters")
         )
-        self.memory = np.full(plan.places[-1], np.nan)
+        # Nothing may be read before it is written, and nothing written beyond.
+        self.room = np.full(plan.places[-1] + 2 * GUARD, np.nan)
+        self.memory = self.room[GUARD:-GUARD]
 
     def take(self, parameters: Array, how: str = "init") -> int:
         call = getattr(self.library, f"cc_controller_{how}")
@@ -161,6 +164,8 @@ def test_torques_are_those_of_the_library_bit_for_bit(
     assert exported.take(exported.parameters) == 0
     assert np.array_equal(exported.torques(readings), torques)
     assert np.ptp(torques) > 0.1
+    around = np.delete(exported.room, np.s_[GUARD:-GUARD])
+    assert around.size == 2 * GUARD and np.isnan(around).all()
     exported.reset()
     assert np.array_equal(exported.torques(readings[:300]), torques[:300])
 
@@ -379,6 +384,13 @@ def test_what_cannot_be_exported_is_one_sentence() -> None:
             Plan.of(name, env.drive, cables)
     with pytest.raises(CableError, match="needs to know the cables"):
         Plan.of("model", Drive(5.0, -1.0, 1.0, 1e-3), ())
+
+
+def test_a_machine_that_llvm_does_not_know_is_one_sentence(tmp_path: Path) -> None:
+    unknown = Target("nothing-unknown-none", "", "", "no machine")
+    with pytest.raises(CableError, match="cannot compile for nothing-unknown-none"):
+        write(tmp_path / "out", plan_of("wrist", "pi"), unknown, "a test")
+    assert not any(tmp_path.iterdir())
 
 
 def test_the_files_are_those_that_are_told(made: Made) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import functools
 import re
 import shutil
@@ -23,6 +24,7 @@ from cc_mujoco.control.laws import SEEN
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORTED, FILES, TARGETS, Plan, Target, write
+from cc_mujoco.transmission.parameters import TERMS
 
 Array = NDArray[np.float64]
 Made = Callable[[str, str], tuple[Path, Plan]]
@@ -230,6 +232,55 @@ def test_parameters_can_be_exchanged_while_it_runs(made: Made) -> None:
     assert exported.take(changed, "set_parameters") == 0
     after = python(law, readings[400:])
     assert np.array_equal(exported.torques(readings[400:]), after)
+
+
+TERMS_ON = {
+    "friction": 0.3,
+    "static_friction": 0.9,
+    "viscous_friction": 5.0,
+    "stribeck_friction": 0.2,
+    "load_independent_friction": 2.0,
+    "seal_proximal": 1.0,
+    "seal_distal": 1.0,
+    "friction_asymmetry": 0.2,
+    "end_compliance": 1e-4,
+    "bristle_length": 1e-3,
+    "tension_exponent": -0.2,
+    "ageing_friction": 0.1,
+    "wrap_growth": 5.0,
+    "friction_drift": 0.1,
+    "friction_heating": 0.05,
+    "stiffening": 0.01,
+    "stress_relaxation": 0.3,
+    "eccentricity": 2e-3,
+    "ovality": 1e-3,
+    "grease_drag": 3.0,
+}
+
+
+def test_every_term_is_tried() -> None:
+    assert set(TERMS_ON) == set(TERMS)
+
+
+@needs_compiler
+@pytest.mark.parametrize("term", TERMS_ON)
+def test_every_term_of_the_cables_is_in_the_exported_controller(
+    term: str, made: Made
+) -> None:
+    readings, _ = episode("wrist", "stiction")
+    drive = device("wrist").drive
+    row = tuple(
+        dataclasses.replace(one, cable=one.cable.replace(**{term: TERMS_ON[term]}))
+        for one in drive.cables
+    )
+    drive = dataclasses.replace(drive, cable_drives=(row,))
+    exported = Library(*made("wrist", "stiction"))
+    plan = Plan.of("stiction", drive, device("wrist").exo.device.driven)
+    assert exported.take(plan.values()) == 0
+    found = exported.torques(readings[200:400])
+    assert np.array_equal(
+        found, python(controller("stiction", drive), readings[200:400])
+    )
 
 
 @needs_compiler

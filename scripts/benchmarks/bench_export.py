@@ -1,17 +1,20 @@
 """How long does a step of an exported controller take?
 
     python scripts/benchmarks/bench_export.py --scene wrist ankle
+    python scripts/benchmarks/bench_export.py --controllers model --set grease_drag=3
 
 Every controller that can be exported drives its device for an episode with a noisy
 torque sensor; what it read is then fed to the exported one by a program in C that times
 each step. Needs a C compiler. Prints size of the object file, memory, and the median,
 the 999th of a thousand and the longest of the steps of an episode, each the fastest of
-several repetitions of that step: the others were interrupted by something else.
+several repetitions of that step: the others were interrupted by something else. `--set`
+changes what the controller believes of every cable.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import subprocess
 import tempfile
 from pathlib import Path
@@ -20,7 +23,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from cc_mujoco.control import controller
+from cc_mujoco.control import Drive, controller
 from cc_mujoco.control.laws import SEEN
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.export import EXPORTED, TARGETS, Plan, write
@@ -59,9 +62,18 @@ int main(int count, char **words)
 """
 
 
-def readings(env: Any, name: str, duration: float) -> np.ndarray:
+def believed(drive: Drive, changes: dict[str, float]) -> Drive:
+    """A drive whose cables are believed to be others."""
+    row = tuple(
+        dataclasses.replace(one, cable=one.cable.replace(**changes))
+        for one in drive.cables
+    )
+    return dataclasses.replace(drive, cable_drives=(row,))
+
+
+def readings(env: Any, drive: Drive, name: str, duration: float) -> np.ndarray:
     """What a controller reads in an episode, (steps, `SEEN`)."""
-    law = controller(name, env.drive)
+    law = controller(name, drive)
     _, info = env.reset(seed=1)
     law.reset()
     random = np.random.default_rng(2)
@@ -74,9 +86,8 @@ def readings(env: Any, name: str, duration: float) -> np.ndarray:
     return np.array(rows)
 
 
-def timed(env: Any, name: str, read: np.ndarray, repetitions: int) -> str:
+def timed(plan: Plan, read: np.ndarray, repetitions: int) -> str:
     """Export, build and time; a row of the table."""
-    plan = Plan.of(name, env.drive, env.exo.device.driven)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, "controller")
         write(folder, plan, TARGETS["host"], "a benchmark")
@@ -108,7 +119,11 @@ def main() -> None:
     parser.add_argument("--scene", nargs="+", choices=DEVICES, default=["wrist"])
     parser.add_argument("--duration", type=float, default=5.0)
     parser.add_argument("--repetitions", type=int, default=20)
+    parser.add_argument("--controllers", nargs="+", choices=EXPORTED, default=EXPORTED)
+    parser.add_argument("--set", nargs="+", default=[], metavar="PARAMETER=VALUE")
     given = parser.parse_args()
+    split = [change.partition("=") for change in given.set]
+    changes = {name: float(value) for name, _, value in split}
     print(
         "| scene | controller | object [KiB] | memory [KiB] | median [us] "
         "| 99.9 % [us] | longest [us] |\n|---|---|---:|---:|---:|---:|---:|"
@@ -119,9 +134,11 @@ def main() -> None:
             disable_env_checker=True,
             duration=given.duration,
         ).unwrapped
-        for name in EXPORTED:
-            read = readings(env, name, given.duration)
-            row = timed(env, name, read, given.repetitions)
+        drive = believed(env.drive, changes)
+        for name in given.controllers:
+            read = readings(env, drive, name, given.duration)
+            plan = Plan.of(name, drive, env.exo.device.driven)
+            row = timed(plan, read, given.repetitions)
             print(f"| {scene} | `{name}` | {row} |", flush=True)
 
 

@@ -111,6 +111,7 @@ def write_report(
 TITLES = {
     "best": "The best designs",
     "sure": "How sure that is",
+    "controllers": "What the controller makes of it",
     "trade": "What one objective costs in another",
     "matters": "What matters",
     "limits": "What the limits leave over",
@@ -156,7 +157,8 @@ def _page(
     )
     parts = {
         "best": sections.best(finding),
-        "sure": sections.confidence(finding),
+        "sure": sections.confidence(finding, nearby),
+        "controllers": sections.controllers(finding),
         "trade": with_pictures(sections.trade_offs(finding), front),
         "matters": with_pictures(sections.matters(found, finding.goals), effects, maps),
         "limits": sections.slack(finding),

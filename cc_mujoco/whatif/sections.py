@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.page import Html, bar, bullets, element, joined, listed, paragraph, table
 from cc_mujoco.transmission.parameters import PARAMETERS
-from cc_mujoco.whatif.around import Around, Slope
+from cc_mujoco.whatif.around import WORSE, Around, Price, Slope
 from cc_mujoco.whatif.build import RADII, Builder
 from cc_mujoco.whatif.designs import Range
 from cc_mujoco.whatif.metrics import METRICS
@@ -134,8 +134,9 @@ def header(found: Finding) -> Html:
         )
     first = "The best design"
     if len(found.goals) > 1:
-        alone = int(found.front.sum()) == 1
-        first = "Best in every objective" if alone else "The best compromise"
+        first = "The best compromise"
+        if int(found.front.sum()) == 1:
+            first = "Best in all objectives of those tried"
     lead = f"{first} is design {best['design']}: {_setting(found, best)}."
     gives = listed([f"{plain(g.name)} {quantity(g.name, best[g.name])}"
                     for g in found.goals])  # fmt: skip
@@ -189,7 +190,7 @@ def best(found: Finding) -> Html | None:
     return joined([paragraph(words), table([headed(n) for n in columns], rows)])
 
 
-def confidence(found: Finding) -> Html | None:
+def confidence(found: Finding, nearby: Around | None = None) -> Html | None:
     """How sure it is that the best is the best."""
     row = found.best
     if row is None:
@@ -200,9 +201,9 @@ def confidence(found: Finding) -> Html | None:
     span = np.ptp(found.cost[good], axis=0)
     near = good & (found.cost <= found.cost[first] + NEAR * span).all(axis=1)
     others = int(near.sum()) - 1
+    many = f"{others} other designs are" if others != 1 else "1 other design is"
     said.append(
-        f"{others} other designs are as good to within {NEAR:.0%} of the range of "
-        "every objective"
+        f"{many} as good to within {NEAR:.0%} of the range of every objective"
         + (
             ": what they have in common matters, not the last digit of the best."
             if others
@@ -219,6 +220,8 @@ def confidence(found: Finding) -> Html | None:
             f"It has {listed(edges)} of what was tried; a wider range may hold "
             "something better."
         )
+    if nearby is not None:
+        said += [text for price in nearby.prices if (text := _missed(found, price))]
     if found.plan.search is not None:
         share = (first + 1) / len(found.rows)
         said.append(
@@ -229,12 +232,69 @@ def confidence(found: Finding) -> Html | None:
                 else "; the rest of the search brought nothing better."
             )
         )
+    if len(found.plan.protocol.controllers) == 1:
+        said.append(
+            "Tracking, torque, power and tension are the controller's as well as the "
+            "design's; --controllers with several names shows by how much."
+        )
     said.append(
         "All numbers are of a simulation with perfect sensors and one wearer's motion, "
         f"{driven_by(found.plan.protocol.controllers)}; parts, wearers and liners that "
         "differ from the model give other numbers."
     )
     return bullets(said)
+
+
+def _missed(found: Finding, price: Price) -> str:
+    """That a design beside the best was better, and what it was."""
+    (goal,) = (goal for goal in found.goals if goal.name == price.objective)
+    gain = goal.cost({goal.name: price.now}) - goal.cost({goal.name: price.found})
+    if price.limit is not None or not price.kept or not gain > WORSE * abs(price.now):
+        return ""
+    return (
+        f"It is not the optimum: beside it, {_setting(found, price.design)} gives "
+        f"{plain(goal.name)} {quantity(goal.name, price.found)} instead of "
+        f"{cell(price.now)} and keeps the limits; more designs are worth trying."
+    )
+
+
+def controllers(found: Finding) -> Html | None:
+    """How far what was found is the controller's; nothing where there is one."""
+    laws = found.plan.protocol.controllers
+    goals = [goal for goal in found.goals if METRICS[goal.name].driven]
+    if len(laws) == 1 or not goals:
+        return None
+    from scipy.stats import spearmanr
+
+    rows = []
+    for law in laws:
+        chosen = sum(row[CONTROLLER] == law for row in found.rows)
+        cells = [law, f"{chosen} of {len(found.rows)}"]
+        for goal in goals:
+            column = f"{goal.name}@{law}"
+            pairs = np.array(
+                [
+                    (float(str(row[column])), float(str(row[goal.name])))
+                    for row in found.rows
+                    if row[column] is not None and row[goal.name] is not None
+                ]
+            ).reshape(-1, 2)
+            varies = len(pairs) > 2 and np.ptp(pairs, axis=0).all()
+            alike = f"{spearmanr(*pairs.T).statistic:.2f}" if varies else "-"
+            own = [] if found.best is None else [cell(found.best[column])]
+            cells += [*own, alike]
+        rows.append(cells)
+    head = ["controller", "tracks best in"]
+    for goal in goals:
+        own = [] if found.best is None else [f"design {found.best['design']}"]
+        head += [f"{headed(goal.name)}, {text}" for text in (*own, "ranks alike")]
+    words = (
+        "A design is ranked with the controller that tracks best with it. Ranks alike "
+        "(Spearman's correlation, 1 is the same order) says whether another controller "
+        "alone would have ordered the designs as they are ordered here; where it is "
+        "far from 1, the number is as much the controller's as the design's."
+    )
+    return joined([paragraph(words), table(head, rows)])
 
 
 def trade_offs(found: Finding) -> Html | None:
@@ -303,7 +363,7 @@ def matters(found: Sequence[Sensitivity], goals: Sequence[Objective]) -> Html:
 def _share(share: float, error: float | None) -> str:
     if error is None:
         return f"{share:.0%}"
-    return f"{share:.0%} ± {error:.0%}" if share else f"below ± {error:.0%}"
+    return f"{share:.0%} ± {error:.0%}" if share else f"- ± {error:.0%}"
 
 
 def slack(found: Finding) -> Html | None:

@@ -16,7 +16,7 @@ UNSAID = (
 NEARBY = (
     "How much each number changes at the best design for a tenth of a variable's range "
     "more, or over the neighbouring values where only some are allowed: by designs a "
-    "fiftieth of the range to either side (column `tried`). Behind ± stands half the "
+    "fiftieth of the range to either side (column “tried”). Behind ± stands half the "
     "difference between the two sides; where it is as large as the change itself, the "
     "number bends there and the slope says little."
 )
@@ -28,7 +28,7 @@ WORTH = (
     "size. A shadow price is what one unit of a limit is worth; a limit that does not "
     "bind is worth nothing here. Where the simulated number is not better than now, "
     "the slopes promise too much; where it is better with the limits as they are, and "
-    "keeps the rest, the best design was not yet the optimum. `keeps the rest` allows "
+    "keeps the rest, the best design was not yet the optimum. “Keeps the rest” allows "
     "another objective to be 1 % worse."
 )
 """What the table of prices is."""

@@ -56,6 +56,7 @@ def main() -> None:
             {"friction": "0.05:0.2", "loops": "0.5:3", "pretension": "5:40"},
             sampling="lhs",
             samples=arguments.designs,
+            controllers=["pi"],
             duration=arguments.duration,
             timestep=step,
             metrics=() if arguments.everything else EPISODE,

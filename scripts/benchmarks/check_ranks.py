@@ -40,6 +40,8 @@ VARY = {
         "rotor_inertia": "1e-5:2e-4:log",
     },
 }
+DURATION = {"ankle": 5.0, "wrist": 6.0}
+"""Of an episode [s]."""
 LAWS = ("none", "pi", "check_ranks:damped", "model")
 METRICS = (
     "tracking_error",
@@ -88,7 +90,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scene", default="ankle", choices=VARY)
     parser.add_argument("--designs", type=int, default=60)
-    parser.add_argument("--duration", type=float, default=5.0)
+    parser.add_argument("--duration", type=float, help="default 5 s, wrist 6 s")
     parser.add_argument("--threads", type=int, default=0)
     given = parser.parse_args()
     with tqdm(total=given.designs, disable=not sys.stderr.isatty()) as bar:
@@ -98,7 +100,7 @@ def main() -> None:
             sampling="lhs",
             samples=given.designs,
             controllers=LAWS,
-            duration=given.duration,
+            duration=given.duration or DURATION[given.scene],
             metrics=METRICS,
             threads=given.threads,
             progress=lambda done: bar.update(done - bar.n),
@@ -119,6 +121,15 @@ def main() -> None:
             both = np.isfinite(found[one]) & np.isfinite(found[other])
             rank = spearmanr(found[one][both], found[other][both]).statistic
             print(f"  rank correlation {one}, {other}: {rank:.2f} of {both.sum()}")
+    print(f"{given.scene}, efficiency against tracking error")
+    for law in LAWS:
+        share, error = (
+            np.array(table[f"{name}@{law}"].to_pylist(), float)
+            for name in ("efficiency", "tracking_error")
+        )
+        has = np.isfinite(share)
+        rank = spearmanr(share[has], error[has]).statistic
+        print(f"  {law:20} rank correlation {rank:.2f} of {has.sum()}")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from html import unescape
@@ -11,9 +12,10 @@ import pyarrow as pa
 import pytest
 
 from cc_mujoco.whatif import make_plan
+from cc_mujoco.whatif.around import Around, Price
 from cc_mujoco.whatif.pareto import costs, read_limits, read_objectives
 from cc_mujoco.whatif.report import write_report
-from cc_mujoco.whatif.sections import Finding, confidence, failures, slack
+from cc_mujoco.whatif.sections import Finding, confidence, controllers, failures, slack
 
 GOALS = ("tracking_error", "peak_tension")
 
@@ -61,7 +63,7 @@ def test_the_page_begins_with_the_best_design_and_needs_nothing_else(
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
     assert "<script" not in page and "default-src 'none'" in page
     text = " ".join(said(page).split())
-    lead = "Best in every objective is design 2: friction 0.3 and pretension 12 N."
+    lead = "Best in all objectives of those tried is design 2: friction 0.3 and "
     assert lead in text and "with peak_tension<=55, which 2 keep" in text
     assert text.index(lead) < text.index("2* 0.3 12 2 40") < text.index("0 0.1 10 3 50")
     assert "cc-mujoco <x>" in text
@@ -101,6 +103,54 @@ def test_a_best_design_at_the_end_of_a_range_is_said_to_be(
     found, _ = finding(errors, [1.0] * 4, goals=GOALS[:1])
     text = said(confidence(found))
     assert ends in text and ("wider range" in text) == bool(ends)
+
+
+def test_a_better_neighbour_is_said_to_be_one() -> None:
+    found, _ = finding([1.0, 2.0, 3.0, 4.0], [1.0] * 4, goals=GOALS[:1])
+    beside = {"friction": 0.15, "pretension": 9.0}
+
+    def text(*, gives: float, kept: bool = True, limit: str = "") -> str:
+        (eased,) = read_limits([limit]) if limit else (None,)
+        price = Price(GOALS[0], eased, math.nan, 1.0, 0.5, gives, kept, beside)
+        return said(confidence(found, Around(0, (), (price,))))
+
+    assert (
+        "beside it, friction 0.15 and pretension 9 N gives tracking error 0.6 N m"
+        in (text(gives=0.6))
+    )
+    for other in (
+        text(gives=1.2),
+        text(gives=0.999),
+        text(gives=math.nan),
+        text(gives=0.6, kept=False),
+        text(gives=0.6, limit="peak_tension<=2"),
+    ):
+        assert "not the optimum" not in other
+
+
+def test_of_several_controllers_the_page_says_whose_ranks_are_alike() -> None:
+    designs = [{"friction": 0.1 * n} for n in range(1, 5)]
+    laws = ("none", "pi")
+    plan = make_plan("wrist", designs=designs, metrics=GOALS, controllers=laws)
+    table = pa.table(
+        {
+            "design": range(4),
+            "friction": [d["friction"] for d in designs],
+            "tracking_error": [1.0, 2.0, 3.0, 4.0],
+            "tracking_error@none": [4.0, 3.5, 3.2, 4.0],
+            "tracking_error@pi": [1.0, 2.0, 3.0, None],
+            "controller": ["pi", "pi", "pi", "none"],
+            "failed": pa.array([None] * 4, pa.string()),
+        }
+    )
+    goals = read_objectives(GOALS[:1])
+    found = Finding.of(plan, table, goals, (), costs(table, goals), True)
+    text = " ".join(said(controllers(found)).split())
+    assert "none 1 of 4 4 -0.11" in text
+    assert "pi 3 of 4 1 1.00" in text
+    alone, _ = finding([1.0, 2.0], [1.0, 2.0])
+    assert controllers(alone) is None
+    assert "--controllers with several names" in said(confidence(alone))
 
 
 def test_failures_are_counted_by_reason_whatever_their_numbers() -> None:

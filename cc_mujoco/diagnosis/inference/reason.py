@@ -134,10 +134,14 @@ def _concluded(
     beyond = strayed(problem, x, estimated, hidden)
     effects = _found(found, problem, estimated, agreed)
     missing = [effect.id for effect in effects if effect.missing]
+    added = [step.added for step in found.rounds if step.added]
     tied = [
-        step for step in found.rounds if len(step.rivals) > 1 and step.added in missing
+        (step, rivals)
+        for step in found.rounds
+        for rivals in [step.tied(problem.effects, added)]
+        if len(rivals) > 1 and rivals[0] in missing
     ]
-    ties = tuple(step.rivals for step in tied)
+    ties = tuple(rivals for _, rivals in tied)
     outcome = Outcome(effects, ties, model.held.gap, beyond)
     kind, statement = judged(found, outcome, limits)
     # What is added where nothing explains the error only stands in for it.
@@ -150,8 +154,8 @@ def _concluded(
     progress(0.95, "writing it down")
     rivals = [
         (c.crossed.problem, np.mean([f.x for f in c.crossed.fits], axis=0))
-        for step in tied
-        for name in step.rivals
+        for step, names in tied
+        for name in names
         for c in step.candidates
         if c.id == name
     ]

@@ -88,12 +88,29 @@ class Round(NamedTuple):
         added: the one that was added, or None.
         rivals: ids that do as well as the one added, itself first.
         confidence: share of bootstraps that the added one wins.
+        parted: rivals that still helped when it had been added.
     """
 
     candidates: tuple[Candidate, ...]
     added: str | None
     rivals: tuple[str, ...]
     confidence: float
+    parted: tuple[str, ...] = ()
+
+    def tied(self, effects: Sequence[str], added: Sequence[str]) -> tuple[str, ...]:
+        """Ids that cannot be told apart, that of the model first; empty without it.
+
+        A rival that still helped, so that it was added, too, is none; but of two that
+        were and one of which had to go again, either may be the one that stayed.
+
+        Args:
+            effects: ids that are in the model.
+            added: ids that were added at any time.
+        """
+        both = [name for name in added if name in (self.added, *self.parted)]
+        kept = [name for name in both if name in effects]
+        gone = [name for name in both if name not in effects]
+        return (kept[0], *gone, *self.rivals[1:]) if kept else ()
 
 
 class Search(NamedTuple):
@@ -183,7 +200,8 @@ def _settled(rounds: Sequence[Round]) -> tuple[Round, ...]:
     for step, after in zip_longest(rounds, rounds[1:]):
         helpful = {c.id for c in after.candidates if not c.reason} if after else set()
         rivals = tuple(name for name in step.rivals if name not in helpful)
-        found.append(step._replace(rivals=rivals))
+        parted = tuple(name for name in step.rivals if name in helpful)
+        found.append(step._replace(rivals=rivals, parted=parted))
     return tuple(found)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from cc_mujoco.diagnosis.inference.judgement import Outcome, judged
-from cc_mujoco.diagnosis.inference.search import Thresholds
+from cc_mujoco.diagnosis.inference.search import Round, Thresholds
 from cc_mujoco.diagnosis.verdict import Found, Gap, Strayed
 from cc_mujoco.estimation.least_squares import Estimate
 
@@ -64,6 +64,26 @@ def test_effects_that_leave_most_of_the_error_are_not_the_answer(
     assert said == verdict
     if verdict == "unknown":
         assert "28 % of it" in statement
+
+
+def test_of_two_rivals_that_were_added_either_may_be_the_one_that_stayed() -> None:
+    one, other = ALIKE
+    step = Round((), one, (one,), 1.0, (other,))
+    assert step.tied(ALIKE, ALIKE) == (one,)
+    assert step.tied((one,), ALIKE) == (one, other)
+    assert step.tied((other,), ALIKE) == (other, one)
+    assert step.tied((), ALIKE) == ()
+    assert step.tied((one,), (one,)) == (one,)
+    assert step._replace(rivals=(one, GAIN)).tied((one,), ALIKE) == (one, other, GAIN)
+
+
+@pytest.mark.parametrize("names", [ALIKE[:1], ALIKE])
+def test_what_is_named_for_little_is_called_a_hint(names: tuple[str, ...]) -> None:
+    ties = (names,) if len(names) > 1 else ()
+    for misfit, hint in ((1.3, True), (1.6, False)):
+        found = outcome(names[:1], CLOSED, ties)
+        said = judged(search(misfit, 1.0), found, Thresholds())[1]
+        assert ("take this for a hint" in said) is hint
 
 
 def test_a_model_that_stays_far_off_has_to_close_the_gap_as_well() -> None:

@@ -8,8 +8,9 @@
     cc-mujoco list
 
 Exit codes: 0 done, 2 input that cannot be used (one sentence on standard error; a
-diagnosis writes its report on what is wrong all the same), 130 interrupted, 141 nobody
-reads what it prints. What an interrupted or failed run was writing is removed; what an
+diagnosis writes its report on what is wrong all the same), 3 a rig was stopped because
+something was amiss, 130 interrupted, 141 nobody reads what it prints. What an
+interrupted or failed run was writing is removed, but for what a rig measured; what an
 earlier run left stays.
 """
 

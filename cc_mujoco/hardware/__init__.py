@@ -1,0 +1,39 @@
+"""A real rig, driven by the controllers of this package.
+
+cc-mujoco run --rig rig.toml --controller pi --out runs/first
+"""
+
+from __future__ import annotations
+
+from cc_mujoco.hardware.clock import Clock, SystemClock
+from cc_mujoco.hardware.drives import drive_of
+from cc_mujoco.hardware.limits import Limiter, Limits
+from cc_mujoco.hardware.log import Log, require_free
+from cc_mujoco.hardware.loop import Ending, Loop, Outcome
+from cc_mujoco.hardware.packet import Readings, Status
+from cc_mujoco.hardware.rig import Rig, UdpRig
+from cc_mujoco.hardware.settings import Settings, read_settings
+from cc_mujoco.hardware.stops import listening
+from cc_mujoco.hardware.watch import Watch, Watchdog
+
+__all__ = [
+    "Clock",
+    "Ending",
+    "Limiter",
+    "Limits",
+    "Log",
+    "Loop",
+    "Outcome",
+    "Readings",
+    "Rig",
+    "Settings",
+    "Status",
+    "SystemClock",
+    "UdpRig",
+    "Watch",
+    "Watchdog",
+    "drive_of",
+    "listening",
+    "read_settings",
+    "require_free",
+]

@@ -1,0 +1,142 @@
+"""Torque that the joint should get: constant, a course in time, or by its motion."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.checks import LONGEST, number
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware.packet import Readings
+from cc_mujoco.human import Task, task, trajectory
+
+Array = NDArray[np.float64]
+
+COLUMNS = ("time_s", "torque_nm")
+"""Of a course in a CSV file."""
+_NEED_PHASE = ("assist", "swing")
+
+
+class Desired(Protocol):
+    """Torque at the joint, by time and motion."""
+
+    def torque(self, time: float, seen: Readings) -> float:
+        """The torque [Nm].
+
+        Args:
+            time: Since the loop began [s].
+            seen: What is measured.
+        """
+
+
+@dataclass(frozen=True)
+class Course:
+    """A course in time, linear between its points and held after the last."""
+
+    times: Array
+    torques: Array
+
+    def torque(self, time: float, seen: Readings) -> float:
+        """See `Desired`."""
+        return float(np.interp(time, self.times, self.torques))
+
+
+@dataclass(frozen=True)
+class Virtual:
+    """A virtual environment that the joint moves in, as in `cc-mujoco play`."""
+
+    task: Task
+
+    def torque(self, time: float, seen: Readings) -> float:
+        """See `Desired`."""
+        return float(self.task.torque(seen.joint_angle, seen.joint_velocity, 0.0))
+
+    @classmethod
+    def named(cls, name: str) -> Virtual:
+        """That of a name.
+
+        Raises:
+            CableError: There is none, or it follows a gait, which no rig measures.
+        """
+        found = task(name)
+        if name in _NEED_PHASE:
+            raise CableError(
+                f"task {name!r} follows the phase of a gait, which the rig does not "
+                "measure; give its course as `csv`."
+            )
+        return cls(found)
+
+
+def constant(torque: float) -> Course:
+    """The same torque [Nm] all the time."""
+    return Course(np.zeros(1), np.array([torque]))
+
+
+def from_trajectory(name: str, amplitude: float, duration: float) -> Course:
+    """The course of a trajectory of `cc-mujoco play`, as a torque.
+
+    Args:
+        name: Of the trajectory.
+        amplitude: Torque where the trajectory has its amplitude [Nm].
+        duration: Of the run [s].
+
+    Raises:
+        CableError: There is no such trajectory.
+    """
+    found = trajectory(name)
+    number("duration", duration, 0.01, LONGEST, "s")
+    motion = found.sample(duration, 0.002, np.random.default_rng(0))
+    return Course(motion.time, amplitude / found.amplitude * motion.angle)
+
+
+def from_csv(path: Path) -> Course:
+    """A course from a file with the columns `time_s` and `torque_nm`.
+
+    Raises:
+        CableError: It cannot be read or used; names file, line and column.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.reader(file))
+    except OSError as error:
+        raise CableError(f"cannot read {path}: {error.strerror}.") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise CableError(f"{path} is not a CSV text file: {error}.") from None
+    header = [name.strip() for name in rows[0]] if rows else []
+    if missing := [name for name in COLUMNS if name not in header]:
+        raise CableError(f"{path}, line 1: there is no column {missing[0]!r}.")
+    points = [
+        [_value(path, line, row, header, name) for name in COLUMNS]
+        for line, row in enumerate(rows[1:], 2)
+        if any(cell.strip() for cell in row)
+    ]
+    if not points:
+        raise CableError(f"{path} has no line of data below its header.")
+    times, torques = np.array(points).T
+    if (late := np.flatnonzero(np.diff(times) <= 0.0)).size:
+        raise CableError(
+            f"{path}, column time_s: {times[late[0] + 1]:g} s must be after the "
+            f"{times[late[0]]:g} s of the line before."
+        )
+    return Course(times, torques)
+
+
+def _value(
+    path: Path, line: int, row: list[str], header: list[str], name: str
+) -> float:
+    place = header.index(name)
+    text = row[place].strip() if place < len(row) else ""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise CableError(
+            f"{path}, line {line}, column {name}: {text!r} must be a finite number."
+        )
+    return value

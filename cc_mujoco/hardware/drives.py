@@ -1,0 +1,76 @@
+"""What a controller knows of a rig: the drive of its scene, at the loop's period."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from cc_mujoco.assets import SCENES, scene_path
+from cc_mujoco.control import CableDrive, Drive
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.errors import CableError
+
+
+def drive_of(scene: str, folder: Path, period: float, torque: float) -> Drive:
+    """The drive of a scene.
+
+    Args:
+        scene: Name of a device or of the bench, or a file such as a diagnosis takes.
+        folder: That a file is relative to.
+        period: Of the loop [s].
+        torque: Limit of the motor's, either way [Nm].
+
+    Returns:
+        The drive, readings a period late and without tension sensors.
+
+    Raises:
+        CableError: There is no such scene, or it is not one that has such a drive.
+    """
+    if scene in DEVICES:
+        import gymnasium
+
+        identity = DEVICES[scene].environment
+        env = gymnasium.make(identity, disable_env_checker=True)
+        inner: Any = env.unwrapped
+        drive: Drive = inner.exo.device.drive(period)
+        env.close()
+    else:
+        path = scene_path(scene) if scene in SCENES else folder / scene
+        if not path.is_file():
+            raise CableError.unknown("scene", scene, SCENES)
+        drive = _of_bench(path, period)
+    return dataclasses.replace(
+        drive, low=-torque, high=torque, period=period, sensors=(), delay=1
+    )
+
+
+def _of_bench(path: Path, period: float) -> Drive:
+    """That of a scene with one cable or a pair on pulleys."""
+    import mujoco
+
+    bench = Bench.of(path)
+    if bench.lever is not None:
+        raise CableError(
+            f"scene {path}: its cable pulls a lever; give the name of the device, or a "
+            "scene whose cables run on pulleys."
+        )
+    model = mujoco.MjModel.from_xml_path(str(path))
+    motor = int(model.joint(bench.motor).dofadr[0])
+    # The agonist's displacements fall where motor and joint turn positive.
+    sides = (-1.0, 1.0)[: len(bench.cables)]
+    cables = tuple(
+        CableDrive(cable, side * bench.motor_radius, side * bench.joint_radius)
+        for cable, side in zip(bench.cables, sides, strict=True)
+    )
+    return Drive(
+        bench.joint_radius / bench.motor_radius,
+        -1.0,
+        1.0,
+        period,
+        one_way=len(cables) == 1,
+        cable_drives=(cables,),
+        inertia=float(model.dof_M0[motor]),
+        damping=float(model.dof_damping[motor]),
+    )

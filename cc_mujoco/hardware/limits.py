@@ -1,0 +1,128 @@
+"""What is never exceeded: the limiter that stands last before the motor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from cc_mujoco.checks import parameter
+from cc_mujoco.errors import CableError
+
+SLOWEST, FASTEST = 1.0 / 500.0, 1.0 / 2000.0
+"""Periods of a loop [s]."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How far a run may go; beyond what is measured it is stopped."""
+
+    torque: float
+    """Of the motor, either way [Nm]."""
+    torque_rate: float
+    """Of the motor's torque [Nm/s]."""
+    motor_speed: float
+    """[rad/s]"""
+    joint_range: tuple[float, float]
+    """Least and greatest angle [rad]."""
+    joint_torque: float = math.inf
+    """That the transmission puts into the joint, either way [Nm]."""
+    soft_start: float = 1.0
+    """Time over which the share of the controller grows from 0 to 1 [s]."""
+    stop_time: float = 0.1
+    """Time in which the torque goes to zero after a stop [s]."""
+
+    def __post_init__(self) -> None:
+        """Refuse limits that cannot be."""
+        for name in ("torque", "torque_rate", "motor_speed"):
+            parameter(self, name, 1e-9, 1e9, "")
+        low, high = self.joint_range
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise CableError(
+                "Limits.joint_range must be two finite angles in rad, the lower first, "
+                f"not {self.joint_range!r}."
+            )
+        if not self.joint_torque > 0.0:
+            raise CableError(
+                f"Limits.joint_torque must be above 0 Nm, not {self.joint_torque!r}."
+            )
+        parameter(self, "soft_start", 0.0, 600.0, "s")
+        parameter(self, "stop_time", 0.0, 10.0, "s")
+
+    def stop_steps(self, period: float) -> int:
+        """Cycles in which the torque goes to zero.
+
+        Raises:
+            CableError: The torque's rate does not allow to be that fast.
+        """
+        steps = max(1, math.floor(self.stop_time / period + 1e-9))
+        if self.torque > self.torque_rate * period * steps * (1.0 + 1e-9):
+            least = self.torque / self.torque_rate
+            raise CableError(
+                f"stop_time = {self.stop_time:g} s is too short for a torque of "
+                f"{self.torque:g} Nm that may change by {self.torque_rate:g} Nm/s; it "
+                f"must be at least {math.ceil(least / period - 1e-9) * period:g} s."
+            )
+        return steps
+
+
+class Limiter:
+    """What a motor is asked for, by what a controller wishes.
+
+    However the wish, two torques in a row differ by at most rate times period, and none
+    is beyond the limit; it begins at zero. Time is counted in cycles, so a late loop
+    makes no larger steps.
+    """
+
+    def __init__(self, limits: Limits, period: float) -> None:
+        """Begin at zero torque.
+
+        Args:
+            limits: That are kept.
+            period: Between two torques [s].
+
+        Raises:
+            CableError: A stop cannot be as fast as is asked.
+        """
+        self._limit = limits.torque
+        self._most = limits.torque_rate * period
+        self._share = min(1.0, period / limits.soft_start) if limits.soft_start else 1.0
+        self._stop_steps = limits.stop_steps(period)
+        self._cycles = 0
+        self._down = 0.0
+        self.torque = 0.0
+        """The last that was given out [Nm]."""
+
+    @property
+    def share(self) -> float:
+        """Of the controller in the last torque, 1 after the soft start."""
+        return min(1.0, self._cycles * self._share)
+
+    def limited(self, wish: float) -> float:
+        """The next torque [Nm].
+
+        Args:
+            wish: Of the controller [Nm], finite.
+
+        Raises:
+            CableError: It is not.
+        """
+        if not math.isfinite(wish):
+            raise CableError(f"the controller asked for {wish!r} Nm.")
+        self._cycles += 1
+        self._down = 0.0
+        return self._towards(self.share * wish)
+
+    def stopping(self) -> float:
+        """The next torque on the way to zero [Nm], there after `stop_time`."""
+        if self._down == 0.0:
+            self._down = abs(self.torque) / self._stop_steps
+        left = abs(self.torque) - self._down
+        # What rounding leaves of the last step is no torque.
+        goal = left if left > 1e-9 * self._limit else 0.0
+        return self._towards(math.copysign(goal, self.torque))
+
+    def _towards(self, goal: float) -> float:
+        within = min(max(goal, -self._limit), self._limit)
+        low, high = self.torque - self._most, self.torque + self._most
+        self.torque = min(max(within, low), high)
+        return self.torque

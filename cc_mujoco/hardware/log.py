@@ -1,0 +1,124 @@
+"""What a run leaves: its rows as they come, and a page on how it went.
+
+`log.csv` grows block by block, each written whole, so that a killed process loses no
+more than the last block. Its columns are those of an episode log
+(`cc_mujoco.recording.columns`) as far as a rig has them, so it is data for
+`cc-mujoco diagnose`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cc_mujoco import files
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware.packet import Readings
+
+LOG, ABOUT = "log.csv", "run.json"
+COLUMNS = (
+    "time_s",
+    "motor_angle_rad",
+    "motor_velocity_rad_s",
+    "motor_torque_nm",
+    "joint_angle_rad",
+    "joint_velocity_rad_s",
+    "joint_torque_nm",
+    "desired_torque_nm",
+    "command_torque_nm",
+    "controller_torque_nm",
+    "late_s",
+    "work_s",
+    "cycle",
+)
+"""Of every row: time by the rig's clock; what it measured; `motor_torque_nm`, the
+torque that it had been told by then; that of the task; the one that it was told in this
+cycle; the one that the controller wished (nan where it was not asked); how late the
+cycle began and how long it took until the command was out; the number of the cycle."""
+BLOCK = 0.1
+"""Length of a block [s]."""
+
+
+def require_free(folder: str | os.PathLike[str]) -> None:
+    """Find out, before a rig is touched, whether a run may be written to a folder.
+
+    Raises:
+        CableError: It cannot be written, or has a run's files: other than results of
+            a computation, measured data cannot be made again.
+    """
+    files.require_ours(folder, (), lambda _: True)
+    for name in (LOG, ABOUT):
+        if os.path.lexists(Path(folder, name)):
+            raise CableError(
+                f"{folder} holds {name}; measured data are never replaced, name "
+                "another folder to write to."
+            )
+
+
+class Log:
+    """The rows of a run, and what it was."""
+
+    def __init__(
+        self, folder: str | os.PathLike[str], about: Mapping[str, Any], rows: int
+    ) -> None:
+        """Begin both files.
+
+        Args:
+            folder: Where; made if need be.
+            about: What was asked for, as JSON.
+            rows: Of a block.
+
+        Raises:
+            CableError: As `require_free`.
+        """
+        require_free(folder)
+        self._folder = Path(folder)
+        self._about = dict(about)
+        self._rows = rows
+        self._block: list[str] = []
+        self._start: float | None = None
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._tell({"outcome": "running, or killed"})
+        # Unbuffered: what is written is the system's, not this process's.
+        self._file = open(self._folder / LOG, "xb", buffering=0)
+        self._file.write((",".join(COLUMNS) + "\n").encode())
+
+    def row(self, seen: Readings, before: float, *others: float) -> None:
+        """Add a row.
+
+        Args:
+            seen: The reading of this cycle.
+            before: Torque that the motor had been told by then [Nm].
+            others: The columns from `desired_torque_nm` on.
+        """
+        if self._start is None:
+            self._start = seen.time
+        _, angle, velocity, *joint, _ = seen
+        row = (seen.time - self._start, angle, velocity, before, *joint, *others)
+        self._block.append(",".join(repr(float(value)) for value in row))
+        if len(self._block) >= self._rows:
+            self._flush()
+
+    def close(self, outcome: Mapping[str, Any]) -> None:
+        """End both files.
+
+        Args:
+            outcome: How it went, as JSON.
+        """
+        if self._block:
+            self._flush()
+        self._file.close()
+        self._tell(outcome)
+
+    def _flush(self) -> None:
+        data = ("\n".join(self._block) + "\n").encode()
+        self._block.clear()
+        self._file.write(data)
+
+    def _tell(self, outcome: Mapping[str, Any]) -> None:
+        text = json.dumps({**self._about, **outcome}, indent=1)
+        with files.replacing(self._folder / ABOUT) as partial:
+            partial.write_text(text + "\n", encoding="utf-8")

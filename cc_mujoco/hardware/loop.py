@@ -1,0 +1,292 @@
+"""The loop: read, check, control, limit, write; at absolute times.
+
+    outcome = Loop(rig, law, desired, settings, clock=SystemClock(), ...).run(10.0)
+
+Whatever ends a run, the torque goes to zero on a ramp and the rig is told so. The clock
+and the rig are given, so a test runs it in simulated time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.control import Controller
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware.clock import Clock
+from cc_mujoco.hardware.desired import Desired
+from cc_mujoco.hardware.limits import Limiter, Limits
+from cc_mujoco.hardware.packet import Readings
+from cc_mujoco.hardware.rig import Rig
+from cc_mujoco.hardware.watch import Watch, Watchdog
+
+CONNECT_TIME = 3.0
+"""How long a rig may take until its first reading [s]."""
+ZEROS = 5
+"""Cycles at zero torque after the ramp of a stop."""
+WARM_UP = 20
+"""Calls of a controller before the first cycle; the first load what is compiled."""
+
+
+class Ending(Exception):
+    """Why a run ends, in one sentence, and the exit code that says so."""
+
+    def __init__(self, sentence: str, code: int = 3) -> None:
+        """Keep both.
+
+        Args:
+            sentence: Why.
+            code: Of the process; 3 says that something was amiss.
+        """
+        super().__init__(sentence)
+        self.code = code
+
+
+class Rows(Protocol):
+    """What takes the rows of a run; `Log` is one."""
+
+    def row(self, seen: Readings, before: float, *others: float) -> None:
+        """See `Log.row`."""
+
+
+class Times:
+    """How often what lasted how long: bins of a microsecond, up to 20 ms."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._bins: NDArray[np.int64] = np.zeros(20_001, dtype=np.int64)
+        self.longest = 0.0
+        """[s]"""
+
+    def add(self, time: float) -> None:
+        """Count a time [s]."""
+        self.longest = max(self.longest, time)
+        self._bins[min(max(int(time * 1e6), 0), 20_000)] += 1
+
+    def quantile(self, share: float) -> float:
+        """The time that this share does not exceed [s], to a microsecond; 0 of none."""
+        total = np.cumsum(self._bins)
+        if not total[-1]:
+            return 0.0
+        return float(np.searchsorted(total, math.ceil(share * total[-1])) + 1) * 1e-6
+
+    def told(self) -> dict[str, float]:
+        """Median, quantiles and longest [us]."""
+        found = {f"p{p:g}_us": self.quantile(p / 100) * 1e6 for p in (50, 99, 99.9)}
+        return {k: round(v, 1) for k, v in found.items()} | {
+            "longest_us": round(self.longest * 1e6, 1)
+        }
+
+
+@dataclass
+class Outcome:
+    """How a run went."""
+
+    sentence: str = ""
+    """Why it ended."""
+    code: int = 0
+    """Exit code: 0 the time was over, 3 something was amiss, 128 + number a signal."""
+    cycles: int = 0
+    """That the controller had a say in."""
+    missed: int = 0
+    """Cycles that were skipped because the host was late."""
+    without_reading: int = 0
+    """Cycles in which no new reading came."""
+    ignored: Counter[str] = field(default_factory=Counter)
+    """Packets that were not used, by why."""
+    late: Times = field(default_factory=Times)
+    """How late cycles began."""
+    work: Times = field(default_factory=Times)
+    """From there until the command was out."""
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON."""
+        return {
+            "outcome": self.sentence,
+            "exit_code": self.code,
+            "cycles": self.cycles,
+            "missed_cycles": self.missed,
+            "cycles_without_reading": self.without_reading,
+            "ignored_packets": dict(self.ignored),
+            "late": self.late.told(),
+            "work": self.work.told(),
+        }
+
+
+class Loop:
+    """One run of a rig."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        law: Controller,
+        desired: Desired,
+        limits: Limits,
+        watchdog: Watchdog,
+        *,
+        clock: Clock,
+        log: Rows,
+        stop: Callable[[], Ending | None] = lambda: None,
+    ) -> None:
+        """Prepare; nothing is sent yet.
+
+        Args:
+            rig: What is driven.
+            law: The controller; the period is that of its drive.
+            desired: Torque at the joint.
+            limits: That are kept.
+            watchdog: How long something may be amiss.
+            clock: That the cycles follow.
+            log: Takes the rows.
+            stop: Asked twice a cycle whether to end, and why.
+
+        Raises:
+            CableError: A stop cannot be as fast as is asked.
+        """
+        self._rig, self._law, self._desired = rig, law, desired
+        self._clock, self._log, self._stop = clock, log, stop
+        self._period = law.drive.period
+        self._limiter = Limiter(limits, self._period)
+        self._watch = Watch(limits, watchdog, law.drive.ratio)
+        self._limits = limits
+        self._deadline = 0.0
+        self._late = 0.0
+        self._seen: Readings | None = None
+        self.outcome = Outcome()
+
+    def run(self, duration: float) -> Outcome:
+        """Run for this time [s], or until something ends it; the rig is closed then."""
+        try:
+            try:
+                self._connect()
+                cycles = max(1, round(duration / self._period))
+                while self.outcome.cycles + self.outcome.missed < cycles:
+                    self._cycle()
+                raise Ending(f"the {duration:g} s are over.", 0)
+            except Ending as ending:
+                self._end(ending)
+            except Exception as error:  # of the rig's class, or of a full disk
+                self._end(Ending(f"{type(error).__name__}: {error}"))
+        finally:
+            # Also after what should not happen: zero torque is said first of all.
+            self._rig.close()
+        self.outcome.ignored = Counter(getattr(self._rig, "ignored", ()))
+        return self.outcome
+
+    def _connect(self) -> None:
+        """Ask with zero torque until the rig answers; load what is compiled."""
+        end = self._clock.now() + CONNECT_TIME
+        self._deadline = self._clock.now()
+        while self._seen is None:
+            if self._clock.now() > end:
+                raise Ending(f"the rig gave no reading in {CONNECT_TIME:g} s.")
+            self._asked_to_stop()
+            self._rig.write(0.0)
+            self._deadline += self._period
+            self._clock.wait(self._deadline)
+            self._seen = self._rig.read()
+        self._check(self._watch.reading(self._seen, 0.0))
+        for _ in range(WARM_UP):
+            self._controlled(0.0, self._seen)
+        self._law.reset()
+        # The warm-up takes its time, and what was read before it is old.
+        self._deadline = self._clock.now()
+
+    def _cycle(self) -> None:
+        outcome = self.outcome
+        self._next()
+        began = self._clock.now()
+        fresh = self._rig.read()
+        outcome.without_reading += fresh is None
+        before = self._limiter.torque
+        self._asked_to_stop()
+        self._check(self._watch.reading(fresh, before))
+        self._seen = seen = fresh or self._seen
+        assert seen is not None  # `_connect` waited for one
+        time = (outcome.cycles + outcome.missed) * self._period
+        desired, wish = self._controlled(time, seen)
+        # Whatever came while the controller was at work: a stop always wins.
+        self._asked_to_stop()
+        torque = self._limiter.limited(wish)
+        self._rig.write(torque)
+        work = self._clock.now() - began
+        outcome.cycles += 1
+        outcome.work.add(work)
+        if fresh is not None:
+            number = outcome.cycles + outcome.missed
+            late = self._late
+            self._log.row(seen, before, desired, torque, wish, late, work, number)
+
+    def _end(self, ending: Ending) -> None:
+        """Take the torque to zero, then say zero; nothing can end this early."""
+        self.outcome.sentence, self.outcome.code = str(ending), ending.code
+        nan = math.nan
+        left = ZEROS
+        while left:
+            left -= self._limiter.torque == 0.0
+            self._next(stopping=True)
+            before = self._limiter.torque
+            torque = self._limiter.stopping()
+            self._rig.write(torque)
+            fresh = self._rig.read()
+            if fresh is not None and all(map(math.isfinite, fresh[:6])):
+                number = self.outcome.cycles + self.outcome.missed
+                with contextlib.suppress(OSError):  # a full disk is no reason to stay
+                    self._log.row(
+                        fresh, before, nan, torque, nan, self._late, 0.0, number
+                    )
+
+    def _next(self, stopping: bool = False) -> None:
+        """Wait for the next deadline; skip those that are past."""
+        self._deadline += self._period
+        self._clock.wait(self._deadline)
+        self._late = self._clock.now() - self._deadline
+        missed = max(0, int(self._late / self._period))
+        self._deadline += missed * self._period
+        if stopping:
+            return
+        self.outcome.late.add(self._late)
+        self.outcome.missed += missed
+        self._check(self._watch.deadline(missed))
+
+    def _controlled(self, time: float, seen: Readings) -> tuple[float, float]:
+        """Desired torque at the joint and the wish of the controller [Nm]."""
+        try:
+            desired = self._desired.torque(time, seen)
+            wish = float(
+                self._law.torque(
+                    {
+                        "motor_angle_rad": seen.motor_angle,
+                        "motor_velocity_rad_s": seen.motor_velocity,
+                        "joint_angle_rad": seen.joint_angle,
+                        "joint_velocity_rad_s": seen.joint_velocity,
+                        "joint_torque_nm": seen.joint_torque,
+                        "desired_torque_nm": desired,
+                        # No rig measures a gait: it stands at its beginning.
+                        "phase_sine": 0.0,
+                        "phase_cosine": 1.0,
+                    }
+                )
+            )
+        except Exception as error:
+            kind = "" if isinstance(error, CableError) else f"{type(error).__name__}: "
+            raise Ending(f"the controller failed: {kind}{error}") from error
+        if not math.isfinite(wish):
+            raise Ending(f"the controller asked for {wish} Nm.")
+        return desired, wish
+
+    def _asked_to_stop(self) -> None:
+        if (ending := self._stop()) is not None:
+            raise ending
+
+    @staticmethod
+    def _check(sentence: str | None) -> None:
+        if sentence is not None:
+            raise Ending(sentence)

@@ -1,0 +1,124 @@
+"""The two packets between host and rig: fixed, little endian, with a checksum.
+
+    reading (rig to host), 64 bytes:  `<4s H H I Q 5d I`
+    command (host to rig), 32 bytes:  `<4s H H I Q d I`
+
+magic, version, status, sequence number, time stamp of the rig [ns], values, CRC-32 (of
+zlib) of all bytes before it; nothing lies between the fields. The table with offsets is
+in the room's README.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from enum import IntFlag
+from typing import NamedTuple
+
+READING_MAGIC, COMMAND_MAGIC = b"CCMR", b"CCMC"
+VERSION = 1
+_READING = struct.Struct("<4sHHIQ5d")
+_COMMAND = struct.Struct("<4sHHIQd")
+_SUM = struct.Struct("<I")
+READING_SIZE = _READING.size + _SUM.size
+COMMAND_SIZE = _COMMAND.size + _SUM.size
+TURN = 1 << 32
+"""Sequence numbers begin again after this many."""
+
+
+class Status(IntFlag):
+    """Bits that both packets have; those unknown are ignored."""
+
+    NONE = 0
+    ENABLED = 1
+    """Of a command: its torque is to be applied. Of a reading: it is."""
+    STOPPED = 2
+    """Of a command: the run is over. Of a reading: the rig was stopped by hand."""
+    FAULT = 4
+    """Of a reading: the rig has found an error of its own."""
+
+
+class Readings(NamedTuple):
+    """What a rig measured at one time; signs are those of the measured data."""
+
+    time: float
+    """Of the rig's own clock [s]; only differences matter."""
+    motor_angle: float
+    """[rad]"""
+    motor_velocity: float
+    """[rad/s]"""
+    joint_angle: float
+    """[rad]"""
+    joint_velocity: float
+    """[rad/s]"""
+    joint_torque: float
+    """That the transmission puts into the joint [Nm]."""
+    status: Status = Status.NONE
+
+
+class Command(NamedTuple):
+    """What the host asks of a rig."""
+
+    sequence: int
+    echo: int
+    """Time stamp of the newest reading that the host had [ns]; 0 before any."""
+    torque: float
+    """Of the motor [Nm]."""
+    status: Status
+
+
+class Packet(NamedTuple):
+    """A reading with what only its packet has."""
+
+    sequence: int
+    stamp: int
+    """[ns]"""
+    readings: Readings
+
+
+def reading(sequence: int, stamp: int, values: Readings) -> bytes:
+    """The packet of a reading; `Readings.time` gives way to the time stamp [ns]."""
+    status = int(values.status)
+    head = (READING_MAGIC, VERSION, status, sequence % TURN, stamp)
+    return _summed(_READING.pack(*head, *values[1:6]))
+
+
+def command(given: Command) -> bytes:
+    """The packet of a command."""
+    head = (COMMAND_MAGIC, VERSION, int(given.status), given.sequence % TURN)
+    return _summed(_COMMAND.pack(*head, given.echo, given.torque))
+
+
+def read_reading(data: bytes) -> Packet | None:
+    """The reading in a packet; None if it is not whole or not of this version."""
+    if not _whole(data, READING_SIZE, READING_MAGIC):
+        return None
+    _, _, status, sequence, stamp, *values = _READING.unpack_from(data)
+    readings = Readings(stamp * 1e-9, *values)._replace(status=Status(status & 7))
+    return Packet(sequence, stamp, readings)
+
+
+def read_command(data: bytes) -> Command | None:
+    """The command in a packet; None if it is not whole or not of this version."""
+    if not _whole(data, COMMAND_SIZE, COMMAND_MAGIC):
+        return None
+    _, _, status, sequence, echo, torque = _COMMAND.unpack_from(data)
+    return Command(sequence, echo, torque, Status(status & 7))
+
+
+def is_newer(sequence: int, than: int) -> bool:
+    """Whether a sequence number comes after another, across the turn."""
+    return 0 < (sequence - than) % TURN < TURN // 2
+
+
+def _summed(data: bytes) -> bytes:
+    return data + _SUM.pack(zlib.crc32(data))
+
+
+def _whole(data: bytes, size: int, magic: bytes) -> bool:
+    if len(data) != size or data[:4] != magic:
+        return False
+    if int.from_bytes(data[4:6], "little") != VERSION:
+        return False
+    (told,) = _SUM.unpack_from(data, size - 4)
+    return bool(told == zlib.crc32(data[:-4]))

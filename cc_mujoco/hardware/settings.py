@@ -1,0 +1,239 @@
+"""`rig.toml`: the rig, its limits and what it is to do.
+
+scene = "bench"                 # that the controller knows: a name or an MJCF file
+period = 0.002                  # s, 0.0005 to 0.002
+
+[rig]
+address = "192.168.7.2:5005"    # of a rig behind UDP; or a class of your own:
+# class = "my_rig:Rig"          # made with the other keys of this table
+
+[limits]                        # the first four must be given
+torque = 2.0                    # Nm, of the motor
+torque_rate = 40.0              # Nm/s
+motor_speed = 30.0              # rad/s
+joint_range = [-1.0, 1.0]       # rad
+joint_torque = 8.0              # Nm; no limit unless given
+soft_start = 1.0                # s
+stop_time = 0.1                 # s
+
+[watchdog]                      # cycles in a row, see `Watchdog`
+missed_readings = 10
+missed_deadlines = 10
+frozen_readings = 20
+frozen_torque = 0.2             # of the torque's limit
+frozen_angle = 0.2              # rad
+
+[task]                          # desired torque at the joint, one of
+torque = 0.5                    # Nm, constant
+# csv = "torque.csv"            # columns time_s and torque_nm, linear between
+# name = "spring"               # of the joint's motion, as in `cc-mujoco play`
+# trajectory = "sine"           # its course in time, of this amplitude
+# amplitude = 0.5               # Nm
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import math
+import os
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from cc_mujoco.diagnosis.data.toml_table import Table, finite
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware.desired import (
+    Desired,
+    Virtual,
+    constant,
+    from_csv,
+    from_trajectory,
+)
+from cc_mujoco.hardware.limits import FASTEST, SLOWEST, Limits
+from cc_mujoco.hardware.rig import Rig, UdpRig
+from cc_mujoco.hardware.watch import Watchdog
+
+Kind = TypeVar("Kind", Limits, Watchdog)
+
+_TASKS = ("torque", "csv", "name", "trajectory")
+_REQUIRED = ("torque", "torque_rate", "motor_speed", "joint_range")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The contents of a `rig.toml`."""
+
+    path: Path
+    scene: str
+    """Name of a scene, or the file of one."""
+    period: float
+    """Of the loop [s]."""
+    rig: Table
+    """The table `[rig]`."""
+    limits: Limits
+    watchdog: Watchdog
+    task: Table
+    """The table `[task]`."""
+
+    def connect(self) -> Rig:
+        """Make the rig that `[rig]` names.
+
+        Raises:
+            CableError: It cannot be made.
+        """
+        if name := self.rig.text("class"):
+            return _own(self.rig, name)
+        host, _, port = (self.rig.text("address") or "").rpartition(":")
+        return UdpRig(host.strip("[]"), int(port))
+
+    def desired(self, duration: float) -> Desired:
+        """Make the desired torque that `[task]` names.
+
+        Args:
+            duration: Of the run [s].
+
+        Raises:
+            CableError: It cannot be made.
+        """
+        table = self.task
+        if (torque := table.number("torque")) is not None:
+            return constant(torque)
+        if (file := table.text("csv")) is not None:
+            return from_csv(self.path.parent / file)
+        try:
+            if (name := table.text("name")) is not None:
+                return Virtual.named(name)
+            shape = table.text("trajectory") or ""
+            return from_trajectory(shape, table.number("amplitude") or 0.0, duration)
+        except CableError as error:
+            raise CableError(f"{table.where}: {error}") from None
+
+
+def read_settings(path: str | Path) -> Settings:
+    """Read a `rig.toml`.
+
+    Raises:
+        CableError: It cannot be read, lacks a key, or has one or a value that cannot
+            be; says where.
+    """
+    path = Path(path)
+    try:
+        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise CableError(f"cannot read {path}: {error.strerror}.") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise CableError(f"{path} is not a TOML file: {error}.") from None
+    top = Table(str(path), content)
+    top.only("scene", "period", "rig", "limits", "watchdog", "task")
+    scene = _needed(top, "scene", top.text("scene"))
+    period = _needed(top, "period", top.number("period"))
+    if not FASTEST * (1 - 1e-9) <= period <= SLOWEST * (1 + 1e-9):
+        raise top.wrong("period", f"{FASTEST:g} to {SLOWEST:g} s (500 Hz to 2 kHz)")
+    limits = _limits(top.table("limits"))
+    try:
+        limits.stop_steps(period)
+    except CableError as error:
+        raise CableError(f"{path}, [limits]: {error}") from None
+    dog = top.table("watchdog")
+    return Settings(
+        path,
+        scene,
+        period,
+        _rig(top.table("rig")),
+        limits,
+        _made(Watchdog, dog, _numbers(dog, Watchdog)),
+        _task(top.table("task")),
+    )
+
+
+def _limits(table: Table) -> Limits:
+    for key in _REQUIRED:
+        _needed(table, key, table.content.get(key))
+    pair = table.content["joint_range"]
+    ends = [finite(end) for end in pair] if isinstance(pair, list) else []
+    if len(ends) != 2 or None in ends:
+        raise table.wrong("joint_range", "two angles in rad, [least, greatest]")
+    given = _numbers(table, Limits, "joint_range")
+    return _made(Limits, table, {**given, "joint_range": tuple(ends)})
+
+
+def _rig(table: Table) -> Table:
+    own, address = table.text("class"), table.text("address")
+    if (own is None) == (address is None):
+        raise CableError(f"{table.where} needs either `address` or `class`.")
+    if address is not None:
+        table.only("address")
+        host, _, port = address.rpartition(":")
+        if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+            raise table.wrong("address", 'HOST:PORT, such as "192.168.7.2:5005"')
+    return table
+
+
+def _task(table: Table) -> Table:
+    table.only(*_TASKS, "amplitude")
+    given = [key for key in _TASKS if key in table.content]
+    if len(given) != 1:
+        raise CableError(f"{table.where} needs one of {', '.join(_TASKS)}.")
+    if ("amplitude" in table.content) != (given == ["trajectory"]):
+        raise CableError(
+            f"{table.where}: `amplitude`, in Nm, belongs to `trajectory` and to "
+            "nothing else."
+        )
+    return table
+
+
+def _needed(table: Table, key: str, value: Any) -> Any:
+    if value is None:
+        raise CableError(f"{table.where} needs `{key}`.")
+    return value
+
+
+def _numbers(table: Table, kind: type, *others: str) -> dict[str, float]:
+    """The numbers of a table whose keys are the fields of a dataclass."""
+    names = [field.name for field in dataclasses.fields(kind)]
+    table.only(*names)
+    found = {}
+    for name in names:
+        if name in others or (value := table.number(name)) is None:
+            continue
+        found[name] = value
+        if isinstance(getattr(kind, name, None), int):
+            if value != math.floor(value):
+                raise table.wrong(name, "a whole number of cycles")
+            found[name] = int(value)
+    return found
+
+
+def _made(kind: type[Kind], table: Table, given: dict[str, Any]) -> Kind:
+    try:
+        return kind(**given)
+    except CableError as error:
+        raise CableError(f"{table.where}: {error}") from None
+
+
+def _own(table: Table, name: str) -> Rig:
+    """A rig of a class that is importable or lies in the current folder."""
+    place, _, attribute = name.partition(":")
+    here = os.getcwd()
+    sys.path.insert(0, here)
+    others = {key: value for key, value in table.content.items() if key != "class"}
+    try:
+        made = getattr(importlib.import_module(place), attribute)(**others)
+    except CableError:
+        raise
+    except Exception as error:
+        raise CableError(
+            f"{table.where}, class {name!r} cannot be made: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    finally:
+        sys.path.remove(here)
+    if not isinstance(made, Rig):
+        raise CableError(
+            f"{table.where}, class {name!r} makes no rig; it needs read(), "
+            "write(torque) and close()."
+        )
+    return made

@@ -1,0 +1,158 @@
+"""What stops a run: sensors that are lost, impossible or frozen, and lost time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from cc_mujoco.checks import parameter
+from cc_mujoco.hardware.limits import Limits
+from cc_mujoco.hardware.packet import Readings, Status
+
+
+@dataclass(frozen=True)
+class Watchdog:
+    """How long something may be amiss, in cycles in a row."""
+
+    missed_readings: int = 10
+    """Cycles without a new reading."""
+    missed_deadlines: int = 10
+    """Cycles that were skipped because the host was late."""
+    frozen_readings: int = 20
+    """Equal readings while the motor is asked for different torques."""
+    frozen_torque: float = 0.2
+    """How different, of the torque's limit [-]."""
+    frozen_angle: float = 0.2
+    """How far one encoder may turn, at the joint, while the other has not changed by a
+    bit [rad]: more than play, stretch and slack of the cables."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        for name in ("missed_readings", "missed_deadlines", "frozen_readings"):
+            parameter(self, name, 1, 1e6, "cycles")
+        parameter(self, "frozen_torque", 1e-6, 2.0, "of the torque's limit")
+        parameter(self, "frozen_angle", 1e-6, 1e3, "rad")
+
+
+class Watch:
+    """Looks at every cycle; what it returns is why to stop, in one sentence."""
+
+    def __init__(self, limits: Limits, watchdog: Watchdog, ratio: float) -> None:
+        """Begin with the first cycle.
+
+        Args:
+            limits: Of what is measured.
+            watchdog: How long something may be amiss.
+            ratio: Motor angle per joint angle of an unstretched cable, signed.
+        """
+        self._limits, self._dog, self._ratio = limits, watchdog, ratio
+        self._late = 0
+        self._without = 0
+        self._last: Readings | None = None
+        self._equal = 0
+        self._asked = (0.0, 0.0)
+        self._still = [0, 0]
+        self._held = [0.0, 0.0]
+
+    def deadline(self, missed: int) -> str | None:
+        """Look at the time.
+
+        Args:
+            missed: Cycles skipped before this one.
+        """
+        self._late = self._late + missed if missed else 0
+        if self._late < self._dog.missed_deadlines:
+            return None
+        return f"the host was late: {self._late} cycles in a row were missed."
+
+    def reading(self, found: Readings | None, torque: float) -> str | None:
+        """Look at the sensors.
+
+        Args:
+            found: The new reading, None if there is none.
+            torque: The last that the motor was asked for [Nm].
+        """
+        if found is None:
+            self._without += 1
+            if self._without < self._dog.missed_readings:
+                return None
+            return f"the rig is silent: no new reading in {self._without} cycles."
+        self._without = 0
+        return (
+            self._of_rig(found)
+            or self._impossible(found)
+            or self._frozen(found, torque)
+        )
+
+    def _of_rig(self, found: Readings) -> str | None:
+        if found.status & Status.FAULT:
+            return "the rig reports a fault."
+        if found.status & Status.STOPPED:
+            return "the rig was stopped at its own side."
+        return None
+
+    def _impossible(self, found: Readings) -> str | None:
+        limits = self._limits
+        for name in Readings._fields[:6]:
+            value = getattr(found, name)
+            if not math.isfinite(value):
+                return f"the reading of {name} is {value!r}, no finite number."
+        low, high = limits.joint_range
+        if not low <= found.joint_angle <= high:
+            return (
+                f"the joint is at {found.joint_angle:.4g} rad, outside its range of "
+                f"{low:g} to {high:g} rad."
+            )
+        for name, unit, limit in (
+            ("motor_velocity", "rad/s", limits.motor_speed),
+            ("joint_torque", "Nm", limits.joint_torque),
+        ):
+            value = getattr(found, name)
+            if abs(value) > limit:
+                return f"{name} is {value:.4g} {unit}, beyond its limit of {limit:g}."
+        return None
+
+    def _frozen(self, found: Readings, torque: float) -> str | None:
+        last, self._last = self._last, found
+        if last is None:
+            self._held = [found.motor_angle, found.joint_angle]
+            return None
+        if found[1:6] == last[1:6]:
+            self._equal += 1
+            self._asked = min(self._asked[0], torque), max(self._asked[1], torque)
+        else:
+            self._equal, self._asked = 0, (torque, torque)
+        apart = self._asked[1] - self._asked[0]
+        dog = self._dog
+        if (
+            self._equal >= dog.frozen_readings
+            and apart >= dog.frozen_torque * self._limits.torque
+        ):
+            return (
+                f"the sensors are frozen: {self._equal} equal readings while the "
+                f"torque changed by {apart:.3g} Nm."
+            )
+        return self._one_frozen(found, last)
+
+    def _one_frozen(self, found: Readings, last: Readings) -> str | None:
+        """Whether one encoder stands still while the other goes on."""
+        now = found.motor_angle, found.joint_angle
+        before = last.motor_angle, last.joint_angle
+        for one, scale in ((0, 1.0), (1, 1.0 / self._ratio)):
+            other = 1 - one
+            if now[one] != before[one]:
+                # From here on is counted how far the other one turns.
+                self._still[one], self._held[other] = 0, now[other]
+                continue
+            self._still[one] += 1
+            turned = abs((now[other] - self._held[other]) * scale)
+            if (
+                self._still[one] >= self._dog.frozen_readings
+                and turned > self._dog.frozen_angle
+            ):
+                names = ("motor", "joint")
+                return (
+                    f"the encoder of the {names[one]} is frozen: that of the "
+                    f"{names[other]} turned by {turned:.3g} rad at the joint."
+                )
+        return None

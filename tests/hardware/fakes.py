@@ -1,0 +1,132 @@
+"""A rig, a clock and a list of rows for loops in simulated time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from cc_mujoco.control import Controller, Drive, controller
+from cc_mujoco.control.external import External
+from cc_mujoco.hardware import Ending, Limits, Loop, Outcome, Readings, Watchdog
+from cc_mujoco.hardware.desired import Desired, constant
+
+PERIOD = 0.002
+LIMITS = Limits(
+    torque=2.0,
+    torque_rate=40.0,
+    motor_speed=30.0,
+    joint_range=(-1.0, 1.0),
+    soft_start=0.1,
+    stop_time=0.05,
+)
+RATIO = 2.0
+
+
+class SimulatedClock:
+    """Time that passes only while the loop waits, or is told to."""
+
+    def __init__(self) -> None:
+        self.time = 100.0
+        self.before: Callable[[], None] = lambda: None
+
+    def now(self) -> float:
+        return self.time
+
+    def wait(self, deadline: float) -> None:
+        self.time = max(self.time, deadline)
+        self.before()
+
+
+@dataclass
+class FakeRig:
+    """A motor with inertia and a joint that follows it; faults by a function."""
+
+    clock: SimulatedClock
+    fault: Callable[[int, Readings], Readings | None] = lambda count, seen: seen
+    """Of the number of the reading and the reading; None loses it."""
+    written: list[float] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    reads: int = 0
+    closed: int = 0
+    angle: float = 0.0
+    velocity: float = 0.0
+
+    def read(self) -> Readings | None:
+        self.reads += 1
+        torque = self.written[-1] if self.written else 0.0
+        self.velocity += PERIOD * (torque - 5.0 * self.angle - 0.2 * self.velocity)
+        self.angle += PERIOD * self.velocity
+        # The last digits of a torque sensor are never at rest.
+        noise = 1e-4 * math.sin(7.0 * self.reads)
+        turned = self.angle / RATIO
+        seen = Readings(
+            self.clock.now(),
+            self.angle,
+            self.velocity,
+            turned,
+            self.velocity / RATIO,
+            RATIO * torque + noise,
+        )
+        return self.fault(self.reads, seen)
+
+    def write(self, torque: float) -> None:
+        self.written.append(torque)
+        self.times.append(self.clock.now())
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+@dataclass
+class Rows:
+    """Keeps what a log would write."""
+
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+
+    def row(self, seen: Readings, before: float, *others: float) -> None:
+        self.rows.append((*seen[:6], before, *others))
+
+
+def drive(period: float = PERIOD) -> Drive:
+    return Drive(RATIO, -LIMITS.torque, LIMITS.torque, period)
+
+
+def law_of(torque: Callable[[dict[str, float]], object]) -> Controller:
+    return External(drive(), lambda _: torque)
+
+
+@dataclass
+class Played:
+    """A loop that has run in simulated time."""
+
+    outcome: Outcome
+    rig: FakeRig
+    rows: Rows
+
+
+def play(
+    law: Controller | None = None,
+    *,
+    fault: Callable[[int, Readings], Readings | None] = lambda _, seen: seen,
+    limits: Limits = LIMITS,
+    watchdog: Watchdog = Watchdog(),  # noqa: B008
+    desired: Desired | None = None,
+    duration: float = 0.5,
+    before: Callable[[SimulatedClock], None] = lambda clock: None,
+    stop: Callable[[], Ending | None] = lambda: None,
+) -> Played:
+    clock = SimulatedClock()
+    clock.before = lambda: before(clock)
+    rig, rows = FakeRig(clock, fault), Rows()
+    loop = Loop(
+        rig,
+        law or controller("none", drive()),
+        desired or constant(2.0),
+        limits,
+        watchdog,
+        clock=clock,
+        log=rows,
+        stop=stop,
+    )
+    return Played(loop.run(duration), rig, rows)

@@ -1,0 +1,113 @@
+"""A rig at the other end of loopback UDP, in a thread; it can spoil what it sends."""
+
+from __future__ import annotations
+
+import math
+import random
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from types import TracebackType
+
+from cc_mujoco.hardware import Readings, Status, packet
+from cc_mujoco.hardware.packet import Command
+
+
+@dataclass
+class Peer:
+    """Answers every command with a reading; at rest but for its last digits."""
+
+    spoil: Callable[[int, bytes], Iterable[bytes]] = lambda count, data: [data]
+    """Of the number of the reading and its packet: what is sent instead."""
+    commands: list[Command] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    corrupt: int = 0
+
+    def __post_init__(self) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.settimeout(0.05)
+        self.port = self.socket.getsockname()[1]
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+
+    def __enter__(self) -> Peer:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._over.set()
+        self._thread.join()
+        self.socket.close()
+
+    @property
+    def torques(self) -> list[float]:
+        return [command.torque for command in self.commands]
+
+    def stopped(self) -> bool:
+        return bool(self.commands) and bool(self.commands[-1].status & Status.STOPPED)
+
+    def kill(self) -> None:
+        """As if the machine were gone."""
+        self._over.set()
+
+    def _serve(self) -> None:
+        draw = random.Random(0)
+        count = 0
+        while not self._over.is_set():
+            try:
+                data, host = self.socket.recvfrom(1024)
+            except TimeoutError:
+                continue
+            command = packet.read_command(data)
+            if command is None:
+                self.corrupt += 1
+                continue
+            self.commands.append(command)
+            self.times.append(time.perf_counter())
+            count += 1
+            noise = [1e-4 * draw.gauss(0.0, 1.0) for _ in range(5)]
+            sent = packet.reading(
+                count, time.perf_counter_ns(), Readings(0.0, *noise, Status.ENABLED)
+            )
+            for each in self.spoil(count, sent):
+                self.socket.sendto(each, host)
+
+
+def toml(port: int, task: str = "torque = 0.5", watchdog: str = "") -> str:
+    """A `rig.toml` that a busy machine can follow."""
+    return f"""
+scene = "bench"
+period = 0.002
+
+[rig]
+address = "127.0.0.1:{port}"
+
+[limits]
+torque = 1.0
+torque_rate = 20.0
+motor_speed = 30.0
+joint_range = [-1.0, 1.0]
+soft_start = 0.05
+stop_time = 0.05
+
+[watchdog]
+missed_readings = 500
+missed_deadlines = 500
+{watchdog}
+
+[task]
+{task}
+"""
+
+
+def sine(_: object) -> Callable[[dict[str, float]], float]:
+    """A controller for `module:function`."""
+    return lambda seen: math.sin(100.0 * seen["motor_angle_rad"])

@@ -1,0 +1,179 @@
+"""`cc-mujoco run` as a process of its own: what it leaves, and what ends it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cc_mujoco import cli
+from cc_mujoco.diagnosis.intake import load
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware import Log, Readings, listening, require_free
+from cc_mujoco.hardware.log import COLUMNS
+from cc_mujoco.hardware.stops import SIGNALS
+from cc_mujoco.recording.columns import DEVICE
+from hardware.peers import Peer, toml
+
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
+WORDS = [sys.executable, "-m", "cc_mujoco.cli"]
+
+
+def words(folder: Path, port: int, duration: float, **options: str) -> list[str]:
+    (folder / "rig.toml").write_text(toml(port, **options), encoding="utf-8")
+    where = ["--rig", str(folder / "rig.toml"), "--out", str(folder / "out")]
+    return ["run", *where, "--controller", "pi", "--duration", str(duration)]
+
+
+def rows(path: Path) -> list[dict[str, float]]:
+    with path.open(newline="") as file:
+        return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+
+
+def about(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "out" / "run.json").read_text())
+    return found
+
+
+def started(peer: Peer, process: subprocess.Popen[str], count: int) -> None:
+    """Wait until the rig got so many commands."""
+    end = time.monotonic() + 60.0
+    while len(peer.commands) < count:
+        assert process.poll() is None and time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_run_leaves_its_log_and_how_it_went(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Peer() as peer:
+        assert cli.main(words(tmp_path, peer.port, 0.3)) == 0
+    said = capsys.readouterr().out
+    assert "cycles of 2 ms" in said and "the 0.3 s are over." in said
+    found = rows(tmp_path / "out" / "log.csv")
+    assert tuple(found[0]) == COLUMNS
+    assert all(np.diff([row["time_s"] for row in found]) > 0.0)
+    commands = [row["command_torque_nm"] for row in found]
+    assert max(commands) > 0.1
+    assert set(commands) <= set(peer.torques)  # what was written, bit for bit
+    told = about(tmp_path)
+    assert told["outcome"] == "the 0.3 s are over." and told["exit_code"] == 0
+    assert told["controller"] == "pi" and 'scene = "bench"' in told["rig"]
+    assert told["cycles"] + told["missed_cycles"] == pytest.approx(150, abs=1)
+    assert peer.stopped()
+
+
+def test_the_columns_are_those_of_an_episode_and_data_for_a_diagnosis(
+    tmp_path: Path,
+) -> None:
+    assert {name for name in COLUMNS[:8]} <= {column.name for column in DEVICE}
+    log = Log(tmp_path / "out", {}, 50)
+    for k in range(1000):
+        turn = 0.3 * np.sin(0.02 * k)
+        seen = Readings(5.0 + 0.002 * k, turn, 0.0, turn - 1e-3, 0.0, 0.5 * turn)
+        log.row(seen, 0.6 * turn, *[0.0] * 6)
+    log.close({})
+    dataset, _ = load([tmp_path / "out" / "log.csv"])
+    (trial,) = dataset.trials
+    assert len(trial.time) == 1000 and trial.time[0] == 0.0
+
+
+def test_measured_data_are_never_replaced(tmp_path: Path) -> None:
+    Log(tmp_path / "out", {}, 1).close({})
+    with pytest.raises(CableError, match="measured data are never replaced"):
+        require_free(tmp_path / "out")
+    with pytest.raises(CableError, match="measured data are never replaced"):
+        Log(tmp_path / "out", {}, 1)
+    assert cli.main(words(tmp_path, 9, 0.3)) == 2
+
+
+def test_a_log_survives_the_death_of_the_host(tmp_path: Path) -> None:
+    with Peer() as peer:
+        process = subprocess.Popen(
+            [*WORDS, *words(tmp_path, peer.port, 60.0)], env=ENVIRONMENT, text=True
+        )
+        started(peer, process, 200)
+        process.kill()
+        assert process.wait() == -signal.SIGKILL
+        sent = len(peer.commands)
+    assert not peer.stopped()
+    found = rows(tmp_path / "out" / "log.csv")
+    # All but the last block of 50 and what came before the first cycle.
+    assert sent >= len(found) >= 100
+    assert all(len(row) == len(COLUMNS) and None not in row for row in found)
+    assert about(tmp_path)["outcome"] == "running, or killed"
+
+
+def test_an_interruption_takes_the_torque_to_zero(tmp_path: Path) -> None:
+    number = signal.SIGINT
+    with Peer() as peer:
+        process = subprocess.Popen(
+            [*WORDS, *words(tmp_path, peer.port, 60.0)],
+            env=ENVIRONMENT,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        started(peer, process, 100)
+        process.send_signal(number)
+        process.send_signal(number)  # a second one changes nothing
+        _, said = process.communicate(timeout=60.0)
+    assert process.returncode == 128 + number
+    assert said == f"cc-mujoco: stopped by {number.name}.\n"
+    assert peer.stopped() and not any(peer.torques[-14:])
+    steps = np.abs(np.diff(peer.torques))
+    assert steps.max() <= 20.0 * 0.002 + 1e-12
+    assert max(peer.torques) > 0.05
+    assert about(tmp_path)["exit_code"] == 128 + number
+
+
+def test_a_lost_rig_is_exit_code_3(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Peer(lambda count, data: [data] if count < 50 else []) as peer:
+        given = words(tmp_path, peer.port, 5.0)
+        (tmp_path / "rig.toml").write_text(
+            toml(peer.port).replace("missed_readings = 500", "missed_readings = 25")
+        )
+        with pytest.raises(SystemExit) as stop:
+            cli.main(given)
+    assert stop.value.code == 3
+    assert capsys.readouterr().err == (
+        "cc-mujoco: the rig is silent: no new reading in 25 cycles.\n"
+    )
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_the_first_signal_counts_and_handlers_come_back(number: int) -> None:
+    before = [signal.getsignal(each) for each in SIGNALS]
+    with listening() as stop:
+        assert stop() is None
+        signal.raise_signal(number)
+        signal.raise_signal(SIGNALS[0])
+        ending = stop()
+        assert ending is not None and ending is stop()
+    assert ending.code == 128 + number
+    assert signal.Signals(number).name in str(ending)
+    assert [signal.getsignal(each) for each in SIGNALS] == before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no such terminal")
+def test_the_return_key_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    keyboard, terminal = os.openpty()
+    with os.fdopen(terminal) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        with listening() as stop:
+            assert stop() is None
+            os.write(keyboard, b"\n")
+            ending = stop()
+        assert ending is not None and (ending.code, ending is stop()) == (3, True)
+        assert str(ending) == "stopped by the return key."
+    os.close(keyboard)

@@ -181,7 +181,11 @@ class Loop:
         return self.outcome
 
     def _connect(self) -> None:
-        """Ask with zero torque until the rig answers; load what is compiled."""
+        """Load what is compiled; then ask with zero torque until the rig answers."""
+        # First, since a rig that has been heard must not wait for its next command.
+        for _ in range(WARM_UP):
+            self._controlled(0.0, Readings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        self._law.reset()
         end = self._clock.now() + CONNECT_TIME
         self._deadline = self._clock.now()
         while self._seen is None:
@@ -193,11 +197,6 @@ class Loop:
             self._clock.wait(self._deadline)
             self._seen = self._rig.read()
         self._check(self._watch.reading(self._seen, 0.0))
-        for _ in range(WARM_UP):
-            self._controlled(0.0, self._seen)
-        self._law.reset()
-        # The warm-up takes its time, and what was read before it is old.
-        self._deadline = self._clock.now()
 
     def _cycle(self) -> None:
         outcome = self.outcome

@@ -53,7 +53,8 @@ class Readings(NamedTuple):
     """[rad/s]"""
     joint_torque: float
     """That the transmission puts into the joint [Nm]."""
-    status: Status = Status.NONE
+    status: Status | None = None
+    """None of a rig that tells none."""
 
 
 class Command(NamedTuple):
@@ -78,7 +79,7 @@ class Packet(NamedTuple):
 
 def reading(sequence: int, stamp: int, values: Readings) -> bytes:
     """The packet of a reading; `Readings.time` gives way to the time stamp [ns]."""
-    status = int(values.status)
+    status = int(values.status or Status.NONE)
     head = (READING_MAGIC, VERSION, status, sequence % TURN, stamp)
     return _summed(_READING.pack(*head, *values[1:6]))
 

@@ -48,6 +48,8 @@ class Watch:
         self._limits, self._dog, self._ratio = limits, watchdog, ratio
         self._late = 0
         self._without = 0
+        self._enabled = False
+        self._disabled = 0
         self._last: Readings | None = None
         self._equal = 0
         self._asked = (0.0, 0.0)
@@ -85,11 +87,22 @@ class Watch:
         )
 
     def _of_rig(self, found: Readings) -> str | None:
-        if found.status & Status.FAULT:
+        status = found.status
+        if status is None:
+            return None
+        if status & Status.FAULT:
             return "the rig reports a fault."
-        if found.status & Status.STOPPED:
+        if status & Status.STOPPED:
             return "the rig was stopped at its own side."
-        return None
+        if status & Status.ENABLED:
+            self._enabled = True
+            return None
+        if self._enabled:
+            return "the rig has disabled its motor; did its own watchdog end?"
+        self._disabled += 1
+        if self._disabled < self._dog.missed_readings:
+            return None
+        return f"the rig does not enable its motor: {self._disabled} readings say so."
 
     def _impossible(self, found: Readings) -> str | None:
         limits = self._limits

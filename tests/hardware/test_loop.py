@@ -14,7 +14,16 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Ending, Limiter, Limits, Readings, Status, Watchdog
 from cc_mujoco.hardware.desired import constant
 from cc_mujoco.sensing import MEASURED
-from hardware.fakes import LIMITS, PERIOD, FakeRig, Played, SimulatedClock, law_of, play
+from hardware.fakes import (
+    LIMITS,
+    PERIOD,
+    FakeRig,
+    Played,
+    Rows,
+    SimulatedClock,
+    law_of,
+    play,
+)
 
 STEP = LIMITS.torque_rate * PERIOD
 ROUNDING = 1e-12
@@ -310,3 +319,27 @@ def test_controllers_get_what_is_measured() -> None:
     assert [seen[-1][name] for name in names] == list(last[1:4])
     assert seen[-1]["desired_torque_nm"] == 2.0
     assert set(seen[-1]) == set(MEASURED)
+
+
+def test_a_rig_that_takes_the_torque_away_ends_the_run() -> None:
+    on, off = Status.ENABLED, Status.NONE
+    played = play(fault=lambda k, s: s._replace(status=on if 5 < k < 100 else off))
+    require_stopped(played, "the rig has disabled its motor")
+    assert played.outcome.cycles == 98
+
+
+def test_a_rig_that_never_gives_torque_ends_the_run() -> None:
+    played = play(fault=lambda k, seen: seen._replace(status=Status.NONE))
+    require_stopped(played, "does not enable its motor: 10 readings")
+
+
+def test_a_log_that_cannot_be_written_ends_the_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def row(rows: Rows, seen: Readings, *others: float) -> None:
+        rows.rows.append(seen[:6])
+        if len(rows.rows) >= 100:
+            raise OSError("no space left on device")
+
+    monkeypatch.setattr(Rows, "row", row)
+    require_stopped(play(), "no space left on device")

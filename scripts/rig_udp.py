@@ -1,0 +1,202 @@
+"""Play a rig in real time, in a process of its own, for `cc-mujoco run`.
+
+    python scripts/rig_udp.py --port 5005 --effect viscous_friction --amount 200
+
+The bench of `scripts/diagnosis_study/rig`, of the make with guides: cables in
+equilibrium at every step, a rotor, a joint with inertia, and a hand that holds it by a
+spring and a damper and swings it. It answers with a reading at every record (500 Hz),
+encoders and torque sensor with steps and noise as of the study's logger, and has the
+watchdog that the packet asks of a rig: no command for 50 ms, no torque.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
+
+from cc_mujoco.hardware import Readings, Status, packet
+from rig import make_rig
+from rig.dataset import truth_of
+from rig.guides.cables import start
+from rig.guides.live import advance
+from rig.makes import MAKES
+from rig.sensors import CHANNELS
+
+Array = NDArray[np.float64]
+
+PERIOD = 0.002
+STEP = 2e-4
+SILENCE = 0.05
+"""Time without a command after which there is no torque [s]."""
+HAND = (10.0, 0.3)
+"""Stiffness [Nm/rad] and damping [Nm s/rad] of the hand."""
+
+
+class Instruments:
+    """Encoders in steps, velocities from their differences, a noisy torque sensor."""
+
+    def __init__(self, seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+        self._last: list[float] = []
+        self._speeds = [0.0, 0.0]
+
+    def _read(self, name: str, value: float) -> float:
+        channel = CHANNELS[name]
+        noisy = value + channel.noise * self._random.standard_normal()
+        return float(channel.resolution * round(noisy / channel.resolution))
+
+    def readings(self, state: Array, torque: float, status: Status) -> Readings:
+        """What they show."""
+        angles = [
+            self._read("motor_angle", state[0]),
+            self._read("joint_angle", state[2]),
+        ]
+        share = -math.expm1(-2.0 * math.pi * 50.0 * PERIOD)  # a low-pass of 50 Hz
+        for k, (now, before) in enumerate(
+            zip(angles, self._last or angles, strict=True)
+        ):
+            self._speeds[k] += share * ((now - before) / PERIOD - self._speeds[k])
+        self._last = angles
+        motor, joint = self._speeds
+        felt = self._read("joint_torque", torque)
+        return Readings(0.0, angles[0], motor, angles[1], joint, felt, status)
+
+
+class Bench:
+    """The rig and its cables."""
+
+    def __init__(self, effects: dict[str, float], seed: int) -> None:
+        rig = make_rig(seed, make="guides")
+        self.plant = truth_of(rig, effects, seed).plant
+        if self.plant.detent or self.plant.play or self.plant.offcentre:
+            raise SystemExit("this rig has no detent, play or pulley off its middle")
+        self.pretension = rig.pretension
+        self.cables = start(self.plant, rig.pretension, (0.0, 0.0))
+        self.state = np.zeros(4)
+        self.ends = np.full(4, rig.pretension)
+
+    def advance(self, torque: float, swing: float, rate: float) -> None:
+        """Go on by a period."""
+        hand = np.array([*HAND, swing, rate])
+        steps = round(PERIOD / STEP)
+        advance(
+            self.plant, self.cables, self.pretension, self.state, self.ends, torque,
+            hand, steps, STEP,
+        )  # fmt: skip
+
+    @property
+    def joint_torque(self) -> float:
+        """That the cables put into the joint [Nm]."""
+        return float(self.plant.joint_radius * (self.ends[2] - self.ends[3]))
+
+
+class Host:
+    """Whom the rig obeys: what it owes as to watchdog, sequence and enabling."""
+
+    def __init__(self) -> None:
+        self.address: tuple[str, int] | None = None
+        """Where readings go."""
+        self.enabled = False
+        self.torque = 0.0
+        self._sequence: int | None = None
+        self._heard = -math.inf
+
+    def take(self, data: bytes, sender: tuple[str, int], now: float) -> None:
+        """Take a packet; a new host begins with a command that is not enabled."""
+        command = packet.read_command(data)
+        if command is None:
+            return
+        begins = self._sequence is None
+        if begins and command.status != Status.NONE:
+            return
+        if not begins and not packet.is_newer(command.sequence, self._sequence):
+            return
+        self._sequence, self._heard, self.address = command.sequence, now, sender
+        self.enabled = bool(command.status & Status.ENABLED)
+        self.torque = command.torque if self.enabled else 0.0
+        if command.status & Status.STOPPED:
+            self._let_go()
+            self.address = None
+
+    def watch(self, now: float) -> None:
+        """Take the torque away from a host that is silent."""
+        if now - self._heard > SILENCE:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        self.enabled, self.torque, self._sequence = False, 0.0, None
+
+
+def serve(
+    link: socket.socket, bench: Bench, seed: int, swing: float, swing_period: float
+) -> None:
+    """Play until the process is told to end."""
+    instruments, host = Instruments(seed), Host()
+    pace = 2.0 * math.pi / swing_period
+    count, late = 0, 0
+    begin = time.perf_counter()
+    while True:
+        deadline = begin + count * PERIOD
+        while (now := time.perf_counter()) < deadline:
+            time.sleep(max(deadline - now - 1e-4, 0.0))
+        late += now > deadline + PERIOD
+        had = host.address
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                host.take(*link.recvfrom(1024), now)
+        if had is not None and host.address is None:
+            print(f"told to stop; {late} of {count} periods late", flush=True)
+        host.watch(now)
+        time_ = count * PERIOD
+        size = swing * min(1.0, time_)
+        along = pace * time_
+        bench.advance(
+            host.torque, size * math.sin(along), size * pace * math.cos(along)
+        )
+        count += 1
+        status = Status.ENABLED if host.enabled else Status.NONE
+        seen = instruments.readings(bench.state, bench.joint_torque, status)
+        if host.address is not None:
+            stamp = round(count * PERIOD * 1e9)
+            link.sendto(packet.reading(count, stamp, seen), host.address)
+
+
+def _ended(number: int, _: FrameType | None) -> None:
+    raise SystemExit(0)
+
+
+def main() -> None:
+    """Play the rig that is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--port", type=int, default=5005)
+    parser.add_argument("--effect", choices=sorted(MAKES["guides"].effects))
+    parser.add_argument("--amount", type=float, default=0.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--swing", type=float, default=0.3, help="of the hand [rad]")
+    parser.add_argument("--swing-period", type=float, default=2.0, help="[s]")
+    given = parser.parse_args()
+    bench = Bench({given.effect: given.amount} if given.effect else {}, given.seed)
+    bench.advance(0.0, 0.0, 0.0)  # compiles
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _ended)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", given.port))
+        link.setblocking(False)
+        print(f"a rig is at 127.0.0.1:{given.port}", flush=True)
+        serve(link, bench, given.seed, given.swing, given.swing_period)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""The rig that plays in real time obeys statics, and its instruments tell of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from rig_udp import HAND, SILENCE, Bench, Host, Instruments
+
+from cc_mujoco.hardware import Status, packet
+from cc_mujoco.hardware.packet import Command
+
+
+def held(torque: float, seconds: float = 1.5) -> Bench:
+    """A bench whose motor was turned on slowly while a hand holds the joint."""
+    bench = Bench({}, seed=1)
+    steps = round(seconds / 0.002)
+    for k in range(steps):
+        bench.advance(torque * min(1.0, 2.0 * k / steps), 0.0, 0.0)
+    return bench
+
+
+@pytest.mark.parametrize("torque", [3.5, -3.5])
+def test_a_held_joint_gets_what_friction_leaves(torque: float) -> None:
+    bench = held(torque)
+    plant, felt = bench.plant, bench.joint_torque
+    assert np.abs(bench.state[[1, 3]]).max() < 1e-3  # at rest
+    near = plant.motor_radius * (bench.ends[0] - bench.ends[1])
+    assert near == pytest.approx(torque, rel=1e-3)
+    assert felt == pytest.approx(HAND[0] * bench.state[2], rel=1e-3)
+    assert 0.0 < felt / torque < 1.0
+    # Capstan equation of cables that slid all along: one tighter at the motor.
+    mine, other = (0, 1) if torque > 0.0 else (1, 0)
+    wraps = plant.friction * plant.bend.sum(axis=1)
+    assert bench.ends[mine] / bench.ends[2 + mine] == pytest.approx(
+        math.exp(wraps[mine]), rel=0.02
+    )
+    assert bench.ends[2 + other] / bench.ends[other] == pytest.approx(
+        math.exp(wraps[other]), rel=0.02
+    )
+
+
+def test_a_torque_below_friction_does_not_reach_the_joint() -> None:
+    assert abs(held(0.5).joint_torque) < 0.02
+
+
+def test_instruments_tell_the_speed_of_a_turning_motor() -> None:
+    instruments = Instruments(0)
+    for k in range(200):
+        state = np.array([2.0 * 0.002 * k, 2.0, -1.0 * 0.002 * k, -1.0])
+        seen = instruments.readings(state, 1.0, Status.ENABLED)
+    assert seen.motor_velocity == pytest.approx(2.0, abs=0.2)
+    assert seen.joint_velocity == pytest.approx(-1.0, abs=0.6)
+    assert seen.joint_torque == pytest.approx(1.0, abs=0.2)
+
+
+ADDRESS = ("127.0.0.1", 5)
+
+
+def taken(host: Host, *commands: tuple[int, float, Status], now: float) -> float:
+    for sequence, torque, status in commands:
+        data = packet.command(Command(sequence, 0, torque, status))
+        host.take(data, ADDRESS, now)
+    host.watch(now)
+    return host.torque
+
+
+def test_a_rig_does_what_the_page_says_that_it_owes() -> None:
+    on, none = Status.ENABLED, Status.NONE
+    host = Host()
+    assert taken(host, (5, 1.0, on), now=0.0) == 0.0  # left over from another run
+    assert host.address is None
+    assert taken(host, (1, 0.0, none), (2, 1.0, on), now=0.1) == 1.0
+    assert host.enabled and host.address == ADDRESS
+    assert taken(host, (2, 2.0, on), (1, 2.0, on), now=0.1) == 1.0
+    host.take(b"CCMC", ADDRESS, 0.1)
+    assert taken(host, now=0.1 + 0.9 * SILENCE) == 1.0
+    assert taken(host, now=0.1 + 1.1 * SILENCE) == 0.0
+    assert taken(host, (3, 1.0, on), now=0.2) == 0.0 and not host.enabled
+    assert taken(host, (1, 0.0, none), (2, 0.5, on), now=0.2) == 0.5
+    assert taken(host, (3, 0.5, Status.STOPPED), (2, 0.5, on), now=0.2) == 0.0
+    assert host.address is None

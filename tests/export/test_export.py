@@ -392,7 +392,7 @@ def test_objects_for_other_machines_need_c_alone(
     assert {name for name in needed if not name.startswith("__aeabi_")} <= FROM_C
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("target", "prefix", "emulator", "scene", "name"),
     [

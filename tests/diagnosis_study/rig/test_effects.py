@@ -87,6 +87,7 @@ def one_trial(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(strength.LOOKED_AT, "ramps", (5,))
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("one_trial")
 def test_calibration_reaches_the_strength_asked_for() -> None:
     rig = make_rig(11)

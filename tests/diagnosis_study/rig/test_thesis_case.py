@@ -24,7 +24,7 @@ TRIALS, SECONDS = 5, 2.5
 """Enough of the rich trials to tell the two from one."""
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_one_of_both_comes_first_and_both_are_found(
     tmp_path: Path,
     shortened: Callable[[Trial, float], Trial],

@@ -68,7 +68,8 @@ def test_a_run_leaves_its_log_and_how_it_went(
     told = about(tmp_path)
     assert told["outcome"] == "the 0.3 s are over." and told["exit_code"] == 0
     assert told["controller"] == "pi" and 'scene = "bench"' in told["rig"]
-    assert told["cycles"] + told["missed_cycles"] == pytest.approx(150, abs=1)
+    # More where the machine was busy when the time was over.
+    assert told["cycles"] + told["missed_cycles"] >= 149
     assert peer.stopped()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -61,6 +62,12 @@ class WhatIf:
     """What makes a design good, once each, also min:METRIC or max:METRIC."""
     subject_to: Annotated[Names, tyro.conf.arg(metavar="METRIC>=NUMBER")] = ()
     """A limit that a good design keeps, also METRIC<=NUMBER; once each."""
+    across: Annotated[Names, tyro.conf.arg(metavar="NAME=VALUES")] = ()
+    """Judge designs over cases: values of a variable, or of wearer, the wearer's
+    impedance times the scene's; once per name, every combination is a case."""
+    rank: Name = None
+    """What a metric is of those in the cases: worst, p90 or mean; worst unless given.
+    Limits hold in every case."""
     optimise: Annotated[int | None, in_words("INT")] = None
     """Search for the best with so many designs; VALUES may then be low:high[:log]."""
     around: Flag = False
@@ -130,7 +137,10 @@ class WhatIf:
             "seed": self.seed,
             "timestep": self.timestep,
             "metrics": self.metric,
+            "across": _pairs("across", "NAME", self.across),
+            "rank": self.rank,
         }
+        vary = _pairs("vary", "VARIABLE", self.vary)
         if self.optimise is not None:
             if self.designs is not None or self.sampling != "grid" or self.samples:
                 raise CableError(
@@ -138,21 +148,22 @@ class WhatIf:
                     "--designs nor --sampling nor --samples."
                 )
             return make_search(
-                self.scene, self._vary(), self.objective, self.subject_to, **trial
+                self.scene, vary, self.objective, self.subject_to, **trial
             )
         plan = make_plan(
             self.scene,
-            self._vary(),
+            vary,
             self.designs,
             sampling=self.sampling,
             samples=self.samples,
+            goals=read_objectives(self.objective),
             **trial,
         )
         measured = plan.protocol.metrics
         return (
             plan,
             read_objectives(self.objective, measured),
-            read_limits(self.subject_to, measured),
+            read_limits(self.subject_to, measured, plan.protocol.across.several),
         )
 
     def _carried_out(
@@ -204,13 +215,15 @@ class WhatIf:
 
         return around(plan, table, objectives, limits, run)
 
-    def _vary(self) -> dict[str, str]:
-        found: dict[str, str] = {}
-        for text in self.vary:
-            name, equals, values = text.partition("=")
-            if not equals or not name or not values:
-                raise CableError(f"--vary {text!r} must be VARIABLE=VALUES.")
-            if name in found:
-                raise CableError(f"--vary gives {name!r} twice.")
-            found[name] = values
-        return found
+
+def _pairs(option: str, what: str, texts: Iterable[str]) -> dict[str, str]:
+    """Names and their values, as an option gives them."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, values = text.partition("=")
+        if not equals or not name or not values:
+            raise CableError(f"--{option} {text!r} must be {what}=VALUES.")
+        if name in found:
+            raise CableError(f"--{option} gives {name!r} twice.")
+        found[name] = values
+    return found

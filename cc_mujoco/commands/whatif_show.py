@@ -21,6 +21,9 @@ class WhatIfShow:
     """Folder of the study, as `cc-mujoco whatif` wrote it."""
     row: Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="ROW")]
     """Number of the design, column `design` of the table."""
+    case: Annotated[int | None, in_words("INT")] = None
+    """Of a study across several: which, from 0; the worst by its first metric unless
+    given."""
     out: Annotated[Path | None, in_words("DIR")] = None
     """Folder for the results; STUDY/design-ROW unless given."""
 
@@ -31,8 +34,9 @@ class WhatIfShow:
         """Play and write; print a table and how to open the recording."""
         from cc_mujoco.recording import write_episode
         from cc_mujoco.recording.episode import require_ours
+        from cc_mujoco.whatif.across import about as about_name
         from cc_mujoco.whatif.metrics import METRICS
-        from cc_mujoco.whatif.show import read_row, show
+        from cc_mujoco.whatif.show import case_of, read_row, show
         from cc_mujoco.whatif.store import read_study
         from cc_mujoco.whatif.variables import VARIABLES
 
@@ -42,18 +46,21 @@ class WhatIfShow:
             float(about["protocol"]["duration"]),
             read_row(self.folder, self.row),
         )
+        played = case_of(self.folder, self.row, self.case)
         require_ours(out)
         if self.video:
             from cc_mujoco.recording.video import require_video
 
             require_video()
         with bar(duration) as progress:
-            log, model = show(self.folder, self.row, progress)
+            log, model = show(self.folder, self.row, progress, self.case)
         with bar(duration if self.video else 0.0, "video") as progress:
             write_episode(out, log, model, video=self.video, progress=progress)
         for name in about["variables"]:
             unit = VARIABLES[name.rpartition(".")[2]].unit
             print(_line(name, row[name], unit))
+        for name, value in played.items():
+            print(_line(f"case: {name}", value, about_name(name).unit))
         # Those of the table: the episode's own have some names in common with them.
         for name in about["protocol"]["metrics"]:
             print(_line(name, row[name], METRICS[name].unit))

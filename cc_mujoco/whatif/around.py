@@ -22,6 +22,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.whatif.across import Across
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import Range
 from cc_mujoco.whatif.evaluate import Design
@@ -131,8 +132,10 @@ def around(
         return None
     base = plan.designs[best]
     builder = Builder(plan.protocol.scene, plan.protocol.timestep)
+    check = plan.protocol.across.check
     sides = {
-        name: _sides(builder, plan.ranges[name], base, name) for name in plan.varied
+        name: _sides(plan.protocol.across, builder, plan.ranges[name], base, name)
+        for name in plan.varied
     }
     tried = [base, *(d for pair in sides.values() for d in pair if d is not None)]
     if len(tried) == 1:
@@ -149,7 +152,7 @@ def around(
     proposed: list[tuple[Price, Design]] = []
     for price in prices:
         try:
-            proposed.append((price, builder.check(price.design)))
+            proposed.append((price, check(builder, price.design)))
         except CableError:  # promised by slopes alone, and impossible
             continue
     there: list[Mapping[str, object]] = []
@@ -168,7 +171,8 @@ def around(
 
 
 def _plan(plan: Plan, builder: Builder, designs: Sequence[Design]) -> Plan:
-    layouts = {i: builder.layout(design) for i, design in enumerate(designs)}
+    across = plan.protocol.across
+    layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
     return dataclasses.replace(
         plan,
         designs=tuple(designs),
@@ -194,7 +198,7 @@ def _moved(values: Range, value: Value, by: float) -> Value:
 
 
 def _sides(
-    builder: Builder, values: Range, base: Design, name: str
+    across: Across, builder: Builder, values: Range, base: Design, name: str
 ) -> tuple[Design | None, Design | None]:
     """The best design with a variable less and more; None where that cannot be."""
     here = base[name]
@@ -211,7 +215,7 @@ def _sides(
     for value in (less, more):
         try:
             same = math.isclose(float(value), float(here), rel_tol=1e-9)
-            found.append(None if same else builder.check({**base, name: value}))
+            found.append(None if same else across.check(builder, {**base, name: value}))
         except CableError:
             found.append(None)
     return found[0], found[1]
@@ -285,8 +289,8 @@ class _Program:
         for limit in self._limits:
             sign = -1.0 if limit.least else 1.0
             bound = relax(limit).bound if limit is relaxed else limit.bound
-            rows.append(sign * self._row(limit.name))
-            left = sign * (bound - _number(self._centre[limit.name]))
+            rows.append(sign * self._row(limit.column))
+            left = sign * (bound - _number(self._centre[limit.column]))
             room.append(max(left, 0.0))
         for other in self._objectives:
             if other is not goal:
@@ -360,7 +364,7 @@ def _checked(
 def _measured(
     objectives: Sequence[Objective], limits: Sequence[Limit]
 ) -> tuple[str, ...]:
-    names = [*(goal.name for goal in objectives), *(limit.name for limit in limits)]
+    names = [*(goal.name for goal in objectives), *(limit.column for limit in limits)]
     return tuple(dict.fromkeys(names))
 
 

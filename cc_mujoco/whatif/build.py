@@ -22,6 +22,7 @@ from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.human import Wearer
 from cc_mujoco.transmission.parameters import BENDS, KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif.bare import strip
 from cc_mujoco.whatif.variables import Value, read_design
@@ -98,6 +99,12 @@ class Builder:
             for name in self.cables
         }
         return {n: given * (d / self.device.diameter) ** 2 for n, d in thick.items()}
+
+    def wearer(self, factor: float) -> Wearer:
+        """The wearer of the scene, so many times as stiff and as damped."""
+        actuator = self.spec.actuator("wearer")
+        stiffness, damping = float(actuator.gainprm[0]), -float(actuator.biasprm[2])
+        return Wearer(factor * stiffness, factor * damping)
 
     def check(self, design: Mapping[str, object]) -> dict[str, Value]:
         """Find out whether a design can be simulated.

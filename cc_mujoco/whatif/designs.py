@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.whatif.variables import Value, find
+from cc_mujoco.whatif.variables import Value, Variable, find
 
 Given = str | float | Sequence[object]
 """A range or values as text, one value, or several."""
@@ -50,18 +50,21 @@ class Range:
         return [float(value) for value in _between(self.ends, self.log, share)]
 
 
-def read_range(name: str, given: Given, cables: Iterable[str]) -> Range:
+def read_range(
+    name: str, given: Given, cables: Iterable[str], kind: Variable | None = None
+) -> Range:
     """Understand what a variable may be.
 
     Args:
         name: of the variable.
         given: range, values or text of them.
         cables: the cables of the scene.
+        kind: of variable; that of its name by default.
 
     Raises:
         CableError: an unknown name, or a range or value that cannot be.
     """
-    variable = find(name, cables)
+    variable = find(name, cables) if kind is None else kind
     if isinstance(given, str) and ":" in given and not variable.text:
         found = _read_ends(name, given)
         for value in (*found.levels, *(found.ends or ())):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,17 +15,21 @@ from cc_mujoco.control import controller
 from cc_mujoco.human import Wearer
 from cc_mujoco.identity import made_by
 from cc_mujoco.sensing import PERFECT
+from cc_mujoco.whatif.across import LEAST, WEARER, Case, plant
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.metrics import (
     CHOSEN_BY,
     METRICS,
     Row,
     Test,
+    by_case,
     by_controller,
     measure_backdrive,
     measure_backlash,
     measure_bandwidth,
     measure_episode,
+    numbers,
+    wants_high,
 )
 from cc_mujoco.whatif.protocol import (
     CHIRP_SHARE,
@@ -49,11 +53,13 @@ class Result(NamedTuple):
     """What became of one design."""
 
     metrics: dict[str, float]
-    """NaN where it cannot be had; those of `by_controller` besides."""
+    """All `numbers`; NaN where one cannot be had."""
     failed: str
     """Why it failed in simulation; empty where it did not."""
     controller: str = ""
     """The one that metrics are of; empty where the design failed."""
+    worst: tuple[str, ...] = ()
+    """The worst case of every metric; empty where there are none or it failed."""
 
 
 def evaluate(
@@ -71,11 +77,49 @@ def evaluate(
     Returns:
         One result per design, whatever becomes of the others. Of several controllers
         it is that with the least tracking error, the first of equals; one that fails
-        is out, and the design with it only where all do.
+        is out, and the design with it only where all do. Over several cases the
+        controller is one and the same: that whose tracking error over them is least,
+        of those that fail in none.
     """
     builder = Builder(protocol.scene, protocol.timestep)
+    cases = protocol.across.cases
+    tried = [
+        _tried(
+            protocol,
+            builder,
+            case,
+            designs,
+            _within(tick, n / len(cases), 1 / len(cases)),
+        )
+        for n, case in enumerate(cases)
+    ]
+    return [
+        _result(protocol, [case[index] for case in tried])
+        for index in range(len(designs))
+    ]
+
+
+class _Tried(NamedTuple):
+    """A design in one case, by controller: what was measured, and why it failed."""
+
+    rows: dict[str, dict[str, float]]
+    failed: dict[str, str]
+
+
+def _tried(
+    protocol: EpisodeProtocol,
+    builder: Builder,
+    case: Case,
+    designs: Sequence[Design],
+    tick: Tick,
+) -> list[_Tried]:
+    """Try designs in one case."""
+    designs = [{**design, **plant(case)} for design in designs]
     models = [builder.model(design) for design in designs]
-    tests = episodes(protocol, builder)
+    wearer = None
+    if WEARER.name in case:
+        wearer = builder.wearer(float(case[WEARER.name]))
+    tests = episodes(protocol, builder, wearer)
     laws = protocol.controllers
     found: list[dict[str, dict[str, float]]] = [{n: {} for n in laws} for _ in designs]
     failed: list[dict[str, str]] = [{} for _ in designs]
@@ -94,34 +138,54 @@ def evaluate(
             for name in of:
                 found[index][name] |= row
         done += episode.duration
-    pairs = zip(found, failed, strict=True)
-    return [_result(protocol, rows, why) for rows, why in pairs]
+    return [_Tried(*pair) for pair in zip(found, failed, strict=True)]
 
 
-def _result(
-    protocol: EpisodeProtocol,
-    rows: Mapping[str, Mapping[str, float]],
-    failed: Mapping[str, str],
-) -> Result:
-    """The result of a design, from those with each controller."""
-    columns = by_controller(protocol)
+def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> Result:
+    """The result of a design, from what became of it in each case."""
+    across = protocol.across
+    failed: dict[str, str] = {}
+    for case, one in zip(across.cases, tried, strict=True):
+        where = f"in case {across.label(case)}: " if across.several else ""
+        failed = {law: where + why for law, why in one.failed.items()} | failed
     good = [law for law in protocol.controllers if law not in failed]
     if not good:
-        none = dict.fromkeys((*protocol.metrics, *columns), math.nan)
+        none = dict.fromkeys(numbers(protocol), math.nan)
         return Result(none, failed[protocol.controllers[0]])
+
+    def each(name: str, law: str) -> list[float]:
+        return [one.rows[law].get(name, math.nan) for one in tried]
+
+    def over(name: str, law: str) -> float:
+        return across.of(each(name, law), wants_high(protocol, name))
+
     best = good[0]
     if len(protocol.controllers) > 1:
-        best = min(good, key=lambda law: rows[law][CHOSEN_BY])
-    metrics = {name: rows[best].get(name, math.nan) for name in protocol.metrics}
-    for column, (name, law) in columns.items():
-        metrics[column] = rows[law].get(name, math.nan) if law in good else math.nan
-    return Result(metrics, "", best)
+        best = min(good, key=lambda law: over(CHOSEN_BY, law))
+    metrics = {name: over(name, best) for name in protocol.metrics}
+    for column, (name, law) in by_controller(protocol).items():
+        metrics[column] = over(name, law) if law in good else math.nan
+    if not across.several:
+        return Result(metrics, "", best)
+    for column, name in by_case(protocol).items():
+        end = np.min if column.endswith(LEAST) else np.max
+        metrics[column] = float(end(each(name, best)))
+    worst = tuple(
+        across.worst(each(name, best), wants_high(protocol, name))
+        for name in protocol.metrics
+    )
+    return Result(metrics, "", best, worst)
 
 
 def episodes(
-    protocol: EpisodeProtocol, builder: Builder
+    protocol: EpisodeProtocol, builder: Builder, wearer: Wearer | None = None
 ) -> list[tuple[Test, str, Episode]]:
     """What has to be played for the metrics of a protocol.
+
+    Args:
+        protocol: how designs are tried.
+        builder: of the scene.
+        wearer: who moves the joint; that of the scene by default.
 
     Returns:
         Test, name of the controller, episode; no name where the test is of the
@@ -138,6 +202,7 @@ def episodes(
         protocol.frame_skip,
         protocol.seed,
         None,
+        wearer,
     )
     needed = {METRICS[name].test for name in protocol.metrics}
     found: list[tuple[Test, str, Episode]] = []

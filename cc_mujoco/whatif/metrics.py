@@ -19,6 +19,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.recording.columns import DRIVEN, RATIO
 from cc_mujoco.recording.metrics import EFFICIENCY, Samples, efficiency, wound
 from cc_mujoco.recording.signals import loop_width
+from cc_mujoco.whatif.across import LEAST, MOST
 from cc_mujoco.whatif.protocol import CHIRP_HIGH, CHIRP_LOW, SWINGS, EpisodeProtocol
 from cc_mujoco.whatif.simulate import Rollout
 
@@ -95,6 +96,28 @@ def by_controller(protocol: EpisodeProtocol) -> dict[str, tuple[str, str]]:
         for name in protocol.metrics
         if METRICS[name].driven
     }
+
+
+def by_case(protocol: EpisodeProtocol) -> dict[str, str]:
+    """Columns of the least and the greatest number over the cases of a design.
+
+    Returns:
+        Metric by name of the column; nothing where there are no cases.
+    """
+    if not protocol.across.several:
+        return {}
+    ends = (LEAST, MOST)
+    return {f"{name}@{end}": name for name in protocol.metrics for end in ends}
+
+
+def numbers(protocol: EpisodeProtocol) -> tuple[str, ...]:
+    """Columns of all numbers that a design has."""
+    return (*protocol.metrics, *by_controller(protocol), *by_case(protocol))
+
+
+def wants_high(protocol: EpisodeProtocol, name: str) -> bool:
+    """Whether more of a metric is better in a study."""
+    return METRICS[name].high != (name in protocol.across.turned)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.whatif.across import LEAST, MOST
 from cc_mujoco.whatif.metrics import METRICS
 
 Array = NDArray[np.float64]
@@ -41,6 +42,15 @@ class Limit:
     bound: float
     least: bool
     """Whether the number is the least."""
+    across: bool = False
+    """Whether it must hold in every case of a design."""
+
+    @property
+    def column(self) -> str:
+        """Where the number is that must keep it."""
+        if not self.across:
+            return self.name
+        return f"{self.name}@{LEAST if self.least else MOST}"
 
     @property
     def text(self) -> str:
@@ -49,18 +59,21 @@ class Limit:
 
     def beyond(self, metrics: Mapping[str, float]) -> float:
         """How far a design is beyond, as a share of the limit unless that is 0."""
-        over = metrics[self.name] - self.bound
+        over = metrics[self.column] - self.bound
         return (-over if self.least else over) / (abs(self.bound) or 1.0)
 
 
 def read_limits(
-    texts: Iterable[str], measured: Sequence[str] | None = None
+    texts: Iterable[str],
+    measured: Sequence[str] | None = None,
+    across: bool = False,
 ) -> tuple[Limit, ...]:
     """Understand `METRIC>=NUMBER` and `METRIC<=NUMBER`.
 
     Args:
         texts: the limits.
         measured: metrics that the study measures; None where it will do as asked.
+        across: whether designs have several cases, in all of which they must hold.
 
     Raises:
         CableError: not of that form, no such metric, or not measured.
@@ -81,7 +94,7 @@ def read_limits(
             raise CableError(
                 f"limit {text!r} is on what is not among the metrics measured."
             )
-        found.append(Limit(name, bound, sign == ">="))
+        found.append(Limit(name, bound, sign == ">=", across))
     return tuple(found)
 
 
@@ -137,7 +150,7 @@ def within(table: pa.Table, limits: Sequence[Limit]) -> NDArray[np.bool_]:
     """Whether designs keep all limits, (designs,); without a number none does."""
     kept = np.ones(len(table), dtype=np.bool_)
     for limit in limits:
-        values = _column(table, limit.name)
+        values = _column(table, limit.column)
         kept &= values >= limit.bound if limit.least else values <= limit.bound
     return kept
 

@@ -18,6 +18,7 @@ from cc_mujoco.checks import LONGEST, number
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import from_csv
 from cc_mujoco.identity import made_by
+from cc_mujoco.whatif.across import Across, read_across
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import (
     Given,
@@ -30,6 +31,7 @@ from cc_mujoco.whatif.designs import (
 )
 from cc_mujoco.whatif.evaluate import Design, rehearse
 from cc_mujoco.whatif.metrics import CHOSEN_BY, METRICS
+from cc_mujoco.whatif.pareto import Objective
 from cc_mujoco.whatif.protocol import CHIRP_TIME, CONTROL_PERIOD, EpisodeProtocol
 
 BATCH = 96
@@ -82,6 +84,9 @@ class Plan:
             "trajectory": self.source,
             "controllers": list(self.protocol.controllers),
             "metrics": list(self.protocol.metrics),
+            "across": {name: list(v) for name, v in self.protocol.across.levels},
+            "rank": self.protocol.across.rank,
+            "turned": list(self.protocol.across.turned),
         }
         about: dict[str, Any] = {
             "protocol": protocol,
@@ -115,15 +120,22 @@ def make_plan(
     seed: int = 0,
     timestep: float | None = None,
     metrics: Sequence[str] = (),
+    across: Mapping[str, Given] | None = None,
+    rank: str | None = None,
+    goals: Sequence[Objective] = (),
 ) -> Plan:
     """Plan a study; the arguments are those of `study`.
+
+    `goals` says where more of a metric is better or worse than is usual, which
+    decides which case is the worst.
 
     Raises:
         CableError: what is wrong, in one sentence.
     """
     protocol, builder = _trial(
-        scene, trajectory, task, controllers, duration, seed, timestep, metrics
-    )
+        scene, trajectory, task, controllers, duration, seed, timestep, metrics,
+        across, rank, goals,
+    )  # fmt: skip
     if (vary is None or not vary) == (designs is None):
         raise CableError("give what to vary, or a list of designs, and not both.")
     look_up("sampling", sampling, dict.fromkeys(SAMPLINGS))
@@ -143,14 +155,16 @@ def make_plan(
             rows = latin_hypercube(ranges, samples, seed)
         else:
             rows = grid(ranges)
-    require_count(len(rows))
-    checked = _check(builder, rows)
+    cases = protocol.across
+    cases.require_apart(dict.fromkeys(name for row in rows for name in row))
+    require_count(len(rows) * len(cases.cases))
+    checked = _check(cases, builder, rows)
     if designs is not None:
         names = list(checked[0])
         ranges = {n: Range(tuple(dict.fromkeys(d[n] for d in checked))) for n in names}
     full = designs is None and samples is None
     source = builder.device.trajectory if trajectory is None else trajectory
-    batches = _batches(builder, checked, max(duration, CHIRP_TIME))
+    batches = _batches(cases, builder, checked, max(duration, CHIRP_TIME))
     return Plan(protocol, tuple(checked), ranges, full, batches, source)
 
 
@@ -164,15 +178,19 @@ def empty_plan(
     seed: int = 0,
     timestep: float | None = None,
     metrics: Sequence[str] = (),
+    across: Mapping[str, Given] | None = None,
+    rank: str | None = None,
+    goals: Sequence[Objective] = (),
 ) -> tuple[Plan, Builder]:
-    """A plan without designs, and the builder of its scene; see `study`.
+    """A plan without designs, and the builder of its scene; see `make_plan`.
 
     Raises:
         CableError: what is wrong, in one sentence.
     """
     protocol, builder = _trial(
-        scene, trajectory, task, controllers, duration, seed, timestep, metrics
-    )
+        scene, trajectory, task, controllers, duration, seed, timestep, metrics,
+        across, rank, goals,
+    )  # fmt: skip
     source = builder.device.trajectory if trajectory is None else trajectory
     return Plan(protocol, (), {}, False, (), source), builder
 
@@ -202,6 +220,9 @@ def _trial(
     seed: int,
     timestep: float | None,
     metrics: Sequence[str],
+    across: Mapping[str, Given] | None,
+    rank: str | None,
+    goals: Sequence[Objective],
 ) -> tuple[EpisodeProtocol, Builder]:
     """How designs are tried, and the builder of the scene."""
     builder = Builder(scene, timestep)
@@ -218,6 +239,8 @@ def _trial(
     number("duration", duration, 0.05, LONGEST, "s")
     if not (isinstance(seed, int) and seed >= 0):
         raise CableError(f"seed must be an integer >= 0, not {seed!r}.")
+    turned = [goal.name for goal in goals if goal.high != METRICS[goal.name].high]
+    cases = read_across(across, rank, builder.cables, turned)
     home = builder.device
     source = home.trajectory if trajectory is None else trajectory
     chosen = tuple(dict.fromkeys(metrics))
@@ -232,12 +255,15 @@ def _trial(
         seed,
         step,
         chosen or tuple(METRICS),
+        cases,
     )
     rehearse(protocol, builder)
     return protocol, builder
 
 
-def _check(builder: Builder, rows: Sequence[Mapping[str, object]]) -> list[Design]:
+def _check(
+    across: Across, builder: Builder, rows: Sequence[Mapping[str, object]]
+) -> list[Design]:
     """Every design as it is used.
 
     Raises:
@@ -247,7 +273,7 @@ def _check(builder: Builder, rows: Sequence[Mapping[str, object]]) -> list[Desig
     wrong: list[tuple[int, str]] = []
     for index, row in enumerate(rows):
         try:
-            checked.append(builder.check(row))
+            checked.append(across.check(builder, row))
         except CableError as error:
             wrong.append((index, str(error).rstrip(".")))
     if wrong:
@@ -267,7 +293,7 @@ def _short(value: object) -> str:
 
 
 def _batches(
-    builder: Builder, designs: Sequence[Design], longest: float
+    across: Across, builder: Builder, designs: Sequence[Design], longest: float
 ) -> tuple[tuple[int, ...], ...]:
     """Designs of equal layout together, at least eight batches for the threads.
 
@@ -275,7 +301,8 @@ def _batches(
     """
     room = int(MEMORY / SAMPLE * CONTROL_PERIOD / longest)
     size = max(1, min(BATCH, room, math.ceil(len(designs) / 8)))
-    return batches_of({i: builder.layout(d) for i, d in enumerate(designs)}, size)
+    layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
+    return batches_of(layouts, size)
 
 
 def batches_of(

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.human import Task, Trajectory
 from cc_mujoco.human.motion import Motion, progress
+from cc_mujoco.whatif.across import Across
 
 Array = NDArray[np.float64]
 Real = TypeVar("Real", float, Array)
@@ -55,6 +56,8 @@ class EpisodeProtocol:
     """Of the physics [s]."""
     metrics: tuple[str, ...]
     """Names of `METRICS`."""
+    across: Across = Across()  # noqa: RUF009
+    """Over which cases a design is judged."""
 
     @property
     def frame_skip(self) -> int:

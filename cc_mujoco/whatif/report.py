@@ -16,6 +16,7 @@ from cc_mujoco.files import replacing
 from cc_mujoco.markdown import table as table_of
 from cc_mujoco.page import Html, element, joined, page, paragraph, picture
 from cc_mujoco.whatif import sections
+from cc_mujoco.whatif.across import WORST_CASE
 from cc_mujoco.whatif.around import Around
 from cc_mujoco.whatif.charts import effects_plot, heat_maps, pareto_plot
 from cc_mujoco.whatif.metrics import METRICS
@@ -203,6 +204,8 @@ def markdown(
         f"{driven_by(protocol.controllers)}, {protocol.duration:g} s, "
         f"seed {protocol.seed}, time step {1e3 * protocol.timestep:g} ms.",
     ]
+    if protocol.across.several:
+        parts.append(f"{sections.judged(plan)}")
     if failed:
         parts.append(
             f"{len(failed)} designs failed in simulation; the first: {failed[0]}."
@@ -311,6 +314,8 @@ def _ranking(
     metrics += [name for name in plan.protocol.metrics if name not in metrics]
     several = len(plan.protocol.controllers) > 1
     columns = ["design", *plan.varied, *metrics, *([CONTROLLER] if several else [])]
+    if plan.protocol.across.several:
+        columns += [f"{goal.name}@{WORST_CASE}" for goal in goals]
     head = [headed(name) for name in columns]
     rows = []
     for place in places:

@@ -26,6 +26,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import Given, Range, read_range, require_count
 from cc_mujoco.whatif.evaluate import Design, Result, Trial
+from cc_mujoco.whatif.metrics import numbers
 from cc_mujoco.whatif.pareto import (
     Limit,
     Objective,
@@ -59,6 +60,8 @@ def optimise(
     seed: int = 0,
     timestep: float | None = None,
     metrics: Sequence[str] = (),
+    across: Mapping[str, Given] | None = None,
+    rank: str | None = None,
     threads: int = 0,
     scheduler: str | None = None,
     worker_timeout: float = WORKER_TIMEOUT,
@@ -84,6 +87,8 @@ def optimise(
         seed: see `study`; also of the sampler.
         timestep: see `study` [s].
         metrics: measured besides.
+        across: see `study`; limits hold in every case, whatever the rank.
+        rank: see `study`.
         threads: see `study`.
         scheduler: see `study`.
         worker_timeout: see `study` [s].
@@ -111,6 +116,8 @@ def optimise(
         seed=seed,
         timestep=timestep,
         metrics=metrics,
+        across=across,
+        rank=rank,
     )
     folder = None if out is None else Path(out)
     _, table = search(
@@ -146,13 +153,13 @@ def make_search(
         subject_to: see there.
         metrics: see there.
         trial: how designs are tried: trajectory, task, controllers, duration, seed,
-            timestep.
+            timestep, across, rank.
 
     Raises:
         CableError: what is wrong, in one sentence.
     """
     _optuna()
-    limits = read_limits(subject_to)
+    limits = read_limits(subject_to, across=bool(trial.get("across")))
     goals = read_objectives(objectives)
     if not 1 <= len(goals) <= MOST_OBJECTIVES:
         raise CableError(
@@ -161,10 +168,14 @@ def make_search(
         )
     measured = (*(goal.name for goal in goals), *(limit.name for limit in limits))
     plan, builder = empty_plan(
-        scene, metrics=tuple(dict.fromkeys((*measured, *metrics))), **trial
+        scene,
+        metrics=tuple(dict.fromkeys((*measured, *metrics))),
+        goals=goals,
+        **trial,
     )
     if not vary:
         raise CableError("a search needs something to vary.")
+    plan.protocol.across.require_apart(vary)
     ranges = {name: read_range(name, v, builder.cables) for name, v in vary.items()}
     asked = {
         "objectives": [goal.text for goal in goals],
@@ -288,14 +299,15 @@ def _grown(
     refused: dict[int, str] = {}
     for place, design in enumerate(designs):
         try:
-            checked.append(builder.check(design))
+            checked.append(plan.protocol.across.check(builder, design))
         except CableError as error:
             checked.append(design)
             refused[first + place] = f"impossible: {str(error).rstrip('.')}"
     possible = [i for i in range(first, first + len(designs)) if i not in refused]
-    layouts = {i: builder.layout(checked[i - first]) for i in possible}
+    across = plan.protocol.across
+    layouts = {i: across.layout(builder, checked[i - first]) for i in possible}
     batches = [*batches_of(layouts, PIECE), *((index,) for index in refused)]
-    none = dict.fromkeys(plan.protocol.metrics, math.nan)
+    none = dict.fromkeys(numbers(plan.protocol), math.nan)
     return (
         dataclasses.replace(
             plan,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.page import Html, bar, bullets, element, joined, listed, paragraph, table
 from cc_mujoco.transmission.parameters import PARAMETERS
+from cc_mujoco.whatif.across import WORST_CASE, about
 from cc_mujoco.whatif.around import WORSE, Around, Price, Slope
 from cc_mujoco.whatif.build import RADII, Builder
 from cc_mujoco.whatif.designs import Range
@@ -22,7 +23,6 @@ from cc_mujoco.whatif.pareto import Limit, Objective, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity
 from cc_mujoco.whatif.store import CONTROLLER
-from cc_mujoco.whatif.variables import VARIABLES
 from cc_mujoco.whatif.wording import (
     NEARBY,
     UNSAID,
@@ -123,6 +123,9 @@ def header(found: Finding) -> Html:
     if found.limits:
         limits = listed([limit.text for limit in found.limits])
         many += f" with {limits}, which {int(found.kept.sum())} keep"
+    asked = [paragraph(f"{many}.")]
+    if found.plan.protocol.across.several:
+        asked.append(paragraph(judged(found.plan)))
     best = found.best
     if best is None:
         return element(
@@ -130,7 +133,7 @@ def header(found: Finding) -> Html:
             title,
             paragraph("No design is good enough.", kind="lead"),
             *_nearest(found),
-            paragraph(f"{many}."),
+            *asked,
         )
     first = "The best design"
     if len(found.goals) > 1:
@@ -145,7 +148,16 @@ def header(found: Finding) -> Html:
         title,
         paragraph(lead, kind="lead"),
         paragraph(f"It gives {gives}.", kind="lead"),
-        paragraph(f"{many}."),
+        *asked,
+    )
+
+
+def judged(plan: Plan) -> str:
+    """Over which cases designs are ranked."""
+    return (
+        f"Every number of a design is {plan.protocol.across.told()}. A design that "
+        "fails in one of them has failed, one without a number in one of them has "
+        "none, and limits hold in all of them."
     )
 
 
@@ -153,13 +165,15 @@ def _nearest(found: Finding) -> list[Html]:
     """The design that is least beyond its limits, if any has their numbers."""
     beyond = {}
     for number, row in enumerate(found.rows):
-        if found.limits and all(row[limit.name] is not None for limit in found.limits):
-            metrics = {n.name: float(str(row[n.name])) for n in found.limits}
+        if found.limits and all(
+            row[limit.column] is not None for limit in found.limits
+        ):
+            metrics = {n.column: float(str(row[n.column])) for n in found.limits}
             beyond[number] = max(limit.beyond(metrics) for limit in found.limits)
     if not beyond:
         return []
     row = found.rows[min(beyond, key=lambda number: beyond[number])]
-    gives = listed([f"{plain(n.name)} {quantity(n.name, row[n.name])}"
+    gives = listed([f"{plain(n.name)} {quantity(n.name, row[n.column])}"
                     for n in found.limits])  # fmt: skip
     lead = f"The nearest is design {row['design']}, {_setting(found, row)}: {gives}."
     return [paragraph(lead, kind="lead")]
@@ -170,9 +184,11 @@ def best(found: Finding) -> Html | None:
     if found.best is None:
         return None
     names = [goal.name for goal in found.goals]
-    names += [n.name for n in found.limits if n.name not in names]
+    names += [n.column for n in found.limits if n.column not in names]
     if len(found.plan.protocol.controllers) > 1:
         names.append(CONTROLLER)
+    if found.plan.protocol.across.several:
+        names += [f"{goal.name}@{WORST_CASE}" for goal in found.goals]
     columns = ["design", *found.varied, *names]
     rows = []
     for place in found.order[:LISTED]:
@@ -381,7 +397,7 @@ def slack(found: Finding) -> Html | None:
         only = sum(r and not a for r, a in zip(rest, alone, strict=True))
         cells = [limit.text, f"{sum(alone)} of {len(alone)}", str(only)]
         if row is not None:
-            value = float(str(row[limit.name]))
+            value = float(str(row[limit.column]))
             left = value - limit.bound if limit.least else limit.bound - value
             cells += [quantity(limit.name, value), quantity(limit.name, left)]
         rows.append(cells)
@@ -479,8 +495,12 @@ def fixed(found: Finding) -> Html:
     for name in plan.ranges:
         if name not in found.varied:
             rows.append((plain(name), quantity(name, plan.designs[0][name])))
+    for name, values in protocol.across.levels:
+        each = ", ".join(cell(value) for value in values)
+        rows.append((f"{plain(name)}, from case to case", f"{each} {unit_of(name)}"))
+    said = {*plan.ranges, *protocol.across.names}
     for cable, key, value in _of_scene(builder):
-        if key not in plan.ranges and f"{cable}.{key}" not in plan.ranges:
+        if key not in said and f"{cable}.{key}" not in said:
             owner = f"{cable}: " if cable else ""
             rows.append((owner + plain(key), quantity(key, value)))
     return joined(
@@ -516,10 +536,11 @@ def _of_scene(builder: Builder) -> Iterator[tuple[str, str, object]]:
 
 def words(found: Finding) -> Html:
     """What the names mean."""
-    names = [*found.plan.protocol.metrics, *found.plan.ranges]
+    crossed = found.plan.protocol.across.names
+    names = [*found.plan.protocol.metrics, *found.plan.ranges, *crossed]
     rows = []
     for name in names:
-        thing = METRICS.get(name) or VARIABLES[name.rpartition(".")[2]]
+        thing = METRICS.get(name) or about(name)
         rows.append((name, thing.unit, thing.meaning))
     return table(("name", "unit", "meaning"), rows)
 
@@ -529,7 +550,7 @@ def _setting(found: Finding, row: Row) -> str:
 
 
 def _kept(row: Row, limit: Limit) -> bool:
-    value = row[limit.name]
+    value = row[limit.column]
     if value is None:
         return False
     number = float(str(value))

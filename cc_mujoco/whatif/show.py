@@ -15,6 +15,7 @@ from cc_mujoco.identity import differences, made_by, seal
 from cc_mujoco.recording import EpisodeLog, play
 from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.sensing import PERFECT
+from cc_mujoco.whatif.across import WEARER, WORST_CASE, Across, Case, plant
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import Design
 from cc_mujoco.whatif.protocol import CONTROL_PERIOD
@@ -25,6 +26,7 @@ def show(
     folder: str | Path,
     row: int,
     progress: Callable[[float], object] | None = None,
+    case: int | None = None,
 ) -> tuple[EpisodeLog, mujoco.MjModel]:
     """Play a design of a study in the whole scene.
 
@@ -32,6 +34,8 @@ def show(
         folder: of the study.
         row: number of the design, column `design` of its table.
         progress: called with the simulated time [s].
+        case: of a study over several, which, counted from 0; by default that in which
+            the first metric is worst, or the first where the design failed.
 
     Returns:
         The log of its episode, bit for bit the one that the study measured, and the
@@ -46,11 +50,17 @@ def show(
     design = _design(folder, row, about["variables"])
     protocol = about["protocol"]
     builder = Builder(protocol["scene"], protocol["timestep"])
+    played = case_of(folder, row, case)
+    design |= plant(played)
+    wearer = None
+    if WEARER.name in played:
+        wearer = builder.wearer(float(played[WEARER.name]))
     model = builder.model(design, whole=True)
     env: Any = gymnasium.make(
         builder.device.environment,
         disable_env_checker=True,
         model=model,
+        wearer=wearer,
         trajectory=protocol["trajectory"],
         task=protocol["task"],
         duration=protocol["duration"],
@@ -73,11 +83,38 @@ def show(
         law,
         sensing=PERFECT,
         seed=protocol["seed"],
-        about={**names, "controller": chosen, "design": row, "variables": design},
+        about={
+            **names,
+            "controller": chosen,
+            "design": row,
+            "variables": design | played,
+        },
         progress=progress,
     )
     log = EpisodeLog(log.columns, {**log.metadata, MODEL_XML: builder.xml(design)})
     return log, model
+
+
+def case_of(folder: str | Path, row: int, case: int | None = None) -> Case:
+    """The case in which a design is shown, see `show`; empty where there are none.
+
+    Raises:
+        CableError: there is no such study, row or case.
+    """
+    protocol = read_study(Path(folder))["protocol"]
+    levels = protocol.get("across", {})
+    across = Across(tuple((name, tuple(values)) for name, values in levels.items()))
+    if case is None:
+        worst = read_row(folder, row).get(f"{protocol['metrics'][0]}@{WORST_CASE}")
+        found = [one for one in across.cases if across.label(one) == worst]
+        return (found or across.cases)[0]
+    if not across.several:
+        raise CableError(f"the study in {folder} has no cases, so none can be chosen.")
+    if not 0 <= case < len(across.cases):
+        raise CableError(
+            f"the study in {folder} has cases 0 to {len(across.cases) - 1}, not {case}."
+        )
+    return across.cases[case]
 
 
 def _design(folder: Path, row: int, names: list[str]) -> Design:

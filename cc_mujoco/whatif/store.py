@@ -21,11 +21,11 @@ from cc_mujoco import files
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
 from cc_mujoco.identity import differences, seal, sealed
+from cc_mujoco.whatif.across import LEAST, MOST, RANKS, WORST_CASE, about
 from cc_mujoco.whatif.evaluate import Result
-from cc_mujoco.whatif.metrics import METRICS, by_controller
+from cc_mujoco.whatif.metrics import METRICS, by_controller, numbers
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.protocol import EpisodeProtocol
-from cc_mujoco.whatif.variables import VARIABLES
 
 STUDY, PARTS, TABLE = "study.json", "parts", "table.parquet"
 CONTROLLER = "controller"
@@ -139,7 +139,7 @@ class Store:
         for name in plan.ranges:
             columns[name] = pa.array([design[name] for design in plan.designs])
         columns |= _columns(results, plan.protocol)
-        fields = [_field(name, array.type) for name, array in columns.items()]
+        fields = [_field(name, a.type, plan.protocol) for name, a in columns.items()]
         return pa.Table.from_arrays(list(columns.values()), schema=pa.schema(fields))
 
 
@@ -235,38 +235,55 @@ def _columns(
         name: pa.array(
             [row.metrics[name] for row in results], pa.float64(), from_pandas=True
         )
-        for name in (*protocol.metrics, *each)
+        for name in numbers(protocol)
     }
-    texts = {"failed": [row.failed or None for row in results]}
+    texts = {
+        column: [row.worst[place] if row.worst else None for row in results]
+        for place, column in enumerate(_worst_cases(protocol))
+    }
+    texts["failed"] = [row.failed or None for row in results]
     if each:
         texts = {CONTROLLER: [row.controller or None for row in results]} | texts
     return columns | {name: pa.array(t, pa.string()) for name, t in texts.items()}
 
 
 def _read_part(part: pa.Table, protocol: EpisodeProtocol) -> list[Result]:
-    names = (*protocol.metrics, *by_controller(protocol))
+    names, worst = numbers(protocol), _worst_cases(protocol)
     return [
         Result(
             {n: float("nan") if row[n] is None else row[n] for n in names},
             row["failed"] or "",
             row.get(CONTROLLER) or "",
+            () if row["failed"] else tuple(row[name] for name in worst),
         )
         for row in part.to_pylist()
     ]
 
 
-def _field(column: str, kind: pa.DataType) -> pa.Field:
+def _worst_cases(protocol: EpisodeProtocol) -> list[str]:
+    """Columns of the worst case of every metric; none where there are no cases."""
+    names = protocol.metrics if protocol.across.several else ()
+    return [f"{name}@{WORST_CASE}" for name in names]
+
+
+def _field(column: str, kind: pa.DataType, protocol: EpisodeProtocol) -> pa.Field:
     name, _, law = column.partition("@")
     if name == "design":
-        about = {"unit": "1", "meaning": "number of the design"}
+        told = {"unit": "1", "meaning": "number of the design"}
     elif name == CONTROLLER:
-        about = {"unit": "1", "meaning": "controller that the metrics are of"}
+        told = {"unit": "1", "meaning": "controller that the metrics are of"}
     elif name == "failed":
-        about = {"unit": "1", "meaning": "why the simulation failed, if it did"}
+        told = {"unit": "1", "meaning": "why the simulation failed, if it did"}
+    elif law == WORST_CASE:
+        meaning = "case in which it is worst, or the first in which it has no number: "
+        told = {"unit": "1", "meaning": meaning + METRICS[name].meaning}
     else:
-        metric, variable = METRICS.get(name), VARIABLES.get(name.rpartition(".")[2])
-        thing = metric or variable
-        assert thing is not None
-        by = f"with controller {law}: " if law else ""
-        about = {"unit": thing.unit, "meaning": by + thing.meaning}
-    return pa.field(column, kind, metadata=about)
+        thing = METRICS.get(name) or about(name)
+        of = f"{RANKS[protocol.across.rank]} over the cases: "
+        if law in (LEAST, MOST):
+            of = f"{'least' if law == LEAST else 'greatest'} over the cases: "
+        elif name not in METRICS or not protocol.across.several:
+            of = ""
+        by = f"with controller {law}: " if law in protocol.controllers else ""
+        told = {"unit": thing.unit, "meaning": of + by + thing.meaning}
+    return pa.field(column, kind, metadata=told)

@@ -34,6 +34,8 @@ def study(
     seed: int = 0,
     timestep: float | None = None,
     metrics: Sequence[str] = (),
+    across: Mapping[str, Given] | None = None,
+    rank: str | None = None,
     threads: int = 0,
     scheduler: str | None = None,
     worker_timeout: float = WORKER_TIMEOUT,
@@ -59,6 +61,14 @@ def study(
         seed: of everything random, sampling included.
         timestep: of the physics, a divisor of 1 ms [s]; that of the scene by default.
         metrics: names of `METRICS`; all of them by default.
+        across: values of what differs from case to case, as in `vary`; `wearer`
+            besides, the wearer's impedance times that of the scene. Every design is
+            tried in all combinations, and a metric is the worst of its numbers there;
+            `METRIC@worst_case` says in which, `METRIC@least` and `METRIC@most` are the
+            ends. A design without a number in one of them has none, and one that fails
+            in one of them fails.
+        rank: what a metric is instead of the worst: `mean`, or `p90`, the 90th
+            percentile, counted from the good end.
         threads: that simulate; 0 means one per processor.
         scheduler: address of a Dask scheduler whose workers simulate instead.
         worker_timeout: time after which it gives up if there are no workers [s].
@@ -88,6 +98,8 @@ def study(
         seed=seed,
         timestep=timestep,
         metrics=metrics,
+        across=across,
+        rank=rank,
     )
     folder = None if out is None else Path(out)
     return carry_out(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cc_mujoco.whatif.across import WEARER, WORST_CASE
 from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.variables import VARIABLES
 
@@ -36,6 +37,9 @@ WORTH = (
 
 def unit_of(name: str) -> str:
     """Unit of a metric or a variable; empty where it has none."""
+    name, _, of = name.partition("@")
+    if of == WORST_CASE or name == WEARER.name:
+        return ""
     thing = METRICS.get(name) or VARIABLES.get(name.rpartition(".")[2])
     return "" if thing is None or thing.unit == "1" else thing.unit
 

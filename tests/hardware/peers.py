@@ -99,8 +99,8 @@ soft_start = 0.05
 stop_time = 0.05
 
 [watchdog]
-missed_readings = 500
-missed_deadlines = 500
+missed_readings = 99999
+missed_deadlines = 99999
 {watchdog}
 
 [task]

@@ -142,7 +142,7 @@ def test_a_lost_rig_is_exit_code_3(
     with Peer(lambda count, data: [data] if count < 50 else []) as peer:
         given = words(tmp_path, peer.port, 5.0)
         (tmp_path / "rig.toml").write_text(
-            toml(peer.port).replace("missed_readings = 500", "missed_readings = 25")
+            toml(peer.port).replace("missed_readings = 99999", "missed_readings = 25")
         )
         with pytest.raises(SystemExit) as stop:
             cli.main(given)

@@ -68,7 +68,7 @@ def test_a_run_reaches_its_end_and_goes_down() -> None:
 WISHES = st.lists(
     st.floats(allow_nan=True, allow_infinity=True) | st.floats(-5.0, 5.0),
     min_size=1,
-    max_size=60,
+    max_size=20,
 )
 
 

@@ -28,6 +28,8 @@ from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.protocol import EpisodeProtocol
 
 STUDY, PARTS, TABLE = "study.json", "parts", "table.parquet"
+_DESIGN = "design_json"
+"""Column of a part: the variables of its designs."""
 CONTROLLER = "controller"
 """Column of the controller that metrics are of, where several were tried."""
 
@@ -52,6 +54,7 @@ class Store:
         """The study; that of a search grows."""
         self._makers = plan.made_by()
         self._found: dict[int, list[Result]] = {}
+        self._designs: dict[int, list[str]] = {}
         self.whole: pa.Table | None = None
         """The table of an earlier run that finished."""
         if folder is None:
@@ -78,6 +81,7 @@ class Store:
                 else:
                     results = _read_part(part, plan.protocol)
                     self._found[int(path.stem)] = results
+                    self._designs[int(path.stem)] = part.column(_DESIGN).to_pylist()
         # Parts of this code beside a table of other code: it was asked for anew.
         if not self._found and (folder / TABLE).exists() and plan.search is None:
             self.whole = read_table(folder)
@@ -100,16 +104,26 @@ class Store:
         """Batches that are still to be done."""
         if self.whole is not None:
             return []
-        return [n for n in range(len(self.plan.batches)) if n not in self._found]
+        # A search that goes on beyond an incomplete generation has other batches.
+        return [
+            n
+            for n in range(len(self.plan.batches))
+            if self._designs.get(n) != self._written(n)
+        ]
+
+    def _written(self, batch: int) -> list[str]:
+        designs = self.plan.designs
+        return [json.dumps(designs[i]) for i in self.plan.batches[batch]]
 
     def keep(self, batch: int, results: Sequence[Result]) -> None:
         """Keep the results of a batch."""
-        self._found[batch] = list(results)
+        self._found[batch], self._designs[batch] = list(results), self._written(batch)
         if self._folder is None:
             return
         parts = self._folder / PARTS
         parts.mkdir(exist_ok=True)
         columns = _columns(results, self.plan.protocol)
+        columns[_DESIGN] = pa.array(self._designs[batch], pa.string())
         with replacing(parts / f"{batch:06d}.parquet") as partial:
             pq.write_table(sealed(pa.table(columns), self._makers), partial)
 

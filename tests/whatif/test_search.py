@@ -64,6 +64,15 @@ def test_an_interrupted_search_goes_on_to_the_same_table(
     assert log.metadata["variables"]["friction"] == row["friction"]
 
 
+def test_a_search_goes_on_beyond_a_generation_that_was_cut_short(
+    tmp_path: Path,
+) -> None:
+    about = ("wrist", VARY, GOALS, LIMITS)
+    optimise(*about, evaluations=3, out=tmp_path, **SHORT)
+    more = optimise(*about, evaluations=5, out=tmp_path, **SHORT)
+    assert more.equals(optimise(*about, evaluations=5, **SHORT))
+
+
 def test_a_search_with_more_designs_goes_on_with_an_earlier_one(
     found: pa.Table, tmp_path: Path
 ) -> None:

@@ -22,7 +22,8 @@ def advance(
     """Go on by some steps, symplectic as in `rig.guides.kernel`.
 
     Args:
-        p: The plant; its detent, play and mass at the joint are left out.
+        p: The plant; loads on the shafts, play, an axis off the middle and a
+            pretension that settles are left out.
         cables: Their state, which moves on.
         pretension: Tension at rest [N].
         state: Angle and speed of the motor, of the joint; which move on.

@@ -21,6 +21,7 @@ def held(torque: float, seconds: float = 1.5) -> Bench:
     return bench
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("torque", [3.5, -3.5])
 def test_a_held_joint_gets_what_friction_leaves(torque: float) -> None:
     bench = held(torque)
@@ -41,6 +42,13 @@ def test_a_held_joint_gets_what_friction_leaves(torque: float) -> None:
     )
 
 
+@pytest.mark.parametrize("name", ["joint_gravity", "sensor_delay", "pretension_loss"])
+def test_what_it_does_not_play_is_refused(name: str) -> None:
+    with pytest.raises(SystemExit, match=f"cannot hide {name}"):
+        Bench({name: 0.1}, seed=1)
+
+
+@pytest.mark.study
 def test_a_torque_below_friction_does_not_reach_the_joint() -> None:
     assert abs(held(0.5).joint_torque) < 0.02
 

@@ -16,11 +16,13 @@ earlier run left stays.
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import errno
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 
@@ -99,7 +101,8 @@ def _discard_output() -> None:
 def _on_signals(interrupts: list[int]) -> Iterator[None]:
     """Note interruptions; turn them and a polite kill into exceptions.
 
-    So half-written files are removed. An ignored interruption stays ignored.
+    So half-written files are removed. An ignored interruption stays ignored; one that
+    arrived where exceptions end (in a callback from C, as of LLVM) arrives again.
     """
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -109,13 +112,24 @@ def _on_signals(interrupts: list[int]) -> Iterator[None]:
     def stop(number: int, _: FrameType | None) -> None:
         sys.exit(128 + number)
 
+    def unraisable(lost: sys.UnraisableHookArgs, /) -> None:
+        for kind, number in again.items():
+            if issubclass(lost.exc_type, kind):
+                # A little later, when the callback has returned.
+                threading.Timer(0.01, _thread.interrupt_main, [number]).start()
+                return
+        told(lost)
+
     handlers: dict[int, Handler] = {signal.SIGTERM: stop}
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         handlers[signal.SIGINT] = interrupt
     before = {number: signal.signal(number, do) for number, do in handlers.items()}
+    again = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}
+    told, sys.unraisablehook = sys.unraisablehook, unraisable
     try:
         yield
     finally:
+        sys.unraisablehook = told
         for number, handler in before.items():
             signal.signal(number, handler)
 

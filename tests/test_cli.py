@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import re
@@ -383,14 +384,53 @@ def test_an_interruption_at_the_start_is_one_sentence(
         [sys.executable, "-c", program], stdout=-1, stderr=-1, text=True,
         env=ENVIRONMENT,
     )  # fmt: skip
-    assert process.stdout is not None
-    assert process.stdout.readline() == "begun\n"
-    time.sleep(seconds)
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=20)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        time.sleep(seconds)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=20)
+    finally:
+        process.kill()
     assert process.returncode == 130
     assert said == "cc-mujoco: interrupted, nothing was written.\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def _code(words: list[str]) -> int:
+    try:
+        return cli.main(words)
+    except SystemExit as stopped:
+        return stopped.code
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+)
+def test_a_signal_in_a_callback_from_c_is_not_lost(
+    number: signal.Signals, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arrived: list[int] = []
+
+    @ctypes.CFUNCTYPE(None)
+    def callback() -> None:
+        arrived.append(1)
+        signal.raise_signal(number)
+
+    def called(self: Any) -> None:
+        callback()
+        late = time.monotonic() + 10.0
+        while time.monotonic() < late:
+            pass
+        pytest.fail("the signal was lost")
+
+    monkeypatch.setattr(Listing, "run", called)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert _code(["list"]) == code
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert arrived == [1]
 
 
 RUNS = {

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import hashlib
+import os
+import subprocess
 import sys
 from collections.abc import Generator
 from importlib.metadata import version
@@ -21,7 +23,20 @@ settings.register_profile(
 )
 settings.load_profile("repeatable")
 
-PACKAGE = Path(__file__).parents[1] / "cc_mujoco"
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "cc_mujoco"
+STUDY = ROOT / "scripts" / "diagnosis_study"
+COMPILE_RIGS = """
+import dataclasses
+from rig.dataset import make_trials, run, truth_of
+from rig.makes import MAKES
+from rig.nominal import make_rig
+trial = make_trials("rich", 0)[0]
+trial = dataclasses.replace(trial, command=trial.command[:2], target=trial.target[:2])
+for make in MAKES:
+    rig = make_rig(0, make=make)
+    run(truth_of(rig, {}, 0), rig, trial)
+"""
 LONG = (
     "test_davinci.py",
     "test_instruments.py",
@@ -78,14 +93,20 @@ def _sources() -> str:
     digest = hashlib.sha256(sys.version.encode())
     for name in ("mujoco", "numba", "numpy"):
         digest.update(version(name).encode())
-    for path in sorted(PACKAGE.rglob("*.py")):
+    for path in sorted([*PACKAGE.rglob("*.py"), *STUDY.rglob("*.py")]):
         about = path.stat()
         digest.update(f"{path} {about.st_size} {about.st_mtime_ns}".encode())
     kept = any((PACKAGE / "engine" / "__pycache__").glob("*.nbi"))
+    kept = kept and any((STUDY / "rig" / "__pycache__").glob("*.nbi"))
     return digest.hexdigest() if kept else "nothing is kept"
 
 
 def _compile() -> None:
+    # The rigs' equations are compiled apart from the package's, so beside them.
+    rigs = subprocess.Popen(
+        [sys.executable, "-c", COMPILE_RIGS],
+        env=os.environ | {"PYTHONPATH": str(STUDY)},
+    )
     import gymnasium
 
     import cc_mujoco.envs  # noqa: F401, compiles the plugin
@@ -100,6 +121,8 @@ def _compile() -> None:
         _, seen = env.reset(seed=0)
         for name in ("model", "stiction"):
             controller(name, env.unwrapped.drive).torque(seen)
+    if rigs.wait() != 0:
+        pytest.exit("the rigs of the diagnosis study do not run: see above", 1)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -32,7 +32,12 @@ Made = Callable[[str, str], tuple[Path, Plan]]
 COMPILER = shutil.which("gcc") or shutil.which("clang")
 GUARD = 64
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
-CASES = [("wrist", "pi"), ("wrist", "stiction"), ("ankle", "pi"), ("ankle", "model")]
+CASES = [
+    ("wrist", "pi"),
+    ("wrist", "stiction"),
+    ("ankle", "pi"),
+    pytest.param("ankle", "model", marks=pytest.mark.study),  # part of `stiction`
+]
 INTERFACE = {
     f"cc_controller_{name}"
     for name in ("size", "init", "set_parameters", "reset", "step")

@@ -19,7 +19,7 @@ from cc_mujoco.recording.episode import VIDEO
 from cc_mujoco.recording.stage import Stage
 from cc_mujoco.recording.strips import PLOTS, SCENE, Strips
 
-SECONDS = 0.3
+SECONDS = 0.2
 
 
 @pytest.fixture(scope="module")

@@ -23,6 +23,7 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
     words = ["whatif", "--scene", "wrist", "--duration", "0.3", "--out", "study"]
     vary = ["--vary", "friction=0.05:0.2:3", "--vary", "loops=1,2"]
     metrics = ("slack_margin", "peak_tension", "tracking_error", "efficiency")
+    words += ["--controllers", "pi"]
     words += [word for name in metrics for word in ("--metric", name)]
     goals = ["--objective", "slack_margin", "--objective", "max:peak_tension"]
     assert cli.main([*words, *vary, *goals, "--around"]) == 0

@@ -32,7 +32,9 @@ VARY: dict[str, Any] = {
     "motor_radius": [0.03, 0.02],
 }
 GOALS, LIMITS = ["peak_tension", "tracking_error"], ["slack_margin>=20"]
-SHORT: dict[str, Any] = {"duration": 0.15, "trajectory": "sine"}
+SHORT: dict[str, Any] = {
+    "duration": 0.15, "trajectory": "sine", "controllers": ["pi"],
+}  # fmt: skip
 MORE = GENERATION + 8
 
 

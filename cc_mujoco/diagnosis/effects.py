@@ -34,6 +34,10 @@ _ROUND = (-0.25, 0.25)
 _LATE = (-0.1, 0.1)
 """Delay of a signal chain that would not have been noticed [s]."""
 _POSITIVE = (0.0, math.inf)
+_LOOSE_END = 0.03
+"""Share of a cable that may lie straight in its ends, where nothing holds it."""
+_TIGHT_END = 0.015
+"""Friction of uneven bends and ends over the pretension."""
 _LARGEST = next(p.high for p in PARAMETERS if p.name == "friction")
 """Largest coefficient that a cable takes."""
 JOINT_DELAY = "joint_delay"
@@ -53,6 +57,11 @@ class EffectParameter(NamedTuple):
             beyond is not named.
         of: what `plausible` is a share of: the joint's range of motion, the motor's
             radius, the largest torque, or nothing.
+        ordinary: size that any rig may have without being told, a share of
+            `ordinary_of`; what is no larger belongs into the model, but is not called
+            missing.
+        ordinary_of: the elongation of the cable per tension, or the pretension (of
+            the friction per length times the length of the conduit).
     """
 
     name: str
@@ -62,6 +71,8 @@ class EffectParameter(NamedTuple):
     high: float
     plausible: tuple[float, float] = (-math.inf, math.inf)
     of: Literal["", "motion", "motor_radius", "motor_torque", "joint_torque"] = ""
+    ordinary: float = 0.0
+    ordinary_of: Literal["", "cable", "pretension", "pretension per length"] = ""
 
 
 @dataclass(frozen=True)
@@ -350,9 +361,27 @@ EFFECTS: dict[str, Effect] = {
             equation="dT/dx += s f_0, and s F at the seal of either end",
             where="conduit",
             parameters=(
-                EffectParameter("load_independent_friction", "N/m", 1.0, 0.0, 1e4),
-                EffectParameter("seal_proximal", "N", 1.0, 0.0, 1e4),
-                EffectParameter("seal_distal", "N", 1.0, 0.0, 1e4),
+                EffectParameter(
+                    "load_independent_friction",
+                    "N/m",
+                    1.0,
+                    0.0,
+                    1e4,
+                    ordinary=_TIGHT_END,
+                    ordinary_of="pretension per length",
+                ),
+                *(
+                    EffectParameter(
+                        name,
+                        "N",
+                        1.0,
+                        0.0,
+                        1e4,
+                        ordinary=_TIGHT_END,
+                        ordinary_of="pretension",
+                    )
+                    for name in ("seal_proximal", "seal_distal")
+                ),
             ),
             starts=(
                 {
@@ -595,7 +624,17 @@ EFFECTS: dict[str, Effect] = {
             title="compliance of the distal end fitting",
             equation="u_d += C T_d",
             where="joint",
-            parameters=(EffectParameter("end_compliance", "m/N", 1e-5, 0.0, 0.01),),
+            parameters=(
+                EffectParameter(
+                    "end_compliance",
+                    "m/N",
+                    1e-5,
+                    0.0,
+                    0.01,
+                    ordinary=_LOOSE_END,
+                    ordinary_of="cable",
+                ),
+            ),
             starts=({"end_compliance": 1e-5},),
             required_excitation="reversals at several loads",
             confounded_with=("presliding", "backlash", "cable_stiffening"),

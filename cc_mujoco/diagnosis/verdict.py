@@ -34,6 +34,8 @@ class Found:
         agreement: share of the parts of the data that name it as well, where the model
             stays off and they were asked.
         disputed: whether these are too few to call it missing.
+        ordinary: whether it is no larger than any rig may have without being told: it
+            is in the model, but not called missing.
     """
 
     id: str
@@ -43,11 +45,12 @@ class Found:
     refinement: bool = False
     agreement: float = 1.0
     disputed: bool = False
+    ordinary: bool = False
 
     @property
     def missing(self) -> bool:
-        """Whether it is called missing: no refinement, and not disputed."""
-        return not (self.refinement or self.disputed)
+        """Whether it is called missing: no refinement, not disputed, not ordinary."""
+        return not (self.refinement or self.disputed or self.ordinary)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.inference.agreement import REACHED
-from cc_mujoco.diagnosis.inference.folds import excess
+from cc_mujoco.diagnosis.inference.folds import CrossValidation, excess
 from cc_mujoco.diagnosis.inference.gap import overall
 from cc_mujoco.diagnosis.inference.plausibility import FITS_ONLY
 from cc_mujoco.diagnosis.inference.search import Search, Thresholds
@@ -59,15 +59,23 @@ def judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdict
 def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdict, str]:
     misfit, left = found.before.misfit, found.after.misfit
     if not outcome.effects:
-        return _nothing(found, limits)
-    refining = [each.id for each in outcome.effects if each.refinement]
-    disputed = [e for e in outcome.effects if e.disputed and not e.refinement]
+        return _nothing(found.before, found, limits)
+    ordinary = [each.id for each in outcome.effects if each.ordinary]
+    refining = [e.id for e in outcome.effects if e.refinement and not e.ordinary]
+    disputed = [
+        e for e in outcome.effects if e.disputed and not (e.refinement or e.ordinary)
+    ]
     missing = [each.id for each in outcome.effects if each.missing]
     told = f"On data held out, the weighted RMS error of {_gap(outcome.gap)}."
     if refining:
         told += (
             f" {capital(_titles(refining))} refines the model, but takes too little "
             "to be called missing."
+        )
+    if ordinary:
+        told += (
+            f" {capital(_titles(ordinary))} is in the model, but no larger than uneven "
+            "bends and loose ends of any conduit make."
         )
     if disputed:
         told += " " + capital(
@@ -78,6 +86,9 @@ def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdic
             )
         )
         told += ", so it may stand in for something else."
+    if not (missing or disputed):
+        kind, nothing = _nothing(found.after, found, limits)
+        return kind, f"{nothing} {told}"
     if not missing:
         return "unknown", (
             "Something is missing, and parts of these data name different effects for "
@@ -107,17 +118,19 @@ def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdic
     return "named", f"Missing is {_titles(missing)}. {told}"
 
 
-def _nothing(found: Search, limits: Thresholds) -> tuple[Verdict, str]:
-    """The verdict where no effect is in the model."""
-    misfit = found.before.misfit
+def _nothing(
+    model: CrossValidation, found: Search, limits: Thresholds
+) -> tuple[Verdict, str]:
+    """The verdict where no effect is missing from this model."""
+    misfit = model.misfit
+    scene = "tuned scene" if model is found.before else "model"
     off = (
-        "on data it has not seen the tuned scene is "
-        f"{misfit:.2f} times the noise floor off"
+        f"on data it has not seen the {scene} is {misfit:.2f} times the noise floor off"
     )
     usual = f"rigs without any hidden effect reach up to {limits.misfit:g}"
     if misfit <= limits.misfit:
         return "none", f"Nothing is missing: {off}; {usual}."
-    if excess(found.before) < limits.certainty:
+    if excess(model) < limits.certainty:
         return "none", (
             f"Nothing is missing that these data could show: {off}. "
             f"{capital(usual)}, but here a few moments make that error, which is "

@@ -1,4 +1,4 @@
-"""Whether fitted effects can be what they are called: possible sizes, sure of them."""
+"""Whether fitted effects are what they are called: possible, sure, out of the way."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.plant import plausible
+from cc_mujoco.transmission import Cable
 
 FITS_ONLY = "fits only with"
 """Beginning of the reason not to name an effect whose size is impossible."""
@@ -58,6 +59,37 @@ def doubtful(problem: Problem, x: FloatArray, spread: FloatArray) -> str | None:
         found[name] = square / float(chi2.ppf(SURE, len(index)))
     least = min(found, key=lambda name: found[name], default=None)
     return least if least is not None and found[least] < 1.0 else None
+
+
+def ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
+    """Whether an effect of a model is no larger than any rig may have.
+
+    The conduit of a scene holds its cable evenly from end to end; those of rigs do not,
+    and good sensors see it.
+
+    Args:
+        problem: the model.
+        x: where it was fitted.
+        name: of the effect.
+    """
+    values = problem.values(x)
+    size = 0.0
+    for parameter in problem.plant.library.effects[name].parameters:
+        if not parameter.ordinary:
+            return False
+        usual = min(
+            parameter.ordinary * _whole(parameter.ordinary_of, cable)
+            for cable in problem.plant.cables(values, problem.effects)
+        )
+        size += abs(values[parameter.name]) / max(usual, 1e-12)
+    return size <= 1.0
+
+
+def _whole(of: str, cable: Cable) -> float:
+    """What the ordinary size of an effect's parameter is a share of."""
+    if of == "cable":
+        return cable.length / cable.axial_stiffness
+    return cable.pretension / (cable.length if of == "pretension per length" else 1.0)
 
 
 def amplitudes(problem: Problem, names: Sequence[str]) -> list[int]:

@@ -22,7 +22,7 @@ from cc_mujoco.diagnosis.inference.intervals import estimates, spread, undetermi
 from cc_mujoco.diagnosis.inference.judgement import REFINES, Outcome, judged
 from cc_mujoco.diagnosis.inference.numerics import HARMLESS
 from cc_mujoco.diagnosis.inference.per_trial import odd_trial, trial_errors
-from cc_mujoco.diagnosis.inference.plausibility import doubtful
+from cc_mujoco.diagnosis.inference.plausibility import doubtful, ordinary
 from cc_mujoco.diagnosis.inference.records import Record, prepare
 from cc_mujoco.diagnosis.inference.residual_maps import maps, ranked
 from cc_mujoco.diagnosis.inference.result import Result
@@ -132,7 +132,7 @@ def _concluded(
     estimated = estimates(problem, x, model.spread)
     hidden = confounded(baseline_fit.problem, baseline_fit.whole.x, found.signatures)
     beyond = strayed(problem, x, estimated, hidden)
-    effects = _found(found, problem, estimated, agreed)
+    effects = _found(found, problem, x, estimated, agreed)
     missing = [effect.id for effect in effects if effect.missing]
     added = [step.added for step in found.rounds if step.added]
     tied = [
@@ -275,6 +275,7 @@ def isolability(signatures: Sequence[Signature]) -> Isolability:
 def _found(
     found: Search,
     problem: Problem,
+    x: FloatArray,
     estimated: Mapping[str, Estimate],
     agreed: Mapping[str, float],
 ) -> tuple[Found, ...]:
@@ -293,6 +294,7 @@ def _found(
             shares[name] < min(REFINES, most),
             agreed.get(name, 1.0),
             agreed.get(name, 1.0) < AGREED,
+            ordinary(problem, x, name),
         )
         for name in problem.effects
     )

@@ -225,6 +225,8 @@ def parameters(diagnosis: Diagnosis, names: Names) -> Html | None:
         title = capital(names(found.id))
         if found.refinement:
             title += f" (refines; takes {share(found.share)} of the gap)"
+        elif found.ordinary:
+            title += " (no more than any rig may have)"
         parts += [element("h3", title), _values(found.parameters)]
     if diagnosis.baseline.parameters:
         parts += [element("h3", "Baseline"), _values(diagnosis.baseline.parameters)]

@@ -22,11 +22,10 @@ REASON = "fits only with joint_torque_gain -0.83, which is beyond -0.3 to 0.3"
 def search(misfit: float, left: float, reason: str = "") -> Any:
     """A search that went from one error over the floor to another."""
     last = SimpleNamespace(id=GAIN, reason=reason)
+    sure = {"problem": SimpleNamespace(inflation=1.0), "errors": ()}
     return SimpleNamespace(
-        before=SimpleNamespace(
-            misfit=misfit, problem=SimpleNamespace(inflation=1.0), errors=()
-        ),
-        after=SimpleNamespace(misfit=left),
+        before=SimpleNamespace(misfit=misfit, **sure),
+        after=SimpleNamespace(misfit=left, **sure),
         rounds=(SimpleNamespace(candidates=(last,)),),
     )
 
@@ -111,6 +110,19 @@ def test_a_refinement_is_told_but_not_called_missing() -> None:
     assert "Stribeck" in missing
     assert "late" not in missing
     assert "recorded late refines the model" in refines
+
+
+def test_what_any_rig_may_have_is_told_but_not_called_missing() -> None:
+    usual = Found("end_compliance", {}, 1.0, ordinary=True)
+    alone = Outcome((usual,), (), CLOSED, ())
+    said, statement = judged(search(1.4, 1.1), alone, Thresholds())
+    assert said == "none" and "Nothing is missing" in statement
+    assert "the model is 1.10 times the noise floor off" in statement
+    assert "no larger than uneven bends and loose ends" in statement
+    beside = Outcome((Found("backlash", {}, 1.0), usual), (), CLOSED, ())
+    said, statement = judged(search(3.0, 1.0), beside, Thresholds())
+    assert said == "named"
+    assert "end fitting" not in statement.partition(". ")[0]
 
 
 def test_what_fits_only_with_an_impossible_size_is_evidence_for_the_unknown() -> None:

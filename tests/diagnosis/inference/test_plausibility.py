@@ -10,7 +10,11 @@ import pytest
 from cc_mujoco.diagnosis.effects import EFFECTS, GAIN, PLAY
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.plant import Plant, tuned
-from cc_mujoco.diagnosis.inference.plausibility import doubtful, implausible
+from cc_mujoco.diagnosis.inference.plausibility import (
+    doubtful,
+    implausible,
+    ordinary,
+)
 from cc_mujoco.diagnosis.inference.records import prepare
 from diagnosis.recorded import BENCH, dataset
 
@@ -58,6 +62,32 @@ def test_sizes_that_no_rig_has_are_told(
     assert implausible(wider, place(wider, **possible)) == ""
     (name,) = impossible
     assert f"fits only with {name}" in implausible(wider, place(wider, **impossible))
+
+
+@pytest.mark.parametrize("name", ["end_compliance", "load_independent_friction"])
+def test_what_any_rig_may_have_is_little_beside_its_cable(
+    baseline: Problem, name: str
+) -> None:
+    cable = BENCH.cables[0]
+    wholes = {
+        "end_compliance": cable.length / cable.axial_stiffness,
+        "load_independent_friction": cable.pretension / cable.length,
+        "seal_proximal": cable.pretension,
+        "seal_distal": cable.pretension,
+    }
+    wider = baseline.with_effect(name, {})
+    sizes = [p.name for p in EFFECTS[name].parameters]
+    assert ordinary(wider, place(wider), name)
+    for size in sizes:
+        assert ordinary(wider, place(wider, **{size: 0.01 * wholes[size]}), name)
+        assert not ordinary(wider, place(wider, **{size: 0.05 * wholes[size]}), name)
+    together = {size: 0.01 * wholes[size] for size in sizes}
+    assert ordinary(wider, place(wider, **together), name) is (len(sizes) == 1)
+
+
+def test_of_other_effects_no_size_is_what_any_rig_may_have(baseline: Problem) -> None:
+    wider = baseline.with_effect("viscous_friction", {})
+    assert not ordinary(wider, place(wider, viscous_friction=1e-6), "viscous_friction")
 
 
 def test_play_is_a_small_part_of_the_motion(baseline: Problem) -> None:

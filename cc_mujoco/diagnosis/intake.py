@@ -155,4 +155,5 @@ def _trial(recording: Recording, track: Track, facts: Facts) -> Trial:
         sha256=recording.sha256,
         labels=recording.labels,
         paths={channel: str(path) for channel, path in recording.paths.items()},
+        digits=track.digits,
     )

@@ -10,36 +10,15 @@ import numpy as np
 
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
+from cc_mujoco.diagnosis.data.digits import digit
 from cc_mujoco.diagnosis.data.smoothing import velocity
 from cc_mujoco.diagnosis.data.trials import Dataset, FloatArray, Noise, Trial
 
-_LOOK = 200_000  # samples that are enough to see a quantisation step
 _STILL = 0.02  # share of the usual top speed below which nothing moves
 HOLD = 0.2
 """A hold is at least so long [s]."""
 _SHORT = 8
 _LEAST = 1e-6
-
-
-def resolution(values: FloatArray) -> float:
-    """Quantisation step of readings, 0 if they show none.
-
-    The differences between the values that occur are multiples of the step.
-    """
-    values = values[:_LOOK]
-    values = values[np.isfinite(values)]
-    levels = np.unique(values)
-    if len(levels) < 3 or len(levels) > 0.5 * len(values):
-        return 0.0
-    change = np.diff(levels)
-    change = change[change > 1e-9 * (levels[-1] - levels[0])]
-    step = float(np.percentile(change, 10))
-    few = change[change < 10.5 * step]
-    for _ in range(5):
-        multiples = np.maximum(1.0, np.round(few / step))
-        step = float(few.sum() / multiples.sum())
-    off = np.abs(few / step - np.round(few / step))
-    return step if float(np.mean(off)) < 0.1 else 0.0
 
 
 def holds(trial: Trial) -> list[slice]:
@@ -78,8 +57,9 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
         if source.resolution is not None:
             step = source.resolution * factor
         else:
-            steps = [resolution(trial.channel(channel)) for trial in dataset.trials]
-            step = float(np.median(steps))
+            # A joint that is locked in a trial shows no digit there.
+            steps = [digit(trial, channel) for trial in dataset.trials]
+            step = float(np.median([each for each in steps if each > 0.0] or [0.0]))
         spans = [float(np.ptp(values)) for values in _valid(dataset, channel)]
         least = max(step / math.sqrt(12.0), _LEAST * max(spans, default=0.0))
         if source.noise is not None:

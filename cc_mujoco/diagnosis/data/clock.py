@@ -8,13 +8,14 @@ that are those of the readings, however uneven, the error is that of the chord.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis.data.channels import TEMPERATURE, TIME, VALID
+from cc_mujoco.diagnosis.data.channels import ANGLES, TEMPERATURE, TIME, VALID
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
+from cc_mujoco.diagnosis.data.digits import read_at, resolution
 from cc_mujoco.diagnosis.data.findings import Finding, error, warning
 from cc_mujoco.diagnosis.data.order import MANY_MISSING
 from cc_mujoco.diagnosis.data.reading import Recording
@@ -42,12 +43,14 @@ class Track:
         values: (samples,) by channel, finite in segments.
         segments: stretches in order.
         step: time between samples [s].
+        digits: quantisation step of the readings by channel, 0 if they show none.
     """
 
     time: FloatArray
     values: dict[str, FloatArray]
     segments: tuple[slice, ...]
     step: float
+    digits: dict[str, float]
 
 
 def lay_out(
@@ -73,7 +76,12 @@ def lay_out(
     step = float(np.median(np.diff(time)))
     rate, found = _rate(recording, step)
     findings += found
-    values = _on_one_clock(recording, file)
+    digits = {
+        channel: resolution(value)
+        for channel, value in recording.values.items()
+        if channel not in (TIME, VALID)
+    }
+    values = _on_one_clock(recording, file, digits)
     good, found = _counts(recording, time, values, facts)
     findings += found
     breaks, found = _gaps(recording, time, step)
@@ -90,7 +98,7 @@ def lay_out(
         findings.append(error(f"{recording.path} {told}", name))
         return None, findings
     values.pop(VALID, None)
-    track, found = _even(recording, Track(time, values, segments, step))
+    track, found = _even(recording, Track(time, values, segments, step, digits))
     return track, findings + found
 
 
@@ -111,7 +119,9 @@ def _rate(recording: Recording, step: float) -> tuple[float, list[Finding]]:
     return rate, []
 
 
-def _on_one_clock(recording: Recording, file: DatasetFile) -> dict[str, FloatArray]:
+def _on_one_clock(
+    recording: Recording, file: DatasetFile, digits: dict[str, float]
+) -> dict[str, FloatArray]:
     """Values at the common times, of channels with a delay or clock interpolated."""
     time = recording.values[TIME]
     values = {}
@@ -121,20 +131,24 @@ def _on_one_clock(recording: Recording, file: DatasetFile) -> dict[str, FloatArr
         delay = file.source(channel).delay
         clock = recording.clocks.get(channel)
         if clock is not None or delay != 0.0:
-            value = _at(time + delay, time if clock is None else clock, value)
+            own = time if clock is None else clock
+            digit = digits[channel] if channel in ANGLES else 0.0
+            value = _at(time + delay, own, value, digit)
         if channel == VALID and clock is not None:  # between 1 and 0 nothing counts
             value = np.where((value > 0.0) & (value < 1.0), 0.0, value)
         values[channel] = value
     return values
 
 
-def _at(wanted: FloatArray, clock: FloatArray, values: FloatArray) -> FloatArray:
+def _at(
+    wanted: FloatArray, clock: FloatArray, values: FloatArray, digit: float
+) -> FloatArray:
     """Values at other times; NaN outside, in gaps and beside missing readings."""
     if len(clock) < 2:
         return np.full_like(wanted, np.nan)
     interval = np.diff(clock)
     after = np.clip(np.searchsorted(clock, wanted), 1, len(clock) - 1)
-    found = np.interp(wanted, clock, values, left=np.nan, right=np.nan)
+    found = read_at(wanted, clock, values, digit)
     found[interval[after - 1] > GAP * np.median(interval)] = np.nan
     return found
 
@@ -248,16 +262,17 @@ def _even(recording: Recording, track: Track) -> tuple[Track, list[Finding]]:
         for part, (a, _, n) in zip(segments, spans, strict=True)
     )
     if off <= _EVEN * step:
-        return Track(time, track.values, segments, step), []
+        return replace(track, step=step), []
     grids = [a + step * np.arange(int((b - a) / step + 1e-6) + 1) for a, b, _ in spans]
     values = {
         channel: np.concatenate(
             [
-                np.interp(grid, time[part], value[part])
+                read_at(grid, time[part], value[part], digit)
                 for grid, part in zip(grids, segments, strict=True)
             ]
         )
         for channel, value in track.values.items()
+        for digit in [track.digits.get(channel, 0.0) if channel in ANGLES else 0.0]
     }
     ends = np.cumsum([0, *(len(grid) for grid in grids)])
     parts = tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
@@ -265,6 +280,5 @@ def _even(recording: Recording, track: Track) -> tuple[Track, list[Finding]]:
         f"{recording.column(TIME)} is off an even clock by up to {1e3 * off:.3g} ms; "
         f"the readings were interpolated at {1 / step:.5g} Hz."
     )
-    return Track(np.concatenate(grids), values, parts, step), [
-        warning(told, recording.name, TIME)
-    ]
+    even = Track(np.concatenate(grids), values, parts, step, track.digits)
+    return even, [warning(told, recording.name, TIME)]

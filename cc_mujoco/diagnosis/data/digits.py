@@ -1,4 +1,4 @@
-"""Angles of encoders that round: what is known of them between two digits.
+"""Readings that are rounded: their digit, and what is known of an angle between two.
 
 Where a reading jumps from one digit to the next, the angle stands at the edge between
 them, better known than anywhere else. In slow creep the jumps are all there is: taken
@@ -12,10 +12,76 @@ import math
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.data.trials import Noise
+from cc_mujoco.diagnosis.data.trials import Noise, Trial
 
+_LOOK = 200_000  # samples that are enough to see a digit
+_MANY = 50  # differences that are no multiples of anything by chance
+_JUMP = 6  # digits between readings that nearly all of them are apart at least
+_CREEP = 1.5  # digits between two readings beyond which an angle is under way
 _ROUNDED = 1.5
 """Variance over that of rounding up to which the digits tell more than the mean."""
+
+
+def resolution(values: FloatArray) -> float:
+    """Quantisation step of readings, 0 if they show none.
+
+    The differences between the values that occur are multiples of the step. They have
+    to be the readings themselves: what lies between two of them is no multiple.
+    """
+    values = values[:_LOOK]
+    values = values[np.isfinite(values)]
+    levels = np.unique(values)
+    if len(levels) < 3:
+        return 0.0
+    change = np.diff(levels)
+    change = change[change > 1e-9 * (levels[-1] - levels[0])]
+    least = float(np.percentile(change, 10))
+    few = change[change < 10.5 * least]
+    # An encoder that is fine for its range hardly ever reads the same twice.
+    if len(levels) > 0.5 * len(values) and len(few) < _MANY:
+        return 0.0
+    for jump in range(1, _JUMP + 1):
+        step = least / jump
+        for _ in range(5):
+            multiples = np.maximum(1.0, np.round(few / step))
+            step = float(few.sum() / multiples.sum())
+        off = np.abs(few / step - np.round(few / step))
+        if float(np.mean(off)) < 0.1:
+            return step
+    return 0.0
+
+
+def digit(trial: Trial, channel: str) -> float:
+    """Quantisation step of a channel of a trial, 0 if there is none to be seen."""
+    if channel in trial.digits:
+        return trial.digits[channel]
+    return resolution(trial.channel(channel))
+
+
+def read_at(
+    wanted: FloatArray, clock: FloatArray, reading: FloatArray, digit: float = 0.0
+) -> FloatArray:
+    """Readings at other times: linear between two, but in slow creep the nearer one.
+
+    There, what lies between two digits is no reading, and would hide the digit.
+
+    Args:
+        wanted: (n,) [s].
+        clock: (samples,) times of the readings, at least two [s].
+        reading: (samples,).
+        digit: of the readings; 0 if they show none.
+
+    Returns:
+        (n,), NaN before the first and after the last reading.
+    """
+    found: FloatArray = np.interp(wanted, clock, reading, left=np.nan, right=np.nan)
+    if digit == 0.0:
+        return found
+    after = np.clip(np.searchsorted(clock, wanted), 1, len(clock) - 1)
+    one, other = reading[after - 1], reading[after]
+    early = wanted - clock[after - 1] < clock[after] - wanted
+    creeps = np.isfinite(found) & (np.abs(other - one) < _CREEP * digit)
+    return np.where(creeps, np.where(early, one, other), found)
 
 
 def made_whole(reading: FloatArray, noise: Noise | None) -> FloatArray:

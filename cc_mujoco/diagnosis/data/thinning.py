@@ -70,11 +70,12 @@ def _averaged(track: Track, block: int) -> Track:
 
     ends = np.cumsum([0, *counts])
     parts = (slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
-    return Track(
-        means(track.time),
-        {channel: means(value) for channel, value in track.values.items()},
-        tuple(part for part in parts if part.stop > part.start),
-        track.step * block,
+    return replace(
+        track,
+        time=means(track.time),
+        values={channel: means(value) for channel, value in track.values.items()},
+        segments=tuple(part for part in parts if part.stop > part.start),
+        step=track.step * block,
     )
 
 

@@ -108,6 +108,8 @@ class Trial:
         sha256: of the file's bytes, hexadecimal.
         labels: name in the file of every channel.
         paths: files of the channels that are in another than `path`.
+        digits: quantisation step by channel, as recorded; 0 where there is none to be
+            seen. Of channels that are not in it the samples are the readings.
     """
 
     name: str
@@ -126,6 +128,7 @@ class Trial:
     labels: Mapping[str, str] = field(default_factory=dict)
     paths: Mapping[str, str] = field(default_factory=dict)
     motor_current: FloatArray | None = None
+    digits: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def rate(self) -> float:

@@ -9,22 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.checks.noise import resolution
 from cc_mujoco.diagnosis.checks.repeatability import period
 from cc_mujoco.diagnosis.intake import load
 from diagnosis.bench import RATIO, loaded, only_fix, recording, write
-
-
-@given(
-    step=st.floats(1e-5, 1e-1),
-    offset=st.floats(-1.0, 1.0),
-    seed=st.integers(0, 99),
-)
-def test_quantisation_step_is_found(step: float, offset: float, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    levels = np.cumsum(rng.integers(-2, 3, 2000))
-    assert resolution(offset + step * levels) == pytest.approx(step, rel=1e-3)
-    assert resolution(rng.standard_normal(2000)) == 0.0
 
 
 def test_noise_is_what_was_put_in(tmp_path: Path) -> None:
@@ -33,6 +20,25 @@ def test_noise_is_what_was_put_in(tmp_path: Path) -> None:
     assert noise["joint_torque_nm"].deviation == pytest.approx(2e-3, rel=0.1)
     assert noise["motor_torque_nm"].deviation == pytest.approx(1e-3, rel=0.1)
     assert noise["joint_angle_rad"].resolution == pytest.approx(2e-4, rel=1e-3)
+
+
+@pytest.mark.parametrize("rate", [1.0, 40.0])
+def test_a_digit_is_found_however_times_jitter_and_clocks_are_late(
+    tmp_path: Path, rate: float
+) -> None:
+    """A motion of 40 times the rate hardly reads any digit twice."""
+    columns = recording(30.0)
+    time = columns["time_s"]
+    time += np.random.default_rng(1).uniform(-3e-4, 3e-4, len(time))
+    for name, bits in (("motor_angle_rad", 15), ("joint_angle_rad", 13)):
+        step = 2.0 * np.pi / 2**bits
+        angle = 0.5 * np.sin(rate * time + 0.4 * bits)
+        columns[name] = np.round(step * np.round(angle / step), 6)
+    toml = "[columns.joint_angle_rad]\ndelay = 0.0007\n"
+    (tmp_path / "dataset.toml").write_text(toml)
+    noise = loaded(tmp_path, columns)[0].noise
+    for name, bits in (("motor_angle_rad", 15), ("joint_angle_rad", 13)):
+        assert noise[name].resolution == pytest.approx(2.0 * np.pi / 2**bits, rel=1e-2)
 
 
 def test_noise_in_rests_is_not_the_torque_that_relaxes(tmp_path: Path) -> None:

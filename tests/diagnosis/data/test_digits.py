@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.data.digits import made_whole
+from cc_mujoco.diagnosis.data.digits import made_whole, read_at, resolution
 from cc_mujoco.diagnosis.data.trials import Noise
 
 DIGIT = 1e-3
@@ -18,6 +20,59 @@ TIME = np.arange(0.0, 8.0, 0.002)
 def rounded(angle: np.ndarray) -> np.ndarray:
     """As an encoder shows it."""
     return DIGIT * np.round(angle / DIGIT)
+
+
+@given(
+    step=st.floats(1e-5, 1e-1),
+    offset=st.floats(-1.0, 1.0),
+    seed=st.integers(0, 99),
+)
+def test_quantisation_step_is_found(step: float, offset: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    levels = np.cumsum(rng.integers(-2, 3, 2000))
+    assert resolution(offset + step * levels) == pytest.approx(step, rel=1e-3)
+    assert resolution(rng.standard_normal(2000)) == 0.0
+
+
+@given(
+    bits=st.integers(10, 15),
+    speed=st.floats(0.1, 8.0),
+    decimals=st.integers(6, 9),
+    size=st.integers(2000, 6000),
+)
+def test_an_encoder_is_known_however_fast_it_is_and_however_it_is_written(
+    bits: int, speed: float, decimals: int, size: int
+) -> None:
+    digit = 2.0 * math.pi / 2**bits
+    angle = 0.8 * np.sin(speed * 0.002 * np.arange(size))
+    read = np.round(digit * np.round(angle / digit), decimals)
+    assert resolution(read) == pytest.approx(digit, rel=2e-2)
+
+
+@given(st.integers(3, 3000), st.integers(0, 99))
+def test_numbers_that_are_not_rounded_have_no_digit(size: int, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    assert resolution(random.normal(size=size)) == 0.0
+    assert resolution(np.sin(np.arange(size) + random.normal())) == 0.0
+
+
+def test_what_is_read_between_two_times_is_a_digit_in_creep_and_on_the_line_else() -> (
+    None
+):
+    jitter = np.random.default_rng(3).uniform(-3e-4, 3e-4, TIME.size)
+    clock = TIME + jitter
+    creep = rounded(2.3e-3 * clock)
+    found = read_at(TIME[1:-1], clock, creep, DIGIT)
+    assert np.all(np.isin(found, creep))
+    stroke = np.sin(2.0 * clock)
+    plain = np.interp(TIME[1:-1], clock, stroke)
+    assert np.array_equal(read_at(TIME[1:-1], clock, stroke), plain)
+    fast = np.abs(np.gradient(rounded(stroke)))[1:-1] > 3.0 * DIGIT
+    found = read_at(TIME[1:-1], clock, rounded(stroke), DIGIT)
+    plain = np.interp(TIME[1:-1], clock, rounded(stroke))
+    assert np.array_equal(found[fast], plain[fast])
+    outside = read_at(np.array([-1.0, 9.0]), clock, creep, DIGIT)
+    assert np.isnan(outside).all()
 
 
 @pytest.mark.parametrize(

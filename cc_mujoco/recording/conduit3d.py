@@ -14,6 +14,8 @@ from cc_mujoco.transmission.parameters import PATHS
 
 Array = NDArray[np.float64]
 
+PIECES = 60
+"""Straight pieces that a cable is drawn with, at least."""
 SLACK_COLOR = np.array([150, 150, 150, 255], dtype=np.uint8)
 
 
@@ -34,6 +36,21 @@ def conduit_shares(model: mujoco.MjModel, cable: str) -> Array:
     state[:, reader.nodes] = -np.eye(nodes)
     along = np.concatenate([[0.0], np.cumsum(reader.read(state).slack)])
     return np.asarray(along / along[-1])
+
+
+def node_shares(shares: Array, nodes: int) -> Array:
+    """Return where along the line the nodes are that have tensions.
+
+    Args:
+        shares: Of `conduit_shares`.
+        nodes: How many there are; parts of a line in the open are what they stand for.
+    """
+    return shares if shares.size == nodes else 0.5 * (shares[:-1] + shares[1:])
+
+
+def fine_shares(shares: Array) -> Array:
+    """Return these shares of a route, or more where so few would cut its bends."""
+    return shares if shares.size > PIECES else np.linspace(0.0, 1.0, PIECES + 1)
 
 
 def conduit_points(

@@ -7,6 +7,7 @@ generalized coordinates, so a log needs no poses.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import mujoco
@@ -35,10 +36,7 @@ def log_static(rec: rr.RecordingStream, model: mujoco.MjModel) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     rec.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    for geom in range(model.ngeom):
-        rgba = own_color(model, model.geom_rgba[geom], model.geom_matid[geom])
-        if model.geom_group[geom] >= HIDDEN_GROUP or rgba[3] == 0:
-            continue
+    for geom, rgba in visible_geoms(model):
         body = int(model.geom_bodyid[geom])
         if model.body_weldid[body] == 0:
             position, quaternion = data.geom_xpos[geom], np.empty(4)
@@ -49,6 +47,34 @@ def log_static(rec: rr.RecordingStream, model: mujoco.MjModel) -> None:
         path = rr.new_entity_path([*_body_path(model, body), name])
         rec.log(path, _transform(position, quaternion), static=True)
         rec.log(path, _shape(model, geom, rgba), static=True)
+
+
+def visible_geoms(model: mujoco.MjModel) -> Iterator[tuple[int, Array]]:
+    """Every geom that is drawn, and its colour (4,)."""
+    for geom in range(model.ngeom):
+        rgba = own_color(model, model.geom_rgba[geom], model.geom_matid[geom])
+        if model.geom_group[geom] < HIDDEN_GROUP and rgba[3] > 0:
+            yield geom, rgba
+
+
+def body_poses(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
+    """Return where all bodies are, m, and how they are turned, real part first.
+
+    Args:
+        model: Compiled model.
+        qpos: Generalized coordinates of the frames (T, nq).
+
+    Returns:
+        Positions (T, nbody, 3) and quaternions (T, nbody, 4).
+    """
+    position = np.empty((len(qpos), model.nbody, 3))
+    quaternion = np.empty((len(qpos), model.nbody, 4))
+    data = mujoco.MjData(model)
+    for frame, coordinates in enumerate(qpos):
+        data.qpos[:] = coordinates
+        mujoco.mj_kinematics(model, data)
+        position[frame], quaternion[frame] = data.xpos, data.xquat
+    return position, quaternion
 
 
 def log_motion(
@@ -63,13 +89,7 @@ def log_motion(
         qpos: Generalized coordinates of the frames (T, nq).
     """
     moving = np.flatnonzero(model.body_weldid != 0)
-    position = np.empty((len(time), model.nbody, 3))
-    quaternion = np.empty((len(time), model.nbody, 4))
-    data = mujoco.MjData(model)
-    for frame, coordinates in enumerate(qpos):
-        data.qpos[:] = coordinates
-        mujoco.mj_kinematics(model, data)
-        position[frame], quaternion[frame] = data.xpos, data.xquat
+    position, quaternion = body_poses(model, qpos)
     index = [rr.TimeColumn(TIMELINE, duration=time)]
     for body in moving.tolist():
         columns = rr.Transform3D.columns(

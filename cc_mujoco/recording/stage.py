@@ -29,6 +29,8 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.recording.conduit3d import (
     conduit_points,
     conduit_shares,
+    fine_shares,
+    node_shares,
     tension_colors,
 )
 
@@ -37,8 +39,6 @@ Picture = NDArray[np.uint8]
 Part = tuple[tuple[int, int, int, int], Picture, NDArray[np.float32]]
 """Left, bottom, width, height; colours and depth [drawn pixels]."""
 
-PIECES = 60
-"""Short capsules that a cable is drawn with, at least."""
 THICKER = 1.4
 """Radius of a coloured cable over that of its line in the scene: colours need room."""
 SHADE, EMISSION = 0.72, 0.25
@@ -231,19 +231,12 @@ class Stage:
         self, cable: str, qpos: Array, shares: Array, tension: Array | None
     ) -> None:
         """Add a cable to the scene as capsules, grey if its tension is not given."""
-        if shares.size <= PIECES:
-            # Nodes have tensions, or in the open the parts between the points.
-            middle = 0.5 * (shares[:-1] + shares[1:])
-            fine = np.linspace(0.0, 1.0, PIECES + 1)
-            at = 0.5 * (fine[:-1] + fine[1:])
-            if tension is not None:
-                known = shares if shares.size == tension.size else middle
-                tension = np.interp(at, known, tension)
-            shares = fine
-        elif tension is not None and shares.size == tension.size:
-            tension = 0.5 * (tension[:-1] + tension[1:])
-        points = conduit_points(self._model, cable, qpos[None], shares)[0]
-        shown = np.zeros(len(points) - 1) if tension is None else tension
+        fine = fine_shares(shares)
+        points = conduit_points(self._model, cable, qpos[None], fine)[0]
+        shown = np.zeros(len(points) - 1)
+        if tension is not None:
+            middle = 0.5 * (fine[:-1] + fine[1:])
+            shown = np.interp(middle, node_shares(shares, tension.size), tension)
         colors = tension_colors(shown, self._highest).astype(np.float32) * (
             SHADE / 255.0
         )

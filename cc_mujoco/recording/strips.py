@@ -12,17 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.figures import (
-    BLUE,
     DASH,
-    GREEN,
     GREY,
-    ORANGE,
-    SKY,
     TENSION_COLORS,
     style,
 )
 from cc_mujoco.recording.axis import limits
 from cc_mujoco.recording.log import EpisodeLog
+from cc_mujoco.recording.panels import tensions, torques
 from cc_mujoco.recording.summary import title
 
 if TYPE_CHECKING:
@@ -121,24 +118,11 @@ def _draw_scale(figure: Figure, highest: float) -> None:
 def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
     """One under the other, on one time axis."""
     height, width = SIZE
-    torque: Lines = [
-        ("delivered", "joint_torque_nm", BLUE, "-"),
-        ("desired", "desired_torque_nm", ORANGE, (0, DASH)),
-    ]
-    shown: list[tuple[str, Lines]] = [
-        ("Joint torque [N m]", torque),
-        ("Motor torque [N m]", [("", "motor_torque_nm", GREEN, "-")]),
-    ]
-    for cable in log.cables:
-        ends: Lines = [
-            ("motor end", f"tension_{cable}_proximal_n", BLUE, "-"),
-            ("joint end", f"tension_{cable}_distal_n", SKY, "-"),
-        ]
-        shown.append((f"Tension, {cable} [N]", ends))
+    shown = torques(log) + tensions(log)
     top, bottom, between = 44, 52, 34
     each = (height - top - bottom - between * (len(shown) - 1)) / len(shown)
     time, plots = log["time_s"], []
-    for number, (name, lines) in enumerate(shown):
+    for number, (name, unit, lines) in enumerate(shown):
         low = height - top - each - number * (each + between)
         place = (PLOTS[0], low, PLOTS[1] - PLOTS[0], each)
         axes = figure.add_axes(
@@ -150,17 +134,19 @@ def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
             )
         )
         axes.axhline(0.0, color=GREY, linewidth=0.6)
-        for label, column, color, look in lines:
+        for label, values, color, dashed in lines:
             axes.plot(
                 time,
-                log[column],
+                values,
                 color=color,
                 label=label,
                 alpha=opacity,
-                linestyle=look,
+                linestyle=(0, DASH) if dashed else "-",
             )
-        axes.set(title=name, xlim=(time[0], max(time[-1], time[0] + 1e-9)))
-        reach = limits(time, [log[column] for _, column, *_ in lines])
+        axes.set(
+            title=f"{name} [{unit}]", xlim=(time[0], max(time[-1], time[0] + 1e-9))
+        )
+        reach = limits(time, [line.values for line in lines])
         if reach is not None:
             axes.set_ylim(*reach)
         axes.locator_params(axis="y", nbins=5)
@@ -174,6 +160,3 @@ def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
         plots.append(axes)
     plots[-1].set_xlabel("time [s]")
     return plots
-
-
-Lines = list[tuple[str, str, str, str | tuple[int, tuple[int, int]]]]

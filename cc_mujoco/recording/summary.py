@@ -19,8 +19,8 @@ from cc_mujoco.figures import (
     save,
     style,
 )
-from cc_mujoco.recording.columns import RATIO
 from cc_mujoco.recording.log import EpisodeLog
+from cc_mujoco.recording.panels import angles
 from cc_mujoco.transmission import Cable
 from cc_mujoco.transmission.conduit import node_places
 
@@ -92,23 +92,15 @@ def _draw_torque(axes: Axes, log: EpisodeLog) -> None:
 def _draw_angle(axes: Axes, log: EpisodeLog) -> None:
     time = log["time_s"]
     axes.axhline(0, color=GREY, linewidth=0.6)
-    ratio = log.metadata.get(RATIO)
-    motor = np.degrees(log["motor_angle_rad"]) * (1.0 if ratio is None else ratio)
-    axes.plot(
-        time,
-        motor,
-        color=GREEN,
-        label="motor" if ratio is None else "motor, referred to the joint",
-        linewidth=0.9,
-    )
-    axes.plot(time, np.degrees(log["joint_angle_rad"]), color=BLUE, label="joint")
-    axes.plot(
-        time,
-        np.degrees(log["reference_angle_rad"]),
-        color=ORANGE,
-        label="wearer aims for",
-        dashes=DASH,
-    )
+    for label, values, color, dashed in angles(log).lines:
+        axes.plot(
+            time,
+            values,
+            color=color,
+            label=label,
+            linewidth=0.9 if color == GREEN else None,
+            linestyle=(0, DASH) if dashed else "-",
+        )
     axes.set(title="Angle", xlabel="time [s]", ylabel="angle [deg]")
     axes.set_xlim(time[0], time[-1])
     axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 
 import mujoco
 import numpy as np
@@ -33,22 +33,29 @@ def log_tendons(
         qpos: Generalized coordinates of the frames (T, nq).
         skipped: Tendons that are drawn otherwise.
     """
-    for tendon in range(model.ntendon):
-        kind = model.wrap_type[model.tendon_adr[tendon]]
-        rgba = own_color(model, model.tendon_rgba[tendon], model.tendon_matid[tendon])
-        spatial = kind != mujoco.mjtWrap.mjWRAP_JOINT
-        if tendon in skipped or not spatial or rgba[3] == 0:
-            continue
+    for tendon, rgba in visible_tendons(model, skipped):
         name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)
         path = rr.new_entity_path([WORLD, "tendon", name or str(tendon)])
         radius = float(model.tendon_width[tendon])
         look = rr.LineStrips3D.from_fields(radii=[radius], colors=[rgba])
         rec.log(path, look, static=True)
-        strips = rr.LineStrips3D.columns(strips=_paths(model, tendon, qpos))
+        strips = rr.LineStrips3D.columns(strips=tendon_paths(model, tendon, qpos))
         rec.send_columns(path, [rr.TimeColumn(TIMELINE, duration=time)], [*strips])
 
 
-def _paths(
+def visible_tendons(
+    model: mujoco.MjModel, skipped: Collection[int]
+) -> Iterator[tuple[int, Array]]:
+    """Every spatial tendon that is drawn and not skipped, and its colour (4,)."""
+    for tendon in range(model.ntendon):
+        kind = model.wrap_type[model.tendon_adr[tendon]]
+        rgba = own_color(model, model.tendon_rgba[tendon], model.tendon_matid[tendon])
+        spatial = kind != mujoco.mjtWrap.mjWRAP_JOINT
+        if tendon not in skipped and spatial and rgba[3] > 0:
+            yield tendon, rgba
+
+
+def tendon_paths(
     model: mujoco.MjModel, tendon: int, qpos: Array
 ) -> list[NDArray[np.float32]]:
     """Return the points of a tendon in every frame, each (P, 3) in metres."""

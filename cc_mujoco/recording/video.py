@@ -16,16 +16,15 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
 from cc_mujoco.recording.log import EpisodeLog
+from cc_mujoco.recording.moments import RATE, moments
+from cc_mujoco.recording.panels import highest_tension
 from cc_mujoco.recording.stage import Part, Stage, require_opengl
 from cc_mujoco.recording.strips import SCENE, SIZE, Strips
 
-RATE = 30
-"""Frames per simulated second [1/s]."""
 CODEC = "libx264"
 LOOKS = {"preset": "veryfast", "crf": "20"}
 """How it is encoded: fast, with lines and letters still sharp."""
@@ -63,11 +62,10 @@ def write_video(
         CableError: If PyAV or OpenGL is missing, or the file cannot be written.
     """
     av = _av()
-    samples = _samples(log["time_s"])
+    samples = moments(log["time_s"])
     qpos = log["qpos"]
     nodes = {cable: log[f"tension_{cable}_nodes_n"] for cable in log.cables}
-    highest = max((float(values.max()) for values in nodes.values()), default=0.0)
-    highest = max(highest, 1e-9)
+    highest = highest_tension(log)
     strips = Strips(log, highest)
     _, height, _, width = SCENE
     poses = qpos[np.linspace(0, len(log) - 1, AIMED_AT).astype(int)]
@@ -99,17 +97,6 @@ def write_video(
         if waiting is not None:
             waiting.result()
         film.mux(stream.encode(None))
-
-
-def _samples(time: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the sample nearest to each frame; an episode has at least one frame."""
-    count = max(1, round(float(time[-1] - time[0]) * RATE))
-    moments = time[0] + np.arange(count) / RATE
-    after = np.clip(np.searchsorted(time, moments), 1, max(len(time) - 1, 1))
-    if len(time) == 1:
-        return np.zeros(1, dtype=np.intp)
-    later = moments - time[after - 1] > time[after] - moments
-    return np.asarray(np.where(later, after, after - 1), dtype=np.intp)
 
 
 def _av() -> Any:

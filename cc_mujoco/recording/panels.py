@@ -1,0 +1,81 @@
+"""What is drawn over time beside a scene that moves: torques, angles, tensions."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.figures import BLUE, GREEN, ORANGE, SKY
+from cc_mujoco.recording.columns import RATIO
+from cc_mujoco.recording.log import EpisodeLog
+
+Array = NDArray[np.float64]
+
+
+class Line(NamedTuple):
+    """One line of a plot."""
+
+    label: str
+    values: Array
+    """Of all samples (T,), in the unit of its panel."""
+    color: str
+    dashed: bool = False
+
+
+class Panel(NamedTuple):
+    """One plot."""
+
+    title: str
+    unit: str
+    lines: tuple[Line, ...]
+
+
+def torques(log: EpisodeLog) -> list[Panel]:
+    """Torque at the joint, as desired and as delivered, and at the motor."""
+    joint = (
+        Line("delivered", log["joint_torque_nm"], BLUE),
+        Line("desired", log["desired_torque_nm"], ORANGE, dashed=True),
+    )
+    motor = (Line("motor", log["motor_torque_nm"], GREEN),)
+    return [Panel("Joint torque", "N m", joint), Panel("Motor torque", "N m", motor)]
+
+
+def angles(log: EpisodeLog) -> Panel:
+    """Angle of the joint, of what the wearer aims for and of the motor."""
+    ratio = log.metadata.get(RATIO)
+    motor = np.degrees(log["motor_angle_rad"]) * (1.0 if ratio is None else ratio)
+    label = "motor" if ratio is None else "motor, referred to the joint"
+    lines = (
+        Line(label, motor, GREEN),
+        Line("joint", np.degrees(log["joint_angle_rad"]), BLUE),
+        Line(
+            "wearer aims for",
+            np.degrees(log["reference_angle_rad"]),
+            ORANGE,
+            dashed=True,
+        ),
+    )
+    return Panel("Angle", "deg", lines)
+
+
+def tensions(log: EpisodeLog) -> list[Panel]:
+    """Tension at both ends of every cable."""
+    return [
+        Panel(
+            f"Tension, {cable}",
+            "N",
+            (
+                Line("motor end", log[f"tension_{cable}_proximal_n"], BLUE),
+                Line("joint end", log[f"tension_{cable}_distal_n"], SKY),
+            ),
+        )
+        for cable in log.cables
+    ]
+
+
+def highest_tension(log: EpisodeLog) -> float:
+    """The highest tension anywhere in a cable, above 0, for a scale of colours [N]."""
+    nodes = (log[f"tension_{cable}_nodes_n"] for cable in log.cables)
+    return max((float(values.max()) for values in nodes), default=0.0) or 1e-9

@@ -7,10 +7,11 @@ is put into other elements as it is.
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
+from types import MappingProxyType
 
 from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, PINK, SKY
 
@@ -76,17 +77,38 @@ def picture(path: Path, words: str) -> Html:
     return element("figure", Html(image), element("figcaption", words))
 
 
-def page(title: str, kind: str, *content: Content) -> str:
+def page(
+    title: str,
+    kind: str,
+    *content: Content,
+    style: str = "",
+    scripts: Sequence[str] = (),
+    data: Mapping[str, str] = MappingProxyType({}),
+) -> str:
     """The whole page.
 
     Args:
         title: of the window.
         kind: class of the body, which sets the colour of the verdict.
         content: of the body.
+        style: sheet that adds to the common one.
+        scripts: JavaScript, run in this order; without, the page may run none.
+        data: JSON for the scripts, by the id of the element that will hold it.
     """
-    body = element("main", *content)
+    held = [
+        Html(
+            f'<script type="application/json"{_attributes({"id": name})}>'
+            f"{text.replace('<', chr(92) + 'u003c')}</script>"
+        )
+        for name, text in data.items()
+    ]
+    run = [element("script", Html(script)) for script in scripts]
     return _PAGE.substitute(
-        title=escape(title), kind=escape(kind), style=_STYLE, body=body
+        title=escape(title),
+        kind=escape(kind),
+        scripting=" script-src 'unsafe-inline';" if scripts else "",
+        style=_STYLE + style,
+        body=joined([element("main", *content), *held, *run], Html("\n")),
     )
 
 
@@ -115,7 +137,7 @@ _PAGE = Template("""<!DOCTYPE html>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta http-equiv="Content-Security-Policy"
- content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
+ content="default-src 'none';$scripting img-src data:; style-src 'unsafe-inline'">
 <title>$title</title>
 <style>
 $style

@@ -39,6 +39,8 @@ class Play:
 
     video: Flag = False
     """Write video.mp4, too: the scene beside torques and tensions."""
+    html: Flag = False
+    """Write episode.html, too: a page that plays the episode in any browser."""
 
     def run(self) -> None:
         """Play and write; print a table and how to open the recording."""
@@ -72,6 +74,10 @@ class Play:
             from cc_mujoco.recording.video import require_video
 
             require_video()
+        if self.html:
+            from cc_mujoco.recording.web_page import require_page
+
+            require_page()
 
         env = gymnasium.make(
             device.environment,
@@ -89,7 +95,12 @@ class Play:
             log = play(env, law, seed=self.seed, about=names, progress=progress)
         with bar(self.duration if self.video else 0.0, "video") as progress:
             found = write_episode(
-                out, log, inner.model, video=self.video, progress=progress
+                out,
+                log,
+                inner.model,
+                video=self.video,
+                html=self.html,
+                progress=progress,
             )
         env.close()
         for metric in found:

@@ -29,6 +29,8 @@ class WhatIfShow:
 
     video: Flag = False
     """Write video.mp4, too: the scene beside torques and tensions."""
+    html: Flag = False
+    """Write episode.html, too: a page that plays the episode in any browser."""
 
     def run(self) -> None:
         """Play and write; print a table and how to open the recording."""
@@ -52,10 +54,16 @@ class WhatIfShow:
             from cc_mujoco.recording.video import require_video
 
             require_video()
+        if self.html:
+            from cc_mujoco.recording.web_page import require_page
+
+            require_page()
         with bar(duration) as progress:
             log, model = show(self.folder, self.row, progress, self.case)
         with bar(duration if self.video else 0.0, "video") as progress:
-            write_episode(out, log, model, video=self.video, progress=progress)
+            write_episode(
+                out, log, model, video=self.video, html=self.html, progress=progress
+            )
         for name in about["variables"]:
             unit = VARIABLES[name.rpartition(".")[2]].unit
             print(_line(name, row[name], unit))

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 LOG = "log.parquet"
 FILES = ("recording.rrd", LOG, "metrics.json", "summary.png")
 """What `write_episode` leaves in its folder."""
-VIDEO = "video.mp4"
+VIDEO, PAGE = "video.mp4", "episode.html"
 """What it leaves there besides, if asked for."""
 
 
@@ -109,7 +109,7 @@ def require_ours(folder: str | os.PathLike[str]) -> None:
     Raises:
         CableError: If not; see `files.require_ours`.
     """
-    names = (*FILES, VIDEO)
+    names = (*FILES, VIDEO, PAGE)
     files.require_ours(folder, names, lambda place: files.is_marked(place / LOG))
 
 
@@ -119,18 +119,20 @@ def write_episode(
     model: mujoco.MjModel,
     *,
     video: bool = False,
+    html: bool = False,
     progress: Callable[[float], object] | None = None,
 ) -> tuple[Metric, ...]:
-    """Write recording, log, metrics, figure and, if asked, video of an episode.
+    """Write recording, log, metrics, figure and, if asked, video and page.
 
     They are made beside the folder and moved into it when all are whole; other files in
-    the folder are left alone. The video of an earlier episode goes with its log.
+    the folder are left alone. Video and page of an earlier episode go with its log.
 
     Args:
         folder: Where `FILES` shall lie; made if need be.
         log: The episode.
         model: The model that the episode was played on.
         video: Whether to write `VIDEO`, too.
+        html: Whether to write `PAGE`, too.
         progress: Called with the simulated time [s] that the video has reached.
 
     Returns:
@@ -138,7 +140,8 @@ def write_episode(
 
     Raises:
         CableError: If the folder has files by these names that are not an episode's, or
-            cannot be written; if a video cannot be made, see `video.require_video`.
+            cannot be written; if a video cannot be made, see `video.require_video`; if
+            a page cannot, see `web_page.require_page`.
     """
     from cc_mujoco.recording.rerun_file import write_recording
 
@@ -153,6 +156,11 @@ def write_episode(
             from cc_mujoco.recording.video import write_video
 
             write_video(partial / VIDEO, log, model, progress)
-    if not video:
-        Path(folder, VIDEO).unlink(missing_ok=True)
+        if html:
+            from cc_mujoco.recording.web_page import write_page
+
+            write_page(partial / PAGE, log, model, found)
+    for name, written in ((VIDEO, video), (PAGE, html)):
+        if not written:
+            Path(folder, name).unlink(missing_ok=True)
     return found

@@ -13,35 +13,83 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.transmission import PARAMETERS, kernel
 from cc_mujoco.transmission import friction as law
-from cc_mujoco.transmission.packing import contact_length
+from cc_mujoco.transmission import packing as at
 from cc_mujoco.transmission.stepper import Counts
 
-_SCALARS = len(PARAMETERS)
-_FRICTION = law.INDEX["friction"]
 _PRETENSION = law.INDEX["pretension"]
+_ASYMMETRY = law.INDEX["friction_asymmetry"]
+_AGEING = law.INDEX["ageing_friction"]
 
 
 @compiled
-def _stretches(prm: FloatArray, n: int, slip_direction: float) -> tuple[float, float]:
-    """Stretch in the pretension [m], and per distal tension while all slips [m/N].
+def _friction(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    sense: float,
+    speed: float,
+    j: int,
+    ends: float,
+) -> tuple[float, float, float]:
+    """Growth, drag [N] and holding growth of segment j, were it to slip along `sense`.
 
-    `slip_direction` is the direction of slip, 0 for a tension that is the same all
-    along.
+    Every law of friction has a say as in a step of the kernel, but for bristles: they
+    are bent by then. Drag of viscosity helps where the cable still moves the other way.
+
+    Args:
+        prm: packed parameters.
+        n: segments.
+        state: of the model.
+        sense: of the slip, 1 towards the joint, -1 towards the motor.
+        speed: of the cable, positive towards the joint [m/s].
+        j: which.
+        ends: place of its distal end [m].
     """
-    values = prm[:_SCALARS]
-    angle = kernel.segment_angles(prm, n)
-    stiffness = kernel.node_stiffness(prm, n)
-    level, rest, unit = 1.0, 0.0, 0.0
+    values, length = at.scalars(prm), at.contact_length(prm, n)[j]
+    node, slip = at.tensions(state, n), at.slips(state, n)[j]
+    angle = at.segment_angles(prm, n)[j] * law.wrap_factor(
+        values, state[at.TRAVEL], ends - length, ends, prm[at.LENGTH]
+    )
+    factor = law.load_factor(values, 0.5 * (max(node[j], 0.0) + max(node[j + 1], 0.0)))
+    factor *= law.drift_factor(values, state[at.TIME], state[at.HEAT])
+    factor *= 1.0 - sense * values[_ASYMMETRY]
+    aged = values[_AGEING] * at.contact_ages(state, n)[j]
+    slipped = abs(slip) if slip * sense > 0.0 else 0.0
+    moving = law.kinetic_coefficient(values, slipped, abs(speed))
+    growth = law.ratio(factor * (moving + aged), angle)
+    hold = law.ratio(factor * (law.holding_coefficient(values) + aged), angle)
+    drag = law.drag(values, length, growth, j, n)
+    drag += sense * speed * law.viscosity(values, length, growth, abs(speed), 1.0)
+    return growth, drag, hold
+
+
+@compiled
+def _stretches(
+    prm: FloatArray, n: int, state: FloatArray, sense: float, speed: float
+) -> tuple[float, float, float]:
+    """Stretch in the pretension [m]; while all slips, per distal tension and at none.
+
+    `sense` is the direction of slip, 0 for a tension that is the same all along; the
+    others see `_friction`.
+    """
+    stiffness = at.node_stiffness(prm, n)
+    length = at.contact_length(prm, n)
+    ends = np.sum(length)
+    level, offset, rest, unit, none = 1.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n + 1):
         j = n - i
-        if i > 0 and slip_direction != 0.0:
-            growth = law.ratio(values[_FRICTION], angle[j])
-            level = level * growth if slip_direction < 0.0 else level / growth
-        rest += values[_PRETENSION] / stiffness[j]
+        if i > 0 and sense != 0.0:
+            growth, drag, _ = _friction(prm, n, state, sense, speed, j, ends)
+            ends -= length[j]
+            if sense < 0.0:
+                level, offset = level * growth, offset * growth + drag
+            else:
+                level, offset = level / growth, (offset - drag) / growth
+        rest += prm[_PRETENSION] / stiffness[j]
         unit += level / stiffness[j]
-    return rest, unit
+        none += offset / stiffness[j]
+    return rest, unit, none
 
 
 @compiled
@@ -49,7 +97,9 @@ def _shared(
     prm: FloatArray,
     n: Counts,
     distal: FloatArray,
+    state: FloatArray,
     slip_direction: FloatArray,
+    joint_velocity: float,
     desired: float,
     share: FloatArray,
     taut: FloatArray,
@@ -60,7 +110,9 @@ def _shared(
         prm: packed parameters (cables, numbers).
         n: segments.
         distal: arms at the joint [m/rad].
+        state: of the model (cables, numbers).
         slip_direction: direction in which each cable slips.
+        joint_velocity: at which the cables have to follow [rad/s].
         desired: joint torque [Nm].
         share: out.
         taut: scratch, which cables are.
@@ -74,16 +126,21 @@ def _shared(
         constant, slope = 0.0, 0.0
         for k in range(n.size):
             if taut[k] != 0.0:
-                rest, unit = _stretches(prm[k], n[k], slip_direction[k])
-                constant -= distal[k] * rest / unit
+                rest, unit, none = _stretches(
+                    prm[k], n[k], state[k], slip_direction[k],
+                    distal[k] * joint_velocity,
+                )  # fmt: skip
+                constant -= distal[k] * (rest - none) / unit
                 slope -= distal[k] ** 2 / unit
         if slope == 0.0:
             break
         angle = (desired - constant) / slope
         again = False
         for k in range(n.size):
-            rest, unit = _stretches(prm[k], n[k], slip_direction[k])
-            tension = (rest + distal[k] * angle) / unit
+            rest, unit, none = _stretches(
+                prm[k], n[k], state[k], slip_direction[k], distal[k] * joint_velocity
+            )
+            tension = (rest - none + distal[k] * angle) / unit
             share[k] = max(tension, 0.0) if taut[k] != 0.0 else 0.0
             if taut[k] != 0.0 and tension < 0.0:
                 taut[k], again = 0.0, True
@@ -97,8 +154,10 @@ def dynamic(
     n: Counts,
     arm: FloatArray,
     distal: FloatArray,
+    state: FloatArray,
     slip_direction: FloatArray,
     gain: FloatArray,
+    joint_velocity: float,
     desired: float,
     scratch: FloatArray,
 ) -> float:
@@ -109,8 +168,10 @@ def dynamic(
         n: segments of every cable.
         arm: of every cable where the motor is (cables,) [m/rad].
         distal: arms at the joint [m/rad].
+        state: of the model (cables, numbers).
         slip_direction: direction in which every cable last slipped as a whole (cables,)
         gain: proximal per distal tension at that time (cables,).
+        joint_velocity: at which the cables have to follow [rad/s].
         desired: joint torque [Nm].
         scratch: (3, cables).
 
@@ -118,7 +179,10 @@ def dynamic(
         Motor torque [Nm].
     """
     share = scratch[0]
-    _shared(prm, n, distal, slip_direction, desired, share, scratch[1])
+    _shared(
+        prm, n, distal, state, slip_direction, joint_velocity, desired, share,
+        scratch[1],
+    )  # fmt: skip
     torque = 0.0
     for k in range(n.size):
         torque -= arm[k] * gain[k] * share[k]
@@ -133,6 +197,7 @@ def whole(
     distal: FloatArray,
     state: FloatArray,
     slip_direction: float,
+    joint_velocity: float,
     desired: float,
     scratch: FloatArray,
 ) -> float:
@@ -149,6 +214,7 @@ def whole(
         distal: arms at the joint [m/rad].
         state: of the model (cables, numbers).
         slip_direction: sense in which the motor shall turn, 1, -1 or 0 for as it is.
+        joint_velocity: at which the cables have to follow [rad/s].
         desired: joint torque [Nm].
         scratch: (3, cables).
 
@@ -158,38 +224,39 @@ def whole(
     share, senses = scratch[0], scratch[2]
     for k in range(n.size):
         senses[k] = np.sign(arm[k]) * slip_direction
-    _shared(prm, n, distal, senses, desired, share, scratch[1])
+    _shared(prm, n, distal, state, senses, joint_velocity, desired, share, scratch[1])
     torque = 0.0
     for k in range(n.size):
         tension = share[k]
         if slip_direction != 0.0:
-            tension = _breakaway(prm[k], n[k], state[k], senses[k], tension)
+            speed = distal[k] * joint_velocity
+            tension = _breakaway(prm[k], n[k], state[k], senses[k], speed, tension)
         torque -= arm[k] * tension
     return torque
 
 
 @compiled
 def _breakaway(
-    prm: FloatArray, n: int, state: FloatArray, sense: float, wanted: float
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    sense: float,
+    speed: float,
+    wanted: float,
 ) -> float:
     """Proximal tension at which all segments slip one way, `wanted` at the end [N]."""
-    t = kernel.STATE_HEADER
-    values = prm[:_SCALARS]
-    angle = kernel.segment_angles(prm, n)
-    holding = law.holding_coefficient(values)
-    length = contact_length(prm, n)
+    node, slips = at.tensions(state, n), at.slips(state, n)
+    length = at.contact_length(prm, n)
+    ends = np.sum(length)
     need = wanted
     for i in range(n):
         j = n - 1 - i
-        slip, speed = state[t + n + 1 + j], state[t + 2 * n + 1 + j]
-        moving = slip * sense > 0.0
-        slipped = abs(slip) if moving else 0.0
-        growth = law.ratio(law.kinetic_coefficient(values, slipped, speed), angle[j])
-        drag = law.drag(values, length[j], growth, j, n)
-        held = max(state[t + j + 1], 0.0)
-        hold = law.ratio(holding, angle[j])
+        growth, drag, hold = _friction(prm, n, state, sense, speed, j, ends)
+        ends -= length[j]
+        moving = slips[j] * sense > 0.0
+        held = max(node[j + 1], 0.0)
         if sense < 0.0:
-            need = growth * need + drag
+            need = max(growth * need + drag, 0.0)
             if not moving:
                 need = max(need, hold * held + drag)
         else:

@@ -170,6 +170,7 @@ def model_based(
     n: Counts,
     distal: FloatArray,
     arm: FloatArray,
+    state: FloatArray,
     slip_direction: FloatArray,
     gain: FloatArray,
     disturbance: float,
@@ -186,6 +187,7 @@ def model_based(
         n: segments of every cable.
         distal: arms at the joint [m/rad].
         arm: of every cable where the motor is (cables,) [m/rad].
+        state: of the model (cables, numbers).
         slip_direction: see `CableModel` (cables,).
         gain: likewise.
         disturbance: motor torque to be added [Nm].
@@ -194,8 +196,9 @@ def model_based(
         scratch: (3, cables).
     """
     feedforward = compensation.dynamic(
-        prm, n, arm, distal, slip_direction, gain, seen[DESIRED], scratch
-    )
+        prm, n, arm, distal, state, slip_direction, gain, seen[JOINT_VELOCITY],
+        seen[DESIRED], scratch,
+    )  # fmt: skip
     feedforward = feedforward + disturbance - _damping(gains, stiffness, seen)
     return closed(gains, memory, feedforward, seen[DESIRED] - seen[TORQUE])
 
@@ -227,8 +230,9 @@ def stiction(
     if turned:
         memory[SENSE] = np.sign(wanted)
     feedforward = compensation.whole(
-        prm, n, arm, distal, state, memory[SENSE], seen[DESIRED], scratch
-    )
+        prm, n, arm, distal, state, memory[SENSE], seen[JOINT_VELOCITY], seen[DESIRED],
+        scratch,
+    )  # fmt: skip
     feedforward -= _damping(gains, stiffness, seen)
     # Where the sense has just turned, what is fed forward answers the error.
     return closed(gains, memory, feedforward, 0.0 if turned else error)

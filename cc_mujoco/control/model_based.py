@@ -28,6 +28,8 @@ from cc_mujoco.transmission.stepper import Counts
 
 Mismatch = float | Callable[[Any], Any]
 
+_STEADY = 0.8
+
 
 class ModelBased(ProportionalIntegral):
     r"""Model-based: friction of the moving cables is fed forward; with PI feedback.
@@ -64,7 +66,9 @@ class ModelBased(ProportionalIntegral):
             integral: Ki [1/s].
             mismatch: Relative error of the model's friction on purpose, above -1; or a
                 function of the time since the reset [s] that gives it.
-            settling: T [s]; 0 where the motor has no inertia.
+            settling: T [s]; 0 where the motor has no inertia. It is less where the
+                damping, times the period, would exceed 0.8 of an inertia that is known:
+                felt a period late, 1 is the edge of stability.
 
         Raises:
             CableError: If the cables are not known, a gain is negative, or a constant
@@ -78,9 +82,14 @@ class ModelBased(ProportionalIntegral):
             )
         number("settling", settling, 0.0, 10.0, "s")
         self.mismatch = mismatch
-        self.settling = settling
         self.stiffness = np.array([joint_stiffness(row) for row in drive.cable_drives])
         """Of all cables at the joint, one for all environments or one each [Nm/rad]."""
+        if drive.inertia > 0.0:
+            # A damper sampled this slowly would drive the motor, not calm it.
+            most = _STEADY * drive.inertia / drive.period
+            at_motor = float(self.stiffness.max()) / drive.ratio**2
+            settling = min(settling, most / at_motor)
+        self.settling = settling
         self.model = CableModel(drive)
         self._calls: Any = 0
 
@@ -127,6 +136,7 @@ class ModelBased(ProportionalIntegral):
             model.segments,
             model.distal,
             model.arm,
+            model.state,
             model.slip_direction,
             model.gain,
             np.full(rows, self.disturbance(), dtype=float),
@@ -150,6 +160,7 @@ def _torques(
     n: Counts,
     distal: FloatArray,
     arm: FloatArray,
+    state: FloatArray,
     slip_direction: FloatArray,
     gain: FloatArray,
     disturbance: FloatArray,
@@ -160,6 +171,7 @@ def _torques(
 ) -> None:
     for row in range(found.size):
         found[row] = laws.model_based(
-            gains, stiffness[row], prm[row], n, distal, arm[row], slip_direction[row],
-            gain[row], disturbance[row], memory[row], seen[row], scratch,
+            gains, stiffness[row], prm[row], n, distal, arm[row], state[row],
+            slip_direction[row], gain[row], disturbance[row], memory[row], seen[row],
+            scratch,
         )  # fmt: skip

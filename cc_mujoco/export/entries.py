@@ -220,8 +220,8 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
             gains, memory[STIFFNESS], prm, n, distal, arm, state, law, seen, room
         )
     return laws.model_based(
-        gains, memory[STIFFNESS], prm, n, distal, arm, direction, gain, 0.0, law, seen,
-        room,
+        gains, memory[STIFFNESS], prm, n, distal, arm, state, direction, gain, 0.0, law,
+        seen, room,
     )  # fmt: skip
 
 

@@ -88,6 +88,55 @@ def test_stiction_compensation_crosses_a_reversal_at_once() -> None:
     assert lasting[0] > 2 * lasting[1]
 
 
+@pytest.mark.parametrize(
+    ("left", "term"),
+    [
+        (0.2, {"viscous_friction": 4.0}),
+        (0.2, {"grease_drag": 1.0}),
+        (0.2, {"load_independent_friction": 0.5}),
+        # Friction that falls with speed makes a device without inertia jump.
+        (0.7, {"stribeck_friction": 0.1, "stribeck_speed": 0.05}),
+        (0.2, {"friction_asymmetry": 0.3}),
+        (0.2, {"tension_exponent": -0.3}),
+        (0.2, {"wrap_growth": 10.0}),
+        (0.2, {"friction_drift": 0.2}),
+    ],
+    ids=lambda given: next(iter(given)) if isinstance(given, dict) else "",
+)
+def test_stiction_compensation_takes_over_every_friction_that_it_knows(
+    left: float, term: dict[str, float]
+) -> None:
+    plain, angle = pull_pull(), there_and_back(2.0)
+    row = tuple(
+        dataclasses.replace(drawn, cable=drawn.cable.replace(**term))
+        for drawn in plain.cables
+    )
+    drive = dataclasses.replace(plain, cable_drives=(row,))
+    moving = (np.arange(angle.size) % 1000) > 300
+    unaware, aware = (
+        errors(drive, law, angle, -angle)[moving]
+        for law in (
+            StictionCompensation(believed, 0.0, 0.0, settling=0.0)
+            for believed in (plain, drive)
+        )
+    )
+    assert np.sqrt(np.mean(aware**2)) < left * np.sqrt(np.mean(unaware**2))
+
+
+@given(inertia=st.floats(1e-6, 1.0), period=st.sampled_from((5e-4, 1e-3, 2e-3)))
+@settings(max_examples=20)
+def test_a_motor_is_not_damped_more_than_the_period_allows(
+    inertia: float, period: float
+) -> None:
+    """A damper felt a period late is unstable beyond inertia over period."""
+    drive = dataclasses.replace(pull_pull(), inertia=inertia, period=period)
+    law = ModelBased(drive)
+    damping = law.settling * float(law.stiffness[0])
+    assert 0.0 < law.settling <= 0.03
+    assert damping * period / inertia <= 0.8 + 1e-9
+    assert law.gains.settling == law.settling
+
+
 def test_disturbance_observer_takes_back_friction_that_the_model_lacks() -> None:
     drive, believed = single(0.2), single(0.14)
     angle, desired = 0.2 * np.arange(3000) / 1000.0, np.full(3000, 30.0)

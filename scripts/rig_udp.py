@@ -2,11 +2,9 @@
 
     python scripts/rig_udp.py --port 5005 --effect viscous_friction --amount 200
 
-The bench of `scripts/diagnosis_study/rig`, of the make with guides: cables in
-equilibrium at every step, a rotor, a joint with inertia, and a hand that holds it by a
-spring and a damper and swings it. It answers with a reading at every record (500 Hz),
-encoders and torque sensor with steps and noise as of the study's logger, and has the
-watchdog that the packet asks of a rig: no command for 50 ms, no torque.
+The bench of `scripts/diagnosis_study/driven.py`. It answers with a reading at every
+record (500 Hz), and has the watchdog that the packet asks of a rig: no command for
+50 ms, no torque.
 """
 
 from __future__ import annotations
@@ -21,94 +19,18 @@ import time
 from pathlib import Path
 from types import FrameType
 
-import numpy as np
-from numpy.typing import NDArray
-
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
-from cc_mujoco.hardware import Readings, Status, packet
-from rig import make_rig
-from rig.dataset import truth_of
-from rig.guides.cables import start
-from rig.guides.live import advance
-from rig.makes import MAKES
-from rig.sensors import CHANNELS
+from driven import Bench, Instruments
 
-Array = NDArray[np.float64]
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware import Status, packet
+from rig import make_rig
+from rig.makes import MAKES
 
 PERIOD = 0.002
-STEP = 2e-4
 SILENCE = 0.05
 """Time without a command after which there is no torque [s]."""
-LEFT_OUT = (
-    "detent", "play", "offcentre", "unbalance", "strap", "bearing", "settling",
-)  # fmt: skip
-"""Of the plant, what `advance` does not play."""
-HAND = (10.0, 0.3)
-"""Stiffness [Nm/rad] and damping [Nm s/rad] of the hand."""
-
-
-class Instruments:
-    """Encoders in steps, velocities from their differences, a noisy torque sensor."""
-
-    def __init__(self, seed: int) -> None:
-        self._random = np.random.default_rng(seed)
-        self._last: list[float] = []
-        self._speeds = [0.0, 0.0]
-
-    def _read(self, name: str, value: float) -> float:
-        channel = CHANNELS[name]
-        noisy = value + channel.noise * self._random.standard_normal()
-        return float(channel.resolution * round(noisy / channel.resolution))
-
-    def readings(self, state: Array, torque: float, status: Status) -> Readings:
-        """What they show."""
-        angles = [
-            self._read("motor_angle", state[0]),
-            self._read("joint_angle", state[2]),
-        ]
-        share = -math.expm1(-2.0 * math.pi * 50.0 * PERIOD)  # a low-pass of 50 Hz
-        for k, (now, before) in enumerate(
-            zip(angles, self._last or angles, strict=True)
-        ):
-            self._speeds[k] += share * ((now - before) / PERIOD - self._speeds[k])
-        self._last = angles
-        motor, joint = self._speeds
-        felt = self._read("joint_torque", torque)
-        return Readings(0.0, angles[0], motor, angles[1], joint, felt, status)
-
-
-class Bench:
-    """The rig and its cables."""
-
-    def __init__(self, effects: dict[str, float], seed: int) -> None:
-        rig = make_rig(seed, make="guides")
-        truth, plain = truth_of(rig, effects, seed), truth_of(rig, {}, seed)
-        self.plant = truth.plant
-        changed = [k for k in LEFT_OUT if getattr(self.plant, k)]
-        if changed or truth.chain != plain.chain:
-            raise SystemExit(
-                f"this rig cannot hide {', '.join(effects)}: it plays what is in the "
-                "cables and inertia, no other load on the shafts and no sensor's fault"
-            )
-        self.pretension = rig.pretension
-        self.cables = start(self.plant, rig.pretension, (0.0, 0.0))
-        self.state = np.zeros(4)
-        self.ends = np.full(4, rig.pretension)
-
-    def advance(self, torque: float, swing: float, rate: float) -> None:
-        """Go on by a period."""
-        hand = np.array([*HAND, swing, rate])
-        steps = round(PERIOD / STEP)
-        advance(
-            self.plant, self.cables, self.pretension, self.state, self.ends, torque,
-            hand, steps, STEP,
-        )  # fmt: skip
-
-    @property
-    def joint_torque(self) -> float:
-        """That the cables put into the joint [Nm]."""
-        return float(self.plant.joint_radius * (self.ends[2] - self.ends[3]))
 
 
 class Host:
@@ -152,7 +74,7 @@ def serve(
     link: socket.socket, bench: Bench, seed: int, swing: float, swing_period: float
 ) -> None:
     """Play until the process is told to end."""
-    instruments, host = Instruments(seed), Host()
+    instruments, host = Instruments(seed, bench.period), Host()
     pace = 2.0 * math.pi / swing_period
     count, late = 0, 0
     begin = time.perf_counter()
@@ -196,7 +118,11 @@ def main() -> None:
     parser.add_argument("--swing", type=float, default=0.3, help="of the hand [rad]")
     parser.add_argument("--swing-period", type=float, default=2.0, help="[s]")
     given = parser.parse_args()
-    bench = Bench({given.effect: given.amount} if given.effect else {}, given.seed)
+    hidden = {given.effect: given.amount} if given.effect else {}
+    try:
+        bench = Bench(make_rig(given.seed, make="guides"), hidden, PERIOD)
+    except CableError as error:
+        parser.error(str(error))
     bench.advance(0.0, 0.0, 0.0)  # compiles
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _ended)

@@ -6,16 +6,19 @@ import math
 
 import numpy as np
 import pytest
-from rig_udp import HAND, SILENCE, Bench, Host, Instruments
+from driven import HAND, Bench, Instruments
+from rig_udp import PERIOD, SILENCE, Host
 
+from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Status, packet
 from cc_mujoco.hardware.packet import Command
+from rig import make_rig
 
 
 def held(torque: float, seconds: float = 1.5) -> Bench:
     """A bench whose motor was turned on slowly while a hand holds the joint."""
-    bench = Bench({}, seed=1)
-    steps = round(seconds / 0.002)
+    bench = Bench(make_rig(1, make="guides"), {}, PERIOD)
+    steps = round(seconds / PERIOD)
     for k in range(steps):
         bench.advance(torque * min(1.0, 2.0 * k / steps), 0.0, 0.0)
     return bench
@@ -44,8 +47,8 @@ def test_a_held_joint_gets_what_friction_leaves(torque: float) -> None:
 
 @pytest.mark.parametrize("name", ["joint_gravity", "sensor_delay", "pretension_loss"])
 def test_what_it_does_not_play_is_refused(name: str) -> None:
-    with pytest.raises(SystemExit, match=f"cannot hide {name}"):
-        Bench({name: 0.1}, seed=1)
+    with pytest.raises(CableError, match=f"cannot hide {name}"):
+        Bench(make_rig(1, make="guides"), {name: 0.1}, PERIOD)
 
 
 @pytest.mark.study
@@ -54,7 +57,7 @@ def test_a_torque_below_friction_does_not_reach_the_joint() -> None:
 
 
 def test_instruments_tell_the_speed_of_a_turning_motor() -> None:
-    instruments = Instruments(0)
+    instruments = Instruments(0, PERIOD)
     for k in range(200):
         state = np.array([2.0 * 0.002 * k, 2.0, -1.0 * 0.002 * k, -1.0])
         seen = instruments.readings(state, 1.0, Status.ENABLED)

@@ -1,0 +1,184 @@
+"""The bench with guides as a rig that a host drives: in lockstep, or behind a socket.
+
+    bench = Bench(make_rig(1, make="guides"), {"viscous_friction": 200.0}, 0.002)
+    rig = Lockstep(bench, seed=1, swing=lambda time: (0.0, 0.0))
+    Loop(rig, law, desired, limits, watchdog, clock=rig, log=log).run(10.0)
+
+Cables in equilibrium at every step, a rotor, a joint with inertia, and a hand that
+holds it by a spring and a damper and swings it; encoders and torque sensor with steps
+and noise as of the study's logger.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware import Readings, Status
+from rig.dataset import truth_of
+from rig.guides.cables import start
+from rig.guides.live import advance
+from rig.nominal import Rig
+from rig.sensors import CHANNELS
+
+Array = NDArray[np.float64]
+
+STEP = 2e-4
+"""Longest of the equations [s]."""
+LEFT_OUT = (
+    "detent", "play", "offcentre", "unbalance", "strap", "bearing", "settling",
+)  # fmt: skip
+"""Of the plant, what `advance` does not play."""
+HAND = (10.0, 0.3)
+"""Stiffness [Nm/rad] and damping [Nm s/rad] of the hand."""
+
+
+class Instruments:
+    """Encoders in steps, velocities from their differences, a noisy torque sensor."""
+
+    def __init__(self, seed: int, period: float) -> None:
+        """Begin.
+
+        Args:
+            seed: Of the noise.
+            period: Between two readings [s].
+        """
+        self._random = np.random.default_rng(seed)
+        self._period = period
+        self._last: list[float] = []
+        self._speeds = [0.0, 0.0]
+
+    def _read(self, name: str, value: float) -> float:
+        channel = CHANNELS[name]
+        noisy = value + channel.noise * self._random.standard_normal()
+        return float(channel.resolution * round(noisy / channel.resolution))
+
+    def readings(self, state: Array, torque: float, status: Status) -> Readings:
+        """What they show."""
+        angles = [
+            self._read("motor_angle", state[0]),
+            self._read("joint_angle", state[2]),
+        ]
+        share = -math.expm1(-2.0 * math.pi * 50.0 * self._period)  # a low-pass of 50 Hz
+        for k, (now, before) in enumerate(
+            zip(angles, self._last or angles, strict=True)
+        ):
+            self._speeds[k] += share * ((now - before) / self._period - self._speeds[k])
+        self._last = angles
+        motor, joint = self._speeds
+        felt = self._read("joint_torque", torque)
+        return Readings(0.0, angles[0], motor, angles[1], joint, felt, status)
+
+
+class Bench:
+    """The rig and its cables."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        effects: Mapping[str, float],
+        period: float,
+        *,
+        tightness: float = 1.0,
+        hand: tuple[float, float] = HAND,
+    ) -> None:
+        """Begin at rest.
+
+        Args:
+            rig: Of the make with guides.
+            effects: What is hidden in it, amount by id.
+            period: That `advance` goes on by [s].
+            tightness: Pretension over the rig's usual.
+            hand: Stiffness [Nm/rad] and damping [Nm s/rad] at the joint.
+
+        Raises:
+            CableError: This rig cannot hide it.
+        """
+        truth, plain = truth_of(rig, effects, rig.seed), truth_of(rig, {}, rig.seed)
+        self.plant = truth.plant
+        changed = [k for k in LEFT_OUT if getattr(self.plant, k)]
+        if changed or truth.chain != plain.chain:
+            raise CableError(
+                f"this rig cannot hide {', '.join(effects)}: it plays what is in the "
+                "cables and inertia, no other load on the shafts and no sensor's fault."
+            )
+        self.period = period
+        self.pretension = rig.pretension * tightness
+        self.cables = start(self.plant, self.pretension, (0.0, 0.0))
+        self.state = np.zeros(4)
+        self.ends = np.full(4, self.pretension)
+        self._hand = hand
+        self._steps = math.ceil(period / STEP - 1e-9)
+
+    def advance(self, torque: float, swing: float, rate: float) -> None:
+        """Go on by a period.
+
+        Args:
+            torque: Of the motor [Nm].
+            swing: Angle that the hand asks for [rad].
+            rate: Its speed [rad/s].
+        """
+        hand = np.array([*self._hand, swing, rate])
+        advance(
+            self.plant, self.cables, self.pretension, self.state, self.ends, torque,
+            hand, self._steps, self.period / self._steps,
+        )  # fmt: skip
+
+    @property
+    def joint_torque(self) -> float:
+        """That the cables put into the joint [Nm]."""
+        return float(self.plant.joint_radius * (self.ends[2] - self.ends[3]))
+
+
+Swing = Callable[[float], tuple[float, float]]
+"""Angle that the hand asks for [rad] and its speed [rad/s], by time [s]."""
+
+
+class Lockstep:
+    """Clock and rig at once: while the loop waits, the bench goes on."""
+
+    def __init__(self, bench: Bench, seed: int, swing: Swing) -> None:
+        """Begin at time 0.
+
+        Args:
+            bench: That is driven.
+            seed: Of its noise.
+            swing: Of the hand.
+        """
+        self.bench = bench
+        self.torques: list[float] = []
+        """What the joint truly got, one number a period from the first on [Nm]."""
+        self._instruments = Instruments(seed, bench.period)
+        self._swing = swing
+        self._torque = 0.0
+        self._new: Readings | None = None
+
+    def now(self) -> float:
+        """See `Clock`."""
+        return len(self.torques) * self.bench.period
+
+    def wait(self, deadline: float) -> None:
+        """See `Clock`."""
+        while self.now() < deadline - 0.5 * self.bench.period:
+            self.bench.advance(self._torque, *self._swing(self.now()))
+            felt = self.bench.joint_torque
+            self.torques.append(felt)
+            found = self._instruments.readings(self.bench.state, felt, Status.ENABLED)
+            self._new = found._replace(time=self.now())
+
+    def read(self) -> Readings | None:
+        """See `Rig`."""
+        found, self._new = self._new, None
+        return found
+
+    def write(self, torque: float) -> None:
+        """See `Rig`."""
+        self._torque = torque
+
+    def close(self) -> None:
+        """See `Rig`."""
+        self._torque = 0.0

@@ -1,13 +1,22 @@
-"""`cc-mujoco run`: a controller on a real rig."""
+"""`cc-mujoco run`: a controller, or the trials of a plan, on a real rig."""
 
 from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
+
+from cc_mujoco.commands.options import in_words
+from cc_mujoco.errors import CableError
+
+if TYPE_CHECKING:
+    from cc_mujoco.control import Controller
+    from cc_mujoco.hardware import Outcome, Settings
+    from cc_mujoco.hardware.desired import Desired
+    from cc_mujoco.hardware.trials import Planned
 
 
 @dataclass(frozen=True)
@@ -18,12 +27,16 @@ class Run:
 
     rig: Annotated[Path, tyro.conf.arg(metavar="FILE.toml")]
     """Address, limits and task of the rig."""
-    controller: Annotated[str, tyro.conf.arg(metavar="NAME")]
-    """What drives the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for log.csv and run.json; must not hold a run."""
-    duration: float = 10.0
-    """Length of the run in seconds."""
+    controller: Annotated[str | None, in_words("NAME")] = None
+    """What drives the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
+    duration: Annotated[float | None, in_words("S")] = None
+    """Length of the run in seconds; 10 unless given."""
+    plan: Annotated[Path | None, in_words("DIR")] = None
+    """Instead of a controller: play the trials that `diagnose --plan` wrote there."""
+    trial: Annotated[int | None, in_words("NUMBER")] = None
+    """With --plan, only this trial; else all that are not recorded yet, one by one."""
 
     def run(self) -> None:
         """Run; print why it ended and how punctual it was.
@@ -32,48 +45,131 @@ class Run:
             CableError: Something is wrong before the rig is touched.
             SystemExit: The run ended before its time, see the exit codes.
         """
+        if self.plan is not None:
+            self._trials(self.plan)
+            return
+        if self.trial is not None:
+            raise CableError("--trial belongs to --plan, which is not given.")
+        if self.controller is None:
+            raise CableError("name a controller by --controller, or a plan by --plan.")
+
         from cc_mujoco.checks import LONGEST, number
         from cc_mujoco.hardware.log import require_free
         from cc_mujoco.hardware.settings import read_settings
 
-        number("--duration", self.duration, 0.01, LONGEST, "s")
+        duration = 10.0 if self.duration is None else self.duration
+        number("--duration", duration, 0.01, LONGEST, "s")
         settings = read_settings(self.rig)
         require_free(self.out)
-        desired = settings.desired(self.duration)
+        desired = settings.desired(duration)
 
         from cc_mujoco.control import controller
-        from cc_mujoco.hardware import Log, Loop, SystemClock, drive_of, listening
-        from cc_mujoco.hardware.log import BLOCK
-        from cc_mujoco.identity import versions
+        from cc_mujoco.hardware import drive_of
 
         limits, period = settings.limits, settings.period
         drive = drive_of(settings.scene, self.rig.parent, period, limits.torque)
         law = controller(self.controller, drive)
+        found = self._played(settings, law, desired, duration, self.controller)
+        self._told(found, period)
+
+    def _trials(self, folder: Path) -> None:
+        """Play trials of a plan; a person makes the rig ready for each."""
+        for name, value in (
+            ("--controller", self.controller),
+            ("--duration", self.duration),
+        ):
+            if value is not None:
+                raise CableError(f"{name} does not go with --plan, which has its own.")
+
+        from cc_mujoco.control import controller
+        from cc_mujoco.hardware import drive_of
+        from cc_mujoco.hardware.log import require_free
+        from cc_mujoco.hardware.settings import read_settings
+        from cc_mujoco.hardware.trials import planned, tell
+
+        settings = read_settings(self.rig)
+        limits = settings.limits
+        wanted = self._wanted(planned(folder))
+        for trial in wanted:
+            require_free(self.out, trial.name)
+            trial.require_within(limits)
+        drive = drive_of(
+            settings.scene, self.rig.parent, settings.period, limits.torque
+        )
+        firm = settings.firm(drive)
+        for trial in wanted:
+            print(f"{trial.name}: {trial.notes} ({trial.duration:g} s)", flush=True)
+            if self.trial is None:
+                input("make the rig ready, then press the return key: ")
+            law, servo = controller("none", drive), trial.servo(drive, firm)
+            found = self._played(
+                settings, law, servo, trial.duration, str(folder), trial.name
+            )
+            tell(folder, trial.name, self.out)
+            self._told(found, settings.period)
+
+    def _wanted(self, trials: list[Planned]) -> list[Planned]:
+        """Those that are to be played now."""
+        if self.trial is not None:
+            if not 1 <= self.trial <= len(trials):
+                raise CableError(
+                    f"--trial must be 1 to {len(trials)}, not {self.trial}."
+                )
+            return [trials[self.trial - 1]]
+        left = [t for t in trials if not (self.out / f"{t.name}.csv").exists()]
+        if not left:
+            raise CableError(f"{self.out} has all {len(trials)} trials of the plan.")
+        if not sys.stdin.isatty():
+            raise CableError(
+                "between trials somebody has to make the rig ready; call it from a "
+                "terminal, or for one trial by --trial NUMBER."
+            )
+        return left
+
+    def _played(
+        self,
+        settings: Settings,
+        law: Controller,
+        desired: Desired,
+        duration: float,
+        what: str,
+        name: str | None = None,
+    ) -> Outcome:
+        """One run, with its log."""
+        from cc_mujoco.hardware import Log, Loop, SystemClock, listening
+        from cc_mujoco.hardware.log import BLOCK, LOG
+        from cc_mujoco.identity import versions
+
+        period = settings.period
         about = {
             "cc_mujoco": "run",
-            "controller": self.controller,
-            "duration_s": self.duration,
+            "controller" if name is None else "plan": what,
+            "duration_s": duration,
             "period_s": period,
             "rig": self.rig.read_text(encoding="utf-8-sig"),
             "versions": versions(),
         }
         with listening() as stop:
             rig = settings.connect()
-            log = Log(self.out, about, max(1, round(BLOCK / period)))
+            log = Log(self.out, about, max(1, round(BLOCK / period)), name or LOG)
             loop = Loop(
                 rig,
                 law,
                 desired,
-                limits,
+                settings.limits,
                 settings.watchdog,
                 clock=SystemClock(),
                 log=log,
                 stop=stop,
             )
             try:
-                found = loop.run(self.duration)
+                loop.run(duration)
             finally:
                 log.close(loop.outcome.to_json())
+        return loop.outcome
+
+    def _told(self, found: Outcome, period: float) -> None:
+        """Print how a run went, and leave if it did not go well."""
         late, work = found.late.told(), found.work.told()
         print(
             f"{found.cycles} cycles of {period * 1e3:g} ms, {found.missed} missed, "

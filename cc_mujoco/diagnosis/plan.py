@@ -31,6 +31,8 @@ from cc_mujoco.markdown import table
 
 PAGE = "plan.md"
 DATASET = "dataset.toml"
+MOTION = "motion_{}.csv"
+"""What a trial is to play, by its number of two digits."""
 REACH = 0.8
 """Angle of the motor to either side where the scene does not limit the joint [rad]."""
 SPEED = 3.0
@@ -69,7 +71,7 @@ def plan(
     for name, value in (("reach", swing), ("speed", speed)):
         if not 0.0 < value < math.inf:
             raise CableError(f"{name} is {value:g}; it must be more than 0 and finite.")
-    names = tuple(f"motion_{k:02d}.csv" for k in range(1, 20))
+    names = tuple(MOTION.format(f"{k:02d}") for k in range(1, 20))
     require_ours(Path(out), (PAGE, DATASET, *names), _is_plan)
     file = (
         DatasetFile() if dataset_toml is None else read_dataset_file(Path(dataset_toml))
@@ -145,7 +147,7 @@ def page(found: Plan, bench: Bench, swing: float, speed: float) -> str:
         ("file", "what to do", "pretension [N]", "seconds"),
         [
             (
-                f"`motion_{k:02d}.csv`",
+                f"`{MOTION.format(f'{k:02d}')}`",
                 motion.description,
                 number(bench.cables[0].pretension * motion.pretension),
                 number(DT * motion.motor.size),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -100,6 +101,20 @@ def from_csv(path: Path) -> Course:
     Raises:
         CableError: It cannot be read or used; names file, line and column.
     """
+    times, torques = points(path, COLUMNS)
+    return Course(times, torques)
+
+
+def points(path: Path, columns: Sequence[str]) -> tuple[Array, ...]:
+    """Columns of a CSV file (n,) each; others are not looked at.
+
+    Args:
+        path: Of the file.
+        columns: Their names; the first is time and must rise.
+
+    Raises:
+        CableError: It cannot be read or used; names file, line and column.
+    """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.reader(file))
@@ -108,22 +123,23 @@ def from_csv(path: Path) -> Course:
     except (UnicodeDecodeError, csv.Error) as error:
         raise CableError(f"{path} is not a CSV text file: {error}.") from None
     header = [name.strip() for name in rows[0]] if rows else []
-    if missing := [name for name in COLUMNS if name not in header]:
+    if missing := [name for name in columns if name not in header]:
         raise CableError(f"{path}, line 1: there is no column {missing[0]!r}.")
-    points = [
-        [_value(path, line, row, header, name) for name in COLUMNS]
+    found = [
+        [_value(path, line, row, header, name) for name in columns]
         for line, row in enumerate(rows[1:], 2)
         if any(cell.strip() for cell in row)
     ]
-    if not points:
+    if not found:
         raise CableError(f"{path} has no line of data below its header.")
-    times, torques = np.array(points).T
+    table = np.array(found).T
+    times = table[0]
     if (late := np.flatnonzero(np.diff(times) <= 0.0)).size:
         raise CableError(
-            f"{path}, column time_s: {times[late[0] + 1]:g} s must be after the "
+            f"{path}, column {columns[0]}: {times[late[0] + 1]:g} s must be after the "
             f"{times[late[0]]:g} s of the line before."
         )
-    return Course(times, torques)
+    return tuple(table)
 
 
 def _value(

@@ -18,7 +18,8 @@ from cc_mujoco import files
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware.packet import Readings
 
-LOG, ABOUT = "log.csv", "run.json"
+LOG = "log"
+"""Name of a run's files unless it has one of its own."""
 COLUMNS = (
     "time_s",
     "motor_angle_rad",
@@ -42,18 +43,27 @@ BLOCK = 0.1
 """Length of a block [s]."""
 
 
-def require_free(folder: str | os.PathLike[str]) -> None:
+def files_of(name: str) -> tuple[str, str]:
+    """The two files of a run: its rows, and the page on how it went."""
+    return f"{name}.csv", "run.json" if name == LOG else f"{name}.json"
+
+
+def require_free(folder: str | os.PathLike[str], name: str = LOG) -> None:
     """Find out, before a rig is touched, whether a run may be written to a folder.
+
+    Args:
+        folder: Where.
+        name: Of the run's files.
 
     Raises:
         CableError: It cannot be written, or has a run's files: other than results of
             a computation, measured data cannot be made again.
     """
     files.require_ours(folder, (), lambda _: True)
-    for name in (LOG, ABOUT):
-        if os.path.lexists(Path(folder, name)):
+    for file in files_of(name):
+        if os.path.lexists(Path(folder, file)):
             raise CableError(
-                f"{folder} holds {name}; measured data are never replaced, name "
+                f"{folder} holds {file}; measured data are never replaced, name "
                 "another folder to write to."
             )
 
@@ -62,7 +72,11 @@ class Log:
     """The rows of a run, and what it was."""
 
     def __init__(
-        self, folder: str | os.PathLike[str], about: Mapping[str, Any], rows: int
+        self,
+        folder: str | os.PathLike[str],
+        about: Mapping[str, Any],
+        rows: int,
+        name: str = LOG,
     ) -> None:
         """Begin both files.
 
@@ -70,12 +84,15 @@ class Log:
             folder: Where; made if need be.
             about: What was asked for, as JSON.
             rows: Of a block.
+            name: Of the files.
 
         Raises:
             CableError: As `require_free`.
         """
-        require_free(folder)
+        require_free(folder, name)
+        rows_file, about_file = files_of(name)
         self._folder = Path(folder)
+        self._page = self._folder / about_file
         self._about = dict(about)
         self._rows = rows
         self._block: list[str] = []
@@ -83,7 +100,7 @@ class Log:
         self._folder.mkdir(parents=True, exist_ok=True)
         self._tell({"outcome": "running, or killed"})
         # Unbuffered: what is written is the system's, not this process's.
-        self._file = open(self._folder / LOG, "xb", buffering=0)
+        self._file = open(self._folder / rows_file, "xb", buffering=0)
         self._file.write((",".join(COLUMNS) + "\n").encode())
 
     def row(self, seen: Readings, before: float, *others: float) -> None:
@@ -120,5 +137,5 @@ class Log:
 
     def _tell(self, outcome: Mapping[str, Any]) -> None:
         text = json.dumps({**self._about, **outcome}, indent=1)
-        with files.replacing(self._folder / ABOUT) as partial:
+        with files.replacing(self._page) as partial:
             partial.write_text(text + "\n", encoding="utf-8")

@@ -29,6 +29,11 @@ torque = 0.5                    # Nm, constant
 # name = "spring"               # of the joint's motion, as in `cc-mujoco play`
 # trajectory = "sine"           # its course in time, of this amplitude
 # amplitude = 0.5               # Nm
+
+[servo]                         # of the trials of a plan; by the motor's inertia
+# stiffness = 50.0              # Nm/rad, unless given, see `Stiffness`
+# damping = 0.15                # Nm s/rad
+# integral = 4000.0             # Nm/(rad s)
 """
 
 from __future__ import annotations
@@ -43,6 +48,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from cc_mujoco.control import Drive
 from cc_mujoco.diagnosis.data.toml_table import Table, finite
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware.desired import (
@@ -54,9 +60,10 @@ from cc_mujoco.hardware.desired import (
 )
 from cc_mujoco.hardware.limits import FASTEST, SLOWEST, Limits
 from cc_mujoco.hardware.rig import Rig, UdpRig
+from cc_mujoco.hardware.servo import Stiffness
 from cc_mujoco.hardware.watch import Watchdog
 
-Kind = TypeVar("Kind", Limits, Watchdog)
+Kind = TypeVar("Kind", Limits, Watchdog, Stiffness)
 
 _TASKS = ("torque", "csv", "name", "trajectory")
 _REQUIRED = ("torque", "torque_rate", "motor_speed", "joint_range")
@@ -77,6 +84,8 @@ class Settings:
     watchdog: Watchdog
     task: Table
     """The table `[task]`."""
+    servo: Table
+    """The table `[servo]`."""
 
     def connect(self) -> Rig:
         """Make the rig that `[rig]` names.
@@ -88,6 +97,21 @@ class Settings:
             return _own(self.rig, name)
         host, _, port = (self.rig.text("address") or "").rpartition(":")
         return UdpRig(host.strip("[]"), int(port))
+
+    def firm(self, drive: Drive) -> Stiffness:
+        """How firmly the motor is held on the course of a trial.
+
+        Args:
+            drive: Of the rig.
+
+        Raises:
+            CableError: The motor's inertia is not known and `[servo]` does not say all.
+        """
+        given = _numbers(self.servo, Stiffness)
+        if len(given) == len(dataclasses.fields(Stiffness)):
+            return _made(Stiffness, self.servo, given)
+        usual = dataclasses.asdict(Stiffness.of(drive))
+        return _made(Stiffness, self.servo, {**usual, **given})
 
     def desired(self, duration: float) -> Desired:
         """Make the desired torque that `[task]` names.
@@ -127,7 +151,7 @@ def read_settings(path: str | Path) -> Settings:
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise CableError(f"{path} is not a TOML file: {error}.") from None
     top = Table(str(path), content)
-    top.only("scene", "period", "rig", "limits", "watchdog", "task")
+    top.only("scene", "period", "rig", "limits", "watchdog", "task", "servo")
     scene = _needed(top, "scene", top.text("scene"))
     period = _needed(top, "period", top.number("period"))
     if not FASTEST * (1 - 1e-9) <= period <= SLOWEST * (1 + 1e-9):
@@ -146,6 +170,7 @@ def read_settings(path: str | Path) -> Settings:
         limits,
         _made(Watchdog, dog, _numbers(dog, Watchdog)),
         _task(top.table("task")),
+        _servo(top.table("servo")),
     )
 
 
@@ -169,6 +194,11 @@ def _rig(table: Table) -> Table:
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 65536:
             raise table.wrong("address", 'HOST:PORT, such as "192.168.7.2:5005"')
+    return table
+
+
+def _servo(table: Table) -> Table:
+    _numbers(table, Stiffness)
     return table
 
 

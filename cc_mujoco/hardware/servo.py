@@ -1,0 +1,114 @@
+"""A motor that follows a course of angles, played by torque.
+
+    loop = Loop(rig, controller("none", drive), Servo(drive, course), ...)
+
+A servo is a `Desired`: what it asks for is the joint's torque without friction, and the
+controller `none` makes the motor's of it. So the limits, the watchdog and the log of a
+run are those of every other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cc_mujoco.checks import parameter
+from cc_mujoco.control import Drive
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware.desired import Array
+from cc_mujoco.hardware.packet import Readings
+
+APPROACH = 1.0
+"""Time in which the motor goes from where it is to where its course begins [s]."""
+_DAMPED, _SLOWER, _SLOWEST = 0.25, 6.0, 25.0
+"""Damping over inertia per period; periods in which it follows, and the integral."""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """How firmly a motor is held on its course."""
+
+    stiffness: float
+    """[Nm/rad]"""
+    damping: float
+    """[Nm s/rad]"""
+    integral: float
+    """Rate at which the torque grows while there is an error [Nm/(rad s)]."""
+
+    def __post_init__(self) -> None:
+        """Refuse what pushes away from the course."""
+        parameter(self, "stiffness", 1e-9, 1e9, "Nm/rad")
+        parameter(self, "damping", 0.0, 1e9, "Nm s/rad")
+        parameter(self, "integral", 0.0, 1e12, "Nm/(rad s)")
+
+    @classmethod
+    def of(cls, drive: Drive) -> Stiffness:
+        """As firm as a motor of this inertia can be held at this period.
+
+        What is measured is a period old and a torque lasts for another, so the damping
+        stays well below inertia over period, and the stiffness below the damping.
+
+        Raises:
+            CableError: The inertia is not known.
+        """
+        if not drive.inertia > 0.0:
+            raise CableError(
+                "to follow a course the motor's inertia must be known; the scene gives "
+                "it none."
+            )
+        damping = _DAMPED * drive.inertia / drive.period
+        stiffness = damping / (_SLOWER * drive.period)
+        return cls(stiffness, damping, stiffness / (_SLOWEST * drive.period))
+
+
+class Servo:
+    """Asks for the torque that keeps the motor on its course; see `Desired`."""
+
+    def __init__(
+        self, drive: Drive, times: Array, angles: Array, firm: Stiffness | None = None
+    ) -> None:
+        """Begin.
+
+        Args:
+            drive: Of the rig.
+            times: Of the course, rising from 0 (n,) [s].
+            angles: Of the motor (n,) [rad], linear between.
+            firm: How firmly; `Stiffness.of` the drive by default.
+        """
+        self._drive = drive
+        self._times, self._angles = times, angles
+        self._firm = firm or Stiffness.of(drive)
+        self._begin: float | None = None
+        self._integral, self._last = 0.0, 0.0
+
+    def torque(self, time: float, seen: Readings) -> float:
+        """See `Desired`."""
+        firm, drive = self._firm, self._drive
+        if time == 0.0 or self._begin is None:
+            self._begin, self._integral, self._last = seen.motor_angle, 0.0, 0.0
+        angle, speed = self.course(time, self._begin)
+        error = angle - seen.motor_angle
+        self._integral += firm.integral * error * (time - self._last)
+        self._integral = min(max(self._integral, drive.low), drive.high)
+        self._last = time
+        torque = firm.stiffness * error + firm.damping * (speed - seen.motor_velocity)
+        return drive.ratio * (torque + self._integral)
+
+    def course(self, time: float, begin: float) -> tuple[float, float]:
+        """Angle [rad] and speed [rad/s] that are wanted of a motor that was at `begin`.
+
+        The way to the course's first angle is a cosine.
+        """
+        first = float(self._angles[0])
+        if time < APPROACH:
+            turn = math.pi * time / APPROACH
+            half = 0.5 * (first - begin)
+            return begin + half * (1.0 - math.cos(turn)), (
+                half * math.pi / APPROACH * math.sin(turn)
+            )
+        now = time - APPROACH
+        step = self._drive.period
+        angle, later = np.interp((now, now + step), self._times, self._angles)
+        return float(angle), float(later - angle) / step

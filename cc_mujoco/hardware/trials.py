@@ -1,0 +1,126 @@
+"""The trials that a plan of a diagnosis proposes, to be played on a rig.
+
+for trial in planned("runs/plan"):
+    Loop(rig, controller("none", drive), trial.servo(drive), ...).run(trial.duration)
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cc_mujoco.control import Drive
+from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
+from cc_mujoco.diagnosis.plan import DATASET, MOTION
+from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing
+from cc_mujoco.hardware.desired import Array, points
+from cc_mujoco.hardware.limits import Limits
+from cc_mujoco.hardware.servo import APPROACH, Servo, Stiffness
+
+COLUMNS = ("time_s", "motor_angle_rad", "joint_angle_rad")
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One trial."""
+
+    path: Path
+    """Of its motion."""
+    name: str
+    """That its log gets, and that `dataset.toml` knows."""
+    notes: str
+    """What to do before it is played."""
+    times: Array
+    """(n,) from 0 [s]."""
+    motor: Array
+    """Angle of the motor to be played (n,) [rad]."""
+    joint: Array
+    """Angle of the joint that is expected (n,) [rad]."""
+
+    @property
+    def duration(self) -> float:
+        """Of the run, with the way to where the motion begins [s]."""
+        return APPROACH + float(self.times[-1])
+
+    def servo(self, drive: Drive, firm: Stiffness | None = None) -> Servo:
+        """What plays it; see `Servo`."""
+        return Servo(drive, self.times, self.motor, firm)
+
+    def joint_at(self, time: float) -> float:
+        """Angle of the joint that is expected, a time after the run began [rad]."""
+        return float(np.interp(time - APPROACH, self.times, self.joint))
+
+    def require_within(self, limits: Limits) -> None:
+        """Find out, before a rig is touched, whether it would stop for its limits.
+
+        Raises:
+            CableError: It goes, or turns, beyond them.
+        """
+        low, high = limits.joint_range
+        for end in (float(self.joint.min()), float(self.joint.max())):
+            if not low <= end <= high:
+                raise CableError(
+                    f"{self.path} takes the joint to {end:.3g} rad, outside its range "
+                    f"of {low:g} to {high:g} rad; plan with a smaller --reach."
+                )
+        fastest = float(np.max(np.abs(np.diff(self.motor) / np.diff(self.times))))
+        if fastest > limits.motor_speed:
+            raise CableError(
+                f"{self.path} turns the motor at {fastest:.3g} rad/s, beyond its limit "
+                f"of {limits.motor_speed:g}; plan with a lower --speed."
+            )
+
+
+def planned(folder: str | os.PathLike[str]) -> list[Planned]:
+    """The trials of a folder that `cc-mujoco diagnose --plan` wrote.
+
+    Raises:
+        CableError: It has none, or one cannot be read.
+    """
+    place = Path(folder)
+    toml = place / DATASET
+    paths = sorted(place.glob(MOTION.format("*")))
+    if not paths or not toml.is_file():
+        raise CableError(
+            f"{folder} holds no plan, which has {MOTION.format('01')} and {DATASET}; "
+            "give the folder that `cc-mujoco diagnose --plan` wrote."
+        )
+    facts = read_dataset_file(toml)
+    found = []
+    for path in paths:
+        name = path.stem.replace(MOTION.split("_")[0], "trial")
+        times, motor, joint = points(path, COLUMNS)
+        if times.size < 2:
+            raise CableError(f"{path} has one line of data; a motion has two or more.")
+        notes = facts.facts_of(Path(f"{name}.csv")).notes
+        found.append(Planned(path, name, notes, times - times[0], motor, joint))
+    return found
+
+
+def tell(plan: Path, trial: str, out: Path) -> None:
+    """Add what a plan knows of a trial to the `dataset.toml` beside its log.
+
+    That file has only what was recorded: facts of a trial that is not there are an
+    error to whoever reads it. What it says already is left as it is.
+
+    Args:
+        plan: Folder of the plan.
+        trial: Name of the trial.
+        out: Folder of the logs.
+    """
+    head, *tables = re.split(
+        r"(?m)^(?=\[trials\b)", (plan / DATASET).read_text(encoding="utf-8")
+    )
+    place = out / DATASET
+    told = place.read_text(encoding="utf-8") if place.exists() else head
+    if trial in tomllib.loads(told).get("trials", {}):
+        return
+    own = [text for text in tables if trial in tomllib.loads(text)["trials"]]
+    with replacing(place) as partial:
+        partial.write_text("\n".join([told.rstrip(), "", *own]), encoding="utf-8")

@@ -8,6 +8,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from cc_mujoco import engine
+from cc_mujoco.recording.branch import Branch
 from cc_mujoco.recording.scene3d import TIMELINE, WORLD
 from cc_mujoco.transmission.conduit import node_places
 from cc_mujoco.transmission.parameters import PATHS
@@ -104,7 +105,7 @@ def tension_colors(tension: Array, highest: float) -> NDArray[np.uint8]:
 
 
 def log_conduit(
-    rec: rr.RecordingStream,
+    rec: Branch,
     cable: str,
     time: Array,
     points: Array,
@@ -115,7 +116,7 @@ def log_conduit(
     """Log one conduit as a line whose segments carry the colour of their tension.
 
     Args:
-        rec: Open recording.
+        rec: Where to, in an open recording.
         cable: Name of the cable.
         time: Times of the frames (T,), s.
         points: Ends of the parts of the line (T, P, 3), m.

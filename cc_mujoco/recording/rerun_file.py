@@ -23,10 +23,12 @@ from rerun.error_utils import strict_mode
 from cc_mujoco import engine, markdown
 from cc_mujoco.files import replacing
 from cc_mujoco.recording.axis import axis
+from cc_mujoco.recording.branch import Branch
 from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.recording.conduit3d import conduit_points, conduit_shares, log_conduit
 from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.metrics import Metric
+from cc_mujoco.recording.panels import highest_tension
 from cc_mujoco.recording.scene3d import (
     TIMELINE,
     WORLD,
@@ -85,13 +87,27 @@ def write_recording(
         model: The model that the episode was played on.
         metrics: Numbers to show on the page about the episode.
     """
-    frames = _frames(log["time_s"])
     with recording(path, recording_id(log), _blueprint(log, model)) as rec:
         rec.log("about", _about(log, metrics), static=True)
-        _log_series(rec, log)
-        _log_states(rec, log)
-        _log_scene(rec, log, model, frames)
-        _log_nodes(rec, log, frames)
+        log_episode(Branch(rec), log, model, highest_tension(log))
+
+
+def log_episode(
+    rec: Branch, log: EpisodeLog, model: mujoco.MjModel, highest: float
+) -> None:
+    """Log all that an episode is.
+
+    Args:
+        rec: Where to, in an open recording.
+        log: The episode.
+        model: The model that the episode was played on.
+        highest: Tension of the brightest colour [N].
+    """
+    frames = _frames(log["time_s"])
+    _log_series(rec, log)
+    _log_states(rec, log)
+    _log_scene(rec, log, model, frames, highest)
+    _log_nodes(rec, log, frames)
 
 
 @contextmanager
@@ -136,9 +152,9 @@ def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1) > 0)
 
 
-def _log_series(rec: rr.RecordingStream, log: EpisodeLog) -> None:
+def _log_series(rec: Branch, log: EpisodeLog) -> None:
     index = [rr.TimeColumn(TIMELINE, duration=log["time_s"])]
-    for parts, values, color in _series(log):
+    for parts, values, color in series(log):
         path = rr.new_entity_path(list(parts))
         name = ", ".join(parts[1:]).replace("_", " ")
         look = rr.SeriesLines(names=[name], colors=[color], widths=[1.5])
@@ -146,7 +162,7 @@ def _log_series(rec: rr.RecordingStream, log: EpisodeLog) -> None:
         rec.send_columns(path, index, [*rr.Scalars.columns(scalars=values)])
 
 
-def _series(
+def series(
     log: EpisodeLog,
 ) -> Iterator[tuple[tuple[str, ...], NDArray[np.float64], int]]:
     """Every line of the plots: parts of its path, values and colour."""
@@ -162,7 +178,7 @@ def _series(
             yield parts, log[column.format(cable)], colors[shade]
 
 
-def _log_states(rec: rr.RecordingStream, log: EpisodeLog) -> None:
+def _log_states(rec: Branch, log: EpisodeLog) -> None:
     """Log what each end of each cable does, whenever that changes."""
     names = np.array(list(STATES))
     colors = np.array(list(STATES.values()), dtype=np.uint32)
@@ -186,16 +202,16 @@ def _log_states(rec: rr.RecordingStream, log: EpisodeLog) -> None:
 
 
 def _log_scene(
-    rec: rr.RecordingStream,
+    rec: Branch,
     log: EpisodeLog,
     model: mujoco.MjModel,
     frames: NDArray[np.intp],
+    highest: float,
 ) -> None:
     time, qpos = log["time_s"][frames], log["qpos"][frames]
     log_static(rec, model)
     log_motion(rec, model, time, qpos)
     tensions = {c: log[f"tension_{c}_nodes_n"][frames] for c in log.cables}
-    highest = max((float(values.max()) for values in tensions.values()), default=0.0)
     cables = engine.from_mjcf(model)
     drawn = [cable for cable in tensions if cable in cables and cables[cable].route]
     routes = {cable: engine.route_tendon(model, cable) for cable in drawn}
@@ -208,9 +224,7 @@ def _log_scene(
         log_conduit(rec, cable, time, points, tension, highest, radius)
 
 
-def _log_nodes(
-    rec: rr.RecordingStream, log: EpisodeLog, frames: NDArray[np.intp]
-) -> None:
+def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
     """Log tension and slip along each cable as data: one list per frame."""
     index = [rr.TimeColumn(TIMELINE, duration=log["time_s"][frames])]
     for cable in log.cables:
@@ -249,21 +263,35 @@ def _about(log: EpisodeLog, metrics: Iterable[Metric]) -> rr.TextDocument:
     return rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
 
 
-def _blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
+def scene_view(
+    log: EpisodeLog, model: mujoco.MjModel, root: str = "", name: str = ""
+) -> rrb.Spatial3DView:
+    """A view of the scene of an episode.
+
+    Args:
+        log: The episode.
+        model: The model that it was played on.
+        root: Path under which it is logged.
+        name: Of the view; scene, trajectory and task unless given.
+    """
     position, target = viewpoint(model)
     eye = rrb.EyeControls3D(
         position=position, look_target=target, eye_up=(0.0, 0.0, 1.0)
     )
-    name = " · ".join(
+    name = name or " · ".join(
         str(log.metadata[key])
         for key in ("scene", "trajectory", "task")
         if key in log.metadata
     )
-    scene = rrb.Spatial3DView(origin=f"/{WORLD}", name=name, eye_controls=eye)
+    return rrb.Spatial3DView(origin=f"{root}/{WORLD}", name=name, eye_controls=eye)
+
+
+def _blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
+    scene = scene_view(log, model)
     about = rrb.TextDocumentView(origin="/about", name="About")
 
     def plot(origin: str, name: str) -> rrb.TimeSeriesView:
-        lines = [values for path, values, _ in _series(log) if path[0] == origin]
+        lines = [values for path, values, _ in series(log) if path[0] == origin]
         return rrb.TimeSeriesView(
             origin=f"/{origin}", name=name, axis_y=axis(log["time_s"], lines)
         )

@@ -15,6 +15,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from cc_mujoco.recording.branch import Branch
+
 Array = NDArray[np.float64]
 
 WORLD = "world"
@@ -26,11 +28,11 @@ _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 _SHAPE = mujoco.mjtGeom
 
 
-def log_static(rec: rr.RecordingStream, model: mujoco.MjModel) -> None:
+def log_static(rec: Branch, model: mujoco.MjModel) -> None:
     """Log every visible geom once.
 
     Args:
-        rec: Open recording.
+        rec: Where to, in an open recording.
         model: Compiled model; its reference pose places what cannot move.
     """
     data = mujoco.MjData(model)
@@ -77,13 +79,11 @@ def body_poses(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
     return position, quaternion
 
 
-def log_motion(
-    rec: rr.RecordingStream, model: mujoco.MjModel, time: Array, qpos: Array
-) -> None:
+def log_motion(rec: Branch, model: mujoco.MjModel, time: Array, qpos: Array) -> None:
     """Log the pose of every body that can move.
 
     Args:
-        rec: Open recording.
+        rec: Where to, in an open recording.
         model: Compiled model.
         time: Times of the frames (T,), s.
         qpos: Generalized coordinates of the frames (T, nq).

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from cc_mujoco.recording.branch import Branch
 from cc_mujoco.recording.scene3d import TIMELINE, WORLD, own_color
 
 Array = NDArray[np.float64]
@@ -18,7 +19,7 @@ PULLEY = -2
 
 
 def log_tendons(
-    rec: rr.RecordingStream,
+    rec: Branch,
     model: mujoco.MjModel,
     time: Array,
     qpos: Array,
@@ -27,7 +28,7 @@ def log_tendons(
     """Log every visible spatial tendon in its own colour.
 
     Args:
-        rec: Open recording.
+        rec: Where to, in an open recording.
         model: Compiled model.
         time: Times of the frames (T,), s.
         qpos: Generalized coordinates of the frames (T, nq).

@@ -13,7 +13,10 @@ from cc_mujoco.commands.options import Flag, bar, in_words
 
 @dataclass(frozen=True)
 class WhatIfShow:
-    """Play one design of a study; write its recording, log, metrics and figure."""
+    """Play one design of a study; write its recording, log, metrics and figure.
+
+    With --against, play two and write a table, a figure and a recording of both.
+    """
 
     interrupted: ClassVar[str] = "nothing was written"
 
@@ -24,8 +27,11 @@ class WhatIfShow:
     case: Annotated[int | None, in_words("INT")] = None
     """Of a study across several: which, from 0; the worst by its first metric unless
     given."""
+    against: Annotated[int | None, in_words("ROW")] = None
+    """Another design, to set the one beside."""
     out: Annotated[Path | None, in_words("DIR")] = None
-    """Folder for the results; STUDY/design-ROW unless given."""
+    """Folder for the results; STUDY/design-ROW, or STUDY/design-ROW-against-ROW, unless
+    given."""
 
     video: Flag = False
     """Write video.mp4, too: the scene beside torques and tensions."""
@@ -34,6 +40,35 @@ class WhatIfShow:
 
     def run(self) -> None:
         """Play and write; print a table and how to open the recording."""
+        if self.against is None:
+            self._show()
+        else:
+            self._compare(self.against)
+
+    def _compare(self, against: int) -> None:
+        from cc_mujoco.errors import CableError
+        from cc_mujoco.whatif import compare
+        from cc_mujoco.whatif.store import read_study
+
+        if self.video or self.html:
+            raise CableError(
+                "--video and --html show one design; leave them out with --against."
+            )
+        row = self.row
+        out = self.out or self.folder / f"design-{row}-against-{against}"
+        duration = float(read_study(self.folder)["protocol"]["duration"])
+        with bar(2.0 * duration) as progress:
+            pairs = compare.write_comparison(
+                out, self.folder, row, against, self.case, progress
+            )
+        for name, cells in (
+            ("", compare.head(row, against)),
+            *((pair.name, pair.cells) for pair in pairs),
+        ):
+            print(f"{name:36}", *(f"{each:>12}" for each in cells))
+        print(f"\nopen with:  rerun {out / compare.RECORDING}\nsee also:   {out}")
+
+    def _show(self) -> None:
         from cc_mujoco.recording import write_episode
         from cc_mujoco.recording.episode import require_ours
         from cc_mujoco.whatif.across import about as about_name

@@ -57,7 +57,7 @@ def draw_summary(log: EpisodeLog) -> Figure:
         angle = top.add_subplot(grid[1, 0], sharex=torque)
         _draw_torque(torque, log)
         _draw_angle(angle, log)
-        _draw_loop(top.add_subplot(grid[:, 1]), log)
+        draw_loop(top.add_subplot(grid[:, 1]), log)
         _draw_tensions(bottom, log)
         drawing.suptitle(title(log), x=0.012, ha="left", fontsize=13)
     return drawing
@@ -106,7 +106,8 @@ def _draw_angle(axes: Axes, log: EpisodeLog) -> None:
     axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))
 
 
-def _draw_loop(axes: Axes, log: EpisodeLog) -> None:
+def draw_loop(axes: Axes, log: EpisodeLog) -> None:
+    """Draw torque over angle of the joint, as desired and as delivered."""
     angle = np.degrees(log["joint_angle_rad"])
     axes.axhline(0, color=GREY, linewidth=0.6)
     axes.axvline(0, color=GREY, linewidth=0.6)

@@ -105,7 +105,7 @@ class Run:
             found = self._played(
                 settings, law, servo, trial.duration, str(folder), trial.name
             )
-            tell(folder, trial.name, self.out)
+            tell(folder, trial.name, self.out, drive.inertia)
             self._told(found, settings.period)
 
     def _wanted(self, trials: list[Planned]) -> list[Planned]:

@@ -103,20 +103,24 @@ def planned(folder: str | os.PathLike[str]) -> list[Planned]:
     return found
 
 
-def tell(plan: Path, trial: str, out: Path) -> None:
+def tell(plan: Path, trial: str, out: Path, inertia: float) -> None:
     """Add what a plan knows of a trial to the `dataset.toml` beside its log.
 
     That file has only what was recorded: facts of a trial that is not there are an
-    error to whoever reads it. What it says already is left as it is.
+    error to whoever reads it. What it says already is left as it is. Logs have the
+    torque that the motor was told, which its rotor takes a part of.
 
     Args:
         plan: Folder of the plan.
         trial: Name of the trial.
         out: Folder of the logs.
+        inertia: Of the motor at its pulley [kg m^2]; 0 is not known.
     """
     head, *tables = re.split(
         r"(?m)^(?=\[trials\b)", (plan / DATASET).read_text(encoding="utf-8")
     )
+    if inertia > 0.0 and "rig" not in tomllib.loads(head):
+        head = f"{head.rstrip()}\n\n[rig]\nrotor_inertia = {inertia:g}\n"
     place = out / DATASET
     told = place.read_text(encoding="utf-8") if place.exists() else head
     if trial in tomllib.loads(told).get("trials", {}):

@@ -57,6 +57,8 @@ def recorded(folder: Path) -> dict[str, float | None]:
     """Pretension of every log, as its folder's `dataset.toml` has it [N]."""
     facts = read_dataset_file(folder / "dataset.toml")
     logs = data_files([folder])
+    # That of the bench: the logs have the torque that its rotor was told.
+    assert facts.rig["rotor_inertia"].value == pytest.approx(3e-4)
     assert set(tomllib.loads((folder / "dataset.toml").read_text())["trials"]) == {
         path.stem for path in logs
     }

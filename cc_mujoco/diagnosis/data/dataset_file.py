@@ -29,6 +29,7 @@ All of it is optional. An example with every key:
     torque_constant = 0.07          # Nm/A, where `motor_current_a` is recorded; with
     gear_ratio = 5                  # turns of the motor per turn of its pulley, and
     gear_efficiency = 0.9           # 1 unless it is given
+    rotor_inertia = 3e-4            # kg m^2, where the motor's torque is what it makes
     load_stiffness = 2.5            # Nm/rad: where the joint's torque is not measured,
     load_rest_angle = 0             # what the joint turns, see `RIG`
     load_inertia = { value = 0.004, uncertainty = 0.0002 }
@@ -76,6 +77,7 @@ from cc_mujoco.errors import CableError, look_up
 
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _PLAIN = {"1": 1.0}
+_INERTIA = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7}
 RIG: dict[str, dict[str, float]] = {
     "motor_radius": _LENGTH,
     "joint_radius": _LENGTH,
@@ -86,9 +88,10 @@ RIG: dict[str, dict[str, float]] = {
     "torque_constant": {"Nm/A": 1.0, "mNm/A": 1e-3},
     "gear_ratio": _PLAIN,
     "gear_efficiency": _PLAIN,
+    "rotor_inertia": _INERTIA,
     "load_stiffness": {"Nm/rad": 1.0, "Nm/deg": 180.0 / math.pi},
     "load_rest_angle": channels.ANGLE.factors,
-    "load_inertia": {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7},
+    "load_inertia": _INERTIA,
     "load_damping": {"Nm s/rad": 1.0},
     "load_weight": channels.TORQUE.factors,
     "load_hanging_angle": channels.ANGLE.factors,
@@ -99,6 +102,8 @@ The first five stand in place of the scene's: `axial_stiffness` is EA, `friction
 coefficient mu; everything else about the rig (conduits, lengths, wrap) is in the scene,
 but for `exit_angle`: how far around the motor's pulley the antagonist leaves it from
 where the agonist does (pi unless given: conduits side by side, one on either side).
+`rotor_inertia`, at the pulley, is what the motor's torque turns before it reaches the
+cables: of a motor whose torque is the one that it was told, or its current.
 The load is what the joint turns, itself included: a spring that is at rest at
 `load_rest_angle`, an inertia, a viscous damper and a weight, mass times gravity times
 its distance from the axis, that hangs straight down at `load_hanging_angle`. None but
@@ -108,7 +113,10 @@ MOTOR = ("torque_constant", "gear_ratio", "gear_efficiency")
 LOAD = ("load_stiffness", "load_inertia", "load_damping", "load_weight")
 """Those that make a joint's torque of its motion; with their angles."""
 ANGLES = ("exit_angle", "load_rest_angle", "load_hanging_angle")
-EXACT = ("exit_angle", "gear_ratio", "gear_efficiency", "load_hanging_angle")
+EXACT = (
+    "exit_angle", "gear_ratio", "gear_efficiency", "rotor_inertia",
+    "load_hanging_angle",
+)  # fmt: skip
 """Those that a diagnosis does not tune."""
 MAY_VANISH = ("friction", *ANGLES, "load_damping")
 """Those that may be 0."""

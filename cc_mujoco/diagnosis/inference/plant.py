@@ -24,6 +24,7 @@ from cc_mujoco.diagnosis.effects import (
     EffectParameter,
     Rig,
     Torques,
+    acceleration,
 )
 from cc_mujoco.diagnosis.inference.library import Library, library
 from cc_mujoco.diagnosis.inference.load import load_torque, load_tuned, values_of
@@ -307,6 +308,9 @@ class Plant:
         known = self.instruments
         if known.motor == "load cells":
             motor = self.bench.motor_radius * proximal
+        rotor = self.constants.get("rotor_inertia")
+        if rotor is not None and known.motor in ("torque sensor", "motor current"):
+            motor = motor + rotor.value * acceleration(record.motor_angle, record.dt)
         if known.motor == "motor current":
             speed = np.gradient(record.motor_angle, record.dt)
             turns = _TURNS * max(float(np.quantile(np.abs(speed), 0.95)), 1e-9)

@@ -36,7 +36,7 @@ from diagnosis.instrumented import (
     told_by,
     walked,
 )
-from diagnosis.recorded import BENCH
+from diagnosis.recorded import BENCH, dataset
 from diagnosis.rigs import alone
 
 FEW = (
@@ -57,6 +57,14 @@ def named(found: Diagnosis) -> list[str]:
 def judged(kind: str, effects: Hidden, bench: Bench = BENCH) -> Result:
     data = told_by(kind, effects, bench, changes=TUNED)
     return reason(data, bench, ids=FEW)
+
+
+def test_a_rotor_that_is_declared_is_no_inertia_that_is_missing() -> None:
+    """A torque that a motor was told turns its rotor, too."""
+    data = dataset({"motor_inertia": {"motor_inertia": 3e-3}}, 1.6, 3)
+    assert named(reason(data, BENCH, ids=FEW).diagnosis) == ["motor_inertia"]
+    told = replace(data, constants={"rotor_inertia": Constant(3e-3)})
+    assert reason(told, BENCH, ids=FEW).diagnosis.verdict == "none"
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ it to either of two cables. A lever keeps its inertia.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Mapping
 from functools import cache, cached_property
 
@@ -34,6 +35,9 @@ RADII = ("motor_radius", "joint_radius")
 
 DRAWN = ("conduit", "loops", "wrap", "bend_radius", "length", "route", "path", "mouth")
 """Variables of what leads a cable, which of an open one the scene draws."""
+
+
+_ONE = threading.Lock()
 
 
 class Builder:
@@ -217,7 +221,9 @@ class Builder:
         """The scene that a design changes: whole, or what the design needs of it."""
         if whole:
             return self.spec
-        bare, _ = _stripped(*self._read, self._routes(design))
+        routes = self._routes(design)
+        with _ONE:  # two threads would make two, and what one stands on would go
+            bare, _ = _stripped(*self._read, routes)
         return bare
 
     def _apply(

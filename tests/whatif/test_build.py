@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
+import threading
+import time
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,6 +15,8 @@ import pytest
 
 from cc_mujoco import engine
 from cc_mujoco.errors import CableError
+from cc_mujoco.whatif import build
+from cc_mujoco.whatif.bare import strip
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.variables import Value
 
@@ -39,6 +45,32 @@ def moved(builder: Builder, design: Mapping[str, Value], whole: bool) -> bytes:
         data.ctrl[model.actuator("motor").id] = most * np.sin(step / 40.0)
         mujoco.mj_step(model, data)
     return np.concatenate([data.qpos, data.qvel, data.plugin_state]).tobytes()
+
+
+def test_threads_that_begin_together_copy_one_scene(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each with one of its own, all but one would lose what their copies point to."""
+    workers = 4
+    together = threading.Barrier(workers)
+    stripped = []
+
+    def slowly(*given: Any) -> mujoco.MjSpec:
+        stripped.append(given)
+        time.sleep(0.05)
+        return strip(*given)
+
+    def built(friction: float) -> list[float]:
+        one = Builder("wrist", 1.23e-4)  # that no builder has had before
+        together.wait()
+        found = engine.from_mjcf(one.model({"friction": friction}))
+        return [cable.friction for cable in found.values()]
+
+    monkeypatch.setattr(build, "strip", slowly)
+    with ThreadPoolExecutor(workers) as pool:
+        found = list(pool.map(built, (0.1, 0.2, 0.3, 0.4)))
+    assert found == [[x, x] for x in (0.1, 0.2, 0.3, 0.4)]
+    assert len(stripped) == 1
 
 
 def test_a_design_says_what_the_cable_is(builder: Builder) -> None:

@@ -1,7 +1,8 @@
-"""`cc-mujoco play`: an episode, and all that remains of it."""
+"""`cc-mujoco play`: an episode, or a log of a real run, and what is made of it."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import sys
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ class Play:
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """A device; `cc-mujoco list` shows every name that can be given."""
+    replay: Annotated[Path | None, in_words("LOG")] = None
+    """Instead of an episode: show a log of `cc-mujoco run`; SCENE may be a file."""
     trajectory: Name = None
     """How the wearer moves; the default depends on the scene."""
     csv: Annotated[Path | None, in_words("FILE.csv")] = None
@@ -44,6 +47,10 @@ class Play:
 
     def run(self) -> None:
         """Play and write; print a table and how to open the recording."""
+        if self.replay is not None:
+            self._replay(self.replay)
+            return
+
         from cc_mujoco.devices import DEVICES
 
         device = look_up("scene", self.scene, DEVICES)
@@ -107,3 +114,17 @@ class Play:
             value = f"{metric.value:.4g}" if math.isfinite(metric.value) else "-"
             print(f"{metric.name:32} {value:>10} {metric.unit}")
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
+
+    def _replay(self, log: Path) -> None:
+        """Show the log of a run."""
+        plain = Play(self.scene)
+        for field in dataclasses.fields(self):
+            if field.name in ("scene", "replay"):
+                continue
+            if getattr(self, field.name) != getattr(plain, field.name):
+                raise CableError(f"--{field.name} does not go with --replay.")
+
+        from cc_mujoco.hardware.replay import replay
+
+        recording, summary = replay(log, self.scene)
+        print(f"open with:  rerun {recording}\nsee also:   {summary}")

@@ -40,14 +40,22 @@ def drive_of(scene: str, folder: Path, period: float, torque: float) -> Drive:
         path = scene_path(scene) if scene in SCENES else folder / scene
         if not path.is_file():
             raise CableError.unknown("scene", scene, SCENES)
-        drive = _of_bench(path, period)
+        drive = bench_drive(path, period)
     return dataclasses.replace(
         drive, low=-torque, high=torque, period=period, sensors=(), delay=1
     )
 
 
-def _of_bench(path: Path, period: float) -> Drive:
-    """That of a scene with one cable or a pair on pulleys."""
+def bench_drive(path: Path, period: float) -> Drive:
+    """That of a scene with one cable or a pair on pulleys, for torques up to 1 Nm.
+
+    Args:
+        path: Of the scene.
+        period: Of the loop [s].
+
+    Raises:
+        CableError: It has other cables, or one that pulls a lever.
+    """
     import mujoco
 
     bench = Bench.of(path)

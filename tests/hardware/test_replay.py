@@ -1,0 +1,123 @@
+"""The log of a run shown as an episode: measured, and what a model makes of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+
+from cc_mujoco import cli
+from cc_mujoco.assets import scene_path
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware import Log, Readings
+from cc_mujoco.hardware.replay import as_episode, read_rows
+
+BENCH = Bench.of(scene_path("bench"))
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """The bench without noise, by its own model: a motor that swings, a joint held."""
+    period = 0.002
+    time = period * np.arange(400)
+    motor = 0.05 * np.sin(8.0 * time)
+    played = BENCH.transmission.replay(
+        period, motor_angle=motor, joint_angle=np.zeros(time.size)
+    )
+    log = Log(tmp_path / "run", {}, 50)
+    for k, now in enumerate(time.tolist()):
+        joint = float(played.joint_torque[k])
+        seen = Readings(5.0 + now, float(motor[k]), 0.0, 0.0, 0.0, joint)
+        others = [np.nan if k > 390 else 0.5, *[0.0] * 5]
+        log.row(seen, float(played.motor_torque[k]), *others)
+    log.close({})
+    return tmp_path / "run" / "log.csv"
+
+
+def test_a_log_becomes_a_recording_and_a_figure_beside_it(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = log.read_bytes()
+    for _ in range(2):  # its own files are replaced
+        assert cli.main(["play", "bench", "--replay", str(log)]) == 0
+    assert f"rerun {log.with_name('recording.rrd')}" in capsys.readouterr().out
+    assert log.with_name("summary.png").read_bytes()[:4] == b"\x89PNG"
+    assert log.with_name("recording.rrd").read_bytes()[:4] == b"RRF2"
+    assert log.read_bytes() == before
+
+
+def test_tensions_are_those_that_explain_what_was_measured(log: Path) -> None:
+    """Those of the model, and the sum of their pulls is the motor's torque."""
+    rows = read_rows(log)
+    _, episode = as_episode(rows, "bench", log)
+    pull = BENCH.motor_radius * (
+        episode["tension_agonist_proximal_n"] - episode["tension_antagonist_proximal_n"]
+    )
+    measured = rows["motor_torque_nm"]
+    assert pull[1:] == pytest.approx(measured[1:], abs=0.02 * np.ptp(measured))
+    assert np.array_equal(episode["joint_torque_nm"], rows["joint_torque_nm"])
+    assert set(np.unique(episode["slip_agonist_direction"])) >= {-1, 1}
+    assert np.isnan(episode["wearer_torque_nm"]).all()  # nobody measured it
+
+
+def test_parquet_says_the_same(log: Path, tmp_path: Path) -> None:
+    table = pyarrow.csv.read_csv(log)
+    pyarrow.parquet.write_table(table, tmp_path / "log.parquet")
+    one, other = read_rows(log), read_rows(tmp_path / "log.parquet")
+    assert all(np.array_equal(one[k], other[k], equal_nan=True) for k in one)
+
+
+def spoilt(log: Path, old: str, new: str) -> None:
+    log.write_text(log.read_text().replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    ("scene", "old", "new", "said"),
+    [
+        ("bench", "joint_torque_nm", "torque", "has no column joint_torque_nm"),
+        ("bench", "\n0.0,0.0,", "\n0.0,nan,", "line 2, column motor_angle_rad"),
+        ("bench", "\n0.0,0.0,", "\n0.0,x,", "column motor_angle_rad"),
+        ("bench", "\n0.0,", "\n7.0,", "line 3, column time_s: time must rise"),
+        ("bench", "\n0.0,0.0,", "\n0.0,3.0,", "does not fit scene bench"),
+        ("ankle", "", "", "its cable pulls a lever"),
+        ("exosuit", "", "", "exosuit"),
+        ("bnch", "", "", "did you mean 'bench'"),
+    ],
+)
+def test_what_cannot_be_shown_is_said_in_one_sentence(
+    log: Path,
+    capsys: pytest.CaptureFixture[str],
+    scene: str,
+    old: str,
+    new: str,
+    said: str,
+) -> None:
+    spoilt(log, old, new)
+    assert cli.main(["play", scene, "--replay", str(log)]) == 2
+    error = capsys.readouterr().err
+    assert said in error and len(error.splitlines()) == 1
+    assert not log.with_name("recording.rrd").exists()
+
+
+def test_other_options_and_other_logs_are_refused(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["play", "bench", "--replay", str(log)]
+    assert cli.main([*words, "--seed", "3"]) == 2
+    assert "--seed does not go with --replay" in capsys.readouterr().err
+    theirs = log.with_name("summary.png")
+    theirs.write_text("mine")
+    (log.parent / "run.json").unlink()
+    assert cli.main(words) == 2
+    assert theirs.read_text() == "mine"
+    with pytest.raises(CableError, match="cannot read"):
+        read_rows(tmp_path / "none.csv")
+    empty = pa.table({"time_s": pa.array([], pa.float64())})
+    pyarrow.csv.write_csv(empty, tmp_path / "empty.csv")
+    with pytest.raises(CableError, match="has no column motor_angle_rad"):
+        read_rows(tmp_path / "empty.csv")

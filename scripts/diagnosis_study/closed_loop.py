@@ -1,0 +1,298 @@
+"""Does a controller do better once its model was mended by a diagnosis of its own rig?
+
+    python scripts/diagnosis_study/closed_loop.py --seeds 1 2 --out runs/closed_loop
+
+A rig with guides (`driven.py`) hides an effect. A controller that knows only the scene
+`bench` plays a task on it, through the loop of `cc-mujoco run` with its limits and its
+log, in lockstep. Then the same loop plays trials, the rich motions of `rig`, by the
+servo that plays those of a plan; `cc-mujoco diagnose` names by their logs what is
+missing, and the scene that it wrote goes into the controller, which plays the task
+again. Errors are of the torque that the joint truly got. Cases that are done are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import shutil
+import time
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from driven import Bench, Lockstep, Swing
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from cc_mujoco.assets import scene_path
+from cc_mujoco.control import controller
+from cc_mujoco.diagnosis.diagnose import diagnose
+from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing, require_ours
+from cc_mujoco.hardware import Limits, Log, Loop, Watchdog, drive_of
+from cc_mujoco.hardware.desired import Course
+from cc_mujoco.hardware.servo import APPROACH, Servo, Stiffness
+from cc_mujoco.markdown import table
+from rig.dataset import make_trials
+from rig.generate import facts_of
+from rig.kernel import COMMAND_TIME
+from rig.nominal import Rig, make_rig
+from rig.strength import calibrate
+from rig.trials import COMPLIANT, Trial
+
+PERIOD, TRIAL_PERIOD = 0.0005, 0.001
+"""Of the loop in the task and in the trials [s]."""
+SECONDS, SETTLED = 12.0, 2.0
+"""Length of the task, and from when on its error counts [s]."""
+LIMITS = Limits(
+    torque=10.0,
+    torque_rate=1000.0,
+    motor_speed=30.0,
+    joint_range=(-2.5, 2.5),
+    soft_start=0.5,
+)
+TURN = 2.0
+"""Change of the motor's torque where it turns [Nm]: about its friction."""
+TRIAL_LIMITS = dataclasses.replace(LIMITS, torque=20.0)
+"""A hand that pushes against the motor asks for more."""
+FRICTION = "friction"
+"""No effect of the library: friction coefficients other than the scene's."""
+EFFECTS = (
+    "viscous_friction", "load_independent_friction", FRICTION, "stribeck_friction",
+    "presliding", "asymmetric_friction", "tension_dependent_friction",
+    "configuration_dependent_wrap", "friction_drift", "dwell_dependent_stiction",
+    "cable_stiffening", "end_compliance", "joint_inertia", "motor_inertia", "none",
+)  # fmt: skip
+KEPT, TABLE = "cases.jsonl", "table.md"
+
+
+def task() -> tuple[Course, Swing]:
+    """Desired torque, two sines; and the hand, that swings the joint meanwhile."""
+    times = np.arange(0.0, SECONDS, 0.002)
+    torques = 1.5 * np.sin(2.2 * times) + 0.8 * np.sin(5.65 * times + 1.0)
+
+    def swing(now: float) -> tuple[float, float]:
+        size = 0.3 * min(1.0, now)
+        return size * math.sin(math.pi * now), size * math.pi * math.cos(math.pi * now)
+
+    return Course(times, torques), swing
+
+
+class Case:
+    """A rig that hides something, and a folder."""
+
+    def __init__(self, name: str, seed: int, strength: float, folder: Path) -> None:
+        """Build the rig."""
+        self.name, self.seed, self.folder = name, seed, folder
+        self.rig: Rig = make_rig(seed, make="guides")
+        self.hidden: dict[str, float] = {}
+        if name == FRICTION:
+            more = 1.0 + 0.1 * strength
+            self.rig = dataclasses.replace(
+                self.rig,
+                friction_a=more * self.rig.friction_a,
+                friction_b=more * self.rig.friction_b,
+            )
+        elif name != "none":
+            self.hidden[name] = calibrate(self.rig, name, strength, "rich", seed)
+
+    def error(self, law: str, scene: str, run: str) -> dict[str, Any]:
+        """RMS error of the joint's true torque in the task [Nm], and how it ended."""
+        desired, swing = task()
+        bench = Bench(self.rig, self.hidden, PERIOD)
+        drive = drive_of(scene, self.folder, PERIOD, LIMITS.torque)
+        lockstep = Lockstep(bench, self.seed, swing)
+        log = Log(self.folder / run, {"controller": law}, 200)
+        loop = Loop(
+            lockstep, controller(law, drive), desired, LIMITS, Watchdog(),
+            clock=lockstep, log=log,
+        )  # fmt: skip
+        outcome = loop.run(SECONDS)
+        log.close(outcome.to_json())
+        # The first period passes before the first cycle.
+        true = np.array(lockstep.torques[1 : 1 + round(SECONDS / PERIOD)])
+        now = PERIOD * np.arange(true.size)
+        off = true - np.interp(now, desired.times, desired.torques)
+        rms = float(np.sqrt(np.mean(off[now > SETTLED] ** 2)))
+        whole = outcome.code == 0
+        return {
+            "rms": rms if whole else math.nan,
+            "between": between(self.folder / run / "log.csv") if whole else math.nan,
+            "outcome": outcome.sentence,
+        }
+
+    def identify(self) -> None:
+        """Play trials, one log each, with what is known of them."""
+        data = self.folder / "data"
+        limits = TRIAL_LIMITS
+        drive = drive_of("bench", self.folder, TRIAL_PERIOD, limits.torque)
+        for number, trial in enumerate(make_trials("rich", self.seed)):
+            bench = Bench(
+                self.rig, self.hidden, TRIAL_PERIOD, tightness=trial.tightness,
+                hand=trial.environment,
+            )  # fmt: skip
+            times = COMMAND_TIME * np.arange(len(trial.command))
+            firm = Stiffness.of(drive)
+            if trial.servo == COMPLIANT:  # the hand drives
+                firm = dataclasses.replace(firm, stiffness=COMPLIANT[0], integral=0.0)
+            servo = Servo(drive, times, trial.command[:, 0], firm)
+            lockstep = Lockstep(bench, 100 * self.seed + number, led(times, trial))
+            log = Log(data, {"motion": trial.motion}, 200, f"trial_{number:02d}")
+            loop = Loop(
+                lockstep, controller("none", drive), servo, limits, Watchdog(),
+                clock=lockstep, log=log,
+            )  # fmt: skip
+            log.close(loop.run(APPROACH + float(times[-1])).to_json())
+            if loop.outcome.code:
+                raise RuntimeError(f"{data}, trial {number}: {loop.outcome.sentence}")
+        # A log has the torque that the motor was told, and its rotor takes a part.
+        rotor = f"[rig]\nrotor_inertia = {drive.inertia:g}\n\n"
+        facts = rotor + facts_of("rich", self.seed)
+        (data / "dataset.toml").write_text(facts, encoding="utf-8")
+
+
+def between(log: Path) -> float:
+    """RMS error between the turns of the motor [Nm], by the log.
+
+    The torque sensor is averaged over 10 ms. A turn is where the command changes by
+    more than `TURN` within 20 ms; within 0.1 s of one the motor crosses the backlash,
+    which takes time whatever the model says.
+    """
+    rows = np.genfromtxt(log, delimiter=",", names=True)
+    rows = rows[np.isfinite(rows["desired_torque_nm"])]
+    error = rows["joint_torque_nm"] - rows["desired_torque_nm"]
+    width = round(0.01 / PERIOD)
+    smooth = np.convolve(error, np.ones(width) / width, "same")
+    command = rows["command_torque_nm"]
+    turns = np.abs(command - np.roll(command, 2 * width)) > TURN
+    near = np.convolve(turns, np.ones(20 * width), "same") > 0.0
+    counts = ~near & (rows["time_s"] > SETTLED)
+    return float(np.sqrt(np.mean(smooth[counts] ** 2)))
+
+
+def led(times: NDArray[np.float64], trial: Trial) -> Swing:
+    """Where what holds the joint goes in a trial."""
+
+    def swing(now: float) -> tuple[float, float]:
+        at = now - APPROACH
+        angle = float(np.interp(at, times, trial.target[:, 0]))
+        return angle, float(np.interp(at, times, trial.target[:, 1], 0.0, 0.0))
+
+    return swing
+
+
+def run(
+    name: str, seed: int, strength: float, laws: list[str], folder: Path
+) -> dict[str, Any]:
+    """One case, from a task played badly to one that is played again."""
+    shutil.rmtree(folder, ignore_errors=True)
+    case = Case(name, seed, strength, folder)
+    before = {law: case.error(law, "bench", f"{law}_before") for law in laws}
+    case.identify()
+    began = time.process_time()
+    found = diagnose([folder / "data"], scene_path("bench"), folder / "diagnosis")
+    seconds = time.process_time() - began
+    mended = folder / "diagnosis" / "scene.xml"
+    record: dict[str, Any] = {
+        "effect": name,
+        "seed": seed,
+        "strength": strength,
+        "hidden": case.hidden,
+        "verdict": found.verdict,
+        "named": [effect.id for effect in found.missing],
+        "ties": [list(tie) for tie in found.ties],
+        "said": found.statement,
+        "seconds": seconds,
+        "before": before,
+    }
+    scene = str(mended.resolve()) if mended.exists() else "bench"
+    record["mended"] = mended.exists()
+    record["after"] = {law: case.error(law, scene, f"{law}_after") for law in laws}
+    return record
+
+
+def told(records: list[Mapping[str, Any]]) -> str:
+    """The cases as a Markdown table."""
+    rows = []
+    for r in records:
+        for law, before in r["before"].items():
+            after = r["after"][law]
+            pairs = [(1e3 * before[k], 1e3 * after[k]) for k in ("rms", "between")]
+            said = ", ".join(r["named"]) or "-"
+            rows.append(
+                (
+                    r["effect"],
+                    _size(r),
+                    str(r["seed"]),
+                    f"{r['verdict']}: {said}",
+                    law,
+                    *(
+                        f"{old:.0f} to {new:.0f} ({old / new:.1f})"
+                        for old, new in pairs
+                    ),
+                )
+            )
+    head = (
+        "hidden", "R", "seed", "verdict", "controller", "error [mNm] (better by)",
+        "the same between turns",
+    )  # fmt: skip
+    return table(head, rows)
+
+
+def _size(record: Mapping[str, Any]) -> str:
+    """How strong an effect was, as the table says it."""
+    if record["effect"] == FRICTION:
+        return f"+{10 * record['strength']:.0f} %"
+    return "-" if record["effect"] == "none" else f"{record['strength']:g}"
+
+
+def main() -> None:
+    """Run what is missing and write the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--effects", nargs="+", choices=EFFECTS, default=EFFECTS)
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])
+    parser.add_argument("--strength", type=float, default=4.0, help="R of an effect")
+    parser.add_argument("--controllers", nargs="+", default=["stiction"])
+    parser.add_argument("--out", type=Path, default=Path("runs", "closed_loop"))
+    given = parser.parse_args()
+    kept = given.out / KEPT
+    try:
+        require_ours(given.out, (KEPT, TABLE), lambda _: bool(read(kept)))
+    except CableError as error:
+        parser.error(str(error))
+    given.out.mkdir(parents=True, exist_ok=True)
+    records = read(kept)
+    done = {(r["effect"], r["seed"], r["strength"]) for r in records}
+    cases = [
+        (name, seed, given.strength)
+        for seed in given.seeds
+        for name in given.effects
+        if (name, seed, given.strength) not in done
+    ]
+    for name, seed, strength in tqdm(cases, unit="case"):
+        folder = given.out / f"{name}-{seed}-{strength:g}"
+        found = run(name, seed, strength, given.controllers, folder)
+        records.append(found)
+        with kept.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(found) + "\n")
+        with replacing(given.out / TABLE) as partial:
+            partial.write_text(told(records), encoding="utf-8")
+    print(told(records))
+
+
+def read(kept: Path) -> list[Mapping[str, Any]]:
+    """The cases that an earlier run finished; none if the file is no such run's."""
+    try:
+        found = [json.loads(line) for line in kept.read_text().splitlines()]
+    except (OSError, ValueError):
+        return []
+    return found if all("after" in each for each in found) else []
+
+
+if __name__ == "__main__":
+    warnings.filterwarnings("ignore")
+    main()

@@ -1,0 +1,73 @@
+"""The bench in lockstep: the loop of a real run, without socket and without waiting."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from closed_loop import LIMITS, SECONDS, Case, task
+from driven import Bench, Lockstep
+
+from cc_mujoco.control import Drive, StictionCompensation, controller
+from cc_mujoco.hardware import Limits, Loop, Watchdog, drive_of
+from cc_mujoco.hardware.desired import constant
+from hardware.fakes import Rows
+from rig import make_rig
+
+
+def played(seed: int, limits: Limits = LIMITS) -> tuple[Lockstep, np.ndarray]:
+    drive = Drive(1.0, -10.0, 10.0, 0.002)
+    bench = Bench(make_rig(1, make="guides"), {}, drive.period)
+    rig, rows = (
+        Lockstep(bench, seed, lambda now: (0.1 * np.sin(3.0 * now), 0.0)),
+        Rows(),
+    )
+    law = controller("none", drive)
+    loop = Loop(rig, law, constant(1.0), limits, Watchdog(), clock=rig, log=rows)
+    assert loop.run(0.4).code == 0
+    assert loop.outcome.missed == loop.outcome.without_reading == 0
+    return rig, np.array(rows.rows)
+
+
+def test_a_run_in_lockstep_is_the_same_again_and_every_cycle_has_a_reading() -> None:
+    rig, rows = played(3)
+    assert np.array_equal(rows, played(3)[1], equal_nan=True)
+    assert not np.array_equal(rows[:, 5], played(4)[1][:, 5])
+    assert np.diff(rows[:, 0]) == pytest.approx(0.002)
+    # The sensor shows what the joint truly got, and noise.
+    first = round(rows[0, 0] / 0.002) - 1
+    true = np.array(rig.torques)[first : first + len(rows)]
+    assert np.std(rows[:, 5] - true) == pytest.approx(0.025, rel=0.2)
+
+
+def test_its_torque_keeps_the_limits_of_the_loop() -> None:
+    limits = dataclasses.replace(LIMITS, torque=0.3, torque_rate=5.0)
+    _, rows = played(3, limits)
+    assert np.abs(rows[:, 8]).max() == pytest.approx(0.3)
+    assert np.abs(np.diff(rows[:, 8])).max() <= 5.0 * 0.002 + 1e-12
+
+
+@pytest.mark.study
+def test_a_controller_that_knows_the_drag_tracks_three_times_better(
+    tmp_path: Path,
+) -> None:
+    """The best that a diagnosis could do, by the loop that asks what it does."""
+    case = Case("none", 1, 0.0, tmp_path)
+    desired, swing = task()
+    found = []
+    for drag in (0.0, 75.0):
+        plain = drive_of("bench", case.folder, 0.0005, LIMITS.torque)
+        row = tuple(
+            dataclasses.replace(each, cable=each.cable.replace(viscous_friction=drag))
+            for each in plain.cables
+        )
+        law = StictionCompensation(dataclasses.replace(plain, cable_drives=(row,)))
+        bench = Bench(case.rig, {"viscous_friction": 150.0}, 0.0005)
+        rig = Lockstep(bench, 1, swing)
+        Loop(rig, law, desired, LIMITS, Watchdog(), clock=rig, log=Rows()).run(SECONDS)
+        now = 0.0005 * np.arange(len(rig.torques))
+        off = np.array(rig.torques) - np.interp(now, desired.times, desired.torques)
+        found.append(np.std(off[(now > 2.0) & (now < SECONDS)]))
+    assert found[1] < found[0] / 3.0

@@ -48,6 +48,8 @@ LONG = (
     "test_vector.py",
     "test_predictive.py",
     "test_learning.py",
+    "test_web_page.py",
+    "test_compare.py",
     "test_environments.py",
     "test_thesis_case.py",
     "test_per_trial.py",

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import gc
 import hashlib
-import os
-import subprocess
 import sys
 from collections.abc import Generator
 from importlib.metadata import version
@@ -14,6 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from compiled_code import STUDY, compile_all
 from shared_folder import ABSENT, SHARED
 
 # The same examples in every run, so more of them find nothing in the next one; and no
@@ -25,18 +24,6 @@ settings.load_profile("repeatable")
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "cc_mujoco"
-STUDY = ROOT / "scripts" / "diagnosis_study"
-COMPILE_RIGS = """
-import dataclasses
-from rig.dataset import make_trials, run, truth_of
-from rig.makes import MAKES
-from rig.nominal import make_rig
-trial = make_trials("rich", 0)[0]
-trial = dataclasses.replace(trial, command=trial.command[:2], target=trial.target[:2])
-for make in MAKES:
-    rig = make_rig(0, make=make)
-    run(truth_of(rig, {}, 0), rig, trial)
-"""
 LONG = (
     "test_davinci.py",
     "test_instruments.py",
@@ -85,7 +72,8 @@ def pytest_configure(config: pytest.Config) -> None:
         return
     cache, now = getattr(config, "cache", None), _sources()
     if cache is None or cache.get("cc_mujoco/compiled", "") != now:
-        _compile()
+        if compile_all() != 0:
+            pytest.exit("what the tests call does not compile: see above", 1)
         if cache is not None:
             cache.set("cc_mujoco/compiled", _sources())
 
@@ -101,30 +89,6 @@ def _sources() -> str:
     kept = any((PACKAGE / "engine" / "__pycache__").glob("*.nbi"))
     kept = kept and any((STUDY / "rig" / "__pycache__").glob("*.nbi"))
     return digest.hexdigest() if kept else "nothing is kept"
-
-
-def _compile() -> None:
-    # The rigs' equations are compiled apart from the package's, so beside them.
-    rigs = subprocess.Popen(
-        [sys.executable, "-c", COMPILE_RIGS],
-        env=os.environ | {"PYTHONPATH": str(STUDY)},
-    )
-    import gymnasium
-
-    import cc_mujoco.envs  # noqa: F401, compiles the plugin
-    from cc_mujoco.control import controller
-    from cc_mujoco.transmission import Cable, Transmission, replay
-
-    cable, still = Cable(), [0.0, 0.0]
-    replay(cable, 1e-3, u_proximal=still, u_distal=still)
-    pulleys = Transmission.pull_pull(cable, motor_radius=0.02, joint_radius=0.05)
-    pulleys.replay(1e-3, motor_angle=still, joint_angle=still)
-    with gymnasium.make("cc_mujoco/WristHandle-v1") as env:
-        _, seen = env.reset(seed=0)
-        for name in ("model", "stiction"):
-            controller(name, env.unwrapped.drive).torque(seen)
-    if rigs.wait() != 0:
-        pytest.exit("the rigs of the diagnosis study do not run: see above", 1)
 
 
 @pytest.hookimpl(wrapper=True)

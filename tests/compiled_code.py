@@ -1,0 +1,102 @@
+"""What Numba keeps compiled, made once for all tests: a minute of two cores.
+
+Each worker would otherwise compile it anew. As a script it makes one part.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).parent
+STUDY = HERE.parent / "scripts" / "diagnosis_study"
+STILL = [0.0, 0.0]
+
+
+def compile_all() -> int:
+    """Compile every part, two at a time, and return the last one that failed, or 0."""
+    # The rigs' equations are compiled apart from the package's.
+    others = [_beside("rigs")]
+    _transmission()
+    others.append(_beside("laws"))
+    _plugin()
+    return max(abs(other.wait()) for other in others)
+
+
+def _beside(part: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-P", str(Path(__file__)), part],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join((str(STUDY), str(HERE)))},
+    )
+
+
+def _transmission() -> None:
+    from cc_mujoco.transmission import Cable, Transmission, replay
+
+    cable = Cable()
+    replay(cable, 1e-3, u_proximal=STILL, u_distal=STILL)
+    pulleys = Transmission.pull_pull(cable, motor_radius=0.02, joint_radius=0.05)
+    pulleys.replay(1e-3, motor_angle=STILL, joint_angle=STILL)
+
+
+def _plugin() -> None:
+    import cc_mujoco.engine  # noqa: F401, compiles it
+
+
+def _laws() -> None:
+    """Controllers, their export and the models that came before."""
+    from cc_mujoco.control import controller
+    from cc_mujoco.export import EXPORTED, TARGETS, Plan, write
+    from cc_mujoco.predecessors import (
+        BristleChain,
+        Distributed,
+        LuGreChain,
+        LumpedMasses,
+        PassiveDistributed,
+        Spring,
+    )
+    from control.devices import cable, pull_pull
+
+    drive = dataclasses.replace(pull_pull(), inertia=1e-4)
+    seen = dict.fromkeys(
+        (
+            "motor_angle_rad",
+            "motor_velocity_rad_s",
+            "joint_angle_rad",
+            "joint_velocity_rad_s",
+            "joint_torque_nm",
+            "desired_torque_nm",
+        ),
+        0.0,
+    )
+    for name in (*EXPORTED, "predictive"):
+        controller(name, drive).torque(seen)
+    for kind in (
+        BristleChain, Distributed, LumpedMasses, LuGreChain, PassiveDistributed,
+    ):  # fmt: skip
+        kind(cable()).replay(1e-3, STILL, Spring(500.0))
+    with tempfile.TemporaryDirectory() as folder:
+        for name in EXPORTED:
+            write(folder, Plan.of(name, drive, ("one", "two")), TARGETS["host"], name)
+
+
+def _rigs() -> None:
+    from rig.dataset import make_trials, run, truth_of
+    from rig.makes import MAKES
+    from rig.nominal import make_rig
+
+    trial = make_trials("rich", 0)[0]
+    trial = dataclasses.replace(
+        trial, command=trial.command[:2], target=trial.target[:2]
+    )
+    for make in MAKES:
+        rig = make_rig(0, make=make)
+        run(truth_of(rig, {}, 0), rig, trial)
+
+
+if __name__ == "__main__":
+    {"rigs": _rigs, "laws": _laws}[sys.argv[1]]()

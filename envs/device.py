@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
+from cc_mujoco.bare import left, routes, strip
 from cc_mujoco.control import CableDrive, Drive, Observed
 from cc_mujoco.devices import Setup
 from cc_mujoco.engine.config import PLUGIN
@@ -74,7 +75,7 @@ class Device:
         """
         self.setup = setup
         if model is None:
-            model = _roomy(str(scene_path(setup.scene)))
+            model = load(setup)
         self.model = model
         mover = model.actuator("wearer")
         self._mover = mover
@@ -261,20 +262,30 @@ class Device:
         return [float(data.actuator_velocity[distal]) for _, distal in self._ends]
 
 
-def physics_of(data: mujoco.MjData) -> Physics:
-    """Views on the arrays of a simulation."""
-    return Physics(*(getattr(data, name) for name in Physics._fields))
+def load(setup: Setup, drawn: bool = True) -> mujoco.MjModel:
+    """The scene of a device, with room for other configurations of its cables.
 
-
-def _roomy(path: str) -> mujoco.MjModel:
-    """A scene, compiled with room for other configurations of its cables."""
-    spec = mujoco.MjSpec.from_file(path)
+    Args:
+        setup: The device.
+        drawn: With what is only seen, which takes up to half of the time of a step.
+    """
+    spec = whole = mujoco.MjSpec.from_file(str(scene_path(setup.scene)))
+    if not drawn:
+        cables = engine.from_mjcf(whole)
+        spec = strip(whole, routes(cables.values()))
+        for name, cable in cables.items():
+            engine.to_mjcf(spec, name, left(spec, cable))
     for plugin in spec.plugins:
         config = dict(plugin.config)
         if plugin.plugin_name == PLUGIN:
             # Of the keys, `conduit` is one whose text may end in blanks.
             plugin.config = {**config, "conduit": config["conduit"] + SPARE * " "}
     return spec.compile()
+
+
+def physics_of(data: mujoco.MjData) -> Physics:
+    """Views on the arrays of a simulation."""
+    return Physics(*(getattr(data, name) for name in Physics._fields))
 
 
 def _write_wearer(mover: Any, wearer: Wearer) -> None:

@@ -21,7 +21,7 @@ from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
 
-from .device import VARIED, Array, Physics, physics_of
+from .device import VARIED, Array, Physics, load, physics_of
 from .exo import REWARDS, Exo
 from .picture import Camera, Film, check_mode
 from .plant import Plant
@@ -74,7 +74,8 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             duration: See there.
             frame_skip: See there.
             wearer: See there.
-            render_mode: See there.
+            render_mode: See there. Without one the model has nothing that is only seen,
+                and takes no time for it.
             max_episode_steps: Truncates episodes that are longer.
             threads: Threads that simulate; 0 means one per processor.
             autoreset_mode: `NEXT_STEP`; `SAME_STEP`, where a step that ends an episode
@@ -105,7 +106,8 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
                     f"{name} must be an integer >= {least}, not {value!r}."
                 )
         check_mode(render_mode, self.metadata["render_modes"])
-        self.exo = exo = Exo(self.SETUP, *given, None, *more)
+        model = load(self.SETUP, drawn=render_mode is not None)
+        self.exo = exo = Exo(self.SETUP, *given, model, *more)
         self.metadata = {
             **self.metadata,
             "render_fps": round(1 / self.exo.period),

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
+from cc_mujoco.bare import left, routes, strip
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Wearer
-from cc_mujoco.transmission.parameters import BENDS, KEYS, PATHS, Cable, Section
-from cc_mujoco.whatif.bare import strip
+from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif.variables import Value, read_design
 
 Array = NDArray[np.float64]
@@ -207,32 +207,22 @@ class Builder:
     def layout(self, design: Mapping[str, Value]) -> tuple[object, ...]:
         """Equal for designs whose models can be in one batch."""
         cables = self.cables_of(design).values()
-        return (*(cable.segments for cable in cables), *self._routes(design))
-
-    def _routes(self, design: Mapping[str, Value]) -> tuple[str, ...]:
-        """Tendons that bend a cable as they move, and so belong to the physics."""
-        return tuple(
-            cable.route
-            for cable in self.cables_of(design).values()
-            if cable.bend != BENDS[0] or cable.path != PATHS[0]
-        )
+        return (*(cable.segments for cable in cables), *routes(cables))
 
     def _base(self, design: Mapping[str, Value], whole: bool) -> mujoco.MjSpec:
         """The scene that a design changes: whole, or what the design needs of it."""
         if whole:
             return self.spec
-        routes = self._routes(design)
+        kept = routes(self.cables_of(design).values())
         with _ONE:  # two threads would make two, and what one stands on would go
-            bare, _ = _stripped(*self._read, routes)
+            bare, _ = _stripped(*self._read, kept)
         return bare
 
     def _apply(
         self, spec: mujoco.MjSpec, design: Mapping[str, Value], whole: bool
     ) -> None:
         for name, cable in self.cables_of(design).items():
-            if not whole and spec.tendon(cable.route) is None:
-                cable = cable.replace(route="")
-            engine.to_mjcf(spec, name, cable)
+            engine.to_mjcf(spec, name, cable if whole else left(spec, cable))
             own = _own(design, name)
             proximal, distal = (a for a in spec.actuators if a.plugin.name == name)
             for end, key in zip((proximal, distal), RADII, strict=True):
@@ -273,14 +263,14 @@ def _scene(name: str, timestep: float | None) -> mujoco.MjSpec:
 
 @cache
 def _stripped(
-    name: str, timestep: float | None, routes: tuple[str, ...]
+    name: str, timestep: float | None, kept: tuple[str, ...]
 ) -> tuple[mujoco.MjSpec, mujoco.MjSpec]:
     """The scene stripped, to be copied; stripping it takes a tenth of a second.
 
     Behind it stands the scene: MuJoCo's copies point into what they are copies of.
     """
     whole = _scene(name, timestep)
-    return strip(whole, routes), whole
+    return strip(whole, kept), whole
 
 
 def _own(design: Mapping[str, Value], cable: str) -> dict[str, Value]:

@@ -228,6 +228,17 @@ def test_a_pickled_vector_environment_gives_the_same(name: str) -> None:
     equal(env.step(actions), copy.step(actions))
 
 
+def test_what_is_only_seen_is_there_only_to_be_rendered(name: str) -> None:
+    simulated, drawn = (
+        gymnasium.make_vec(name, 1, render_mode=mode).unwrapped.model
+        for mode in (None, "rgb_array")
+    )
+    assert (simulated.nq, simulated.nv, simulated.nu) == (drawn.nq, drawn.nv, drawn.nu)
+    assert simulated.nlight == simulated.nmat == 0
+    assert simulated.ngeom < drawn.ngeom
+    assert simulated.nbody <= drawn.nbody
+
+
 @pytest.mark.usefixtures("gl")
 def test_pictures_are_those_of_the_single_environments() -> None:
     given = {"duration": 0.5, "render_mode": "rgb_array"}

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from cc_mujoco import engine
+from cc_mujoco.bare import strip
 from cc_mujoco.errors import CableError
 from cc_mujoco.whatif import build
-from cc_mujoco.whatif.bare import strip
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.variables import Value
 

@@ -7,24 +7,26 @@ Without them a simulation moves alike, bit for bit, in half the time.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 import mujoco
+
+from cc_mujoco.transmission.parameters import BENDS, PATHS, Cable
 
 MEMORY = 1 << 20
 """Arena of a bare model [byte]; the scenes make a handful of constraints at most."""
 
 
-def strip(whole: mujoco.MjSpec, routes: Collection[str] = ()) -> mujoco.MjSpec:
+def strip(whole: mujoco.MjSpec, kept: Collection[str] = ()) -> mujoco.MjSpec:
     """A copy with what moves: joints, inertias, actuators, and the tendons they need.
 
     Args:
         whole: the scene; inertias are stated and nothing collides.
-        routes: tendons that bend a cable as they move, and so belong to the physics.
+        kept: tendons to keep beside those of actuators: see `routes`.
     """
     spec = whole.copy()
     spec.memory = MEMORY
-    tendons = {*routes}
+    tendons = {*kept}
     for actuator in spec.actuators:
         if actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
             tendons.add(actuator.target)
@@ -49,4 +51,19 @@ def strip(whole: mujoco.MjSpec, routes: Collection[str] = ()) -> mujoco.MjSpec:
         parts = [body.joints, body.bodies, body.geoms, body.sites]
         if not any(parts) and not body.explicitinertial:
             spec.delete(body)
-    return spec
+    # Compiled as it is, it would still look for the material of a tendon.
+    return spec.copy()
+
+
+def routes(cables: Iterable[Cable]) -> tuple[str, ...]:
+    """Tendons that bend or lead a cable as they move, and so belong to the physics."""
+    return tuple(
+        cable.route
+        for cable in cables
+        if cable.bend != BENDS[0] or cable.path != PATHS[0]
+    )
+
+
+def left(spec: mujoco.MjSpec, cable: Cable) -> Cable:
+    """A cable as it is in a stripped scene, which may have lost the tendon it is on."""
+    return cable if spec.tendon(cable.route) else cable.replace(route="")

@@ -45,6 +45,12 @@ The names are those of the columns of an episode log, hence keys of `info`. Cabl
 tensions, slip, slack and the wearer's intention are known to a simulation alone.
 """
 
+WINDING = ("winding_angle_rad", "winding_velocity_rad_s", "leverage_ratio")
+"""What a controller with a model may read besides: what the encoders of all joints on a
+cable's way say of its distal end, as if it were wound on a round pulley of the neutral
+arm, and the arm of the joint over that one.
+"""
+
 TENSIONS = "tension_sensors_n"
 """What is measured besides where `Drive.sensors` says so: (..., cables, sensors) [N].
 """
@@ -231,23 +237,27 @@ class Measuring:
         """What the controller reads of the columns of this step.
 
         Args:
-            columns: `MEASURED` and, where the drive has tension sensors, the tensions
-                of the nodes of every cable, which may be below 0 where it is slack:
-                numbers and (nodes,), or of n environments (n,) and (n, nodes).
+            columns: `MEASURED`, perhaps `WINDING` and, where the drive has tension
+                sensors, the tensions of the nodes of every cable, which may be below 0
+                where it is slack: numbers and (nodes,), or of n environments (n,) and
+                (n, nodes).
 
         Returns:
-            `MEASURED` and, where there are such sensors, `TENSIONS`; nothing in it is
-            shared with the columns.
+            `MEASURED`, `WINDING` if it was there and, where there are such sensors,
+            `TENSIONS`; nothing in it is shared with the columns.
         """
         sensing = self._sensing
         noise = None if self._noise is None else self._noise[self._step]
-        seen = {name: _own(columns[name]) for name in MEASURED}
+        names = (*MEASURED, *WINDING) if WINDING[0] in columns else MEASURED
+        seen = {name: _own(columns[name]) for name in names}
         if noise is not None:
             seen["joint_torque_nm"] = (
                 seen["joint_torque_nm"] + sensing.torque_noise * noise[..., 0]
             )
         self._encode("motor", sensing.motor_steps, seen)
         self._encode("joint", sensing.joint_steps, seen)
+        if WINDING[0] in seen:
+            self._encode("winding", sensing.joint_steps, seen)
         if self._taps:
             # `np.stack` takes several times as long for small arrays.
             told = np.empty((*np.shape(seen["joint_angle_rad"]), *self._shape))

@@ -21,9 +21,11 @@ from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
+from cc_mujoco.sensing import WINDING
 from cc_mujoco.transmission.parameters import KEYS
 
 from .plant import Plant
+from .winding import Winding, winding_of
 
 Array = NDArray[np.float64]
 
@@ -39,6 +41,8 @@ class Physics(NamedTuple):
     qfrc_passive: Array
     qfrc_spring: Array
     qfrc_damper: Array
+    actuator_length: Array
+    actuator_moment: Array
 
     def apart(self) -> Physics:
         """The same, but results in arrays of their own, which may be written."""
@@ -115,6 +119,8 @@ class Device:
         """Names of the cables that the motor winds."""
         self.cable_outputs = [place for ends in self._ends for place in ends]
         """Where `actuator_force` has the ends of the cables: proximal, distal, next."""
+        self.winding = winding_of(model, self._ends[0][1], setup.joint)
+        """Of the first cable's distal end; None on a round pulley."""
         self.cables = engine.from_mjcf(model)
         """The cables of the model, as it was given."""
         self.ratio = self._ratio()
@@ -183,6 +189,7 @@ class Device:
             (cable_drives,),
             inertia=float(self.model.dof_M0[self._motor_v]),
             damping=float(self.model.dof_damping[self._motor_v]),
+            crossed=self.winding.others(self.model) if self.winding else (),
             observed=self.observed(period),
         )
         return self.setup.sensing.equip(drive)
@@ -226,11 +233,14 @@ class Device:
             columns |= _columns(reader.name, reader.read(physics.plugin_state))
         return columns
 
-    def read_motion(self, physics: Physics) -> dict[str, Any]:
+    def read_motion(
+        self, physics: Physics, winding: Winding | None = None
+    ) -> dict[str, Any]:
         """Read angles, velocities and torques of motor, joint and wearer.
 
         Args:
             physics: The simulation, or several; its `plugin_state` is not read.
+            winding: That of each, where several differ.
         """
         qpos, qvel = physics.qpos.T, physics.qvel.T
         force = physics.actuator_force.T
@@ -239,12 +249,20 @@ class Device:
         joint, passive = self._joint_v, physics.qfrc_passive.T
         own = physics.qfrc_spring.T[joint] + physics.qfrc_damper.T[joint]
         pieces = passive[joint] - own
+        angle, velocity = qpos[self._joint_q], qvel[joint]
+        winding = winding or self.winding
+        wound = winding and winding.read(physics)
+        if wound is None:
+            wound = dict(
+                zip(WINDING, (angle, velocity, 0.0 * angle + 1.0), strict=True)
+            )
         return {
             "motor_angle_rad": qpos[self._motor_q],
             "motor_velocity_rad_s": qvel[self._motor_v],
             "motor_torque_nm": force[self._motor_out] * self._motor_gear,
-            "joint_angle_rad": qpos[self._joint_q],
-            "joint_velocity_rad_s": qvel[joint],
+            "joint_angle_rad": angle,
+            "joint_velocity_rad_s": velocity,
+            **wound,
             # The wearer and the cables are all that acts on the joint.
             "joint_torque_nm": physics.qfrc_actuator.T[joint] - wearer + pieces,
             "wearer_torque_nm": wearer,

@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control.drive import Drive
+from cc_mujoco.errors import CableError
+from cc_mujoco.sensing import WINDING
 
 
 class Controller(ABC):
@@ -48,8 +50,8 @@ class Controller(ABC):
 
         Args:
             observation: At least the keys `sensing.MEASURED`, each a number or an array
-                over environments; others are not read, except `sensing.TENSIONS`
-                where the drive has such sensors.
+                over environments; others are not read, except `sensing.WINDING` and,
+                where the drive has such sensors, `sensing.TENSIONS`.
 
         Returns:
             A float for numbers, an array for arrays.
@@ -59,6 +61,33 @@ class Controller(ABC):
         """A torque within the limits of the motor, a float for a number [Nm]."""
         within = np.clip(torque, self.drive.low, self.drive.high)
         return within if isinstance(within, np.ndarray) else float(within)
+
+
+def wound(observation: Mapping[str, Any], drive: Drive) -> Mapping[str, Any]:
+    """What is measured, as of a joint with a round pulley on which the cables wind.
+
+    Models of cables have a constant arm. So angle and velocity of the joint are those
+    of that pulley, and both torques those that its tensions would make there. What
+    lacks `sensing.WINDING` is taken for measured at such a pulley.
+
+    Raises:
+        CableError: If it cannot be, because other joints wind the cables too.
+    """
+    if WINDING[0] not in observation:
+        if drive.crossed:
+            raise CableError(
+                f"joint {', '.join(drive.crossed)} winds the cables too; a controller "
+                f"with a model of them needs to read {', '.join(WINDING)}."
+            )
+        return observation
+    angle, velocity, leverage = (observation[name] for name in WINDING)
+    return {
+        **observation,
+        "joint_angle_rad": angle,
+        "joint_velocity_rad_s": velocity,
+        "joint_torque_nm": observation["joint_torque_nm"] / leverage,
+        "desired_torque_nm": observation["desired_torque_nm"] / leverage,
+    }
 
 
 def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray:

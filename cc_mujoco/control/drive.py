@@ -64,6 +64,9 @@ class Drive:
     """Control steps by which what is measured comes late."""
     torque_noise: float = 0.0
     """Standard deviation of the joint torque sensor [Nm]."""
+    crossed: tuple[str, ...] = ()
+    """Joints besides the driven one whose motion winds the cables. Then controllers
+    with a model need `sensing.WINDING`."""
     observed: Observed | None = None
     """What the device's environment observes; saved policies need it."""
 

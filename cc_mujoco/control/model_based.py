@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cc_mujoco.checks import number
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.control import laws
-from cc_mujoco.control.controller import readings
+from cc_mujoco.control.controller import readings, wound
 from cc_mujoco.control.drive import Drive
 from cc_mujoco.control.model import CableModel, joint_stiffness
 from cc_mujoco.control.proportional_integral import ProportionalIntegral
@@ -106,7 +106,7 @@ class ModelBased(ProportionalIntegral):
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
-        seen = readings(observation, laws.SEEN)
+        seen = readings(wound(observation, self.drive), laws.SEEN)
         self.follow(seen)
         found = self.answer(seen)
         numbers = np.ndim(observation["desired_torque_nm"]) == 0

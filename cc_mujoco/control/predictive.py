@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cc_mujoco.checks import number
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control import planning, rollout
-from cc_mujoco.control.controller import Controller, readings
+from cc_mujoco.control.controller import Controller, readings, wound
 from cc_mujoco.control.drive import Drive
 from cc_mujoco.control.model import CableModel, joint_stiffness
 from cc_mujoco.errors import CableError
@@ -201,7 +201,7 @@ class PredictiveCompensation(Controller):
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
-        seen = readings(observation, _READ)
+        seen = readings(wound(observation, self.drive), _READ)
         if seen.shape[0] != self._memory.shape[0]:
             self._forget(seen.shape[0])
         model = self.model

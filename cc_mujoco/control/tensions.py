@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.checks import number
+from cc_mujoco.control.controller import wound
 from cc_mujoco.control.drive import Drive
 from cc_mujoco.control.model import CableModel
 from cc_mujoco.control.predictive import PredictiveCompensation
@@ -79,7 +80,7 @@ class FusedFeedback(ProportionalIntegral):
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
-        desired = observation["desired_torque_nm"]
+        desired = wound(observation, self.drive)["desired_torque_nm"]
         told = _readings(observation)
         torque = np.zeros(told.shape[0])
         for cable in self._cables:

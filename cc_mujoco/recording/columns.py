@@ -46,6 +46,13 @@ DEVICE = (
     Column("joint_angle_rad", "rad", "angle of the wearer's joint"),
     Column("joint_velocity_rad_s", "rad/s", "angular velocity of the wearer's joint"),
     Column("joint_torque_nm", "N m", "torque that the cables put into the joint"),
+    Column(
+        "winding_angle_rad",
+        "rad",
+        "angle of a round pulley of the neutral arm that the cable is wound on",
+    ),
+    Column("winding_velocity_rad_s", "rad/s", "angular velocity of that pulley"),
+    Column("leverage_ratio", "1", "arm of the joint over that of the pulley"),
     Column("desired_torque_nm", "N m", "torque that the task asks for at the joint"),
     Column("wearer_torque_nm", "N m", "torque that the wearer puts into the joint"),
     Column("reference_angle_rad", "rad", "angle that the wearer aims for"),

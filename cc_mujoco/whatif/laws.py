@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Controller, Drive, controller
-from cc_mujoco.sensing import MEASURED, TENSIONS
+from cc_mujoco.sensing import MEASURED, TENSIONS, WINDING
 
 Array = NDArray[np.float64]
 
@@ -80,6 +80,7 @@ class Laws(Controller):
                 law.reset()
             for _ in range(PROBES):
                 seen = {name: rng.normal(size=len(one_each)) for name in MEASURED}
+                seen |= {n: rng.uniform(0.5, 2.0, len(one_each)) for n in WINDING}
                 if sensors := self.drive.sensors:
                     shape = len(one_each), len(sensors), len(sensors[0].nodes)
                     seen[TENSIONS] = rng.uniform(1.0, 50.0, size=shape)
@@ -92,7 +93,7 @@ class Laws(Controller):
 
 
 def _each(laws: Sequence[Controller], observation: Mapping[str, Any]) -> Array:
-    names = [*MEASURED, *([TENSIONS] if TENSIONS in observation else [])]
+    names = [n for n in (*MEASURED, *WINDING, TENSIONS) if n in observation]
     return np.array(
         [
             law.torque({name: observation[name][i] for name in names})

@@ -24,6 +24,7 @@ from cc_mujoco.engine import Reader, cables
 from cc_mujoco.envs.device import Device, Physics, physics_of
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
+from cc_mujoco.envs.winding import Winding
 from cc_mujoco.episode import Columns, Trace, run
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.sensing import PERFECT, Measuring
@@ -182,6 +183,7 @@ class Fleet:
         self.failed = [""] * count
         """Why, where they have."""
         self._exo, self._devices = exo, devices
+        self._winding = Winding.over([device.winding for device in devices])
         self._angles = [scripts[row % len(scripts)].angles for row in range(count)]
         self._commands = np.stack([script.commands for script in scripts])
         self._marks = np.stack([script.marks for script in scripts])
@@ -240,7 +242,7 @@ class Fleet:
     def _columns(self, now: Physics) -> Columns:
         """What can be measured now, and what is kept of it beside."""
         state = now.plugin_state
-        columns: dict[str, Any] = self._exo.device.read_motion(now)
+        columns: dict[str, Any] = self._exo.device.read_motion(now, self._winding)
         _, phase, sine, cosine = self._marks[:, self._step].T
         count = self.going.size
         told = np.empty((3, count))

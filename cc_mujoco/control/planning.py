@@ -250,7 +250,7 @@ def _plan(
             tune[TOLERANCE], span, new, work,
         )  # fmt: skip
         rolled[:] = new
-        cost += (stepper.torque(cables, new, True, at)[0] - desired) ** 2
+        cost += (rollout.made(cables, new, at) - desired) ** 2
         push += gains[:, 2 + i] * at
     rolled[:] = state
     limit = max(abs(tune[LOW]), abs(tune[HIGH])) / tune[INERTIA]
@@ -263,7 +263,7 @@ def _plan(
         desired = memory[AIM] + memory[AIM + 1] * t
         rollout.move(advance, cables, rolled, angle, where, span, new, work)
         rolled[:] = new
-        cost += (stepper.torque(cables, new, True, angle)[0] - desired) ** 2
+        cost += (rollout.made(cables, new, angle) - desired) ** 2
     return 0.5 * cost / count
 
 

@@ -152,6 +152,18 @@ def joint_for(
 
 
 @compiled
+def made(cables: stepper.Cables, state: FloatArray, motor: float) -> float:
+    """Torque of the cables at the joint [Nm].
+
+    A single cable is taken to push in proportion to its slack, so that it is neither
+    paid out nor left behind further than needed.
+    """
+    if cables.n.size == 1:
+        return float(-cables.distal[0] * tensions(state[0], cables.n[0])[cables.n[0]])
+    return stepper.torque(cables, state, True, motor)[0]
+
+
+@compiled
 def motor_for(
     advance: Any,
     cables: stepper.Cables,
@@ -169,9 +181,7 @@ def motor_for(
 ) -> float:
     """Nearest angle of the motor, `way` from where it is, that makes a torque [rad].
 
-    Where that way leads away from the torque or has no effect, the motor stays. A
-    single cable is taken to push in proportion to its slack, so that it is paid out no
-    further than needed.
+    Where that way leads away from the torque or has no effect, the motor stays.
 
     Args:
         advance: see `pointer`.
@@ -193,11 +203,11 @@ def motor_for(
     known, side, at, step = False, 0, 0.0, 0.0
     for turn in range(_EVALUATIONS):
         move(advance, cables, state, start + way * at, joint, dt, new, work)
-        made = stepper.torque(cables, new, True, start)[0]
-        if cables.n.size == 1:
-            made = -cables.distal[0] * tensions(new[0], cables.n[0])[cables.n[0]]
-        lack = toward * (torque - made)
-        if abs(lack) <= tolerance or (turn == 0 and lack <= 0.0):
+        lack = toward * (torque - made(cables, new, start))
+        if abs(lack) <= tolerance:
+            known = True
+            break
+        if turn == 0 and lack <= 0.0:
             break
         if lack > 0.0:
             if at >= most:

@@ -103,7 +103,11 @@ def _observe(
     rollout.move(advance, cables, state, motor, joint, tune[PERIOD], new, work)
     made, size = stepper.torque(cables, new, True, motor)
     memory[FELT] += _FEELING * (torque - memory[FELT])
-    if size > 0.0 or abs(memory[FELT]) > tune[NOISE]:
+    taut = size > 0.0
+    if cables.n.size == 1:
+        # By the bias of its sensor a cable would be paid out without an end.
+        taut = abs(made) > tune[NOISE]
+    if taut or abs(memory[FELT]) > tune[NOISE]:
         # What the cables did is known better than the last bit of a sensor.
         made += tune[BELIEF] * (torque - made)
         if cables.n.size == 1 and made * cables.distal[0] > 0.0:

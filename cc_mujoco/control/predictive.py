@@ -32,6 +32,9 @@ _LEAST_NOISE = 1e-5
 
 PLAN_PER_DELAY, ROTOR_PER_DELAY = 1.5, 1.0
 """Bandwidths of plan and of what the rotor feels, at most, times the delay."""
+FELT = 6.0
+"""Standard deviations of the torque sensor that are a torque for sure, whatever its
+bias."""
 FORGETTING = 0.1
 """Time over which the errors of the observers of the rotor are compared [s]."""
 ACCOUNT, SPEND, SLOW = 10.0, 0.02, 0.1
@@ -77,16 +80,17 @@ class PredictiveCompensation(Controller):
     def __init__(
         self,
         drive: Drive,
-        bandwidth: float = 150.0,
+        bandwidth: float = 200.0,
         horizon: float = 0.024,
         knots: int = 8,
         rotor: float = 600.0,
-        motion: float = 200.0,
+        motion: float = 300.0,
         belief: float = 0.5,
-        turning: float = 5.0,
+        turning: float = 3.0,
         learning: float = 5.0,
         latest: float = 0.015,
         damper: float | None = None,
+        tolerance: float | None = None,
     ) -> None:
         """Prepare for the first episode.
 
@@ -98,7 +102,9 @@ class PredictiveCompensation(Controller):
             horizon: Of the plan [s].
             knots: Of the plan.
             rotor: Bandwidth of the observer of the rotor [rad/s].
-            motion: That of the filters of joint and desired torque [rad/s].
+            motion: That of the filters of joint and desired torque [rad/s]. An encoder
+                of less than 14 bits at the joint wants less, 200 or so, or the motor
+                chatters with its last bit.
             belief: Share of what the torque sensor says beyond the model that is taken
                 over in a control step, above 0, to 1.
             turning: RMS error of the torque over the horizon that turning the motor
@@ -110,6 +116,10 @@ class PredictiveCompensation(Controller):
                 of the cables there [s]; 0 is none. By default 0.02 for a pair of
                 cables and none for a single one, whose torque is a profile that gives
                 energy.
+            tolerance: Of the torque that a knot of the plan makes, in standard
+                deviations of the torque sensor. By default 0.5 for a pair of cables
+                and 3 for a single one, which else turns back for less than its motor
+                spends on the turn.
 
         Raises:
             CableError: If cables or inertia are not known, or a number is out of range.
@@ -133,6 +143,9 @@ class PredictiveCompensation(Controller):
         if damper is None:
             damper = 0.02 if len(drive.cables) > 1 else 0.0
         number("damper", damper, 0.0, 1.0, "s")
+        if tolerance is None:
+            tolerance = 0.5 if len(drive.cables) > 1 else 3.0
+        number("tolerance", tolerance, 0.0, 1e6, "standard deviations")
         period = drive.period
         delays = np.arange(max(drive.delay, math.ceil(latest / period)) + 1)
         late = np.maximum(delays, 1) * period
@@ -161,9 +174,9 @@ class PredictiveCompensation(Controller):
                 drive.low,
                 drive.high,
                 horizon / knots,
-                0.5 * noise,
+                tolerance * noise,
                 (turning * noise) ** 2,
-                3.0 * noise,
+                FELT * noise,
                 belief,
                 learning,
                 0.05 * max(abs(drive.low), abs(drive.high)),

@@ -14,7 +14,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.recording import play
 from cc_mujoco.recording.columns import MODEL_XML, RATIO
 from cc_mujoco.recording.metrics import efficiency
-from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS
+from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS, WINDING
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_the_controller_sees_late_noisy_sensors_and_the_log_holds_the_truth(
     log = play(env, listener(env, seen), seed=2)
     sensing = env.unwrapped.exo.setup.sensing
     assert log.metadata["sensing"] == sensing.to_json()
-    assert all(told.keys() == {*MEASURED, TENSIONS} for told in seen)
+    assert all(told.keys() == {*MEASURED, *WINDING, TENSIONS} for told in seen)
     late = slice(None, -sensing.delay)
     told = np.array([one["joint_torque_nm"] for one in seen])[sensing.delay :]
     error = told - log["joint_torque_nm"][late]

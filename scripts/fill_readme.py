@@ -1,8 +1,9 @@
-r"""Put parameters, claims and both benchmarks into their pages.
+r"""Put parameters, materials, claims and both benchmarks into their pages.
 
     python scripts/diagnosis_study/diagnose_benchmark.py \
         --naive binned sparse bic --out runs/sealed
-    python scripts/fill_readme.py [parameters] [claims] [benchmark] [diagnosis]
+    python scripts/fill_readme.py [parameters] [materials] [claims] [benchmark] \
+        [diagnosis]
 
 Runs what is not done yet of claims and benchmark, and replaces what stands between the
 marks of each block, on its page and, in short, on the front page. The benchmark is
@@ -37,6 +38,8 @@ from cc_mujoco.files import replacing
 from cc_mujoco.reproduce import EXPERIMENTS, Claim, reproduce, table
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import as_table
+from cc_mujoco.whatif import MATERIALS
+from cc_mujoco.whatif import materials as of_materials
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
@@ -46,6 +49,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FRONT = ROOT / "README.md"
 PAGES = {
     "parameters": ROOT / "cc_mujoco" / "transmission" / "README.md",
+    "materials": ROOT / "cc_mujoco" / "whatif" / "README.md",
     "claims": ROOT / "cc_mujoco" / "reproduce" / "README.md",
     "benchmark": ROOT / "cc_mujoco" / "benchmark" / "README.md",
     "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "README.md",
@@ -152,6 +156,8 @@ def main() -> None:
     options = parser.parse_args()
     if "parameters" in options.blocks:
         write("parameters", as_table(PARAMETERS))
+    if "materials" in options.blocks:
+        write("materials", of_materials.as_table(MATERIALS.values()))
     if "claims" in options.blocks:
         records = reproduce([], options.results)
         write("claims", block({record.name: record.claims for record in records}))

@@ -266,13 +266,13 @@ def test_list_shows_every_name_with_a_meaning(
     from cc_mujoco.diagnosis import EFFECTS
     from cc_mujoco.human import TASKS, TRAJECTORIES
     from cc_mujoco.reproduce import EXPERIMENTS
-    from cc_mujoco.whatif import METRICS, VARIABLES
+    from cc_mujoco.whatif import MATERIALS, METRICS, VARIABLES
 
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     entries = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
     played = {*EVERY_SCENE, *EXPERIMENTS, *TRAJECTORIES, *TASKS, *CONTROLLERS}
-    assert played | {*VARIABLES, *METRICS, *EFFECTS} == set(entries)
+    assert played | {*VARIABLES, *MATERIALS, *METRICS, *EFFECTS} == set(entries)
 
 
 def command(*words: str, **how: Any) -> subprocess.CompletedProcess[str]:

@@ -14,6 +14,7 @@ import pytest
 import cc_mujoco
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import as_table
+from cc_mujoco.whatif import MATERIALS, materials
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
@@ -124,6 +125,13 @@ def test_parameter_table_is_that_of_the_package() -> None:
     page = fill_readme.PAGES["parameters"].read_text("utf-8")
     written = fill_readme.between(page, "parameters")
     assert written == as_table(PARAMETERS), "run scripts/fill_readme.py parameters"
+
+
+def test_table_of_materials_is_that_of_the_package() -> None:
+    page = fill_readme.PAGES["materials"].read_text("utf-8")
+    written = fill_readme.between(page, "materials")
+    table = materials.as_table(MATERIALS.values())
+    assert written == table, "run scripts/fill_readme.py materials"
 
 
 @pytest.mark.parametrize(("place", "code"), BLOCKS)

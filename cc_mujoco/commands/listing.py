@@ -24,7 +24,7 @@ class Listing:
         from cc_mujoco.diagnosis import EFFECTS
         from cc_mujoco.human import TASKS, TRAJECTORIES
         from cc_mujoco.reproduce import EXPERIMENTS
-        from cc_mujoco.whatif import METRICS, VARIABLES
+        from cc_mujoco.whatif import MATERIALS, METRICS, VARIABLES
 
         meanings = {
             "scenes": {
@@ -42,6 +42,12 @@ class Listing:
                 name: effect.title for name, effect in EFFECTS.items()
             },
             "variables of what-ifs": _with_units(VARIABLES),
+            "materials of what-ifs": {
+                name: f"{material.meaning}; friction {material.friction.low:.2g} to "
+                f"{material.friction.high:.2g}, typically "
+                f"{material.friction.typical:.2g}"
+                for name, material in MATERIALS.items()
+            },
             "metrics of what-ifs": _with_units(METRICS),
         }
         width = max(len(name) for group in meanings.values() for name in group)

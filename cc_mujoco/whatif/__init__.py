@@ -3,11 +3,13 @@
     from cc_mujoco.whatif import study
     table = study("wrist", {"friction": "0.05:0.3:10", "loops": [1, 2, 3]})
 
-`VARIABLES` says what can be varied, `METRICS` what is measured.
+`VARIABLES` says what can be varied, `MATERIALS` of what a cable may be, `METRICS` what
+is measured.
 """
 
 from __future__ import annotations
 
+from cc_mujoco.whatif.materials import MATERIALS
 from cc_mujoco.whatif.metrics import METRICS, Metric
 from cc_mujoco.whatif.plan import Plan, make_plan
 from cc_mujoco.whatif.search import optimise
@@ -15,6 +17,7 @@ from cc_mujoco.whatif.study import carry_out, study
 from cc_mujoco.whatif.variables import VARIABLES, Variable
 
 __all__ = [
+    "MATERIALS",
     "METRICS",
     "VARIABLES",
     "Metric",

@@ -26,6 +26,7 @@ from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Wearer
 from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
+from cc_mujoco.whatif.materials import ENDS, MATERIALS, Material
 from cc_mujoco.whatif.variables import Value, read_design
 
 Array = NDArray[np.float64]
@@ -36,6 +37,8 @@ RADII = ("motor_radius", "joint_radius")
 DRAWN = ("conduit", "loops", "wrap", "bend_radius", "length", "route", "path", "mouth")
 """Variables of what leads a cable, which of an open one the scene draws."""
 
+FRICTION = "material_friction"
+"""Variable that says which of `ENDS` the friction of a material is."""
 
 _ONE = threading.Lock()
 
@@ -85,24 +88,38 @@ class Builder:
         found = {}
         for name, cable in self.cables.items():
             own = _own(design, name)
-            scale = float(own.get("diameter", self.device.diameter))
-            stiffer = (scale / self.device.diameter) ** 2
+            diameter = float(own.get("diameter", self.device.diameter))
+            stiffer = (diameter / self.device.diameter) ** 2
             cable = _conduit(cable, own)
             config = cable.to_config()
             if stiffer != 1.0:
                 config["axial_stiffness"] = repr(cable.axial_stiffness * stiffer)
+            if (material := material_of(design)) is not None:
+                friction = material.friction.at(str(design.get(FRICTION, ENDS[1])))
+                # Sources do not tell the two apart; the scene says how they compare.
+                rubs = cable.friction > 0.0
+                sticks = cable.static_friction / cable.friction if rubs else 0.0
+                config["friction"] = repr(friction)
+                config["static_friction"] = repr(sticks * friction)
+                config["axial_stiffness"] = repr(material.axial_stiffness(diameter))
             config |= {key: _text(own[key]) for key in KEYS if key in own}
             found[name] = Cable.from_config(config, f"cable {name!r}")
         return found
 
     def strength(self, design: Mapping[str, Value]) -> dict[str, float]:
         """Breaking load of each cable [N]."""
+        thick = self.diameters(design)
+        if (material := material_of(design)) is not None:
+            return {name: material.breaking_load(d) for name, d in thick.items()}
         given = float(design.get("strength", self.device.strength))
-        thick = {
+        return {n: given * (d / self.device.diameter) ** 2 for n, d in thick.items()}
+
+    def diameters(self, design: Mapping[str, Value]) -> dict[str, float]:
+        """Diameter of each cable [m]."""
+        return {
             name: float(_own(design, name).get("diameter", self.device.diameter))
             for name in self.cables
         }
-        return {n: given * (d / self.device.diameter) ** 2 for n, d in thick.items()}
 
     def wearer(self, factor: float) -> Wearer:
         """The wearer of the scene, so many times as stiff and as damped."""
@@ -121,6 +138,11 @@ class Builder:
                 step is too long for so stiff a design.
         """
         read = read_design(design, self.cables)
+        if FRICTION in read and "material" not in read:
+            raise CableError(
+                f"variable {FRICTION!r} says where in the range of a material, and "
+                "needs a `material`."
+            )
         for name, cable in self.cables.items():
             self._require_drawn(name, cable, _own(read, name))
         for name, cable in self.cables_of(read).items():
@@ -161,6 +183,11 @@ class Builder:
             raise CableError(
                 f"variable {wrong[0]!r} cannot be varied for cable {name!r}, which "
                 "leaves its conduit; the scene draws its path."
+            )
+        if "material" in own and cable.path != PATHS[0]:
+            raise CableError(
+                f"variable 'material' is a rope in a conduit, which cable {name!r} "
+                "leaves; vary its friction, axial_stiffness and strength instead."
             )
         lever = [a for a in self.spec.actuators if a.plugin.name == name][1]
         joint = lever.trntype == mujoco.mjtTrn.mjTRN_JOINT
@@ -271,6 +298,11 @@ def _stripped(
     """
     whole = _scene(name, timestep)
     return strip(whole, kept), whole
+
+
+def material_of(design: Mapping[str, Value]) -> Material | None:
+    """The pair of materials that a design names; None where it names none."""
+    return MATERIALS[str(design["material"])] if "material" in design else None
 
 
 def _own(design: Mapping[str, Value], cable: str) -> dict[str, Value]:

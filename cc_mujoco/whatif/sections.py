@@ -23,6 +23,7 @@ from cc_mujoco.whatif.pareto import Limit, Objective, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity
 from cc_mujoco.whatif.store import CONTROLLER
+from cc_mujoco.whatif.variables import SETS
 from cc_mujoco.whatif.wording import (
     NEARBY,
     UNSAID,
@@ -499,6 +500,7 @@ def fixed(found: Finding) -> Html:
         each = ", ".join(cell(value) for value in values)
         rows.append((f"{plain(name)}, from case to case", f"{each} {unit_of(name)}"))
     said = {*plan.ranges, *protocol.across.names}
+    said |= {one for name in said for one in SETS.get(name, ())}
     for cable, key, value in _of_scene(builder):
         if key not in said and f"{cable}.{key}" not in said:
             owner = f"{cable}: " if cable else ""

@@ -10,8 +10,9 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.transmission.parameters import KEYS, MAX_SEGMENTS, PARAMETERS
+from cc_mujoco.whatif.materials import ENDS, MATERIALS
 
 Value = float | int | str
 """Of a variable: a number, or a text where the variable is one."""
@@ -31,6 +32,8 @@ class Variable:
     text: bool = False
     cable: bool = True
     """Whether it belongs to a cable, so that two cables may differ in it."""
+    choices: tuple[str, ...] = ()
+    """What a text may be; empty where it may be anything."""
 
     @property
     def allowed(self) -> str:
@@ -49,6 +52,8 @@ class Variable:
         Raises:
             CableError: it is outside the bounds or of the wrong kind.
         """
+        if self.choices:
+            look_up(self.name, str(value), dict.fromkeys(self.choices))
         if self.text:
             return str(value)
         try:
@@ -90,6 +95,12 @@ VARIABLES: dict[str, Variable] = {
         Variable("motor_radius", "m", "pulley radius at the motor", 0, 10),
         Variable("joint_radius", "m", "pulley radius or lever at the joint", 0, 10),
         Variable("strength", "N", "breaking load of the cable", 0, 1e9, cable=False),
+        Variable("material", "1", "rope and conduit, of `MATERIALS`: friction, and "
+                 "with the diameter stiffness and strength", text=True, cable=False,
+                 choices=tuple(MATERIALS)),
+        Variable("material_friction", "1", "where in its range the friction of "
+                 "`material` is, typical by default", text=True, cable=False,
+                 choices=ENDS),
         Variable("motor_torque", "Nm", "largest torque of the motor", 0, 1e6,
                  cable=False),
         Variable("rotor_inertia", "kg m^2", "of the rotor, without the pulley", 0, 1e3,
@@ -100,12 +111,18 @@ VARIABLES: dict[str, Variable] = {
 }  # fmt: skip
 """Every variable by name."""
 
+SETS: dict[str, tuple[str, ...]] = {
+    "material": ("friction", "axial_stiffness", "strength"),
+}
+"""What a variable that names a row of a table sets."""
+
 _BENDS = ("conduit", "loops", "wrap", "bend_radius")
 CONFLICTS: tuple[tuple[str, ...], ...] = (
     _BENDS,
     ("conduit", "length"),
     ("diameter", "axial_stiffness"),
     ("diameter", "strength"),
+    *((name, one) for name, them in SETS.items() for one in them),
 )
 """Variables of which a design may set only one, because they set the same thing."""
 

@@ -48,6 +48,9 @@ class Setup:
     """Diameter of a cable [m]."""
     motor_pulley: float
     """Inertia of the motor's pulley about its axis [kg m^2]; grows as radius^4."""
+    gearing: float | None = None
+    """Turns of the rotor per turn of the motor's pulley; None where the scene has a
+    geared motor and says no more of it."""
     joint_pulley: float = 0.0
     """The same at the joint; 0 where a lever is in its place, which keeps its own."""
     lever: tuple[str, ...] = ()
@@ -86,6 +89,7 @@ DEVICES = {
         strength=265.0,
         diameter=0.6e-3,
         motor_pulley=1.6e-5,
+        gearing=1.0,
         joint_pulley=1.1e-3,
     ),
     "ankle": Setup(
@@ -115,6 +119,7 @@ DEVICES = {
         strength=8000.0,
         diameter=3e-3,
         motor_pulley=1.5e-4,
+        gearing=5.0,
         lever=("conduit_shank", "heel_lever"),
         companions={"hip": "wearer_hip", "knee": "wearer_knee"},
     ),

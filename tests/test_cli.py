@@ -266,13 +266,14 @@ def test_list_shows_every_name_with_a_meaning(
     from cc_mujoco.diagnosis import EFFECTS
     from cc_mujoco.human import TASKS, TRAJECTORIES
     from cc_mujoco.reproduce import EXPERIMENTS
-    from cc_mujoco.whatif import MATERIALS, METRICS, VARIABLES
+    from cc_mujoco.whatif import MATERIALS, METRICS, MOTORS, VARIABLES
 
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     entries = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
     played = {*EVERY_SCENE, *EXPERIMENTS, *TRAJECTORIES, *TASKS, *CONTROLLERS}
-    assert played | {*VARIABLES, *MATERIALS, *METRICS, *EFFECTS} == set(entries)
+    rows = {*VARIABLES, *MATERIALS, *MOTORS, *METRICS}
+    assert played | rows | {*EFFECTS} == set(entries)
 
 
 def command(*words: str, **how: Any) -> subprocess.CompletedProcess[str]:

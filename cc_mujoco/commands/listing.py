@@ -24,7 +24,7 @@ class Listing:
         from cc_mujoco.diagnosis import EFFECTS
         from cc_mujoco.human import TASKS, TRAJECTORIES
         from cc_mujoco.reproduce import EXPERIMENTS
-        from cc_mujoco.whatif import MATERIALS, METRICS, VARIABLES
+        from cc_mujoco.whatif import MATERIALS, METRICS, MOTORS, VARIABLES
 
         meanings = {
             "scenes": {
@@ -47,6 +47,11 @@ class Listing:
                 f"{material.friction.high:.2g}, typically "
                 f"{material.friction.typical:.2g}"
                 for name, material in MATERIALS.items()
+            },
+            "motors of what-ifs": {
+                name: f"{motor.continuous_torque:g} Nm for ever, {motor.mass:g} kg; "
+                f"{motor.source}"
+                for name, motor in MOTORS.items()
             },
             "metrics of what-ifs": _with_units(METRICS),
         }

@@ -57,7 +57,7 @@ class WhatIf:
     timestep: Annotated[float | None, in_words("FLOAT")] = None
     """Time step in seconds, a divisor of 0.001; that of the scene unless given."""
     metric: Annotated[Names, tyro.conf.arg(metavar="NAME")] = ()
-    """What to measure, once each; everything unless given."""
+    """What to measure, once each; all that designs have unless given."""
     objective: Annotated[Names, tyro.conf.arg(metavar="METRIC")] = ()
     """What makes a design good, once each, also min:METRIC or max:METRIC."""
     subject_to: Annotated[Names, tyro.conf.arg(metavar="METRIC>=NUMBER")] = ()
@@ -68,6 +68,9 @@ class WhatIf:
     rank: Name = None
     """What a metric is of those in the cases: worst, p90 or mean; worst unless given.
     Limits hold in every case."""
+    costs: Annotated[Path | None, in_words("FILE")] = None
+    """CSV file part,per,cost of what parts cost; round figures as an example if not
+    given."""
     optimise: Annotated[int | None, in_words("INT")] = None
     """Search for the best with so many designs; VALUES may then be low:high[:log]."""
     around: Flag = False
@@ -139,6 +142,7 @@ class WhatIf:
             "metrics": self.metric,
             "across": _pairs("across", "NAME", self.across),
             "rank": self.rank,
+            "costs": self.costs,
         }
         vary = _pairs("vary", "VARIABLE", self.vary)
         if self.optimise is not None:

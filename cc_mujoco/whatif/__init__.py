@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from cc_mujoco.whatif.materials import MATERIALS
 from cc_mujoco.whatif.metrics import METRICS, Metric
+from cc_mujoco.whatif.motors import MOTORS
 from cc_mujoco.whatif.plan import Plan, make_plan
 from cc_mujoco.whatif.search import optimise
 from cc_mujoco.whatif.study import carry_out, study
@@ -19,6 +20,7 @@ from cc_mujoco.whatif.variables import VARIABLES, Variable
 __all__ = [
     "MATERIALS",
     "METRICS",
+    "MOTORS",
     "VARIABLES",
     "Metric",
     "Plan",

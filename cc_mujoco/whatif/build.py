@@ -27,6 +27,7 @@ from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Wearer
 from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif.materials import ENDS, MATERIALS, Material
+from cc_mujoco.whatif.motors import MOTORS, Motor
 from cc_mujoco.whatif.variables import Value, read_design
 
 Array = NDArray[np.float64]
@@ -36,6 +37,9 @@ RADII = ("motor_radius", "joint_radius")
 
 DRAWN = ("conduit", "loops", "wrap", "bend_radius", "length", "route", "path", "mouth")
 """Variables of what leads a cable, which of an open one the scene draws."""
+
+GEARED = ("motor", "winding_resistance", "torque_constant", "continuous_torque")
+"""Variables of the motor before its gear."""
 
 FRICTION = "material_friction"
 """Variable that says which of `ENDS` the friction of a material is."""
@@ -121,6 +125,22 @@ class Builder:
             for name in self.cables
         }
 
+    def motor(self, design: Mapping[str, Value]) -> Motor:
+        """The motor as far as a design says what it is."""
+        if "motor" in design:
+            return MOTORS[str(design["motor"])]
+        return Motor(
+            resistance=float(design.get("winding_resistance", math.nan)),
+            torque_constant=float(design.get("torque_constant", math.nan)),
+            continuous_torque=float(design.get("continuous_torque", math.nan)),
+            mass=float(design.get("motor_mass", math.nan)),
+        )
+
+    def gearing(self, design: Mapping[str, Value]) -> float:
+        """Turns of the rotor per turn of its pulley; NaN where nobody says."""
+        scene = self.device.gearing
+        return float(design.get("gearing", math.nan if scene is None else scene))
+
     def wearer(self, factor: float) -> Wearer:
         """The wearer of the scene, so many times as stiff and as damped."""
         actuator = self.spec.actuator("wearer")
@@ -142,6 +162,12 @@ class Builder:
             raise CableError(
                 f"variable {FRICTION!r} says where in the range of a material, and "
                 "needs a `material`."
+            )
+        geared = [name for name in GEARED if name in read]
+        if geared and math.isnan(self.gearing(read)):
+            raise CableError(
+                f"variable {geared[0]!r} needs a `gearing`, since the scene "
+                f"{self.device.scene!r} does not say how its motor is geared."
             )
         for name, cable in self.cables.items():
             self._require_drawn(name, cable, _own(read, name))
@@ -199,10 +225,8 @@ class Builder:
 
     def _heavier(self, design: Mapping[str, Value]) -> dict[str, float]:
         """By how much the pulleys of a design exceed the scene's, by joint [kg m^2]."""
-        joints = ("motor", self.device.joint)
-        discs = (self.device.motor_pulley, self.device.joint_pulley)
         found = {}
-        for place, (joint, disc) in enumerate(zip(joints, discs, strict=True)):
+        for place, (joint, disc) in enumerate(self._discs()):
             on = [name for name in self.radii if self._target(name, place) == joint]
             more = 0.0
             for name in on:
@@ -212,6 +236,42 @@ class Builder:
             if disc and more:
                 found[joint] = disc / len(on) * more
         return found
+
+    def pulleys(self, design: Mapping[str, Value]) -> dict[str, tuple[float, ...]]:
+        """Radii of the pulleys that each cable winds on [m]; a lever is none."""
+        found = {}
+        for name, nominal in self.radii.items():
+            own = _own(design, name)
+            ends = [a for a in self.spec.actuators if a.plugin.name == name]
+            found[name] = tuple(
+                float(own.get(key, radius))
+                for key, radius, end in zip(RADII, nominal, ends, strict=True)
+                if end.trntype == mujoco.mjtTrn.mjTRN_JOINT
+            )
+        return found
+
+    def discs(self, design: Mapping[str, Value]) -> list[float]:
+        """Mass of every pulley [kg], that of a solid disc of its inertia."""
+        found = []
+        for place, (joint, disc) in enumerate(self._discs()):
+            on = [name for name in self.radii if self._target(name, place) == joint]
+            if disc and on:
+                found.append(
+                    sum(
+                        2.0
+                        * disc
+                        / len(on)
+                        * float(_own(design, name).get(RADII[place], nominal)) ** 2
+                        / nominal**4
+                        for name, nominal in ((n, self.radii[n][place]) for n in on)
+                    )
+                )
+        return found
+
+    def _discs(self) -> tuple[tuple[str, float], ...]:
+        """Joint and inertia [kg m^2] of the scene's pulleys, at the motor first."""
+        device = self.device
+        return ("motor", device.motor_pulley), (device.joint, device.joint_pulley)
 
     def _target(self, cable: str, end: int) -> str:
         """Name of the joint or tendon that an end of a cable is on."""
@@ -261,6 +321,9 @@ class Builder:
             motor.ctrlrange = [-limit, limit]
         if "rotor_inertia" in design:
             joint.armature = float(design["rotor_inertia"])
+        elif "motor" in design:
+            rotor = self.motor(design).rotor_inertia
+            joint.armature = rotor * self.gearing(design) ** 2
         for name, more in self._heavier(design).items():
             turning = spec.joint(name)
             # A disc has half of it about its diameters.

@@ -31,6 +31,7 @@ from cc_mujoco.whatif.metrics import (
     numbers,
     wants_high,
 )
+from cc_mujoco.whatif.parts import measure_parts
 from cc_mujoco.whatif.protocol import (
     CHIRP_SHARE,
     CHIRP_TIME,
@@ -123,6 +124,11 @@ def _tried(
     laws = protocol.controllers
     found: list[dict[str, dict[str, float]]] = [{n: {} for n in laws} for _ in designs]
     failed: list[dict[str, str]] = [{} for _ in designs]
+    if any(METRICS[name].test == "parts" for name in protocol.metrics):
+        for each, design, model in zip(found, designs, models, strict=True):
+            parts = measure_parts(builder, design, model, dict(protocol.costs))
+            for law in laws:
+                each[law] |= parts
     total = sum(episode.duration for _, _, episode in tests)
     done = 0.0
     for test, law, episode in tests:
@@ -194,16 +200,7 @@ def episodes(
     Raises:
         CableError: the trajectory or the task cannot be played.
     """
-    main = Episode(
-        builder.device,
-        protocol.trajectory,
-        protocol.task,
-        protocol.duration,
-        protocol.frame_skip,
-        protocol.seed,
-        None,
-        wearer,
-    )
+    main = _main(protocol, builder, wearer)
     needed = {METRICS[name].test for name in protocol.metrics}
     found: list[tuple[Test, str, Episode]] = []
     if "episode" in needed:
@@ -242,7 +239,8 @@ def rehearse(protocol: EpisodeProtocol, builder: Builder) -> None:
         CableError: trajectory, task or controller cannot be used.
     """
     model = builder.model({})
-    for _, _, episode in episodes(protocol, builder):
+    played = [episode for _, _, episode in episodes(protocol, builder)]
+    for episode in played or [_main(protocol, builder)]:
         exo = episode.exo(model)
         exo.author.write(np.random.default_rng(protocol.seed))
     drive = PERFECT.equip(exo.drive)
@@ -273,6 +271,22 @@ class Trial:
         return evaluate(self.protocol, piece, tick)
 
 
+def _main(
+    protocol: EpisodeProtocol, builder: Builder, wearer: Wearer | None = None
+) -> Episode:
+    """What a study asks for, without a controller."""
+    return Episode(
+        builder.device,
+        protocol.trajectory,
+        protocol.task,
+        protocol.duration,
+        protocol.frame_skip,
+        protocol.seed,
+        None,
+        wearer,
+    )
+
+
 def _held(main: Episode, model: mujoco.MjModel) -> tuple[Episode, float, bool]:
     """The joint held at rest.
 
@@ -300,7 +314,8 @@ def _measure(
         return measure_backlash(row)
     if test == "bandwidth":
         return measure_bandwidth(row)
-    return measure_episode(row, builder.strength(design))
+    motor, gearing = builder.motor(design), builder.gearing(design)
+    return measure_episode(row, builder.strength(design), motor, gearing)
 
 
 def _within(tick: Tick, start: float, part: float) -> Callable[[float], None]:

@@ -8,7 +8,7 @@ loop of a torque that never comes back through zero) is NaN, and null in the tab
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -20,11 +20,18 @@ from cc_mujoco.recording.columns import DRIVEN, RATIO
 from cc_mujoco.recording.metrics import EFFICIENCY, Samples, efficiency, wound
 from cc_mujoco.recording.signals import loop_width
 from cc_mujoco.whatif.across import LEAST, MOST
+from cc_mujoco.whatif.motors import Motor
 from cc_mujoco.whatif.protocol import CHIRP_HIGH, CHIRP_LOW, SWINGS, EpisodeProtocol
 from cc_mujoco.whatif.simulate import Rollout
 
 Array = NDArray[np.float64]
-Test = Literal["episode", "backdrive", "backlash", "bandwidth"]
+Test = Literal["episode", "backdrive", "backlash", "bandwidth", "parts"]
+Needs = tuple[tuple[str, ...], ...]
+
+MATERIAL: Needs = (("material", "rope_density"),)
+MASS: Needs = (*MATERIAL, ("motor", "motor_mass"))
+WINDING: Needs = (("motor", "winding_resistance"), ("motor", "torque_constant"))
+RATED: Needs = (("motor", "continuous_torque"),)
 
 BANDS_PER_OCTAVE = 6
 LEAST_GAIN = 0.05
@@ -41,7 +48,19 @@ class Metric:
     high: bool = False
     """Whether more is better."""
     test: Test = "episode"
-    """What has to be played for it."""
+    """What has to be played for it; nothing for that of the parts."""
+    needs: Needs = ()
+    """Variables that a design must have besides, since no scene says what they are: one
+    of each of these."""
+    asked: bool = False
+    """Whether it is measured only where it is asked for."""
+
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
+        """Variables of which designs with these names should have one; none: ()."""
+        for ways in self.needs:
+            if not any(name in names for name in ways):
+                return ways
+        return ()
 
     @property
     def driven(self) -> bool:
@@ -59,6 +78,15 @@ METRICS: dict[str, Metric] = {
         Metric("tracking_error", "N m", "RMS of joint torque minus desired torque"),
         Metric("peak_motor_torque", "N m", "largest |torque| at the motor pulley"),
         Metric("peak_motor_power", "W", "largest power that the motor gives"),
+        Metric("rms_motor_torque", "N m", "RMS of the torque at the motor pulley; a "
+               "constant torque of that size heats the winding as much"),
+        Metric("thermal_load", "1", "RMS of the motor's torque per torque that it can "
+               "give for ever; above 1 it becomes too hot in the end", needs=RATED),
+        Metric("motor_heat", "W", "mean heat of the motor's winding: resistance times "
+               "(torque over gearing and torque constant)^2", needs=WINDING),
+        Metric("electrical_power", "W", "mean power drawn from a supply that takes "
+               "none back: what the motor gives and the heat of its winding",
+               needs=WINDING),
         Metric("slack_margin", "N", "least tension anywhere in a cable; 0 is slack",
                high=True),
         Metric("slack_share", "1", "part of the time in which some of a cable carries "
@@ -73,6 +101,20 @@ METRICS: dict[str, Metric] = {
         Metric("response", "1", "joint torque per desired torque, the joint held, at "
                f"{CHIRP_LOW:g} Hz, which `bandwidth` goes by; friction makes it small",
                high=True, test="bandwidth"),
+        Metric("reflected_inertia", "kg m^2", "of rotor and motor pulley as the "
+               "joint feels it; goes with the square of the ratio", test="parts"),
+        Metric("cable_mass", "kg", "of rope and conduit over the length of the "
+               "conduits; goes with the square of the diameter", test="parts",
+               needs=MATERIAL),
+        Metric("mass", "kg", "of motor, ropes, conduits and pulleys; gears, levers, "
+               "fittings and frames left out", test="parts", needs=MASS),
+        Metric("bend_ratio", "1", "diameter of the tightest bend of conduit or pulley "
+               "per diameter of the rope, D/d", high=True, test="parts"),
+        Metric("bending_stress", "N/m^2", "by which bending a wire swings that comes "
+               "from straight into that bend, by Reuleaux; none for fibres",
+               test="parts", needs=(("material",),)),
+        Metric("cost", "1", "of motor, pulleys, ropes, conduits and fittings by the "
+               "table of costs, in its money", test="parts", asked=True),
     )
 }  # fmt: skip
 """Every metric by name."""
@@ -156,14 +198,23 @@ class Row:
         raise CableError.unknown("column", name, columns)
 
 
-def measure_episode(log: Samples, strength: Mapping[str, float]) -> dict[str, float]:
+def measure_episode(
+    log: Samples,
+    strength: Mapping[str, float],
+    motor: Motor | None = None,
+    gearing: float = 1.0,
+) -> dict[str, float]:
     """The metrics of an episode.
 
     Args:
         log: the episode.
         strength: breaking load of each cable [N].
+        motor: its data sheet; without one nothing is known of its heat.
+        gearing: turns of the motor per turn of its pulley.
     """
-    torque, motor = log["joint_torque_nm"], log["motor_torque_nm"]
+    motor = motor or Motor()
+    torque, given = log["joint_torque_nm"], log["motor_torque_nm"]
+    power, heat = given * log["motor_velocity_rad_s"], motor.heat(given, gearing)
     error = torque - log["desired_torque_nm"]
     cables = wound(log)
     least = np.min(
@@ -179,8 +230,12 @@ def measure_episode(log: Samples, strength: Mapping[str, float]) -> dict[str, fl
     return {
         "efficiency": efficiency(log).overall,
         "tracking_error": _rms(error),
-        "peak_motor_torque": float(np.max(np.abs(motor))),
-        "peak_motor_power": float(np.max(motor * log["motor_velocity_rad_s"])),
+        "peak_motor_torque": float(np.max(np.abs(given))),
+        "peak_motor_power": float(np.max(power)),
+        "rms_motor_torque": _rms(given),
+        "thermal_load": _rms(given) / (gearing * motor.continuous_torque),
+        "motor_heat": float(np.mean(heat)),
+        "electrical_power": float(np.mean(np.maximum(power + heat, 0.0))),
         "slack_margin": float(least.min()),
         "slack_share": float(np.mean(least <= 0.0)),
         "peak_tension": max(peaks.values()),

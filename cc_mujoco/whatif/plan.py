@@ -9,7 +9,7 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from cc_mujoco.human import from_csv
 from cc_mujoco.identity import made_by
 from cc_mujoco.whatif.across import Across, read_across
 from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.costs import EXAMPLE, read_costs
 from cc_mujoco.whatif.designs import (
     Given,
     Range,
@@ -87,6 +88,7 @@ class Plan:
             "across": {name: list(v) for name, v in self.protocol.across.levels},
             "rank": self.protocol.across.rank,
             "turned": list(self.protocol.across.turned),
+            "costs": dict(self.protocol.costs),
         }
         about: dict[str, Any] = {
             "protocol": protocol,
@@ -123,6 +125,7 @@ def make_plan(
     across: Mapping[str, Given] | None = None,
     rank: str | None = None,
     goals: Sequence[Objective] = (),
+    costs: str | Path | None = None,
 ) -> Plan:
     """Plan a study; the arguments are those of `study`.
 
@@ -132,20 +135,21 @@ def make_plan(
     Raises:
         CableError: what is wrong, in one sentence.
     """
-    protocol, builder = _trial(
-        scene, trajectory, task, controllers, duration, seed, timestep, metrics,
-        across, rank, goals,
-    )  # fmt: skip
     if (vary is None or not vary) == (designs is None):
         raise CableError("give what to vary, or a list of designs, and not both.")
+    rows: Sequence[Mapping[str, object]] = []
+    if designs is not None:
+        rows = from_file(designs) if isinstance(designs, (str, Path)) else list(designs)
+    named = dict.fromkeys(vary or (name for row in rows[:1] for name in row))
+    protocol, builder = _trial(
+        scene, trajectory, task, controllers, duration, seed, timestep, metrics,
+        across, rank, goals, costs, named,
+    )  # fmt: skip
     look_up("sampling", sampling, dict.fromkeys(SAMPLINGS))
     if (sampling == "lhs") != (samples is not None):
         raise CableError("sampling 'lhs' needs a number of samples, a grid has none.")
     ranges: dict[str, Range] = {}
-    rows: Sequence[Mapping[str, object]]
-    if designs is not None:
-        rows = from_file(designs) if isinstance(designs, (str, Path)) else list(designs)
-    else:
+    if designs is None:
         assert vary is not None
         ranges = {
             name: read_range(name, given, builder.cables)
@@ -181,15 +185,19 @@ def empty_plan(
     across: Mapping[str, Given] | None = None,
     rank: str | None = None,
     goals: Sequence[Objective] = (),
+    costs: str | Path | None = None,
+    named: Iterable[str] = (),
 ) -> tuple[Plan, Builder]:
     """A plan without designs, and the builder of its scene; see `make_plan`.
+
+    `named` are the variables that designs will have.
 
     Raises:
         CableError: what is wrong, in one sentence.
     """
     protocol, builder = _trial(
         scene, trajectory, task, controllers, duration, seed, timestep, metrics,
-        across, rank, goals,
+        across, rank, goals, costs, named,
     )  # fmt: skip
     source = builder.device.trajectory if trajectory is None else trajectory
     return Plan(protocol, (), {}, False, (), source), builder
@@ -223,6 +231,8 @@ def _trial(
     across: Mapping[str, Given] | None,
     rank: str | None,
     goals: Sequence[Objective],
+    costs: str | Path | None,
+    named: Iterable[str],
 ) -> tuple[EpisodeProtocol, Builder]:
     """How designs are tried, and the builder of the scene."""
     builder = Builder(scene, timestep)
@@ -244,6 +254,14 @@ def _trial(
     home = builder.device
     source = home.trajectory if trajectory is None else trajectory
     chosen = tuple(dict.fromkeys(metrics))
+    said = {name.rpartition(".")[2] for name in (*named, *cases.names)}
+    for name in chosen:
+        if lacking := METRICS[name].lacks(said):
+            ways = " or ".join(map(repr, lacking))
+            raise CableError(
+                f"metric {name!r} needs what no scene says: give every design "
+                f"{ways} (--vary, one value is enough)."
+            )
     if chosen and len(laws) > 1 and CHOSEN_BY not in chosen:
         chosen = (*chosen, CHOSEN_BY)
     protocol = EpisodeProtocol(
@@ -254,11 +272,21 @@ def _trial(
         duration,
         seed,
         step,
-        chosen or tuple(METRICS),
+        chosen or _had(said, costs is not None),
         cases,
+        tuple(read_costs(EXAMPLE if costs is None else costs).items()),
     )
     rehearse(protocol, builder)
     return protocol, builder
+
+
+def _had(said: Collection[str], costs: bool) -> tuple[str, ...]:
+    """Metrics that designs with these variables have, and are measured unasked."""
+    return tuple(
+        name
+        for name, metric in METRICS.items()
+        if not metric.lacks(said) and (costs or not metric.asked)
+    )
 
 
 def _check(

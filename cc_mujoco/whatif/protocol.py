@@ -58,6 +58,8 @@ class EpisodeProtocol:
     """Names of `METRICS`."""
     across: Across = Across()  # noqa: RUF009
     """Over which cases a design is judged."""
+    costs: tuple[tuple[str, float], ...] = ()
+    """What each part costs."""
 
     @property
     def frame_skip(self) -> int:

@@ -62,6 +62,7 @@ def optimise(
     metrics: Sequence[str] = (),
     across: Mapping[str, Given] | None = None,
     rank: str | None = None,
+    costs: str | Path | None = None,
     threads: int = 0,
     scheduler: str | None = None,
     worker_timeout: float = WORKER_TIMEOUT,
@@ -89,6 +90,7 @@ def optimise(
         metrics: measured besides.
         across: see `study`; limits hold in every case, whatever the rank.
         rank: see `study`.
+        costs: see `study`.
         threads: see `study`.
         scheduler: see `study`.
         worker_timeout: see `study` [s].
@@ -118,6 +120,7 @@ def optimise(
         metrics=metrics,
         across=across,
         rank=rank,
+        costs=costs,
     )
     folder = None if out is None else Path(out)
     _, table = search(
@@ -153,7 +156,7 @@ def make_search(
         subject_to: see there.
         metrics: see there.
         trial: how designs are tried: trajectory, task, controllers, duration, seed,
-            timestep, across, rank.
+            timestep, across, rank, costs.
 
     Raises:
         CableError: what is wrong, in one sentence.
@@ -171,6 +174,7 @@ def make_search(
         scene,
         metrics=tuple(dict.fromkeys((*measured, *metrics))),
         goals=goals,
+        named=vary,
         **trial,
     )
     if not vary:

@@ -36,6 +36,7 @@ def study(
     metrics: Sequence[str] = (),
     across: Mapping[str, Given] | None = None,
     rank: str | None = None,
+    costs: str | Path | None = None,
     threads: int = 0,
     scheduler: str | None = None,
     worker_timeout: float = WORKER_TIMEOUT,
@@ -60,7 +61,7 @@ def study(
         duration: of the episode of each design [s].
         seed: of everything random, sampling included.
         timestep: of the physics, a divisor of 1 ms [s]; that of the scene by default.
-        metrics: names of `METRICS`; all of them by default.
+        metrics: names of `METRICS`; by default all that the designs have.
         across: values of what differs from case to case, as in `vary`; `wearer`
             besides, the wearer's impedance times that of the scene. Every design is
             tried in all combinations, and a metric is the worst of its numbers there;
@@ -69,6 +70,8 @@ def study(
             in one of them fails.
         rank: what a metric is instead of the worst: `mean`, or `p90`, the 90th
             percentile, counted from the good end.
+        costs: CSV file of what parts cost, see `costs.read_costs`; an example by
+            default, by which `cost` is measured only where it is asked for.
         threads: that simulate; 0 means one per processor.
         scheduler: address of a Dask scheduler whose workers simulate instead.
         worker_timeout: time after which it gives up if there are no workers [s].
@@ -100,6 +103,7 @@ def study(
         metrics=metrics,
         across=across,
         rank=rank,
+        costs=costs,
     )
     folder = None if out is None else Path(out)
     return carry_out(

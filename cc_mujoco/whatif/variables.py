@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.transmission.parameters import KEYS, MAX_SEGMENTS, PARAMETERS
 from cc_mujoco.whatif.materials import ENDS, MATERIALS
+from cc_mujoco.whatif.motors import MOTORS
 
 Value = float | int | str
 """Of a variable: a number, or a text where the variable is one."""
@@ -101,10 +102,26 @@ VARIABLES: dict[str, Variable] = {
         Variable("material_friction", "1", "where in its range the friction of "
                  "`material` is, typical by default", text=True, cable=False,
                  choices=ENDS),
+        Variable("rope_density", "kg/m^3", "of the rope, with its voids", 0, 1e5,
+                 cable=False),
+        Variable("conduit_linear_mass", "kg/m", "of a metre of conduit; by default a "
+                 "steel coil that goes with the diameter", 0, 1e3, False, cable=False),
         Variable("motor_torque", "Nm", "largest torque of the motor", 0, 1e6,
                  cable=False),
-        Variable("rotor_inertia", "kg m^2", "of the rotor, without the pulley", 0, 1e3,
-                 False, cable=False),
+        Variable("rotor_inertia", "kg m^2", "of the rotor as the pulley feels it, "
+                 "without the pulley", 0, 1e3, False, cable=False),
+        Variable("motor", "1", "a data sheet of `MOTORS`: inertia and mass of the "
+                 "motor, its winding, what it can give for ever", text=True,
+                 cable=False, choices=tuple(MOTORS)),
+        Variable("gearing", "1", "turns of the rotor per turn of the motor's pulley; "
+                 "the gear weighs nothing and loses nothing", 0, 1e4, cable=False),
+        Variable("winding_resistance", "ohm", "of the motor, between its terminals",
+                 0, 1e6, cable=False),
+        Variable("torque_constant", "Nm/A", "of the motor, before its gear", 0, 1e3,
+                 cable=False),
+        Variable("continuous_torque", "Nm", "that the motor can give for ever, before "
+                 "its gear", 0, 1e6, cable=False),
+        Variable("motor_mass", "kg", "of the motor", 0, 1e4, False, cable=False),
         Variable("motor_damping", "Nm s/rad", "viscous friction of the motor", 0, 1e3,
                  False, cable=False),
     )
@@ -112,7 +129,14 @@ VARIABLES: dict[str, Variable] = {
 """Every variable by name."""
 
 SETS: dict[str, tuple[str, ...]] = {
-    "material": ("friction", "axial_stiffness", "strength"),
+    "material": ("friction", "axial_stiffness", "strength", "rope_density"),
+    "motor": (
+        "rotor_inertia",
+        "winding_resistance",
+        "torque_constant",
+        "continuous_torque",
+        "motor_mass",
+    ),
 }
 """What a variable that names a row of a table sets."""
 

@@ -27,7 +27,9 @@ from cc_mujoco.whatif.metrics import measure_episode
 from cc_mujoco.whatif.show import show
 from cc_mujoco.whatif.store import read_table
 
-EPISODE = tuple(name for name, metric in METRICS.items() if metric.test == "episode")
+EPISODE = tuple(
+    name for name, m in METRICS.items() if m.test == "episode" and not m.needs
+)
 VARY = {
     "friction": "0.05:0.2:3",
     "motor_radius": [0.02, 0.03],
@@ -445,7 +447,8 @@ def test_an_impossible_study_is_one_sentence(
 def test_the_table_says_what_its_columns_are() -> None:
     table = study("wrist", designs=[{"friction": 0.1}], controllers=["none"],
                   duration=0.1, timestep=1e-3)  # fmt: skip
-    assert table.column_names == ["design", "friction", *METRICS, "failed"]
+    had = [name for name, m in METRICS.items() if not (m.needs or m.asked)]
+    assert table.column_names == ["design", "friction", *had, "failed"]
     for field in table.schema:
         assert field.metadata[b"meaning"]
     unit = table.schema.field("peak_motor_power").metadata[b"unit"]

@@ -1,0 +1,90 @@
+"""What the parts of a design weigh, cost and have to bend to; nothing is simulated.
+
+Lengths are those of the conduits: rope beyond their ends is left out, as are gears,
+levers, fittings and frames in the mass. Where a cable leaves its conduit all but the
+inertia is unknown, and there is no number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import mujoco
+
+from cc_mujoco.envs.device import Device
+from cc_mujoco.transmission.parameters import PATHS
+from cc_mujoco.whatif.build import Builder, material_of
+from cc_mujoco.whatif.materials import WIRE_MODULUS, area
+from cc_mujoco.whatif.protocol import CONTROL_PERIOD
+from cc_mujoco.whatif.variables import Value
+
+STEEL = 7850.0
+"""Density of steel [kg/m^3]."""
+COIL = (1.75, 2.6)
+"""Inner and outer diameter of the steel coil of a conduit per diameter of its rope, as
+about a bicycle's brake cable: 2.8 and 4.2 mm for 1.6 mm (assumed)."""
+
+
+def measure_parts(
+    builder: Builder,
+    design: Mapping[str, Value],
+    model: mujoco.MjModel,
+    costs: Mapping[str, float],
+) -> dict[str, float]:
+    """The metrics of the parts.
+
+    Args:
+        builder: of the scene.
+        design: as `Builder.check` returns it.
+        model: of the design.
+        costs: see `read_costs`.
+    """
+    drive = Device(builder.device, None, model).drive(CONTROL_PERIOD)
+    inertia = {"reflected_inertia": drive.inertia * drive.ratio**2}
+    cables = builder.cables_of(design)
+    if any(cable.path != PATHS[0] for cable in cables.values()):
+        return inertia
+    diameters, material = builder.diameters(design), material_of(design)
+    density = float(design.get("rope_density", math.nan))
+    if material is not None:
+        density = material.density.typical
+    ropes = sum(
+        cable.length
+        * (density * area(diameters[name]) + _coil(design, diameters[name]))
+        for name, cable in cables.items()
+    )
+    bends = {
+        name: 2.0
+        * min(
+            *(section.radius for section in cable.conduit),
+            *builder.pulleys(design)[name],
+            math.inf,
+        )
+        / diameters[name]
+        for name, cable in cables.items()
+    }
+    ratio = min(bends.values())
+    wires = 0 if material is None else material.wires
+    length = sum(cable.length for cable in cables.values())
+    motor = builder.motor(design)
+    discs = builder.discs(design)
+    per_metre = costs.get(str(design.get("material", "")), costs["rope"])
+    return inertia | {
+        "cable_mass": ropes,
+        "mass": ropes + motor.mass + sum(discs),
+        "bend_ratio": ratio,
+        "bending_stress": WIRE_MODULUS / (wires * ratio) if wires else math.nan,
+        "cost": costs.get(motor.name, costs["motor"])
+        + len(discs) * costs["pulley"]
+        + length * (per_metre + costs["conduit"])
+        + len(cables) * costs["fittings"],
+    }
+
+
+def _coil(design: Mapping[str, Value], diameter: float) -> float:
+    """Mass of a conduit per length [kg/m]."""
+    if "conduit_linear_mass" in design:
+        return float(design["conduit_linear_mass"])
+    inner, outer = (area(share * diameter) for share in COIL)
+    return STEEL * (outer - inner)

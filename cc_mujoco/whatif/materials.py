@@ -42,8 +42,8 @@ SOURCES: dict[str, str] = {
     "catsailor.com/forum/ubbthreads.php/posts/170007",
     "firstrate": "First Rate Mold, Introduction to polyamide resins, "
     "firstratemold.com/introduction-to-polyamide-resins-nylon-pa",
-    "housing": "Derailleur cable in its housing over 0 to 540 degrees, by the capstan "
-    "equation, killasgarage.bike/uncategorized/cable-routing-experimental-results",
+    "housing": "Derailleur cable in its housing, liner not named, 0 to 540 degrees, "
+    "killasgarage.bike/uncategorized/cable-routing-experimental-results",
     "lubricants": "Lubricants 13(2), 59, 2025, section 3.1: dry wire rope on a sheave "
     "and on rope, mdpi.com/2075-4442/13/2/59",
     "medh": "Mechanical Engineer's Data Handbook, p. 243: PTFE up to 260 degC, "
@@ -54,7 +54,7 @@ SOURCES: dict[str, str] = {
     "corilonsyw.com/news-s-20.html",
     "quadrant": "Quadrant, Nylon 101: 0.25 dry on steel, up to 210 degF, "
     "pittsburgh.lairdplastics.com/product/materials/nylon/3350-nylon-101",
-    "samson": "AmSteel-Blue of 3/16 in, 5400 lb, "
+    "samson": "AmSteel-Blue of 3/16 in, rated 5400 lb as quoted on "
     "arboristsite.com/threads/amsteel-blue-splicing-experiments.66833",
     "schooner": "1/4 in: 7x7 stainless 4800 lb, Dyneema 8000 to 12000 lb, "
     "schooner-britannia.com/dyneema_splice.html",

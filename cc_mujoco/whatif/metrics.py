@@ -119,6 +119,8 @@ METRICS: dict[str, Metric] = {
 }  # fmt: skip
 """Every metric by name."""
 
+COST = "cost"
+"""What a table of costs is for."""
 CHOSEN_BY = "tracking_error"
 """What is least with the best of several controllers."""
 

@@ -8,7 +8,7 @@ inertia is unknown, and there is no number.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import mujoco
 
@@ -16,6 +16,7 @@ from cc_mujoco.envs.device import Device
 from cc_mujoco.transmission.parameters import PATHS
 from cc_mujoco.whatif.build import Builder, material_of
 from cc_mujoco.whatif.materials import WIRE_MODULUS, area
+from cc_mujoco.whatif.metrics import COST
 from cc_mujoco.whatif.protocol import CONTROL_PERIOD
 from cc_mujoco.whatif.variables import Value
 
@@ -38,7 +39,7 @@ def measure_parts(
         builder: of the scene.
         design: as `Builder.check` returns it.
         model: of the design.
-        costs: see `read_costs`.
+        costs: see `read_costs`; empty where they are not asked for.
     """
     drive = Device(builder.device, None, model).drive(CONTROL_PERIOD)
     inertia = {"reflected_inertia": drive.inertia * drive.ratio**2}
@@ -66,19 +67,37 @@ def measure_parts(
     }
     ratio = min(bends.values())
     wires = 0 if material is None else material.wires
-    length = sum(cable.length for cable in cables.values())
-    motor = builder.motor(design)
-    discs = builder.discs(design)
+    motor, discs = builder.motor(design), builder.discs(design)
+    return (
+        inertia
+        | {
+            "cable_mass": ropes,
+            "mass": ropes + motor.mass + sum(discs),
+            "bend_ratio": ratio,
+            "bending_stress": WIRE_MODULUS / (wires * ratio) if wires else math.nan,
+        }
+        | _cost(
+            costs, design, motor.name, len(discs), [c.length for c in cables.values()]
+        )
+    )
+
+
+def _cost(
+    costs: Mapping[str, float],
+    design: Mapping[str, Value],
+    motor: str,
+    pulleys: int,
+    lengths: Sequence[float],
+) -> dict[str, float]:
+    """What all parts cost; nothing where that is not asked for."""
+    if not costs:
+        return {}
     per_metre = costs.get(str(design.get("material", "")), costs["rope"])
-    return inertia | {
-        "cable_mass": ropes,
-        "mass": ropes + motor.mass + sum(discs),
-        "bend_ratio": ratio,
-        "bending_stress": WIRE_MODULUS / (wires * ratio) if wires else math.nan,
-        "cost": costs.get(motor.name, costs["motor"])
-        + len(discs) * costs["pulley"]
-        + length * (per_metre + costs["conduit"])
-        + len(cables) * costs["fittings"],
+    return {
+        COST: costs.get(motor, costs["motor"])
+        + pulleys * costs["pulley"]
+        + sum(lengths) * (per_metre + costs["conduit"])
+        + len(lengths) * costs["fittings"]
     }
 
 

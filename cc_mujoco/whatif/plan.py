@@ -31,7 +31,7 @@ from cc_mujoco.whatif.designs import (
     require_count,
 )
 from cc_mujoco.whatif.evaluate import Design, rehearse
-from cc_mujoco.whatif.metrics import CHOSEN_BY, METRICS
+from cc_mujoco.whatif.metrics import CHOSEN_BY, COST, METRICS
 from cc_mujoco.whatif.pareto import Objective
 from cc_mujoco.whatif.protocol import CHIRP_TIME, CONTROL_PERIOD, EpisodeProtocol
 
@@ -88,8 +88,11 @@ class Plan:
             "across": {name: list(v) for name, v in self.protocol.across.levels},
             "rank": self.protocol.across.rank,
             "turned": list(self.protocol.across.turned),
-            "costs": dict(self.protocol.costs),
         }
+        if self.protocol.costs:
+            protocol["costs"] = dict(self.protocol.costs)
+        else:
+            del protocol["costs"]
         about: dict[str, Any] = {
             "protocol": protocol,
             "variables": list(self.ranges),
@@ -264,6 +267,12 @@ def _trial(
             )
     if chosen and len(laws) > 1 and CHOSEN_BY not in chosen:
         chosen = (*chosen, CHOSEN_BY)
+    measured = chosen or _had(said, costs is not None)
+    priced = read_costs(EXAMPLE if costs is None else costs)
+    if costs is not None and COST not in measured:
+        raise CableError(
+            f"costs are for the metric {COST!r}, which is not among those measured."
+        )
     protocol = EpisodeProtocol(
         scene,
         from_csv(source) if source.lower().endswith(".csv") else source,
@@ -272,9 +281,9 @@ def _trial(
         duration,
         seed,
         step,
-        chosen or _had(said, costs is not None),
+        measured,
         cases,
-        tuple(read_costs(EXAMPLE if costs is None else costs).items()),
+        tuple(priced.items()) if COST in measured else (),
     )
     rehearse(protocol, builder)
     return protocol, builder

@@ -59,7 +59,7 @@ class EpisodeProtocol:
     across: Across = Across()  # noqa: RUF009
     """Over which cases a design is judged."""
     costs: tuple[tuple[str, float], ...] = ()
-    """What each part costs."""
+    """What each part costs, where that is measured."""
 
     @property
     def frame_skip(self) -> int:

@@ -248,6 +248,12 @@ HEAD = "part,per,cost\n"
 ALL = EXAMPLE.read_text("utf-8")
 
 
+def test_costs_that_nothing_asks_for_are_refused() -> None:
+    with pytest.raises(CableError, match="costs are for the metric 'cost'"):
+        study("wrist", {"friction": 0.1}, metrics=["bend_ratio"], costs=EXAMPLE,
+              **SHORT)  # fmt: skip
+
+
 def test_a_table_of_costs_replaces_the_example(tmp_path: Path) -> None:
     path = tmp_path / "mine.csv"
     path.write_text(ALL + f"{MOTOR},piece,900\nsteel_ptfe,m,25\n", "utf-8")

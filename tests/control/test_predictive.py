@@ -8,18 +8,24 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks.check_passivity import coupled
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cc_mujoco.benchmark import SUITES, Cell, play
+from cc_mujoco.benchmark.cell import stage
 from cc_mujoco.benchmark.conditions import Condition
-from cc_mujoco.control import AdaptiveModel, PredictiveCompensation
+from cc_mujoco.control import AdaptiveModel, PredictiveCompensation, rollout
+from cc_mujoco.control.model import CableModel, joint_stiffness
 from cc_mujoco.control.predictive import preview, smoothing
+from cc_mujoco.episode import run
 from cc_mujoco.errors import CableError
 from cc_mujoco.sensing import Sensing, Sensors
-from control.devices import pull_pull
+from cc_mujoco.transmission import stepper
+from control.devices import pull_pull, single
 
-WRIST, ANKLE = (
+WRIST, ANKLE, EXOSUIT = (
     {condition.name: condition for condition in SUITES["v1"].conditions(scene)}
-    for scene in ("wrist", "ankle")
+    for scene in ("wrist", "ankle", "exosuit")
 )
 
 
@@ -94,6 +100,75 @@ def test_the_ankle_is_let_go_in_swing_and_taut_when_it_pushes_off() -> None:
     found, usual = (scores(law, walking, 1.6) for law in ("predictive", "pi"))
     assert found["failed"] == 0.0
     assert found["rms_error"] < 0.7 * usual["rms_error"]
+
+
+def test_a_cable_over_two_joints_is_paid_out_and_drawn_in_with_both() -> None:
+    """With the hip's angle alone the error was that of an unplugged device."""
+    walking = EXOSUIT["ordinary-rough"]
+    found, usual, none = (
+        scores(law, walking, 1.6) for law in ("predictive", "pi", "none")
+    )
+    assert found["rms_error"] < 0.5 * usual["rms_error"]
+    assert found["rms_error"] < 0.25 * none["rms_error"]
+    assert found["slack"] == 0.0
+
+
+def test_a_biased_sensor_pays_out_no_slack() -> None:
+    """Three standard deviations, as a pull that no paying out would end."""
+    sensors = Sensing(torque_noise=0.3, tension_noise=3.0)
+    still = dataclasses.replace(ANKLE["zero-torque"], duration=1.6)
+    cell = Cell(still, "predictive", seeds=(0, 1, 2, 3), sensing=sensors)
+    made = stage([cell])
+    law: Any = made.law
+    slack = []
+
+    def watch(step: int, columns: Any, torque: Any) -> None:
+        slack.append(columns["least_tension_n"].copy())
+
+    def biased(columns: Any) -> Any:
+        seen = made.sensors.measure(columns)
+        seen["joint_torque_nm"] = seen["joint_torque_nm"] - 0.9
+        return seen
+
+    run(made.fleet, law, watch, measure=biased)
+    # What is slack counts as a tension below 0, by the stiffness of the cable.
+    stiffness = 1.2e5
+    assert np.min(slack[500:]) > -0.002 * stiffness
+
+
+@given(
+    turned=st.floats(-1e-3, 1e-3),
+    aimed=st.floats(0.0, 30.0),
+    friction=st.floats(0.02, 0.3),
+)
+def test_a_motor_is_found_for_every_torque_that_a_cable_can_make(
+    turned: float, aimed: float, friction: float
+) -> None:
+    """Paying out as well: it was given up where a step met the torque at once."""
+    drive = single(friction)
+    model = CableModel(drive)
+    model.ready(np.zeros(1))
+    cables = stepper.Cables(
+        model.packed[0], model.segments, model.proximal, model.proximal, model.distal
+    )
+    state, new = model.state[0].copy(), np.zeros_like(model.state[0])
+    rise = joint_stiffness(drive.cables)
+    rollout.move(rollout.pointer(), cables, state, turned, 0.0, 0.01, new, model.work)
+    state[:] = new
+    lack = aimed - rollout.made(cables, state, turned)
+    for way in (1.0, -1.0):
+        found = rollout.motor_for(
+            rollout.pointer(), cables, state, turned, way, 0.0, aimed, rise, 2.0, 0.05,
+            0.01, new, model.work,
+        )  # fmt: skip
+        if lack * way > 0.06:
+            assert (found - turned) * way > 0.0
+            rollout.move(
+                rollout.pointer(), cables, state, found, 0.0, 0.01, new, model.work
+            )
+            assert rollout.made(cables, new, found) == pytest.approx(aimed, abs=0.3)
+        elif lack * way < -0.06:
+            assert found == turned
 
 
 def test_what_it_needs_to_know_is_asked_for() -> None:

@@ -1,0 +1,95 @@
+"""How far a cable has wound: told to controllers as of a round pulley."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from cc_mujoco.control import CONTROLLERS, controller
+from cc_mujoco.control.controller import wound
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.errors import CableError
+from cc_mujoco.sensing import WINDING
+
+WRIST, ANKLE, EXOSUIT = (
+    DEVICES[name].environment for name in ("wrist", "ankle", "exosuit")
+)
+
+
+def walked(name: str, steps: int = 600) -> tuple[Any, dict[str, np.ndarray]]:
+    """An environment, and what was told of it under constant torque."""
+    env = gymnasium.make(name).unwrapped
+    env.reset(seed=0)
+    told = [env.step(np.array([0.2], np.float32))[-1] for _ in range(steps)]
+    columns = {n: np.array([info[n] for info in told]) for n in told[0] if n != "qpos"}
+    return env, columns
+
+
+def test_on_a_round_pulley_it_is_the_joint() -> None:
+    env, told = walked(WRIST, 50)
+    assert np.array_equal(told["winding_angle_rad"], told["joint_angle_rad"])
+    assert np.array_equal(told["winding_velocity_rad_s"], told["joint_velocity_rad_s"])
+    assert (told["leverage_ratio"] == 1.0).all()
+    assert env.drive.crossed == ()
+
+
+def test_at_a_lever_tension_times_leverage_is_the_torque() -> None:
+    env, told = walked(ANKLE)
+    arm = env.drive.cables[0].distal
+    cable = env.exo.device.driven[0]
+    pull = -arm * told["leverage_ratio"] * told[f"tension_{cable}_distal_n"]
+    assert np.ptp(told["leverage_ratio"]) > 0.005
+    assert pull == pytest.approx(told["joint_torque_nm"], rel=1e-6, abs=1e-6)
+    assert env.drive.crossed == ()
+
+
+@pytest.mark.parametrize("name", [ANKLE, EXOSUIT])
+def test_the_angle_moves_with_the_velocity(name: str) -> None:
+    env, told = walked(name)
+    angle, velocity = told["winding_angle_rad"], told["winding_velocity_rad_s"]
+    between = 0.5 * (velocity[1:] + velocity[:-1]) * env.exo.period
+    assert np.diff(angle) == pytest.approx(between, abs=2e-5)
+    assert np.ptp(angle) > 0.03
+
+
+def test_a_cable_over_two_joints_is_wound_by_both_and_says_so() -> None:
+    env, told = walked(EXOSUIT)
+    off = told["winding_angle_rad"] - told["joint_angle_rad"]
+    assert env.drive.crossed == ("knee",)
+    assert np.ptp(off) > 0.2
+    for name in set(CONTROLLERS) & {"model", "stiction", "predictive", "disturbance"}:
+        law = controller(name, env.drive)
+        seen = {n: v[-1] for n, v in told.items() if n not in WINDING}
+        with pytest.raises(CableError, match="joint knee winds the cables too"):
+            law.torque(seen)
+
+
+def test_several_devices_are_read_with_their_own_arms() -> None:
+    env, _ = walked(ANKLE, 5)
+    device = env.exo.device
+    longer = device.winding._replace(arm=2.0 * device.winding.arm)
+    both = type(longer).over([device.winding, longer])
+    one = device.winding.read(env._physics)
+    told = both.read(env._physics)
+    for name, factor in zip(WINDING, (0.5, 0.5, 0.5), strict=True):
+        assert told[name] == pytest.approx(one[name] * np.array([1.0, factor]))
+
+
+def test_torques_and_motion_are_those_of_a_round_pulley() -> None:
+    env, told = walked(ANKLE, 3)
+    seen = {name: values[-1] for name, values in told.items()}
+    seen["leverage_ratio"] = 0.5
+    found = wound(seen, env.drive)
+    assert found["joint_torque_nm"] == 2.0 * seen["joint_torque_nm"]
+    assert found["desired_torque_nm"] == 2.0 * seen["desired_torque_nm"]
+    assert found["joint_angle_rad"] == seen["winding_angle_rad"]
+    assert found["motor_angle_rad"] == seen["motor_angle_rad"]
+    bare = {name: value for name, value in seen.items() if name not in WINDING}
+    assert wound(bare, env.drive) is bare
+    crossing = dataclasses.replace(env.drive, crossed=("hip", "knee"))
+    with pytest.raises(CableError, match="joint hip, knee winds"):
+        wound(bare, crossing)

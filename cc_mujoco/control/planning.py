@@ -42,6 +42,7 @@ and unexplained torque; how many numbers it has."""
 """Places in the tuning, see `predictive`."""
 
 _COULOMB = law.INDEX["friction"]
+_RATED = law.INDEX["viscous_friction"], law.INDEX["grease_drag"]
 _FARTHEST = 2.0
 """That a plan turns the motor between two knots [rad]."""
 _FEELING = 0.25
@@ -217,6 +218,16 @@ def _damp(memory: FloatArray, tune: FloatArray) -> None:
 
 
 @compiled
+def _drags(cables: stepper.Cables) -> bool:
+    """Whether the friction of a cable depends on its speed."""
+    for k in range(cables.n.size):
+        for place in _RATED:
+            if cables.prm[k, place] != 0.0:
+                return True
+    return False
+
+
+@compiled
 def _plan(
     advance: Any,
     cables: stepper.Cables,
@@ -245,15 +256,17 @@ def _plan(
     angle, velocity = memory[ANGLE], memory[VELOCITY]
     at = angle
     push[:] = gains[:, 0] * angle + gains[:, 1] * velocity
+    drags = _drags(cables)
+    last = joint
     for i in range(count):
         t = (i + 1) * steps
         where = joint + memory[JOINT + 1] * t + 0.5 * memory[JOINT + 2] * t * t
         desired = memory[AIM] + memory[AIM + 1] * t
         at = rollout.motor_for(
-            advance, cables, rolled, at, sense, where, desired, rise, _FARTHEST,
-            tune[TOLERANCE], span, new, work,
+            advance, cables, rolled, at, sense, where, where - last, desired, rise,
+            _FARTHEST, tune[TOLERANCE], span, drags, new, work,
         )  # fmt: skip
-        rolled[:] = new
+        rolled[:], last = new, where
         cost += (rollout.made(cables, new, at) - desired) ** 2
         push += gains[:, 2 + i] * at
     rolled[:] = state

@@ -28,6 +28,8 @@ _SIGNATURE = _INTEGER(
     _VECTOR, _INTEGER, _VECTOR, _REAL, _REAL, _REAL, _VECTOR, _VECTOR
 )  # fmt: skip
 _EVALUATIONS = 12
+_SLOWLY = 0.5
+"""Time that a motor takes to where friction at speed is asked for [s]."""
 _LEAST_STEP = 0.2
 """Of what stretches all of a cable: its end alone is stiffer."""
 
@@ -171,17 +173,21 @@ def motor_for(
     start: float,
     way: float,
     joint: float,
+    turned: float,
     torque: float,
     rise: float,
     most: float,
     tolerance: float,
     dt: float,
+    drags: bool,
     new: FloatArray,
     work: FloatArray,
 ) -> float:
     """Nearest angle of the motor, `way` from where it is, that makes a torque [rad].
 
-    Where that way leads away from the torque or has no effect, the motor stays.
+    Where that way leads away from the torque or has no effect, the motor stays. Where
+    friction depends on speed, the motor gets there slowly and goes on with the joint:
+    the torque is that with which the cables are then drawn, not that of a leap.
 
     Args:
         advance: see `pointer`.
@@ -190,19 +196,28 @@ def motor_for(
         start: angle of the motor before [rad].
         way: sense in which it may turn, 1 or -1.
         joint: angle of the joint after the step [rad].
+        turned: by how much it turns in it [rad].
         torque: to be made [Nm].
         rise: torque per angle of the motor while all of the cables stretches [Nm/rad].
         most: farthest that the motor turns [rad].
         tolerance: of the torque [Nm].
         dt: time step [s].
+        drags: whether friction depends on speed.
         new: out, after the step.
         work: scratch.
     """
+    leapt = np.zeros_like(state) if drags else state
+    along = turned * cables.distal[0] / cables.proximal[0] if drags else 0.0
     toward = way * np.sign(rise)
     low, f_low, high, f_high = 0.0, 0.0, 0.0, 0.0
     known, side, at, step = False, 0, 0.0, 0.0
     for turn in range(_EVALUATIONS):
-        move(advance, cables, state, start + way * at, joint, dt, new, work)
+        if drags:
+            move(
+                advance, cables, state, start + way * at - along, joint - turned,
+                _SLOWLY, leapt, work,
+            )  # fmt: skip
+        move(advance, cables, leapt, start + way * at, joint, dt, new, work)
         lack = toward * (torque - made(cables, new, start))
         if abs(lack) <= tolerance:
             known = True

@@ -5,19 +5,24 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from benchmarks.check_passivity import coupled
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cc_mujoco import engine
+from cc_mujoco.assets import scene_path
 from cc_mujoco.benchmark import SUITES, Cell, play
 from cc_mujoco.benchmark.cell import stage
 from cc_mujoco.benchmark.conditions import Condition
 from cc_mujoco.control import AdaptiveModel, PredictiveCompensation, rollout
 from cc_mujoco.control.model import CableModel, joint_stiffness
 from cc_mujoco.control.predictive import preview, smoothing
-from cc_mujoco.episode import run
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.episode import Single, run
 from cc_mujoco.errors import CableError
 from cc_mujoco.sensing import Sensing, Sensors
 from cc_mujoco.transmission import stepper
@@ -113,6 +118,43 @@ def test_a_cable_over_two_joints_is_paid_out_and_drawn_in_with_both() -> None:
     assert found["slack"] == 0.0
 
 
+@pytest.mark.parametrize(
+    ("term", "size"), [("viscous_friction", 10.0), ("grease_drag", 3.0)]
+)
+def test_who_is_told_of_drag_does_better_by_it(term: str, size: float) -> None:
+    """A plan that leaps within a knot felt the drag of the leap, and shied from it."""
+    spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
+    for name, cable in engine.from_mjcf(spec).items():
+        engine.to_mjcf(spec, name, cable.replace(**{term: size}))
+    env = gymnasium.make(
+        DEVICES["wrist"].environment, model=spec.compile(), trajectory="multisine",
+        duration=1.5,
+    )  # fmt: skip
+    told = env.unwrapped.drive
+    untold = dataclasses.replace(
+        told,
+        cable_drives=tuple(
+            tuple(
+                dataclasses.replace(one, cable=one.cable.replace(**{term: 0.0}))
+                for one in row
+            )
+            for row in told.cable_drives
+        ),
+    )
+    errors = []
+    for drive in (told, untold):
+        kept: list[float] = []
+
+        def keep(
+            step: int, columns: Any, torque: Any, kept: list[float] = kept
+        ) -> None:
+            kept.append(columns["joint_torque_nm"] - columns["desired_torque_nm"])
+
+        run(Single(env, seed=0), PredictiveCompensation(drive), keep)
+        errors.append(float(np.std(kept[300:])))
+    assert errors[0] < 0.6 * errors[1]
+
+
 def test_a_biased_sensor_pays_out_no_slack() -> None:
     """Three standard deviations, as a pull that no paying out would end."""
     sensors = Sensing(torque_noise=0.3, tension_noise=3.0)
@@ -158,8 +200,8 @@ def test_a_motor_is_found_for_every_torque_that_a_cable_can_make(
     lack = aimed - rollout.made(cables, state, turned)
     for way in (1.0, -1.0):
         found = rollout.motor_for(
-            rollout.pointer(), cables, state, turned, way, 0.0, aimed, rise, 2.0, 0.05,
-            0.01, new, model.work,
+            rollout.pointer(), cables, state, turned, way, 0.0, 0.0, aimed, rise, 2.0,
+            0.05, 0.01, False, new, model.work,
         )  # fmt: skip
         if lack * way > 0.06:
             assert (found - turned) * way > 0.0

@@ -59,7 +59,9 @@ typedef struct {{
 }} cc_controller;
 
 /* What is measured once a period (CC_PERIOD), in SI units and with the signs of the
- * scene. */
+ * scene. A controller with a model has round pulleys: of a cable on a lever or over
+ * several joints tell it the velocity at which a pulley of the arm in the neutral pose
+ * would wind it, and both torques over the ratio of the arm to that one. */
 typedef struct {{
 {readings}
 }} cc_readings;

@@ -30,8 +30,9 @@ _LEAST_NOISE = 1e-5
 """Of the greatest torque: a sensor without noise is no reason to turn for nothing."""
 
 
-PLAN_PER_DELAY, ROTOR_PER_DELAY = 1.5, 1.0
-"""Bandwidths of plan and of what the rotor feels, at most, times the delay."""
+PLAN_PER_DELAY, ROTOR_PER_DELAY = 1.5, 2.5
+"""Bandwidths of plan and of what the rotor feels, at most, times the delay. Without the
+second bound an inertia that is 30 % less than believed swings at 10 ms."""
 FELT = 6.0
 """Standard deviations of the torque sensor that are a torque for sure, whatever its
 bias."""

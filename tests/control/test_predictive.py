@@ -84,6 +84,22 @@ def test_the_delay_of_the_sensors_is_found_by_what_moved_the_motor() -> None:
     assert found["chatter"] < 2.0
 
 
+@pytest.mark.parametrize("wrong", [-0.3, 0.3])
+def test_late_sensors_and_a_wrong_inertia_together_do_not_swing(wrong: float) -> None:
+    slow = dataclasses.replace(ANKLE["ordinary-rough"], delay=(10, 10), duration=1.6)
+    made = stage([Cell(slow, "predictive", seeds=(0,))])
+    drive = dataclasses.replace(made.drive, inertia=(1.0 + wrong) * made.drive.inertia)
+    torques: list[float] = []
+    run(
+        made.fleet,
+        PredictiveCompensation(drive),
+        lambda step, columns, torque: torques.append(float(torque[0])),
+        measure=made.sensors.measure,
+    )
+    assert np.ptp(torques) < 40.0
+    assert np.std(np.diff(torques)) < 2.0
+
+
 @pytest.mark.parametrize("wearer", [1, 4])
 def test_a_passive_wearer_who_holds_still_is_left_still(wearer: int) -> None:
     """Without the damper that spends energy 14 to 17 mJ, and 0.3 rad/s that go on."""

@@ -25,6 +25,8 @@ DELAYS = (0, 5, 10)
 WRONG = (-0.5, 0.0, 0.5)
 """Relative error of the friction that is believed."""
 MODELS = ("stiction", "predictive", "adaptive")
+NOTHING, LEAST = 1e-3, 0.2
+"""Share of the greatest torque that is none, and of the time to speak of a swing."""
 SPREAD = 0.1
 """Relative error of all else that is believed."""
 
@@ -41,10 +43,11 @@ def errors(
     played = play(Cell(late, law, tuple(range(seeds)), belief=belief))
     desired = played.trace["desired_torque_nm"]
     missed = played.trace["joint_torque_nm"] - desired
-    swing = np.abs(desired) < 1e-9
+    swing = np.abs(desired) < NOTHING * np.abs(desired).max()
+    rests = swing.mean() > LEAST
     return (
         float(np.mean(played.scores["rms_error"])),
-        float(np.sqrt(np.mean(missed[swing] ** 2))) if swing.any() else np.nan,
+        float(np.sqrt(np.mean(missed[swing] ** 2))) if rests else np.nan,
         float(np.mean(played.scores["failed"])),
     )
 

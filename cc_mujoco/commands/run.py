@@ -63,12 +63,25 @@ class Run:
         require_free(self.out)
         desired = settings.desired(duration)
 
-        from cc_mujoco.control import controller
+        from cc_mujoco.control import PredictiveCompensation, controller
         from cc_mujoco.hardware import drive_of
 
         limits, period = settings.limits, settings.period
         drive = drive_of(settings.scene, self.rig.parent, period, limits.torque)
         law = controller(self.controller, drive)
+        if drive.crossed and hasattr(law, "model"):
+            raise CableError(
+                f"controller {self.controller!r} needs to know how joint "
+                f"{', '.join(drive.crossed)} winds the cable too, and a rig tells of "
+                "one joint; none, feedback and pi need not."
+            )
+        if isinstance(law, PredictiveCompensation):
+            print(
+                "cc-mujoco: warning: this controller takes the joint to be led by a "
+                "wearer; one that hangs in a loose hand it may swing up. Begin with a "
+                "small torque limit.",
+                file=sys.stderr,
+            )
         found = self._played(settings, law, desired, duration, self.controller)
         self._told(found, period)
 

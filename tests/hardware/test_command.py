@@ -73,6 +73,28 @@ def test_a_run_leaves_its_log_and_how_it_went(
     assert peer.stopped()
 
 
+def test_a_controller_that_plans_is_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Peer() as peer:
+        given = words(tmp_path, peer.port, 0.05)
+        given[given.index("pi")] = "predictive"
+        assert cli.main(given) == 0
+    assert "it may swing up" in capsys.readouterr().err
+
+
+def test_a_model_is_refused_where_a_joint_is_not_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = words(tmp_path, 1, 0.05)
+    given[given.index("pi")] = "stiction"
+    rig = tmp_path / "rig.toml"
+    rig.write_text(rig.read_text().replace('"bench"', '"exosuit"'))
+    assert cli.main(given) == 2
+    assert "how joint knee winds the cable too" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_columns_are_those_of_an_episode_and_data_for_a_diagnosis(
     tmp_path: Path,
 ) -> None:

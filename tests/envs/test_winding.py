@@ -12,6 +12,7 @@ import pytest
 from cc_mujoco.control import CONTROLLERS, controller
 from cc_mujoco.control.controller import wound
 from cc_mujoco.devices import DEVICES
+from cc_mujoco.envs.device import physics_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.sensing import WINDING
 
@@ -73,8 +74,8 @@ def test_several_devices_are_read_with_their_own_arms() -> None:
     device = env.exo.device
     longer = device.winding._replace(arm=2.0 * device.winding.arm)
     both = type(longer).over([device.winding, longer])
-    one = device.winding.read(env._physics)
-    told = both.read(env._physics)
+    physics = physics_of(env.data)
+    one, told = device.winding.read(physics), both.read(physics)
     for name, factor in zip(WINDING, (0.5, 0.5, 0.5), strict=True):
         assert told[name] == pytest.approx(one[name] * np.array([1.0, factor]))
 

@@ -29,7 +29,7 @@ class CableError(ValueError):
         import difflib  # only a mistake needs it
 
         names = sorted(allowed)
-        near = difflib.get_close_matches(name, names, n=1)
+        near = difflib.get_close_matches(str(name), names, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
         return cls(f"unknown {kind} {name!r}: {hint}Available: {', '.join(names)}.")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from cc_mujoco.errors import CableError
@@ -14,7 +16,7 @@ def test_an_unknown_name_brings_the_nearest_one_and_all() -> None:
     assert str(error) == text
 
 
-@pytest.mark.parametrize("name", ["", "zzz"])
-def test_no_near_name_is_no_guess(name: str) -> None:
+@pytest.mark.parametrize("name", ["", "zzz", None])
+def test_no_near_name_is_no_guess(name: Any) -> None:
     text = str(CableError.unknown("task", name, ["tunnel"]))
     assert text == f"unknown task {name!r}: Available: tunnel."

@@ -23,6 +23,7 @@ from cc_mujoco.transmission.parameters import (
     ENDS,
     ENDS_ALLOWED,
     KEYS,
+    MAX_LENGTH,
     MAX_SECTIONS,
     MAX_SEGMENTS,
     MOUTH_ALLOWED,
@@ -190,7 +191,7 @@ def _sections(written: Bytes, sections: npt.NDArray[np.float64]) -> int:
         length = number(written[begin:colon])
         bend = written[colon + 1 : i]
         radius = math.inf if same(bend, _INF) else number(bend)
-        if not (length > 0.0 and radius > 0.0):
+        if not (0.0 < length <= MAX_LENGTH and radius > 0.0):
             return 0
         sections[count, 0] = length
         sections[count, 1] = radius

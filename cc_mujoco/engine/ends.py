@@ -33,8 +33,8 @@ _FORCE = constant(
     'of the cable; set forcelimited="false" there'
 )
 _METRE = constant(
-    " has gear 1, a pulley of 1 m radius, which is what it gets if none is given; it "
-    "must be the signed pulley radius in metres"
+    " has a pulley of 1 m radius or more, of 1 m if no gear is given; `gear` must be "
+    "the signed pulley radius in metres"
 )
 _GEAR = constant(" has gear 0; it must be the signed pulley radius in metres")
 
@@ -70,13 +70,13 @@ def gear(model: int, out: int) -> float:
 
 
 @internal
-def _unset(model: int, actuator: int) -> bool:
-    """Whether a hinge turns a pulley of 1 m, which is what an absent `gear` means."""
+def _a_metre(model: int, actuator: int) -> bool:
+    """Whether a hinge turns a pulley of 1 m, which an absent `gear` means, or more."""
     if fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator) != _TRN_JOINT:
         return False
     target = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
     hinge = fields.integer(model, fields.JNT_TYPE, target) == _HINGE
-    return hinge and gear(model, output(model, actuator)) == 1.0
+    return hinge and abs(gear(model, output(model, actuator))) >= 1.0
 
 
 @internal
@@ -128,7 +128,7 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
             used = _name(message, used, model, actuator)
             return append(message, used, _GEAR if fits else _TRANSMISSION)
         limited = fields.byte(model, fields.FORCE_LIMITED, actuator) != 0
-        if limited or _unset(model, actuator):
+        if limited or _a_metre(model, actuator):
             used = _name(message, used, model, actuator)
             return append(message, used, _FORCE if limited else _METRE)
     return used

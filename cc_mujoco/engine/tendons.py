@@ -71,11 +71,24 @@ def add_friction(
         CableError: there is no such tendon, it has pulleys, an actuator pulls it
             already, or a parameter cannot be used.
     """
+    if not isinstance(spec, mujoco.MjSpec):
+        raise CableError(
+            "spec must be an MjSpec, as of mujoco.MjSpec.from_file, not "
+            f"{type(spec).__name__}."
+        )
+    for name, end in (("motor", motor), ("joint", joint)):
+        if end is not None and not (isinstance(end, tuple) and len(end) == 2):
+            raise CableError(
+                f"{name} must be a joint and the radius of its drum in metres, e.g. "
+                f"('winch', 0.02), not {end!r}."
+            )
     found = spec.tendon(tendon)
     if found is None:
         names = [t.name for t in spec.tendons]
         raise CableError.unknown("tendon", tendon, names)
     for actuator in spec.actuators:
+        if actuator.plugin.name == tendon:
+            raise CableError(f"tendon {tendon!r} is a cable already.")
         pulls = actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
         if pulls and actuator.target == tendon:
             raise CableError(

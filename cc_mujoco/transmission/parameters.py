@@ -25,10 +25,12 @@ from cc_mujoco.transmission.parameter import Parameter, Term, parameter, paramet
 
 MAX_SEGMENTS = 1000
 MAX_SECTIONS = 64
+MAX_LENGTH = 50.0
+"""Of a section [m]: what is longer was meant in millimetres."""
 SEGMENTS_ALLOWED = f"a whole number in [1, {MAX_SEGMENTS}]"
 CONDUIT_ALLOWED = (
-    f"1 to {MAX_SECTIONS} sections `length:radius` in metres, both positive, "
-    "radius `inf` where straight, e.g. `0.8:0.15 0.6:inf`"
+    f"1 to {MAX_SECTIONS} sections `length:radius` in metres, both positive, no length "
+    f"above {MAX_LENGTH:g}, radius `inf` where straight, e.g. `0.8:0.15 0.6:inf`"
 )
 BENDS = ("fixed", "route")
 """Where the bends of the conduit come from: its sections, or the route as it moves."""
@@ -483,8 +485,15 @@ class Cable:
                 f"cable parameter `segments` is {self.segments!r}; "
                 f"it must be {SEGMENTS_ALLOWED}"
             )
-        sections = tuple(Section(float(a), float(b)) for a, b in self.conduit)
-        valid = all(0.0 < s.length < math.inf and s.radius > 0.0 for s in sections)
+        try:
+            sections = tuple(Section(float(a), float(b)) for a, b in self.conduit)
+        except (TypeError, ValueError):
+            raise CableError(
+                f"cable parameter `conduit` is {self.conduit!r}; it must be sections, "
+                "each a length and a radius in metres; text as in MJCF is for "
+                "Cable.from_config"
+            ) from None
+        valid = all(0.0 < s.length <= MAX_LENGTH and s.radius > 0.0 for s in sections)
         if not valid or not 1 <= len(sections) <= MAX_SECTIONS:
             raise CableError(
                 f"cable parameter `conduit` is {self.conduit!r}; "

@@ -48,7 +48,7 @@ def any_cable(draw: st.DrawFn) -> Cable:
     if values["pretension"] == 0.0:
         values["tension_exponent"] = 0.0
     bend = st.floats(1e-3, 1e6) | st.just(math.inf)
-    sections = st.tuples(st.floats(1e-6, 1e3), bend).map(lambda s: Section(*s))
+    sections = st.tuples(st.floats(1e-6, 50.0), bend).map(lambda s: Section(*s))
     return Cable(
         **values,
         segments=draw(st.integers(1, 60)),

@@ -184,7 +184,8 @@ def test_what_cannot_be_is_refused_in_one_sentence(
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('gear="-0.05"', 'gear="1"', "has gear 1, a pulley of 1 m radius"),
+        ('gear="-0.05"', 'gear="1"', "has a pulley of 1 m radius or more"),
+        ('gear="-0.05"', 'gear="-50"', "has a pulley of 1 m radius or more"),
         ('gear="-0.05"', 'gear="-0.05" forcerange="-9 9"', "has a `forcerange`"),
     ],
 )

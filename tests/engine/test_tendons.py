@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -132,6 +133,11 @@ def spec_of(case: tuple = ARM) -> mujoco.MjSpec:
 def test_what_cannot_be_is_refused_in_one_sentence() -> None:
     with pytest.raises(CableError, match=r"tendon 'chord'.*did you mean `?'?cord"):
         cc_mujoco.add_friction(spec_of(), "chord", friction=0.1)
+    wrong: Any = "w"
+    with pytest.raises(CableError, match="motor must be a joint and the radius"):
+        cc_mujoco.add_friction(spec_of(), "cord", friction=0.1, motor=wrong)
+    with pytest.raises(CableError, match=r"spec must be an MjSpec.* not str"):
+        cc_mujoco.add_friction(wrong, "cord", friction=0.1)
     with pytest.raises(CableError, match="cable parameter 'mu'"):
         cc_mujoco.add_friction(spec_of(), "cord", friction=0.1, mu=0.2)
     pulled = spec_of()

@@ -133,7 +133,7 @@ def extremes():
     scalars["pretension"] = st.floats(1e-9, 1e6)
     sections = st.lists(
         st.tuples(
-            st.floats(1e-6, 1e3), st.one_of(st.floats(1e-4, 1e3), st.just(math.inf))
+            st.floats(1e-6, 50.0), st.one_of(st.floats(1e-4, 1e3), st.just(math.inf))
         ),
         min_size=1,
         max_size=4,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import PARAMETERS, TERMS, Cable, Section
 from cc_mujoco.transmission.parameters import KEYS
 
@@ -33,7 +35,7 @@ def cables():
         if p.name not in ("static_friction", "pretension")
     }
     scalars["pretension"] = st.floats(1e-9, 1e6)
-    length = st.floats(1e-6, 1e3)
+    length = st.floats(1e-6, 50.0)
     radius = st.one_of(st.floats(1e-6, 1e6), st.just(math.inf))
     return st.builds(
         Cable,
@@ -110,9 +112,26 @@ def test_out_of_range_values_are_refused_with_the_range(parameter):
             Cable.from_config({parameter.name: repr(value)})
 
 
+def test_a_conduit_that_is_text_is_pointed_to_where_it_is_read() -> None:
+    text: Any = "2:0.28"
+    with pytest.raises(CableError, match=r"text as in MJCF is for Cable.from_config"):
+        Cable(conduit=text)
+
+
 @pytest.mark.parametrize(
     "text",
-    ["2", "2:", ":0.3", "2:0", "-1:0.3", "0:0.3", "2:-inf", "inf:1", "2:0.3,1:1"],
+    [
+        "2",
+        "2:",
+        ":0.3",
+        "2:0",
+        "-1:0.3",
+        "0:0.3",
+        "2:-inf",
+        "inf:1",
+        "2:0.3,1:1",
+        "800:150",
+    ],
 )
 def test_a_bad_conduit_is_refused(text):
     with pytest.raises(ValueError, match=r"`conduit` .*length:radius"):

@@ -438,7 +438,7 @@ RUNS = {
     "export": ("export --scene wrist --controller pi".split(), EXPORTED_FILES),
     "play": (["play", "wrist", "--duration", "0.1"], FILES),
     "benchmark": (
-        "benchmark --scene wrist --controllers pi --conditions ordinary-rough "
+        "benchmark --scene wrist --controllers feedback --conditions ordinary-rough "
         "--seeds 1 --duration 1.2 --workers 1".split(),
         ("table.md", "results.parquet", "wrist-pareto.png"),
     ),

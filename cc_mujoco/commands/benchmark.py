@@ -35,8 +35,9 @@ class Benchmark:
     """Number of seeds: plants, noise, motions; 0 is what the suite has."""
     duration: Annotated[float | None, in_words("FLOAT")] = None
     """Length of an episode in seconds; that of the suite unless given."""
-    baseline: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
-    """Controller that the others are compared with, seed by seed."""
+    baseline: Annotated[str | None, in_words("NAME")] = None
+    """Controller that the others are compared with, seed by seed; pi if it plays, else
+    none."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs", "benchmark")
     """Folder for the results."""
     workers: Annotated[int, in_words()] = 0
@@ -66,6 +67,8 @@ class Benchmark:
         from tqdm import tqdm
 
         from cc_mujoco.benchmark import Plan, run
+        from cc_mujoco.benchmark.references import SCALE
+        from cc_mujoco.benchmark.report import BASELINE
         from cc_mujoco.benchmark.writing import write
         from cc_mujoco.control import CONTROLLERS
 
@@ -77,10 +80,12 @@ class Benchmark:
             self.seeds,
             self.duration,
         )
-        if self.baseline not in plan.players():
+        players = plan.players()
+        baseline = self.baseline or (BASELINE if BASELINE in players else SCALE)
+        if baseline not in players:
             raise CableError(
-                f"--baseline {self.baseline!r} is none of the controllers, which are "
-                f"{', '.join(plan.players())}."
+                f"--baseline {baseline!r} is none of the controllers, which are "
+                f"{', '.join(players)}."
             )
         with tqdm(
             total=len(plan.cells()),
@@ -98,6 +103,6 @@ class Benchmark:
                 progress=lambda done: bar.update(done - bar.n),
                 say=tqdm.write,
             )
-        print(write(self.out, plan, results, self.baseline))
+        print(write(self.out, plan, results, baseline))
         print(f"results:    {self.out / 'results.parquet'}")
         print(f"see also:   {self.out}")

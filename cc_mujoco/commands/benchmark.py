@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.commands.options import Flag, Names, in_words
+from cc_mujoco.commands.options import Flag, Names, in_words, shown_by
 from cc_mujoco.errors import CableError
 
 Pair = Annotated[tuple[Path, Path] | None, in_words("A.parquet B.parquet")]
@@ -91,7 +90,7 @@ class Benchmark:
             total=len(plan.cells()),
             unit="cell",
             bar_format="{l_bar}{bar}| {n:.0f} of {total} cells  {elapsed}<{remaining}",
-            disable=not sys.stderr.isatty(),
+            **shown_by(),
         ) as bar:
             results = run(
                 plan,

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.commands.options import Flag, in_words
+from cc_mujoco.commands.options import Flag, in_words, shown_by
 from cc_mujoco.errors import CableError
 
 
@@ -74,7 +74,7 @@ class Diagnose:
         with tqdm(
             total=1.0,
             bar_format="{bar}| {percentage:3.0f} %  {elapsed}  {desc}",
-            disable=not sys.stderr.isatty(),
+            **shown_by(),
         ) as bar:
 
             def told(share: float, doing: str) -> None:
@@ -97,6 +97,9 @@ class Diagnose:
         print(f"{found.verdict}: {found.statement}")
         if found.question:
             print(f"  {found.question}")
+        if found.verdict == "unknown":
+            for problem in found.problems:
+                print(f"  noticed: {problem}")
         for tie in found.ties:
             print(f"  cannot tell apart: {', '.join(tie)}")
         if found.next_experiment is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -19,14 +19,22 @@ def in_words(metavar: str | None = None) -> object:
     return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
+RARE = 10.0
+"""Time between two bars in a file or a pipe, and before the first [s]."""
+
 Name = Annotated[str | None, in_words("NAME")]
 Names = Annotated[tuple[str, ...], in_words("[NAME ...]")]
 Flag = Annotated[tyro.conf.FlagCreatePairsOff[bool], in_words()]
 
 
+def shown_by() -> dict[str, Any]:
+    """Options of a bar of tqdm: only a line at times where there is no terminal."""
+    return {} if sys.stderr.isatty() else {"delay": RARE, "mininterval": RARE}
+
+
 @contextmanager
 def bar(total: float, name: str = "") -> Iterator[Callable[[float], object]]:
-    """Show how far an episode is, on a terminal; yields what takes its time [s].
+    """Show how far an episode is; yields what takes its time [s].
 
     Args:
         total: Length of the episode [s]; of nothing, no bar is shown.
@@ -39,6 +47,7 @@ def bar(total: float, name: str = "") -> Iterator[Callable[[float], object]]:
         total=total,
         unit="s",
         bar_format="{l_bar}{bar}| {n:.1f} of {total:.1f} s",
-        disable=not total or not sys.stderr.isatty(),
+        disable=not total,
+        **shown_by(),
     ) as shown:
         yield lambda time: shown.update(time - shown.n)

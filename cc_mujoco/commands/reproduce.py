@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.commands.options import Flag, Names
+from cc_mujoco.commands.options import Flag, Names, shown_by
 
 if TYPE_CHECKING:
     from cc_mujoco.reproduce import Record
@@ -39,7 +39,7 @@ class Reproduce:
         with tqdm(
             total=float(number),
             bar_format="{desc:12} {bar}| {percentage:3.0f} %  {elapsed}",
-            disable=not sys.stderr.isatty(),
+            **shown_by(),
         ) as bar:
 
             def told(name: str, share: float) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
-from cc_mujoco.commands.options import Flag, Name, in_words
+from cc_mujoco.commands.options import Flag, Name, in_words, shown_by
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ class WhatIf:
             unit="design",
             bar_format="{l_bar}{bar}| {n:.0f} of {total} designs  {elapsed}<{remaining}"
             "  {rate_fmt}",
-            disable=not sys.stderr.isatty(),
+            **shown_by(),
         ) as bar:
             plan, table = self._carried_out(
                 plan, objectives, limits, folder, lambda done: bar.update(done - bar.n)

@@ -33,6 +33,9 @@ JOINT_TURNS, MOTOR_TURNS = 2.0, 8.0
 """Turns beyond which angles are taken for degrees, unless the unit is declared."""
 _ANGLES = {"motor": channels.MOTOR_ANGLE, "joint": channels.JOINT_ANGLE}
 _LOCKED = 0.05  # range of an angle that was held fast [rad]
+_WOUND, _AHEAD, _FAR_AHEAD = 2.0, 1.3, 1.5
+"""A cable that winds up keeps the joint behind its pulleys; nothing puts it ahead."""
+_SEVERAL = 3
 _CLIPPED = 5  # samples at an extreme that are one clipped stretch
 _CLIPS = 2
 _LOADS = (channels.TORQUE, channels.FORCE, channels.CURRENT)
@@ -65,12 +68,14 @@ def check_trials(trials: Sequence[Trial]) -> list[Finding]:
     return findings
 
 
-def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
+def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[Finding]:
     """Compare the measured ratio of the angles with that of a scene.
 
     Args:
-        trial: the trial.
+        trial: the trial that comes closest to the scene.
         ratio: motor angle per joint angle of the ideal transmission.
+        several: whether there are enough others to rule out that the motor was held
+            by a soft cable, or had play, in all.
 
     Returns:
         A finding if the two differ so much that units, signs or sides are wrong.
@@ -79,14 +84,14 @@ def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
     if abs(known.follows) < 0.6:
         return []
     apart = known.ratio * ratio
-    if 0.5 < apart < 2.0:
+    if 1.0 / _WOUND < apart < _AHEAD:
         return []
     degrees = math.degrees(1.0)
     motor, joint = (trial.labels.get(name, name) for name in channels.ANGLES)
     reasons = {
         f"{joint} is in degrees": apart / degrees,
         f"{motor} is in degrees": apart * degrees,
-        "the scene has other pulleys": 3.0,
+        "the scene has other pulleys, or an angle another unit": 3.0,
     }
     if abs(math.log(abs(ratio))) > 0.5:
         reasons["the sides are swapped"] = apart / ratio**2
@@ -97,7 +102,7 @@ def check_ratio(trial: Trial, ratio: float) -> list[Finding]:
         f"{trial.path}: the motor turns {1.0 / known.ratio:.3g} rad per joint radian, "
         f"but {ratio:.3g} in the scene; perhaps {likely}."
     )
-    impossible = not 0.25 < apart < 4.0
+    impossible = not 0.25 < apart < 4.0 or (several and apart > _FAR_AHEAD)
     return [(error if impossible else warning)(told, trial.name)]
 
 
@@ -119,7 +124,8 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
         key=lambda t: abs(math.log(abs(found[t.name].ratio * ratio))),
         default=None,
     )
-    findings = check_ratio(closest, ratio) if closest else []
+    several = len(certain) >= _SEVERAL
+    findings = check_ratio(closest, ratio, several) if closest else []
     for trial in trials:
         findings += _loads(trial, bench) + _beyond(trial, bench)
     return findings

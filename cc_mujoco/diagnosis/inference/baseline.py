@@ -44,24 +44,20 @@ class BaselineFit:
     """RMS change by a finer simulation, over the floor."""
 
 
+def plant_of(dataset: Dataset, bench: Bench, records: tuple[Record, ...]) -> Plant:
+    """The plant to begin with."""
+    known, constants = dataset.instruments, dataset.constants
+    return Plant(bench, records, SEGMENTS, instruments=known, constants=constants)
+
+
 def fit_baseline(
-    dataset: Dataset,
-    bench: Bench,
-    records: tuple[Record, ...],
-    filtering: Filtering,
-    seed: int,
+    dataset: Dataset, plant: Plant, filtering: Filtering, seed: int
 ) -> BaselineFit:
     """Fit the baseline, simulated as finely as it needs to be."""
-    free = tuned(bench, records, dataset.constants, dataset.instruments)
+    records = plant.records
+    free = tuned(plant.bench, records, dataset.constants, dataset.instruments)
     counts = [record.free for record in records]
     x = np.zeros(len(free))
-    plant = Plant(
-        bench,
-        records,
-        SEGMENTS,
-        instruments=dataset.instruments,
-        constants=dataset.constants,
-    )
     while True:
         flat = tuple(
             np.full(r.measured.shape, 0.02 * float(np.std(r.measured)) + 1e-9)

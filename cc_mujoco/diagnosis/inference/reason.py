@@ -13,10 +13,11 @@ from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.evidence import Evidence, Isolability
 from cc_mujoco.diagnosis.inference.agreement import AGREED, agreement
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline, plant_of
 from cc_mujoco.diagnosis.inference.experiment import propose
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.folds import interleaved_folds, trial_folds
+from cc_mujoco.diagnosis.inference.foretold import misread
 from cc_mujoco.diagnosis.inference.gap import Predicted, gaps, predicted, traces
 from cc_mujoco.diagnosis.inference.intervals import estimates, spread, undetermined
 from cc_mujoco.diagnosis.inference.judgement import REFINES, Outcome, judged
@@ -72,8 +73,11 @@ def reason(
     records, filtering = prepare(dataset, bench)
     if useless := _insufficient_excitation(records):
         return _empty(bench, useless, notes)
+    plant = plant_of(dataset, bench, records)
+    if wrong := misread(plant):
+        return _empty(bench, wrong, notes)
     progress(0.02, "fitting the baseline")
-    baseline_fit = fit_baseline(dataset, bench, records, filtering, seed)
+    baseline_fit = fit_baseline(dataset, plant, filtering, seed)
     if baseline_fit.change > HARMLESS:
         return _numerics(bench, baseline_fit, notes)
     able = baseline_fit.problem.plant.library.effects

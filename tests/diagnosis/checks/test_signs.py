@@ -194,3 +194,12 @@ def test_power_of_the_bench_is_what_its_friction_takes(tmp_path: Path) -> None:
     assert lost == pytest.approx(
         0.15 * np.abs(np.diff(trial.joint_angle)).sum(), rel=0.1
     )
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_a_joint_ahead_of_its_pulleys_is_a_finding_and_an_error_if_always(
+    tmp_path: Path, several: bool
+) -> None:
+    trial = one(tmp_path, recording())
+    (found,) = check_ratio(trial, 1.9 / mechanics(trial).ratio, several)
+    assert (found.severity == "error") == several

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline, plant_of
 from cc_mujoco.diagnosis.inference.experiment import left_after_fit, propose
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.records import prepare
@@ -18,7 +18,7 @@ from diagnosis.recorded import BENCH, dataset
 def baseline_fit() -> BaselineFit:
     data = dataset(duration=3.0)
     records, filtering = prepare(data, BENCH)
-    return fit_baseline(data, BENCH, records, filtering, seed=0)
+    return fit_baseline(data, plant_of(data, BENCH, records), filtering, seed=0)
 
 
 def rival(

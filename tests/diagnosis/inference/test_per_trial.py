@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis.data.trials import Dataset
-from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline
+from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline, plant_of
 from cc_mujoco.diagnosis.inference.per_trial import odd_trial, trial_errors
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
@@ -34,7 +34,8 @@ def recorded(odd: int = -1, changes: Mapping[str, float] | None = None) -> Datas
 
 
 def baseline_fit(data: Dataset) -> BaselineFit:
-    return fit_baseline(data, BENCH, *prepare(data, BENCH), 0)
+    records, filtering = prepare(data, BENCH)
+    return fit_baseline(data, plant_of(data, BENCH, records), filtering, 0)
 
 
 @pytest.mark.parametrize(

@@ -48,3 +48,10 @@ def test_cables_of_different_friction_are_told() -> None:
 def test_nothing_runs_away_on_a_rig_like_the_scene() -> None:
     data = dataset(duration=1.5, seed=3, chosen=(0, 2), changes={"pretension": 84.0})
     assert reason(data, BENCH, ids=IDS[:1]).diagnosis.strayed == ()
+
+
+def test_a_stiffness_far_from_the_scene_is_told_though_nobody_declared_it() -> None:
+    data = dataset(duration=1.5, seed=3, changes={"axial_stiffness": 3e5})
+    (away,) = reason(data, BENCH, ids=IDS[1:]).diagnosis.strayed
+    assert away.parameter == "axial_stiffness"
+    assert "angles in turns" in away.statement

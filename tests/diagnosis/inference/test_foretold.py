@@ -1,0 +1,79 @@
+"""Torques in another unit or of another sign than the scene's are not fitted away."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.trials import Dataset, Trial
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.verdict import Diagnosis
+from diagnosis.recorded import BENCH, NOISE, dataset
+
+README = Path(__file__).parents[3] / "README.md"
+IDS = ("viscous_friction",)
+
+
+def read_as(data: Dataset, motor: float = 1.0, joint: float = 1.0) -> Diagnosis:
+    trials = tuple(
+        replace(
+            each,
+            motor_torque=motor * np.asarray(each.motor_torque),
+            joint_torque=joint * np.asarray(each.joint_torque),
+        )
+        for each in data.trials
+    )
+    return reason(replace(data, trials=trials), BENCH, ids=IDS).diagnosis
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("lbfin", 8.85), ("kgfcm", 10.2), ("Ncm", 100.0), ("mNm", 1000.0)],
+)
+def test_torques_in_another_unit_are_told_with_the_unit(
+    unit: str, factor: float
+) -> None:
+    data = dataset(duration=1.5, seed=3)
+    for motor, joint in ((factor, factor), (1.0, factor)):
+        found = read_as(data, motor, joint)
+        assert found.verdict == "fix-data"
+        assert unit in found.statement
+        assert ("motor torque is" in found.statement) == (motor != 1.0)
+
+
+@pytest.mark.parametrize(("motor", "joint"), [(-1.0, -1.0), (1.0, -1.0)])
+def test_torques_of_the_other_sign_are_told(motor: float, joint: float) -> None:
+    found = read_as(dataset(duration=1.5, seed=3), motor, joint)
+    assert found.verdict == "fix-data"
+    assert "joint torque is the negative" in found.statement
+
+
+def test_torques_of_a_rig_with_half_the_friction_are_taken() -> None:
+    data = dataset(duration=1.5, seed=3, changes={"friction": 0.05})
+    assert read_as(data).verdict == "none"
+
+
+def test_data_that_have_nothing_to_do_with_a_slack_cable_are_judged(
+    tmp_path: Path,
+) -> None:
+    """Nothing that an effect changes shows in torques, as the cable never pulls."""
+    (scene,) = re.findall(r"```xml\n(.*?)```", README.read_text("utf-8"), re.S)
+    path = tmp_path / "scene.xml"
+    path.write_text(scene, encoding="utf-8")
+    bench = Bench.of(path)
+    time = np.arange(0.0, 4.0, 0.004)
+    motor = 1.5 * np.sin(1.9 * time) * (1.0 + 0.3 * np.sin(1.3 * time))
+    random = np.random.default_rng(0)
+    noisy = [
+        level + spread * random.normal(size=time.size)
+        for level, spread in ((motor, 1e-4), (motor * 0.02 / 0.104, 1e-4), (2.0, 0.01))
+    ]
+    trial = Trial("t", time, noisy[0], noisy[2], noisy[1], -5.0 * noisy[2],
+                  (slice(0, time.size),), 0.004, path="t.csv")  # fmt: skip
+    found = reason(Dataset((trial,), noise=NOISE), bench).diagnosis
+    assert found.verdict != "none"

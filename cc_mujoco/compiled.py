@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import update_wrapper
 from pathlib import Path
@@ -63,8 +63,9 @@ def _drop_stale_code() -> None:
 
 _drop_stale_code()
 
-_NOTICE = "cc_mujoco: compiling the cable plugin; this happens once, 1-2 min\n"
-_told: list[bool] = []
+_NOTICE = "cc_mujoco: compiling; this happens once, 1-2 min\n"
+_PATIENCE = 6.0
+"""Time that is compiled without a word [s]."""
 
 
 def internal(function: Function) -> Function:
@@ -105,26 +106,50 @@ def compiled(function: Function) -> Function:
         return cast("Function", njit(**options)(function))
 
 
-@contextmanager
-def announced() -> Iterator[None]:
-    """Say that compiling takes long where it does, once in a process."""
-    # What Numba finds in its cache it does not compile, however slow the machine is.
-    compiling: Any = event.RecordingListener()  # type: ignore[no-untyped-call]
+class _Notice(event.Listener):
+    """Says that compiling takes long where it does, once in a process.
 
-    def tell() -> None:
-        if compiling.buffer and not _told:
-            _told.append(True)
+    What Numba finds in its cache it does not compile, however slow the machine is.
+    """
+
+    def __init__(self) -> None:
+        self._depth, self._began, self._spent = 0, 0.0, 0.0
+        self._told = False
+        self._timer: threading.Timer | None = None
+
+    def on_start(self, event: Any) -> None:
+        """Begin to wait, where nothing else is being compiled."""
+        if not _is_ours(event):
+            return
+        self._depth += 1
+        if self._depth == 1 and not self._told:
+            self._began = time.monotonic()
+            left = max(_PATIENCE - self._spent, 0.0)
+            self._timer = threading.Timer(left, self._tell)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def on_end(self, event: Any) -> None:
+        """Wait no more."""
+        if not _is_ours(event):
+            return
+        self._depth -= 1
+        if self._depth == 0 and self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+            self._spent += time.monotonic() - self._began
+
+    def _tell(self) -> None:
+        if not self._told:
+            self._told = True
             sys.stderr.write(_NOTICE)
 
-    notice = threading.Timer(6.0, tell)
-    notice.daemon = True
-    notice.start()
-    try:
-        with event.install_listener("numba:compile", compiling):
-            yield
-    finally:
-        notice.cancel()
 
+def _is_ours(event: Any) -> bool:
+    return str(event.data["module"]).startswith("cc_mujoco")
+
+
+event.register("numba:run_pass", _Notice())  # type: ignore[no-untyped-call]
 
 _EXPORTED: dict[str, Any] = {}
 """Signatures of exported functions, by what they are called in compiled code."""
@@ -139,11 +164,10 @@ def exported(signature: Any) -> Callable[[Function], Function]:
 
     def decorate(function: Function) -> Function:
         name = f"{function.__module__}.{function.__qualname__} {signature}"
-        with announced():
-            try:
-                code = cfunc(signature, cache=True, error_model="numpy")(function)
-            except RuntimeError:
-                code = cfunc(signature, error_model="numpy")(function)
+        try:
+            code = cfunc(signature, cache=True, error_model="numpy")(function)
+        except RuntimeError:
+            code = cfunc(signature, error_model="numpy")(function)
         llvmlite.binding.add_symbol(name, code.address)
         _EXPORTED[name] = signature, code  # the code lives as long as its name
 
@@ -176,11 +200,10 @@ def bitcode(name: str, function: Any, signature: Any) -> list[Bitcode]:
         function: In Python.
         signature: That it is compiled for.
     """
-    with announced():
-        try:
-            code = cfunc(signature, cache=True, error_model="numpy")(function)
-        except RuntimeError:
-            code = cfunc(signature, error_model="numpy")(function)
+    try:
+        code = cfunc(signature, cache=True, error_model="numpy")(function)
+    except RuntimeError:
+        code = cfunc(signature, error_model="numpy")(function)
     codes = {name: code, **{name: code for name, (_, code) in _EXPORTED.items()}}
     # What Numba read from its cache has no other form than the one meant for linking.
     return [

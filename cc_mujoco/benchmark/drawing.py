@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,7 @@ def pareto(results: Results, scene: str) -> Figure:
                 for law, values in errors.items()
                 if law not in PASSIVE
             }
+            points = {law: p for law, p in points.items() if math.isfinite(p[0])}
             entries = [point for law, point in points.items() if law not in REFERENCES]
             line = np.array(sorted(_best(entries)))
             axes.plot(line[:, 0], line[:, 1], color=GREY, lw=0.8, zorder=1)
@@ -140,13 +142,15 @@ def _over(place: Array, trace: Mapping[str, Array]) -> Array:
 
 
 def _mean(results: Results, scene: str, law: str, score: str) -> float:
-    """Mean of a score over conditions and seeds."""
+    """Mean of a score over conditions and seeds, NaN where no episode tells."""
     values = [
         played.scores[score]
         for cell, played in results
         if (cell.condition.scene, cell.controller) == (scene, law)
     ]
-    return float(np.nanmean(np.concatenate(values)))
+    told = np.concatenate(values)
+    told = told[np.isfinite(told)]
+    return float(np.mean(told)) if told.size else math.nan
 
 
 def _best(points: list[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -141,7 +141,7 @@ def ranking(errors: Mapping[str, Array], plants: Sequence[str] = ()) -> list[Pla
             Place(
                 name,
                 means[name],
-                float(low),
+                max(float(low), 0.0),  # no error is negative, whatever few seeds say
                 float(high),
                 1 + beaten_by,
                 len(errors) - len(better[name]),

@@ -75,6 +75,7 @@ def markdown(results: Results, baseline: str = BASELINE) -> str:
     """All tables as Markdown."""
     errors = rms_errors(results)
     parts = ["# Benchmark of torque controllers", OVERVIEW, overview_table(results)]
+    parts += diverged(results)
     for scene, own in errors.items():
         parts += [
             f"## {scene}",
@@ -94,6 +95,21 @@ def markdown(results: Results, baseline: str = BASELINE) -> str:
         parts += ["## Computing time of a step of one device", times]
     parts += ["## What it all is", definitions()]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def diverged(results: Results) -> list[str]:
+    """Controllers with episodes that came to no score, a sentence each."""
+    lost: dict[str, list[Array]] = {}
+    for cell, played in results:
+        values = np.isnan(played.scores["rms_error"])
+        lost.setdefault(cell.controller, []).append(values)
+    told = {law: np.concatenate(values) for law, values in lost.items()}
+    return [
+        f"{_called(law)} diverged, or gave a torque that is no number, in "
+        f"{int(values.sum())} of {values.size} episodes."
+        for law, values in told.items()
+        if values.any()
+    ]
 
 
 def definitions() -> str:
@@ -186,11 +202,9 @@ def scores_table(results: Results, scene: str) -> str:
         cells = []
         for score in shown:
             values = np.concatenate(own[score.name])
-            if score.unit == "1":
-                cells.append(f"{np.nanmean(values):.1%}")
-            else:
-                known = values[np.isfinite(values)]
-                cells.append(f"{np.mean(known):.3g}" if known.size else "-")
+            known = values[np.isfinite(values)]
+            form = ".1%" if score.unit == "1" else ".3g"
+            cells.append(f"{np.mean(known):{form}}" if known.size else "-")
         rows.append([_called(law), *cells])
     heads = [
         score.name.replace("_", " ") + (f" [{score.unit}]" if score.unit != "1" else "")

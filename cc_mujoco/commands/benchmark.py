@@ -19,7 +19,7 @@ class Benchmark:
     """Play controllers and references in a suite; write results, tables, figures."""
 
     interrupted: ClassVar[str] = (
-        "cells that were finished are kept; the same command goes on"
+        "cells that were finished, if any, are kept; the same command goes on"
     )
 
     suite: Annotated[str, tyro.conf.arg(metavar="NAME")] = "v1"

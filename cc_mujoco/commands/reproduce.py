@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class Reproduce:
     """Run the experiments of the thesis again; write figures, data, a summary table."""
 
-    interrupted: ClassVar[str] = "experiments that were finished are kept"
+    interrupted: ClassVar[str] = "experiments that were finished, if any, are kept"
 
     names: tyro.conf.Positional[Names] = ()
     """Which, as `cc-mujoco list` shows them; all unless given."""

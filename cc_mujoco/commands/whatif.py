@@ -30,7 +30,7 @@ class WhatIf:
     """Simulate many designs; write their table, ranking, effects and figures."""
 
     interrupted: ClassVar[str] = (
-        "designs that were finished are kept; the same command goes on"
+        "designs that were finished, if any, are kept; the same command goes on"
     )
 
     scene: Annotated[str, tyro.conf.arg(metavar="SCENE")] = "wrist"

@@ -224,7 +224,7 @@ def _open_refused(
             return config.VALID, append(message, used, _LENGTH_END)
     if _no_passive(model):
         return config.VALID, append(message, start, _NO_PASSIVE)
-    return config.VALID, start
+    return config.VALID, ends.explain_tied(message, start, model, instance, tendon)
 
 
 @internal

@@ -26,6 +26,7 @@ from cc_mujoco.transmission.parameters import (
     MAX_LENGTH,
     MAX_SECTIONS,
     MAX_SEGMENTS,
+    MAX_WRAP,
     MOUTH_ALLOWED,
     PARAMETERS,
     PATH_ALLOWED,
@@ -191,7 +192,7 @@ def _sections(written: Bytes, sections: npt.NDArray[np.float64]) -> int:
         length = number(written[begin:colon])
         bend = written[colon + 1 : i]
         radius = math.inf if same(bend, _INF) else number(bend)
-        if not (0.0 < length <= MAX_LENGTH and radius > 0.0):
+        if not (0.0 < length <= MAX_LENGTH and length <= MAX_WRAP * radius):
             return 0
         sections[count, 0] = length
         sections[count, 1] = radius

@@ -6,6 +6,8 @@ second the distal end.
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 
 from cc_mujoco.engine import fields
@@ -36,7 +38,16 @@ _METRE = constant(
     " has a pulley of 1 m radius or more, of 1 m if no gear is given; `gear` must be "
     "the signed pulley radius in metres"
 )
-_GEAR = constant(" has gear 0; it must be the signed pulley radius in metres")
+_GEAR = constant(
+    " has gear 0, or no number; it must be the signed pulley radius in metres"
+)
+_SAME = constant(
+    " is on the same joint or tendon as the other end; a cable needs two that move "
+    "against each other"
+)
+_TIED = constant(
+    " ties the cable to its own tendon; its gear must be 1 (-1 at the proximal end)"
+)
 
 
 @internal
@@ -124,14 +135,34 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
         return append(message, used, _COUNT_END)
     for actuator in (first, second):
         fits = _fits(model, actuator)
-        if not fits or gear(model, output(model, actuator)) == 0.0:
+        radius = gear(model, output(model, actuator))
+        if not fits or radius == 0.0 or math.isnan(radius):
             used = _name(message, used, model, actuator)
             return append(message, used, _GEAR if fits else _TRANSMISSION)
         limited = fields.byte(model, fields.FORCE_LIMITED, actuator) != 0
         if limited or _a_metre(model, actuator):
             used = _name(message, used, model, actuator)
             return append(message, used, _FORCE if limited else _METRE)
+    if _together(model, first, second):
+        used = _name(message, used, model, second)
+        return append(message, used, _SAME)
     return used
+
+
+@internal
+def _together(model: int, first: int, second: int) -> bool:
+    """Whether both ends are held by the same joint, or by the same tendon one way."""
+    for field in (fields.ACTUATOR_TRNTYPE, fields.ACTUATOR_TRNID):
+        step = 2 if field == fields.ACTUATOR_TRNID else 1
+        if fields.integer(model, field, step * first) != fields.integer(
+            model, field, step * second
+        ):
+            return False
+    one, other = gear(model, output(model, first)), gear(model, output(model, second))
+    return (
+        fields.integer(model, fields.ACTUATOR_TRNTYPE, first) == _TRN_JOINT
+        or one * other > 0.0
+    )
 
 
 @internal
@@ -190,3 +221,21 @@ def tied(model: int, actuator: int, tendon: int) -> bool:
     kind = fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator)
     target = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
     return kind == _TRN_TENDON and target == tendon
+
+
+@internal
+def explain_tied(
+    message: Bytes, used: int, model: int, instance: int, tendon: int
+) -> int:
+    """Add which end is tied by a gear that would scale its tension; else nothing.
+
+    Returns:
+        The new length.
+    """
+    _, first, second = find(model, instance)
+    for actuator, wanted in ((first, -1.0), (second, 1.0)):
+        own = gear(model, output(model, actuator))
+        if tied(model, actuator, tendon) and own != wanted:
+            used = _name(message, used, model, actuator)
+            return append(message, used, _TIED)
+    return used

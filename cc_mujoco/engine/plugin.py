@@ -9,7 +9,6 @@ from pathlib import Path
 import mujoco
 from mujoco.introspect.enums import ENUMS
 
-from cc_mujoco.compiled import announced
 from cc_mujoco.engine import layout
 from cc_mujoco.engine.callbacks import compile_callbacks
 from cc_mujoco.engine.config import PLUGIN
@@ -74,11 +73,10 @@ def register() -> None:
         return
     layout.verify()
     stamp = _stamp()
-    with announced():
-        try:
-            callbacks = compile_callbacks(stamp, cache=True)
-        except RuntimeError:  # Numba finds no folder for its cache.
-            callbacks = compile_callbacks(stamp, cache=False)
+    try:
+        callbacks = compile_callbacks(stamp, cache=True)
+    except RuntimeError:  # Numba finds no folder for its cache.
+        callbacks = compile_callbacks(stamp, cache=False)
     plugin = _Plugin()
     LIBRARY.mjp_defaultPlugin(ctypes.byref(plugin))
     plugin.name = PLUGIN.encode()

@@ -63,9 +63,11 @@ def play(
     plant = Single(env, seed)
     driven = inner.exo.device.driven
     measuring = Measuring(sensing, controller.drive, driven, seed, plant.steps)
-    recorder = Recorder(cables, describe(inner, sensing, seed, about or {}))
+    recorder = Recorder(cables, {})
 
     def observe(step: int, columns: Columns, _: object) -> None:
+        if step == 0:  # a reset may have drawn other cables and another wearer
+            recorder.metadata.update(describe(inner, sensing, seed, about or {}))
         recorder.record(columns)
         if step and progress is not None:
             progress(float(columns["time_s"]))

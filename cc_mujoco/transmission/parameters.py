@@ -27,10 +27,15 @@ MAX_SEGMENTS = 1000
 MAX_SECTIONS = 64
 MAX_LENGTH = 50.0
 """Of a section [m]: what is longer was meant in millimetres."""
+MAX_WRAP = 100.0
+"""Of a section [rad], sixteen turns: a tighter bend was meant otherwise."""
 SEGMENTS_ALLOWED = f"a whole number in [1, {MAX_SEGMENTS}]"
+BLANKS = " \t\n\v\f\r"
+"""Around a value in MJCF these mean nothing."""
 CONDUIT_ALLOWED = (
     f"1 to {MAX_SECTIONS} sections `length:radius` in metres, both positive, no length "
-    f"above {MAX_LENGTH:g}, radius `inf` where straight, e.g. `0.8:0.15 0.6:inf`"
+    f"above {MAX_LENGTH:g} and no bend above {MAX_WRAP:g} rad, radius `inf` where "
+    "straight, e.g. `0.8:0.15 0.6:inf`"
 )
 BENDS = ("fixed", "route")
 """Where the bends of the conduit come from: its sections, or the route as it moves."""
@@ -493,7 +498,10 @@ class Cable:
                 "each a length and a radius in metres; text as in MJCF is for "
                 "Cable.from_config"
             ) from None
-        valid = all(0.0 < s.length <= MAX_LENGTH and s.radius > 0.0 for s in sections)
+        valid = all(
+            0.0 < s.length <= MAX_LENGTH and s.length <= MAX_WRAP * s.radius
+            for s in sections
+        )
         if not valid or not 1 <= len(sections) <= MAX_SECTIONS:
             raise CableError(
                 f"cable parameter `conduit` is {self.conduit!r}; "
@@ -608,12 +616,13 @@ class Cable:
                 values[p.name] = number
         if "segments" in config:
             text = config["segments"]
-            if not (text.isascii() and text.isdigit()):
+            digits = text.strip(BLANKS)
+            if not (digits.isascii() and digits.isdigit()):
                 raise CableError(
                     f"{where}: key `segments` is {text!r}; it must be "
                     f"{SEGMENTS_ALLOWED}"
                 )
-            values["segments"] = int(text)
+            values["segments"] = int(digits)
         if "conduit" in config:
             values["conduit"] = _sections(config["conduit"], where)
         values["route"] = config.get("route", "")

@@ -24,7 +24,9 @@ from cc_mujoco.benchmark import (
     together,
 )
 from cc_mujoco.benchmark.conditions import ERRORS, TRANSMISSIONS, Condition
+from cc_mujoco.benchmark.drawing import pareto
 from cc_mujoco.benchmark.plant import Belief, draw
+from cc_mujoco.benchmark.report import markdown
 from cc_mujoco.benchmark.results import read_results
 from cc_mujoco.benchmark.runner import FIGURES, Playing
 from cc_mujoco.benchmark.writing import write
@@ -212,6 +214,17 @@ def test_a_controller_that_gives_no_number_fails_and_a_wrong_shape_is_refused() 
     for law in ("too_many", "raising"):
         with pytest.raises(CableError, match=law):
             play(dataclasses.replace(short, controller=f"{__name__}:{law}"))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_report_says_which_controller_gave_no_number() -> None:
+    laws = (*REFERENCES, "none", f"{__name__}:infinite")
+    cells = [Cell(USUAL, law, (0, 1)) for law in laws]
+    results = [(cell, play(cell)) for cell in cells]
+    told = markdown(results, "none")
+    assert "no number, in 2 of 2 episodes" in told
+    assert "nan" not in told
+    pareto(results, USUAL.scene)
 
 
 def infinite(drive: Any) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import pytest
 
@@ -19,7 +21,7 @@ NOT_NUMBERS = ("abc", "4o", "nan", "inf", "1e400", "-1", "1e300", "1 2", " ")
 NOT_CONDUITS = (
     "abc", "1", "1:", ":1", "1:x", "x:1", "0:1", "-1:1", "1:0", "1:-1", "1:nan",
     "inf:1", "1:1e400", "1:1:1", "1;1", "1:0.3,1:0.3", "1:INF", "1 : 1", " ",
-    " ".join(["1:1"] * 65),
+    " ".join(["1:1"] * 65), "1:0.009", "50.1:inf",
 )  # fmt: skip
 NOT_SEGMENTS = ("abc", "4o", "nan", "1e1", "-1", "0", "1001", "2.0", "9" * 40, " ")
 NOT_ROUTES = ("nowhere", "mix", "pathway")
@@ -42,6 +44,14 @@ ALLOWED = {p.name: p.allowed for p in PARAMETERS} | {
     "route": "the name of a spatial tendon of the model",
     "bend": BEND_ALLOWED,
 }
+
+
+@pytest.mark.parametrize(("key", "value"), [("segments", " 7\t"), ("friction", " .2 ")])
+def test_blanks_around_a_number_mean_nothing_to_mujoco_and_python(
+    key: str, value: str
+) -> None:
+    compiled, _ = build(pull_pull(CONFIG | {key: value}))
+    assert getattr(from_mjcf(compiled)["flexor"], key) == float(value)
 
 
 @pytest.mark.parametrize(("key", "value"), BAD)
@@ -113,6 +123,10 @@ DISTAL = end("two", "flexor", 'joint="wrist"', -0.05)
         (PROXIMAL + end("two", "flexor", 'jointinparent="wrist"', 1),
          ["'two'", "transmission"]),
         (PROXIMAL + end("two", "flexor", 'joint="wrist"', 0), ["'two'", "gear 0"]),
+        (PROXIMAL + end("two", "flexor", 'joint="wrist"', math.nan),
+         ["'two'", "no number"]),
+        (PROXIMAL + end("two", "flexor", 'joint="motor"', -0.05),
+         ["'two'", "same joint"]),
     ],
 )  # fmt: skip
 def test_wrong_ends_are_named(actuators: str, wanted: list[str]) -> None:

@@ -16,6 +16,7 @@ from cc_mujoco.engine import from_mjcf, mjcf, route, route_tendon, to_mjcf
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import PARAMETERS, Cable, Section
 from engine.scenes import CONFIG, end, excitation, instance, model, pull_pull, run
+from transmission.random_cables import sections
 
 ODD = Cable(
     axial_stiffness=4000.1,
@@ -29,7 +30,6 @@ ODD = Cable(
     segments=7,
     conduit=(Section(1 / 7, math.inf), Section(0.5, 0.1), Section(2.0, 1e300)),
 )
-
 
 FOLLOWING = {"route": "path", "bend": "route"}
 
@@ -47,12 +47,10 @@ def any_cable(draw: st.DrawFn) -> Cable:
     values["ovality"] *= 0.09
     if values["pretension"] == 0.0:
         values["tension_exponent"] = 0.0
-    bend = st.floats(1e-3, 1e6) | st.just(math.inf)
-    sections = st.tuples(st.floats(1e-6, 50.0), bend).map(lambda s: Section(*s))
     return Cable(
         **values,
         segments=draw(st.integers(1, 60)),
-        conduit=tuple(draw(st.lists(sections, min_size=1, max_size=8))),
+        conduit=tuple(draw(st.lists(sections(1e-3), min_size=1, max_size=8))),
         **draw(st.sampled_from([{}, {"route": "path"}, FOLLOWING])),
     )
 

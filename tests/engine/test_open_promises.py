@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.engine import cables, read, settle
-from engine.open_scenes import winch
+from engine.open_scenes import atwood, end, winch
 from engine.test_moving_route import INTEGRATORS, LIMB, RATES, drive, run
 
 FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -195,6 +195,16 @@ def test_an_end_that_makes_no_sense_is_refused(old: str, new: str, said: str) ->
     text = text.replace("<actuator>", '<compiler autolimits="true"/><actuator>')
     with pytest.raises(ValueError, match=said):
         mujoco.MjModel.from_xml_string(text.replace(old, new))
+
+
+@pytest.mark.parametrize("first", [-2, -0.99])
+def test_an_end_tied_by_a_gear_that_would_scale_its_pull_is_refused(
+    first: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wrong = end("tendon", "rope", first) + end("tendon", "rope", 1)
+    monkeypatch.setattr("engine.open_scenes.TIED", wrong)
+    with pytest.raises(ValueError, match="to its own tendon; its gear must be 1"):
+        atwood(0.1, (1.0, 1.0), 0.01)
 
 
 def test_without_passive_forces_it_says_so_and_does_not_go_on(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import cc_mujoco  # noqa: F401  (registers the environments)
+from cc_mujoco import engine
 from cc_mujoco.control import External, controller
 from cc_mujoco.errors import CableError
 from cc_mujoco.recording import play
@@ -107,3 +108,15 @@ def test_divergence_is_an_error(env: Any) -> None:
 
     with pytest.raises(CableError, match="diverged at"):
         play(Diverging(env), law(env))
+
+
+def test_a_log_describes_the_cables_that_the_reset_drew() -> None:
+    env = gymnasium.make(
+        "cc_mujoco/WristHandle-v1", duration=0.05, randomise={"friction": (0.3, 0.4)}
+    )
+    inner: Any = env.unwrapped
+    before = engine.from_mjcf(inner.model)["flexor"].friction
+    about = play(env, law(env), seed=4).metadata["cables"]["flexor"]
+    drawn = engine.from_mjcf(inner.model)["flexor"].friction
+    assert drawn >= 0.3 > before
+    assert float(about["friction"]) == drawn

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from hypothesis import strategies as st
 
 from cc_mujoco.transmission import Cable, Section
+from cc_mujoco.transmission.parameters import MAX_LENGTH, MAX_WRAP
 
 CABLES = {
     "coulomb": lambda r: {},
@@ -55,6 +57,21 @@ CABLES = {
     },
 }
 """Parameters that switch a term on; static friction as a multiple of kinetic."""
+
+
+def sections(tightest: float = 1e-6) -> st.SearchStrategy[Section]:
+    """Sections that are allowed, straight ones among them.
+
+    Args:
+        tightest: smallest bend radius [m].
+    """
+    length = st.floats(1e-6, MAX_LENGTH)
+    radius = st.floats(tightest, 1e6) | st.just(math.inf)
+    return st.builds(
+        lambda bent, over: Section(min(bent, 0.999 * MAX_WRAP * over), over),
+        length,
+        radius,
+    )
 
 
 def cable_of(rng: np.random.Generator, term: str = "coulomb") -> Cable:

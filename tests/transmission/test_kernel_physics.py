@@ -11,6 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cc_mujoco.transmission import PARAMETERS, TERMS, Cable, Conduit, Section, replay
+from transmission.random_cables import sections
 from transmission.terms_on import TERMS_ON
 
 BENT = Cable(friction=0.21, pretension=10.0, conduit=(Section(2.0, 0.28),))
@@ -131,15 +132,9 @@ def extremes():
         if p.name not in ("static_friction", "pretension")
     }
     scalars["pretension"] = st.floats(1e-9, 1e6)
-    sections = st.lists(
-        st.tuples(
-            st.floats(1e-6, 50.0), st.one_of(st.floats(1e-4, 1e3), st.just(math.inf))
-        ),
-        min_size=1,
-        max_size=4,
-    )
+    conduit = st.lists(sections(1e-4), min_size=1, max_size=4)
     return st.fixed_dictionaries(
-        {**scalars, "conduit": sections, "segments": st.integers(1, 40)}
+        {**scalars, "conduit": conduit, "segments": st.integers(1, 40)}
     )
 
 

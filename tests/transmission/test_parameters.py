@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import pytest
@@ -10,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import PARAMETERS, TERMS, Cable, Section
+from cc_mujoco.transmission import PARAMETERS, TERMS, Cable
 from cc_mujoco.transmission.parameters import KEYS
+from transmission.random_cables import sections
 
 BAD_NUMBERS = [
     "abc",
@@ -35,15 +35,11 @@ def cables():
         if p.name not in ("static_friction", "pretension")
     }
     scalars["pretension"] = st.floats(1e-9, 1e6)
-    length = st.floats(1e-6, 50.0)
-    radius = st.one_of(st.floats(1e-6, 1e6), st.just(math.inf))
     return st.builds(
         Cable,
         **scalars,
         segments=st.integers(1, 1000),
-        conduit=st.lists(
-            st.builds(Section, length, radius), min_size=1, max_size=5
-        ).map(tuple),
+        conduit=st.lists(sections(), min_size=1, max_size=5).map(tuple),
         route=st.sampled_from(["", "route"]),
     ).flatmap(_bent)
 

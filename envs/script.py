@@ -93,7 +93,8 @@ class Author:
             if part is not None:
                 wearer = device.wearers[place]
                 commands[:, place] = wearer.command(part.angle, part.velocity)
-        share = gait.assistance(motion.phase)
+        walked = motion.phase if motion.measured is None else motion.measured
+        share = gait.assistance(walked)
         for place, (rest, peak) in enumerate(setup.helpers.values(), len(played)):
             commands[:, place] = rest + (peak - rest) * share
         phase = motion.phase[:: self.frame_skip]

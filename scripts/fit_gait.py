@@ -3,11 +3,11 @@
     python scripts/fit_gait.py FOLDER
 
 FOLDER holds two tables. `ankle_walk_tidy.csv`: columns t_s, ankle_r_deg, knee_r_deg,
-hip_r_deg at equal steps, over more than one gait cycle. `ankle_assistance_shape.csv`:
-columns gait_cycle_fraction (0 to 1), assistance_normalised. The period is the one that
-leaves the least error of the angles over the whole recording; the coefficients are
-least squares over the one cycle that starts at heel strike. Prints coefficients and RMS
-errors.
+hip_r_deg, ankle_r_moment_Nm at equal steps, over more than one gait cycle.
+`ankle_assistance_shape.csv`: columns gait_cycle_fraction (0 to 1),
+assistance_normalised. The period is the one that leaves the least error of the angles
+over the whole recording; the coefficients are least squares over the one cycle that
+starts at heel strike. Prints coefficients and RMS errors.
 """
 
 from __future__ import annotations
@@ -29,15 +29,17 @@ ankle turns from about zero, in swing, to the dorsiflexion moment of loading."""
 JOINTS = ("ankle", "knee", "hip")
 TABLE = Path(__file__).parents[1] / "cc_mujoco" / "human" / "gait_table.py"
 DECIMALS = 6
+UNITS = {"assistance_root": "1", "ankle_moment": "Nm"}
+"""Of series that are no angles."""
 
 HEAD = '''\
 """Coefficients of the harmonic gait profiles; written by `scripts/fit_gait.py`.
 
-Angles: right leg of one walking subject, OpenSim Gait2354 example (subject01), one gait
-cycle, as repackaged in the public repository nickbianco/soft-exosuit-design (MIT
-licence). Assistance: shape of the ankle assistance of Quinlivan et al. 2017 (Science
-Robotics 2(2), eaah4416), digitised by the same repository; the series is that of its
-square root.
+Angles and the moment of the ankle by inverse dynamics: right leg of one walking
+subject, OpenSim Gait2354 example (subject01), one gait cycle, as repackaged in the
+public repository nickbianco/soft-exosuit-design (MIT licence). Assistance: shape of the
+ankle assistance of Quinlivan et al. 2017 (Science Robotics 2(2), eaah4416), digitised
+by the same repository; the series is that of its square root.
 
 RMS errors of the fit: {errors}.
 """
@@ -98,7 +100,7 @@ def fit(folder: Path) -> tuple[float, dict[str, Array], dict[str, float]]:
 
     Returns:
         Period [s]; coefficients by name, shape (HARMONICS + 1, 2), rounded as they are
-        written, in rad; RMS errors by name, of angles in degrees.
+        written, in rad and Nm; RMS errors by name, of angles in degrees.
     """
     walk = read(folder / "ankle_walk_tidy.csv")
     time, angles = walk["t_s"], [walk[f"{joint}_r_deg"] for joint in JOINTS]
@@ -110,6 +112,10 @@ def fit(folder: Path) -> tuple[float, dict[str, Array], dict[str, float]]:
         fitted = solve(matrix, np.deg2rad(angle[cycle])).round(DECIMALS)
         errors[joint] = rms(np.rad2deg(matrix @ fitted) - angle[cycle])
         table[joint] = fitted.reshape(-1, 2)
+    moment = walk["ankle_r_moment_Nm"][cycle]
+    fitted = solve(matrix, moment).round(DECIMALS)
+    errors["ankle_moment"] = rms(matrix @ fitted - moment)
+    table["ankle_moment"] = fitted.reshape(-1, 2)
     shape = read(folder / "ankle_assistance_shape.csv")
     # The last point repeats the first of the next cycle.
     phase = shape["gait_cycle_fraction"][:-1]
@@ -123,14 +129,16 @@ def fit(folder: Path) -> tuple[float, dict[str, Array], dict[str, float]]:
 def summary(errors: dict[str, float]) -> str:
     """The errors as one line."""
     angles = ", ".join(f"{joint} {errors[joint]:.2f}" for joint in JOINTS)
-    return f"{angles} degrees;\nassistance {errors['assistance']:.4f} of its peak"
+    moment = f"moment of the ankle {errors['ankle_moment']:.2f} Nm"
+    assistance = f"assistance {errors['assistance']:.4f} of its peak"
+    return f"{angles} degrees;\n{moment}; {assistance}"
 
 
 def render(period: float, table: dict[str, Array], errors: dict[str, float]) -> str:
     """Text of the table file."""
     lines = [HEAD.format(errors=summary(errors)) + f"PERIOD = {period!r}  # s"]
     for name, coefficients in table.items():
-        unit = "1" if name == "assistance_root" else "rad"
+        unit = UNITS.get(name, "rad")
         lines.append(f"{name.upper()} = (  # {unit}")
         # Adding 0.0 turns -0.0 into 0.0.
         lines += [f"    ({a + 0.0!r}, {b + 0.0!r})," for a, b in coefficients.tolist()]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from cc_mujoco.human.motion import Motion, Scripted, Trajectory
 from cc_mujoco.human.moves import Ramp, Reach, Reversals, Sweep
+from cc_mujoco.human.pace import Pace
+from cc_mujoco.human.paced import Paced
 from cc_mujoco.human.perturbed import Perturbed
+from cc_mujoco.human.profile import Profile
 from cc_mujoco.human.recorded import Recorded, from_csv
 from cc_mujoco.human.tasks import (
     TASKS,
@@ -31,7 +34,10 @@ __all__ = [
     "Hold",
     "Motion",
     "Multisine",
+    "Pace",
+    "Paced",
     "Perturbed",
+    "Profile",
     "Ramp",
     "Reach",
     "Recorded",

@@ -68,6 +68,10 @@ ANGLES = {
 }
 """Joint angles [rad] over the gait cycle."""
 
+ANKLE_MOMENT = Harmonics(gait_table.ANKLE_MOMENT)
+"""Moment of the muscles about the ankle over the gait cycle [Nm], of the same walk;
+negative in plantarflexion."""
+
 PERIOD = gait_table.PERIOD
 """Duration of a gait cycle of the measured walk [s]."""
 

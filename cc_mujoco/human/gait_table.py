@@ -1,13 +1,13 @@
 """Coefficients of the harmonic gait profiles; written by `scripts/fit_gait.py`.
 
-Angles: right leg of one walking subject, OpenSim Gait2354 example (subject01), one gait
-cycle, as repackaged in the public repository nickbianco/soft-exosuit-design (MIT
-licence). Assistance: shape of the ankle assistance of Quinlivan et al. 2017 (Science
-Robotics 2(2), eaah4416), digitised by the same repository; the series is that of its
-square root.
+Angles and the moment of the ankle by inverse dynamics: right leg of one walking
+subject, OpenSim Gait2354 example (subject01), one gait cycle, as repackaged in the
+public repository nickbianco/soft-exosuit-design (MIT licence). Assistance: shape of the
+ankle assistance of Quinlivan et al. 2017 (Science Robotics 2(2), eaah4416), digitised
+by the same repository; the series is that of its square root.
 
 RMS errors of the fit: ankle 0.22, knee 0.12, hip 0.12 degrees;
-assistance 0.0051 of its peak.
+moment of the ankle 0.90 Nm; assistance 0.0051 of its peak.
 """
 
 from __future__ import annotations
@@ -46,6 +46,17 @@ HIP = (  # rad
     (-0.000798, 0.003812),
     (-0.000256, -6.1e-05),
     (-0.003751, 0.000734),
+)
+ANKLE_MOMENT = (  # Nm
+    (-35.659764, 0.0),
+    (55.697461, -20.030938),
+    (-21.740388, 12.625651),
+    (9.967561, 6.599723),
+    (-6.943081, -6.693223),
+    (-0.741619, 6.376877),
+    (0.225069, -3.328161),
+    (-1.762794, -0.163654),
+    (1.042547, 0.508513),
 )
 ASSISTANCE_ROOT = (  # 1
     (0.235132, 0.0),

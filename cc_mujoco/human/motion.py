@@ -49,6 +49,9 @@ class Motion:
     companions: Mapping[str, Motion] = field(default_factory=dict)
     """Motions of joints that belong together: `ankle`, `knee`, `hip` of `walk`. A
     device whose joint is one of them is moved by that one."""
+    measured: Array | None = None
+    """Phase of the measured walk in which the leg is as far; None where that is
+    `phase`."""
 
 
 class Trajectory(ABC):

@@ -10,6 +10,7 @@ import numpy as np
 from cc_mujoco.checks import parameter
 from cc_mujoco.human import gait
 from cc_mujoco.human.motion import Array, Motion, Scripted, ease
+from cc_mujoco.human.pace import MEASURED, Pace
 
 _PHASES = np.linspace(0.0, 1.0, 10_001)
 ANKLE_PEAK = float(np.abs(gait.ANGLES["ankle"](_PHASES)).max())
@@ -22,7 +23,9 @@ class Walk(Scripted):
 
     The cadence grows from standstill at heel strike to its full value in the time
     `start`, as a minimum-jerk step, so that the motion begins at rest. Phase: the gait
-    cycle. Angles as in `gait`; all joints scale with the amplitude of the ankle.
+    cycle. Angles as in `gait`; all joints scale with the amplitude of the ankle. At
+    another speed than the measured one joints move further or less and the foot leaves
+    the ground earlier or later, see `Pace`; `Walk.at` has its stride time, too.
     """
 
     amplitude: float = math.ceil(1e3 * ANKLE_PEAK) / 1e3
@@ -30,10 +33,27 @@ class Walk(Scripted):
     """Duration of a gait cycle at full cadence [s]."""
     start: float = 1.0
     """Time in which the cadence grows from 0 [s]."""
+    speed: float = MEASURED
+    """Walking speed [m/s]."""
+
+    @classmethod
+    def at(cls, speed: float) -> Walk:
+        """The walk at a speed [m/s], with the stride time that goes with it.
+
+        Raises:
+            CableError: If nothing is known of walking at that speed.
+        """
+        return cls(period=gait.PERIOD * Pace(speed).stride, speed=speed)
+
+    @property
+    def pace(self) -> Pace:
+        """What the speed changes."""
+        return Pace(self.speed)
 
     def __post_init__(self) -> None:
         """Refuse parameters that describe no motion."""
         super().__post_init__()
+        Pace(self.speed)
         parameter(self, "period", 0.2, 20.0, "s")
         parameter(self, "start", 0.01, 1e4, "s")
 
@@ -45,18 +65,25 @@ class Walk(Scripted):
         phase = np.asarray(np.mod(cycles, 1.0))
         # The default amplitude is the peak rounded up; it means the angles as measured.
         scale = self.amplitude / Walk.amplitude
+        pace = self.pace
+        measured = pace.phase(phase)
+        slowed = pace.slope(phase)
+        acceleration = slowed * acceleration + pace.bend(phase) * rate**2
+        rate = slowed * rate
 
         def joint(name: str, companions: dict[str, Motion]) -> Motion:
             profile = gait.ANGLES[name]
             slope = profile.derivative()
             bend = slope.derivative()
+            far = scale * pace.excursion(name)
             return Motion(
                 time,
-                scale * profile(phase),
-                scale * slope(phase) * rate,
-                scale * (bend(phase) * rate**2 + slope(phase) * acceleration),
+                far * profile(measured),
+                far * slope(measured) * rate,
+                far * (bend(measured) * rate**2 + slope(measured) * acceleration),
                 phase,
                 companions,
+                measured,
             )
 
         return joint("ankle", {name: joint(name, {}) for name in gait.ANGLES})

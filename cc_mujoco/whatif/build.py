@@ -26,6 +26,7 @@ from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Wearer
 from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
+from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.materials import ENDS, MATERIALS, Material
 from cc_mujoco.whatif.motors import MOTORS, Motor
 from cc_mujoco.whatif.variables import Value, read_design
@@ -163,6 +164,7 @@ class Builder:
                 f"variable {FRICTION!r} says where in the range of a material, and "
                 "needs a `material`."
             )
+        gait.require_possible(self.device, read)
         geared = [name for name in GEARED if name in read]
         if geared and math.isnan(self.gearing(read)):
             raise CableError(
@@ -292,9 +294,10 @@ class Builder:
         return found
 
     def layout(self, design: Mapping[str, Value]) -> tuple[object, ...]:
-        """Equal for designs whose models can be in one batch."""
+        """Equal for designs that can be in one batch: their models, and their walk."""
         cables = self.cables_of(design).values()
-        return (*(cable.segments for cable in cables), *routes(cables))
+        walk = design.get(gait.SPEED)
+        return (*(cable.segments for cable in cables), *routes(cables), walk)
 
     def _base(self, design: Mapping[str, Value], whole: bool) -> mujoco.MjSpec:
         """The scene that a design changes: whole, or what the design needs of it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ from cc_mujoco.control import controller
 from cc_mujoco.human import Wearer
 from cc_mujoco.identity import made_by
 from cc_mujoco.sensing import PERFECT
+from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.across import LEAST, WEARER, Case, plant
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.metrics import (
@@ -44,6 +45,7 @@ from cc_mujoco.whatif.protocol import (
     Swing,
 )
 from cc_mujoco.whatif.simulate import Episode, Rollout, play
+from cc_mujoco.whatif.strides import measure_strides
 from cc_mujoco.whatif.variables import Value
 from cc_mujoco.workers import Tick
 
@@ -120,7 +122,7 @@ def _tried(
     wearer = None
     if WEARER.name in case:
         wearer = builder.wearer(float(case[WEARER.name]))
-    tests = episodes(protocol, builder, wearer)
+    tests = episodes(protocol, builder, wearer, designs[0])
     laws = protocol.controllers
     found: list[dict[str, dict[str, float]]] = [{n: {} for n in laws} for _ in designs]
     failed: list[dict[str, str]] = [{} for _ in designs]
@@ -133,6 +135,9 @@ def _tried(
     done = 0.0
     for test, law, episode in tests:
         start, part = done / total, episode.duration / total
+        if test == "episode":
+            task = gait.tasks_of(designs, episode.task)
+            episode = dataclasses.replace(episode, task=task)
         played = play(episode, models, tick=_within(tick, start, part))
         for index, why in enumerate(played.failed):
             of = (law,) if law else laws
@@ -140,7 +145,7 @@ def _tried(
                 where = "" if test == "episode" else f"{test} test: "
                 failed[index] = dict.fromkeys(of, where + why) | failed[index]
                 continue
-            row = _measure(test, played, index, builder, designs[index])
+            row = _measure(test, played, index, builder, designs[index], protocol)
             for name in of:
                 found[index][name] |= row
         done += episode.duration
@@ -184,7 +189,10 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> Result:
 
 
 def episodes(
-    protocol: EpisodeProtocol, builder: Builder, wearer: Wearer | None = None
+    protocol: EpisodeProtocol,
+    builder: Builder,
+    wearer: Wearer | None = None,
+    design: Mapping[str, Value] | None = None,
 ) -> list[tuple[Test, str, Episode]]:
     """What has to be played for the metrics of a protocol.
 
@@ -192,6 +200,7 @@ def episodes(
         protocol: how designs are tried.
         builder: of the scene.
         wearer: who moves the joint; that of the scene by default.
+        design: whose wearer walks; as fast as was measured by default.
 
     Returns:
         Test, name of the controller, episode; no name where the test is of the
@@ -200,7 +209,7 @@ def episodes(
     Raises:
         CableError: the trajectory or the task cannot be played.
     """
-    main = _main(protocol, builder, wearer)
+    main = gait.played_by(design or {}, _main(protocol, builder, wearer))
     needed = {METRICS[name].test for name in protocol.metrics}
     found: list[tuple[Test, str, Episode]] = []
     if "episode" in needed:
@@ -305,7 +314,12 @@ def _held(main: Episode, model: mujoco.MjModel) -> tuple[Episode, float, bool]:
 
 
 def _measure(
-    test: Test, played: Rollout, index: int, builder: Builder, design: Design
+    test: Test,
+    played: Rollout,
+    index: int,
+    builder: Builder,
+    design: Design,
+    protocol: EpisodeProtocol,
 ) -> dict[str, float]:
     row = Row(played, index, tuple(builder.cables))
     if test == "backdrive":
@@ -315,7 +329,10 @@ def _measure(
     if test == "bandwidth":
         return measure_bandwidth(row)
     motor, gearing = builder.motor(design), builder.gearing(design)
-    return measure_episode(row, builder.strength(design), motor, gearing)
+    found = measure_episode(row, builder.strength(design), motor, gearing)
+    if any(METRICS[name].strides for name in protocol.metrics):
+        found |= measure_strides(row, gait.pace_of(design))
+    return found
 
 
 def _within(tick: Tick, start: float, part: float) -> Callable[[float], None]:

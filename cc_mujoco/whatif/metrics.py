@@ -23,6 +23,7 @@ from cc_mujoco.whatif.across import LEAST, MOST
 from cc_mujoco.whatif.motors import Motor
 from cc_mujoco.whatif.protocol import CHIRP_HIGH, CHIRP_LOW, SWINGS, EpisodeProtocol
 from cc_mujoco.whatif.simulate import Rollout
+from cc_mujoco.whatif.strides import RATE_TIME
 
 Array = NDArray[np.float64]
 Test = Literal["episode", "backdrive", "backlash", "bandwidth", "parts"]
@@ -54,6 +55,8 @@ class Metric:
     of each of these."""
     asked: bool = False
     """Whether it is measured only where it is asked for."""
+    strides: bool = False
+    """Whether it is of the strides of an ankle that walks."""
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:
         """Variables of which designs with these names should have one; none: ()."""
@@ -66,6 +69,10 @@ class Metric:
     def driven(self) -> bool:
         """Whether a controller decides it, and not the hardware alone."""
         return self.test in ("episode", "bandwidth")
+
+
+def _of_strides(name: str, unit: str, meaning: str, high: bool = False) -> Metric:
+    return Metric(name, unit, meaning, high, asked=True, strides=True)
 
 
 METRICS: dict[str, Metric] = {
@@ -115,6 +122,19 @@ METRICS: dict[str, Metric] = {
                test="parts", needs=(("material",),)),
         Metric("cost", "1", "of motor, pulleys, ropes, conduits and fittings by the "
                "table of costs, in its money", test="parts", asked=True),
+        _of_strides("wearer_work", "J", "positive work per stride of the muscles of "
+                    "the ankle, if its motion and its moment in all stay those of the "
+                    "measured walk: that moment less the torque of the cables"),
+        _of_strides("wearer_work_change", "1", "that work less what it is without "
+                    "help, over the latter; below 0 the wearer is helped"),
+        _of_strides("assistance_work", "J", "positive work per stride of the cables on "
+                    "the ankle", high=True),
+        _of_strides("peak_assistance", "N m", "largest torque of the cables on the "
+                    "ankle, in plantarflexion"),
+        _of_strides("torque_rate", "N m/s", "fastest change of the torque of the "
+                    f"cables on the ankle, over {1e3 * RATE_TIME:g} ms"),
+        _of_strides("swing_torque", "N m", "largest |torque| of the cables on the "
+                    "ankle from toe-off to heel strike, which hinders the swing"),
     )
 }  # fmt: skip
 """Every metric by name."""

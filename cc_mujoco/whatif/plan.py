@@ -18,6 +18,7 @@ from cc_mujoco.checks import LONGEST, number
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import from_csv
 from cc_mujoco.identity import made_by
+from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.across import Across, read_across
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.costs import EXAMPLE, read_costs
@@ -258,7 +259,14 @@ def _trial(
     source = home.trajectory if trajectory is None else trajectory
     chosen = tuple(dict.fromkeys(metrics))
     said = {name.rpartition(".")[2] for name in (*named, *cases.names)}
+    given = home.task if task is None else task
+    gait.require_played(home, said, source, given)
     for name in chosen:
+        if METRICS[name].strides and (home.joint, source) != ("ankle", gait.WALK):
+            raise CableError(
+                f"metric {name!r} is of the strides of an ankle; it needs the scene "
+                f"'ankle' and the trajectory {gait.WALK!r}."
+            )
         if lacking := METRICS[name].lacks(said):
             ways = " or ".join(map(repr, lacking))
             raise CableError(
@@ -276,7 +284,7 @@ def _trial(
     protocol = EpisodeProtocol(
         scene,
         from_csv(source) if source.lower().endswith(".csv") else source,
-        home.task if task is None else task,
+        given,
         laws,
         duration,
         seed,
@@ -294,7 +302,7 @@ def _had(said: Collection[str], costs: bool) -> tuple[str, ...]:
     return tuple(
         name
         for name, metric in METRICS.items()
-        if not metric.lacks(said) and (costs or not metric.asked)
+        if not metric.lacks(said) and (not metric.asked or (costs and name == COST))
     )
 
 

@@ -15,6 +15,7 @@ from cc_mujoco.identity import differences, made_by, seal
 from cc_mujoco.recording import EpisodeLog, play
 from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.sensing import PERFECT
+from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.across import WEARER, WORST_CASE, Across, Case, plant
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import Design
@@ -61,8 +62,8 @@ def show(
         disable_env_checker=True,
         model=model,
         wearer=wearer,
-        trajectory=protocol["trajectory"],
-        task=protocol["task"],
+        trajectory=gait.trajectory_of(design, protocol["trajectory"]),
+        task=gait.task_of(design, protocol["task"]),
         duration=protocol["duration"],
         frame_skip=round(CONTROL_PERIOD / protocol["timestep"]),
     )

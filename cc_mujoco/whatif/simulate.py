@@ -152,6 +152,9 @@ def play(
     reference = np.ascontiguousarray(script.marks[:, 0])
     columns["time_s"] = np.broadcast_to(time, shape)
     columns["reference_angle_rad"] = np.broadcast_to(reference, shape)
+    for place, name in enumerate(("phase_sine", "phase_cosine"), 2):
+        mark = np.ascontiguousarray(script.marks[:, place])
+        columns[name] = np.broadcast_to(mark, shape)
     tick(1.0)
     ratio = np.array([1.0 / drive.ratio for drive in drives])
     return Rollout(columns, ratio, driven, tuple(fleet.failed))

@@ -11,6 +11,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.human import Profile
+from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
+from cc_mujoco.human.profile import MOST as PEAK
 from cc_mujoco.transmission.parameters import KEYS, MAX_SEGMENTS, PARAMETERS
 from cc_mujoco.whatif.materials import ENDS, MATERIALS
 from cc_mujoco.whatif.motors import MOTORS
@@ -124,6 +127,22 @@ VARIABLES: dict[str, Variable] = {
         Variable("motor_mass", "kg", "of the motor", 0, 1e4, False, cable=False),
         Variable("motor_damping", "Nm s/rad", "viscous friction of the motor", 0, 1e3,
                  False, cable=False),
+        Variable("gait_speed", "m/s", "of walking: stride time, stance, motion of the "
+                 "leg and size of the help go with it as in Bovi et al., Gait & "
+                 f"Posture 33, 2011; that of the measured walk, {MEASURED:g}, by "
+                 "default",
+                 SLOWEST, FASTEST, False, cable=False),
+        Variable("onset", "% of the stride", "where the help of the ankle begins; with "
+                 "`peak_time`, `peak_torque` and `fall` as in Zhang et al., Science "
+                 "356, 2017, in place of the shape of `assist`; "
+                 f"{Profile.onset:g} by default", 0, 100, False, cable=False),
+        Variable("peak_time", "% of the stride", "where the help of the ankle is "
+                 f"largest, {Profile.peak_time:g} by default", 0, 100, cable=False),
+        Variable("peak_torque", "Nm", "largest help of the ankle, "
+                 f"{Profile.peak_torque:g} by default", 0, PEAK, False, cable=False),
+        Variable("fall", "% of the stride", "time from the peak of the help of the "
+                 f"ankle to its end, {Profile.fall:g} by default", 0, 100,
+                 cable=False),
     )
 }  # fmt: skip
 """Every variable by name."""

@@ -132,9 +132,9 @@ def test_fit_recovers_a_made_up_walk(
     ankle = 5 + 10 * np.cos(2 * np.pi * phase) + 3 * np.sin(6 * np.pi * phase)
     np.savetxt(
         tmp_path / "ankle_walk_tidy.csv",
-        np.column_stack([time, ankle, 2 * ankle, -ankle]),
+        np.column_stack([time, ankle, 2 * ankle, -ankle, 10 * ankle]),
         delimiter=",",
-        header="t_s,ankle_r_deg,knee_r_deg,hip_r_deg",
+        header="t_s,ankle_r_deg,knee_r_deg,hip_r_deg,ankle_r_moment_Nm",
         comments="",
     )
     fraction = np.linspace(0, 1, 101)
@@ -154,6 +154,8 @@ def test_fit_recovers_a_made_up_walk(
     expected = np.zeros((9, 2))
     expected[0, 0], expected[1, 0], expected[3, 1] = np.deg2rad([5, 10, 3])
     np.testing.assert_allclose(np.array(found["ANKLE"]), expected, atol=1e-6)
+    moment = 10 * np.rad2deg(expected)
+    np.testing.assert_allclose(np.array(found["ANKLE_MOMENT"]), moment, atol=1e-6)
     # sin^4 is the square of (1 - cos) / 2.
     root = np.array(found["ASSISTANCE_ROOT"])
     assert np.abs(root[:2, 0]) == pytest.approx([0.5, 0.5], abs=1e-4)

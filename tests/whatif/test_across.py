@@ -293,7 +293,7 @@ def test_a_search_goes_by_the_worst_case_and_goes_on(tmp_path: Path) -> None:
     ("about", "wrong"),
     [
         ({"across": {"frictoin": [0.1]}}, "unknown case 'frictoin': did you mean 'fri"),
-        ({"across": {"gait_speed": [1.0]}}, "unknown case 'gait_speed'"),
+        ({"across": {"gait_speed": [1.0]}}, "needs a wearer who walks, as in 'ankle'"),
         ({"across": {"pretension": [9.0]}}, "'pretension' is both varied and crossed"),
         ({"across": {"flexor.pretension": [9.0]}}, "varied, and 'flexor.pretension'"),
         ({"across": {"loops": [1], "wrap": [3]}}, "set the same thing; cross one"),

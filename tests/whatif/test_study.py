@@ -28,7 +28,9 @@ from cc_mujoco.whatif.show import show
 from cc_mujoco.whatif.store import read_table
 
 EPISODE = tuple(
-    name for name, m in METRICS.items() if m.test == "episode" and not m.needs
+    name
+    for name, m in METRICS.items()
+    if m.test == "episode" and not (m.needs or m.asked)
 )
 VARY = {
     "friction": "0.05:0.2:3",

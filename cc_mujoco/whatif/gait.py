@@ -1,0 +1,142 @@
+"""How the wearer of a design walks, and what help the ankle asks for.
+
+    played_by({"gait_speed": 1.4}, episode)         # its walk, its task
+    tasks_of([{"peak_time": 50.0}, {"peak_time": 54.0}], task)
+
+A design or a case that says nothing of either plays what the study plays, bit for bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Mapping, Sequence
+
+from cc_mujoco.devices import Setup
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Assist, Pace, Paced, Profile, Swing, Task, Trajectory, Walk
+from cc_mujoco.human import task as find_task
+from cc_mujoco.human.pace import MEASURED
+from cc_mujoco.human.profile import Profiles
+from cc_mujoco.whatif.simulate import Episode
+from cc_mujoco.whatif.variables import Value
+
+SPEED = "gait_speed"
+PROFILE = ("onset", "peak_time", "peak_torque", "fall")
+"""Fields of `human.Profile`, and variables."""
+WALK, ASSIST = "walk", "assist"
+"""Trajectory whose speed is varied, and task whose profile is."""
+
+
+def pace_of(design: Mapping[str, Value]) -> Pace:
+    """How fast the wearer of a design walks."""
+    return Pace(float(design.get(SPEED, MEASURED)))
+
+
+def profile_of(design: Mapping[str, Value]) -> Profile | None:
+    """The assistance that a design says; None where it says nothing of it.
+
+    Raises:
+        CableError: its numbers are no profile, or outlast the stance at its speed.
+    """
+    said = {name: float(design[name]) for name in PROFILE if name in design}
+    if not said:
+        return None
+    return Profile(**said, toe_off=100.0 * pace_of(design).toe_off)
+
+
+def require_possible(device: Setup, design: Mapping[str, Value]) -> None:
+    """Refuse walks and profiles that a scene cannot have.
+
+    Raises:
+        CableError: in one sentence, what is wrong and what would be right.
+    """
+    require_scene(device, design)
+    profile = profile_of(design)
+    if profile is not None and profile.peak_torque > device.safe_torque:
+        raise CableError(
+            f"`peak_torque` is {profile.peak_torque:g} Nm; it must be at most the "
+            f"{device.safe_torque:g} Nm that the cables may put into joint "
+            f"{device.joint!r}."
+        )
+
+
+def require_scene(device: Setup, names: Collection[str]) -> None:
+    """Refuse to vary a walk or a profile in a scene without.
+
+    Raises:
+        CableError: the variable, and the scenes that have it.
+    """
+    for name in (SPEED, *PROFILE):
+        walks = device.trajectory == WALK
+        if name in names and not (walks if name == SPEED else device.task == ASSIST):
+            what = "walks" if name == SPEED else "is helped in push-off"
+            scenes = "'ankle' and 'exosuit'" if name == SPEED else "'ankle'"
+            raise CableError(
+                f"variable {name!r} needs a wearer who {what}, as in {scenes}, but "
+                f"the scene is {device.scene!r}."
+            )
+
+
+def require_played(
+    device: Setup, names: Collection[str], trajectory: str, task: str
+) -> None:
+    """Refuse to vary a walk or a profile that a study does not play.
+
+    Raises:
+        CableError: the variable, and what the study would have to play.
+    """
+    require_scene(device, names)
+    if SPEED in names and trajectory != WALK:
+        raise CableError(
+            f"variable {SPEED!r} is of trajectory {WALK!r}, but the study plays "
+            f"{trajectory!r}."
+        )
+    for name in PROFILE:
+        if name in names and task != ASSIST:
+            raise CableError(
+                f"variable {name!r} is of task {ASSIST!r}, but the study plays "
+                f"{task!r}."
+            )
+
+
+def played_by(design: Mapping[str, Value], episode: Episode) -> Episode:
+    """An episode as the wearer of a design walks it, help and all."""
+    if SPEED not in design:
+        return episode
+    return dataclasses.replace(
+        episode,
+        trajectory=trajectory_of(design, episode.trajectory),
+        task=_paced(episode.task, pace_of(design)),
+    )
+
+
+def trajectory_of(
+    design: Mapping[str, Value], trajectory: str | Trajectory
+) -> str | Trajectory:
+    """How the wearer of a design moves."""
+    return Walk.at(pace_of(design).speed) if SPEED in design else trajectory
+
+
+def tasks_of(designs: Sequence[Mapping[str, Value]], task: str | Task) -> str | Task:
+    """The task of designs that are simulated together: `task`, or their profiles."""
+    found = [profile_of(design) for design in designs]
+    profiles = [profile for profile in found if profile is not None]
+    return Profiles(profiles) if profiles else task
+
+
+def task_of(design: Mapping[str, Value], task: str) -> str | Task:
+    """The task of one design."""
+    profile = profile_of(design)
+    if profile is not None:
+        return profile
+    return _paced(task, pace_of(design)) if SPEED in design else task
+
+
+def _paced(task: str | Task, pace: Pace) -> Task:
+    """A task at another speed; those that do not follow the gait stay what they are."""
+    found = find_task(task) if isinstance(task, str) else task
+    if isinstance(found, Assist):
+        return Paced(found, pace, pace.moment("ankle"))
+    if isinstance(found, Swing):
+        return Paced(found, pace, pace.moment("hip"))
+    return found

@@ -1,0 +1,173 @@
+"""Walking speed and assistance profile as variables, and what strides tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Pace, Walk
+from cc_mujoco.human.gait import ANKLE_MOMENT
+from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
+from cc_mujoco.whatif import METRICS, make_plan, optimise, study
+from cc_mujoco.whatif.metrics import measure_episode
+from cc_mujoco.whatif.show import show
+from cc_mujoco.whatif.strides import NAMES, measure_strides
+
+QUICK: dict[str, Any] = {"duration": 0.3, "threads": 1}
+PLAIN = ("tracking_error", "peak_tension", "reflected_torque")
+STRIDE = {"duration": 3.5, "threads": 1, "timestep": 1e-3, "controllers": ["none"]}
+
+
+class Log(dict[str, Any]):
+    """Columns of an episode of a walk in which cables give what is said."""
+
+    metadata: Mapping[str, Any] = {}
+
+    @classmethod
+    def of(cls, speed: float, share: float, duration: float = 6.0) -> Log:
+        pace = Pace(speed)
+        motion = Walk.at(speed).sample(duration, 1e-3, np.random.default_rng(0))
+        own = pace.moment("ankle") * ANKLE_MOMENT(pace.phase(motion.phase))
+        turn = 2 * np.pi * motion.phase
+        return cls(
+            time_s=motion.time,
+            phase_sine=np.sin(turn),
+            phase_cosine=np.cos(turn),
+            reference_angle_rad=motion.angle,
+            joint_velocity_rad_s=motion.velocity,
+            joint_torque_nm=share * own,
+        )
+
+
+def test_at_the_measured_speed_a_study_is_bit_for_bit_that_without() -> None:
+    for scene in ("ankle", "exosuit"):
+        measured = {"metrics": PLAIN, **QUICK}
+        plain = study(scene, {"pretension": "5,10"}, **measured)
+        vary = {"pretension": "5,10", "gait_speed": f"{MEASURED}"}
+        said = study(scene, vary, **measured)
+        across = {"gait_speed": f"{MEASURED}"}
+        crossed = study(scene, {"pretension": "5,10"}, across=across, **measured)
+        for name in PLAIN:
+            assert plain[name].to_pylist() == said[name].to_pylist()
+            assert plain[name].to_pylist() == crossed[name].to_pylist()
+
+
+@pytest.mark.parametrize("scene", ["ankle", "exosuit"])
+def test_a_design_at_a_speed_is_shown_as_it_was_measured(
+    scene: str, tmp_path: Path
+) -> None:
+    table = study(scene, {"gait_speed": "0.8,1.6", "friction": "0.05,0.1"},
+                  out=tmp_path, metrics=["tracking_error"], **QUICK)  # fmt: skip
+    assert table["failed"].null_count == 4
+    assert len(set(table["tracking_error"].to_pylist())) == 4
+    for row in (0, 3):
+        log, _ = show(tmp_path, row)
+        cables = {"plantarflexor": 1.0, "thigh": 1.0, "heel": 1.0}
+        found = measure_episode(log, cables)["tracking_error"]
+        assert found == table["tracking_error"][row].as_py()
+
+
+def test_profiles_of_a_batch_are_each_as_alone_and_as_shown(tmp_path: Path) -> None:
+    vary = {"peak_time": "48,52", "onset": "30,40", "peak_torque": "20", "fall": "9"}
+    across = {"gait_speed": "0.8,1.4"}
+    asked = ["tracking_error", *NAMES]
+    table = study("ankle", vary, across=across, out=tmp_path, metrics=asked, **STRIDE)
+    assert table["failed"].null_count == 4
+    for row, design in enumerate(table.select(list(vary)).to_pylist()):
+        alone = study("ankle", designs=[design], across=across, metrics=asked, **STRIDE)
+        for name in asked:
+            assert alone[name][0].as_py() == table[name][row].as_py()
+    for case, speed in enumerate((0.8, 1.4)):
+        log, _ = show(tmp_path, 2, case=case)
+        found = measure_strides(log, Pace(speed))
+        for name in NAMES:
+            low, high = (table[f"{name}@{end}"][2].as_py() for end in ("least", "most"))
+            assert found[name] in (low, high)
+
+
+def test_a_later_peak_helps_the_push_off_more() -> None:
+    table = study("ankle", {"peak_time": "46,54"}, metrics=NAMES, **STRIDE)
+    early, late = table["assistance_work"].to_pylist()
+    assert late > early >= 0.0
+
+
+def test_a_search_finds_its_way_past_profiles_that_cannot_be() -> None:
+    pytest.importorskip("optuna")
+    vary = {"peak_time": "45:60", "fall": "5:20", "peak_torque": "10:30"}
+    table = optimise("ankle", vary, ["wearer_work"], ["swing_torque<=8"],
+                     evaluations=4, **STRIDE)  # fmt: skip
+    failed = table["failed"].to_pylist()
+    for row, why in enumerate(failed):
+        ends = table["peak_time"][row].as_py() + table["fall"][row].as_py()
+        assert (why is not None) == (ends > 66.0)
+        assert why is None or why.startswith("impossible: the torque ends at")
+
+
+@given(
+    speed=st.floats(SLOWEST, FASTEST),
+    share=st.floats(0.0, 1.0),
+)
+def test_help_in_the_shape_of_the_moment_saves_its_share(
+    speed: float, share: float
+) -> None:
+    found = measure_strides(Log.of(speed, share), Pace(speed))
+    alone = measure_strides(Log.of(speed, 0.0), Pace(speed))
+    assert alone["wearer_work_change"] == 0.0 == alone["assistance_work"]
+    assert found["wearer_work_change"] == pytest.approx(-share, abs=1e-9)
+    left = (1.0 - share) * alone["wearer_work"]
+    assert found["wearer_work"] == pytest.approx(left, abs=1e-9)
+    given_work = share * alone["wearer_work"]
+    assert found["assistance_work"] == pytest.approx(given_work, rel=2e-3, abs=1e-9)
+    assert found["peak_assistance"] == pytest.approx(
+        share * np.max(-Log.of(speed, 1.0)["joint_torque_nm"]), rel=1e-3, abs=1e-9
+    )
+
+
+def test_an_episode_without_a_whole_stride_has_no_number() -> None:
+    found = measure_strides(Log.of(MEASURED, 0.5, 2.0), Pace())
+    assert set(found) == set(NAMES)
+    assert all(math.isnan(value) for value in found.values())
+
+
+def test_strides_are_measured_only_where_they_are_asked_for() -> None:
+    plain = make_plan("ankle", {"friction": "0.1"}, duration=0.3).protocol.metrics
+    assert not set(NAMES) & set(plain)
+    assert set(NAMES) == {name for name, metric in METRICS.items() if metric.strides}
+
+
+@pytest.mark.parametrize(
+    ("scene", "vary", "how", "says"),
+    [
+        ("wrist", {"gait_speed": "1"}, {}, "needs a wearer who walks, as in 'ankle'"),
+        ("finger", {"fall": "5"}, {}, "who is helped in push-off, as in 'ankle', but"),
+        ("exosuit", {"fall": "5"}, {}, "the scene is 'exosuit'"),
+        ("ankle", {"gait_speed": "0.7"}, {}, r"must be a number in \[0.8, 1.6\] m/s"),
+        ("ankle", {"gait_speed": "1"}, {"trajectory": "sine"}, "the study plays 'sin"),
+        ("ankle", {"fall": "9"}, {"task": "transparent"}, "is of task 'assist', but"),
+        ("ankle", {"fall": "20"}, {}, "`fall` must be at most 12.6 %"),
+        ("ankle", {"fall": "12"}, {"across": {"gait_speed": "0.8,1.6"}},
+         "in case gait_speed=1.6, the torque ends at .* `fall` must be at most 9.8"),
+        ("ankle", {"onset": "60"}, {}, "`onset` must be 0.1 % or more before"),
+        ("ankle", {"peak_torque": "80"}, {}, "must be at most the 60 Nm that"),
+        ("ankle", {"gait_speed": "1"}, {"across": {"gait_speed": "1.2"}},
+         "'gait_speed' is both varied and crossed"),
+        ("exosuit", {"friction": "0.1"}, {"metrics": ["wearer_work"]},
+         "it needs the scene 'ankle' and the trajectory 'walk'"),
+        ("ankle", {"friction": "0.1"},
+         {"metrics": ["swing_torque"], "trajectory": "sine"}, "strides of an ankle"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_one_sentence(
+    scene: str, vary: dict[str, str], how: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(CableError, match=says) as caught:
+        make_plan(scene, vary, **{"duration": 0.3, **how})
+    assert "\n" not in str(caught.value)

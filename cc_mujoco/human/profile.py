@@ -27,10 +27,10 @@ MOST = 1e3
 class Profile(Task):
     """Plantarflexion that rises from onset to a peak and falls to nothing by toe-off.
 
-    Two cubics through onset, peak and end, level at each of the three; the torque is
-    negative, as the ankle counts dorsiflexion positive, and 0 outside. Time is in per
-    cent of the stride from heel strike. Peak torque, peak time, rise time (here
-    `peak_time` - `onset`) and fall time are the parameters of J. Zhang et al.,
+    Two cubics through onset, peak and end, level at each of the three (assumed); the
+    torque is negative, as the ankle counts dorsiflexion positive, and 0 outside. Time
+    is in per cent of the stride from heel strike. Peak torque, peak time, rise time
+    (here `peak_time` - `onset`) and fall time are the parameters of J. Zhang et al.,
     "Human-in-the-loop optimization of exoskeleton assistance during walking", Science
     356, 2017, pp. 1280-1284. The defaults are nearest to the shape of `Assist`, within
     2 % of its peak (RMS over the stride).

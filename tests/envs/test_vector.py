@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Wearer
+from cc_mujoco.human import TASKS, Pace, Paced, Profile, Walk, Wearer
 
 COUNT = 5
 WRIST = "cc_mujoco/WristHandle-v1"
@@ -278,3 +278,26 @@ def test_bad_calls_are_refused(name: str) -> None:
             env.step(bad)
     with pytest.raises(CableError, match="seed"):
         env.reset(seed=[1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        (
+            "cc_mujoco/AnkleExo-v1",
+            {"trajectory": Walk.at(1.5), "task": Profile(peak_time=50.0)},
+        ),
+        (
+            "cc_mujoco/HipKneeExosuit-v1",
+            {"trajectory": Walk.at(0.8), "task": Paced(TASKS["swing"], Pace(0.8))},
+        ),
+    ],
+)
+def test_another_speed_and_profile_are_the_same_in_both(
+    name: str, given: dict[str, Any]
+) -> None:
+    ours, theirs = pair(name, duration=1.0, **given)
+    equal(ours.reset(seed=0), theirs.reset(seed=0))
+    march(ours, theirs, 1001)
+    ours.close()
+    theirs.close()

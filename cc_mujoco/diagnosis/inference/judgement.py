@@ -25,7 +25,7 @@ an effect that shows in few moments only closes the gap without taking that shar
 CLOSED = 0.75
 """Share of the gap that an effect has to close which takes less than `EXPLAINED`."""
 
-REFINES = 0.08
+REFINES = 0.1
 """Share of the baseline's gap below which an effect only refines the others."""
 
 HINT = 1.5

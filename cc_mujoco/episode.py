@@ -124,19 +124,23 @@ class Clock:
 class Single:
     """The device of one environment."""
 
-    def __init__(self, env: Any, seed: int) -> None:
+    def __init__(
+        self, env: Any, seed: int, options: Mapping[str, float] | None = None
+    ) -> None:
         """Prepare.
 
         Args:
             env: One of this package's environments, wrapped or not.
             seed: Of the reset.
+            options: Of the reset: what the plant is, by name.
         """
         self._env, self._inner, self._seed = env, env.unwrapped, seed
+        self._options = None if options is None else dict(options)
         self.steps: int = self._inner.exo.steps
 
     def start(self) -> Columns:
         """Reset; see `Plant.start`."""
-        columns: Columns = self._env.reset(seed=self._seed)[1]
+        columns: Columns = self._env.reset(seed=self._seed, options=self._options)[1]
         return columns
 
     def advance(self, torque: NDArray[np.float64]) -> Columns:

@@ -44,33 +44,24 @@ class Play:
     """Write video.mp4, too: the scene beside torques and tensions."""
     html: Flag = False
     """Write episode.html, too: a page that plays the episode in any browser."""
+    live: Flag = False
+    """Play in a window, in real time, until it is closed, and write nothing; its keys
+    change friction, pretension and controller."""
 
     def run(self) -> None:
         """Play and write; print a table and how to open the recording."""
         if self.replay is not None:
             self._replay(self.replay)
-            return
+        elif self.live:
+            self._live()
+        else:
+            self._record()
 
-        from cc_mujoco.devices import DEVICES
-
-        device = look_up("scene", self.scene, DEVICES)
-        if self.csv is not None and self.trajectory is not None:
-            raise CableError("give --trajectory or --csv, not both.")
-        if self.seed < 0:
-            raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
-        names = {
-            "trajectory": self.csv.stem
-            if self.csv is not None
-            else device.trajectory
-            if self.trajectory is None
-            else self.trajectory,
-            "task": device.task if self.task is None else self.task,
-            "controller": self.controller,
-        }
+    def _record(self) -> None:
+        """Play and write."""
+        names = self._names()
         name = f"{self.scene}-{names['trajectory']}-{self.seed}"
         out = self.out or Path("runs", name)
-
-        import gymnasium
 
         from cc_mujoco.control import controller
         from cc_mujoco.recording import play, write_episode
@@ -86,18 +77,10 @@ class Play:
 
             require_page()
 
-        env = gymnasium.make(
-            device.environment,
-            disable_env_checker=True,
-            trajectory=names["trajectory"] if self.csv is None else self.csv,
-            task=names["task"],
-            duration=self.duration,
-        )
+        env = self._env(names)
         inner: Any = env.unwrapped
         law = controller(self.controller, inner.drive)
-        env.reset(seed=self.seed)
-        if beyond := inner.beyond():
-            print(f"warning: {names['task']}: {beyond}", file=sys.stderr)
+        self._warn(inner, names["task"])
         with bar(self.duration) as progress:
             log = play(env, law, seed=self.seed, about=names, progress=progress)
         with bar(self.duration if self.video else 0.0, "video") as progress:
@@ -115,16 +98,72 @@ class Play:
             print(f"{metric.name:32} {value:>10} {metric.unit}")
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
 
+    def _names(self) -> dict[str, str]:
+        """What is played, by what."""
+        from cc_mujoco.devices import DEVICES
+
+        device = look_up("scene", self.scene, DEVICES)
+        if self.csv is not None and self.trajectory is not None:
+            raise CableError("give --trajectory or --csv, not both.")
+        if self.seed < 0:
+            raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
+        return {
+            "trajectory": self.csv.stem
+            if self.csv is not None
+            else device.trajectory
+            if self.trajectory is None
+            else self.trajectory,
+            "task": device.task if self.task is None else self.task,
+            "controller": self.controller,
+        }
+
+    def _env(self, names: dict[str, str]) -> Any:
+        """The environment."""
+        import gymnasium
+
+        from cc_mujoco.devices import DEVICES
+
+        return gymnasium.make(
+            DEVICES[self.scene].environment,
+            disable_env_checker=True,
+            trajectory=names["trajectory"] if self.csv is None else self.csv,
+            task=names["task"],
+            duration=self.duration,
+        )
+
+    def _warn(self, env: Any, task: str) -> None:
+        """Say what the task asks for beyond the motor."""
+        env.reset(seed=self.seed)
+        if beyond := env.beyond():
+            print(f"warning: {task}: {beyond}", file=sys.stderr)
+
+    def _live(self) -> None:
+        """Play in a window."""
+        self._alone("live", "video", "html", "out")
+        names = self._names()
+
+        from cc_mujoco.recording.live import live
+        from cc_mujoco.recording.screen import require_screen
+
+        require_screen()
+        env = self._env(names)
+        self._warn(env.unwrapped, names["task"])
+        live(env, self.controller, seed=self.seed)
+        env.close()
+
     def _replay(self, log: Path) -> None:
         """Show the log of a run."""
-        plain = Play(self.scene)
-        for field in dataclasses.fields(self):
-            if field.name in ("scene", "replay"):
-                continue
-            if getattr(self, field.name) != getattr(plain, field.name):
-                raise CableError(f"--{field.name} does not go with --replay.")
+        names = (field.name for field in dataclasses.fields(self))
+        self._alone("replay", *(n for n in names if n not in ("scene", "replay")))
 
         from cc_mujoco.hardware.replay import replay
 
         recording, summary = replay(log, self.scene)
         print(f"open with:  rerun {recording}\nsee also:   {summary}")
+
+    def _alone(self, name: str, *others: str) -> None:
+        """Refuse options that one of them makes meaningless."""
+        plain = Play(self.scene)
+        for other in others:
+            if getattr(self, other) != getattr(plain, other):
+                raise CableError(f"--{other} does not go with --{name}.")

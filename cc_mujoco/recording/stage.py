@@ -24,25 +24,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco import engine
 from cc_mujoco.errors import CableError
-from cc_mujoco.recording.conduit3d import (
-    conduit_points,
-    conduit_shares,
-    fine_shares,
-    node_shares,
-    tension_colors,
-)
+from cc_mujoco.recording.capsules import Capsules
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Part = tuple[tuple[int, int, int, int], Picture, NDArray[np.float32]]
 """Left, bottom, width, height; colours and depth [drawn pixels]."""
 
-THICKER = 1.4
-"""Radius of a coloured cable over that of its line in the scene: colours need room."""
-SHADE, EMISSION = 0.72, 0.25
-"""Of the colours of cables: lit, they come near those of the scale."""
 FINER = 2
 """Pixels drawn for one of the picture, along either side; `_averaged` counts on it."""
 SLICES, STACKS = 18, 5
@@ -116,16 +105,8 @@ class Stage:
         Raises:
             CableError: If there is no OpenGL.
         """
-        self._highest = highest
         self._model = model = copy.copy(model)
-        described = engine.from_mjcf(model)
-        drawn = [c for c in cables if c in described and described[c].route]
-        self._shares = {cable: conduit_shares(model, cable) for cable in drawn}
-        self._radius = {}
-        for cable in drawn:
-            tendon = engine.route_tendon(model, cable)
-            self._radius[cable] = THICKER * float(model.tendon_width[tendon])
-            model.tendon_rgba[tendon, 3] = 0.0
+        self._capsules = Capsules(model, cables, highest)
         height, width = (FINER * side for side in size)
         self._size = height, width
         model.vis.global_.offheight, model.vis.global_.offwidth = height, width
@@ -180,8 +161,7 @@ class Stage:
     def expose(self, qpos: Array, tensions: Mapping[str, Array]) -> list[Part]:
         """Draw what moves: the half of `picture` that needs OpenGL, and its thread."""
         self._pose(qpos, mujoco.mjtCatBit.mjCAT_DYNAMIC)
-        for cable, shares in self._shares.items():
-            self._add(cable, qpos, shares, tensions[cable])
+        self._capsules.add(self._scene, self._data, tensions)
         self._render()
         return [(part, *self._read(*part)) for part in self._parts()]
 
@@ -227,36 +207,12 @@ class Stage:
             eye.frustum_width = 0.0  # by the shape of the picture
             eye.frustum_center, eye.frustum_bottom, eye.frustum_top = self._frustum
 
-    def _add(
-        self, cable: str, qpos: Array, shares: Array, tension: Array | None
-    ) -> None:
-        """Add a cable to the scene as capsules, grey if its tension is not given."""
-        fine = fine_shares(shares)
-        points = conduit_points(self._model, cable, qpos[None], fine)[0]
-        shown = np.zeros(len(points) - 1)
-        if tension is not None:
-            middle = 0.5 * (fine[:-1] + fine[1:])
-            shown = np.interp(middle, node_shares(shares, tension.size), tension)
-        colors = tension_colors(shown, self._highest).astype(np.float32) * (
-            SHADE / 255.0
-        )
-        colors[:, 3] = 1.0
-        shape, none = mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3)
-        scene, radius = self._scene, self._radius[cable]
-        for color, start, end in zip(colors, points[:-1], points[1:], strict=True):
-            geom = scene.geoms[scene.ngeom]
-            mujoco.mjv_initGeom(geom, shape, none, none, np.zeros(9), color)
-            mujoco.mjv_connector(geom, shape, radius, start, end)
-            geom.emission, geom.specular = EMISSION, 0.1
-            scene.ngeom += 1
-
     def _aim(self, poses: Array) -> tuple[float, float, float]:
         """Centre, bottom and top of a frustum that has all that moves in it."""
         boxes = []
         for qpos in poses:
             self._pose(qpos, mujoco.mjtCatBit.mjCAT_DYNAMIC)
-            for cable, shares in self._shares.items():
-                self._add(cable, qpos, shares, None)
+            self._capsules.add(self._scene, self._data)
             boxes.append(_seen(self._scene))
         low, high = np.concatenate(boxes).T.reshape(2, 2, -1)
         low, high = low.min(axis=1), high.max(axis=1)

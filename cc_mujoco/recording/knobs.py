@@ -1,0 +1,117 @@
+"""What can be changed while an episode runs, and the keys that change it.
+
+    knobs = Knobs(env.exo.device.cables, "pi")
+    knobs.press(UP)
+    knobs.options()                    # {"flexor.friction": 0.2625, ...}
+
+Friction acts at once and pretension at the next start, as a cable is laid only there.
+Controllers are not told of either: they know the device as the scene has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cc_mujoco.control import CONTROLLERS
+from cc_mujoco.transmission import Cable
+
+SPACE, ESCAPE, ENTER, RIGHT, LEFT, DOWN, UP, HOME, END = (
+    *(32, 256, 257, 262, 263, 264, 265, 268, 269),
+)
+"""Keys, as GLFW numbers them; all but space, escape and enter have no other use."""
+
+STEP = 1.25
+"""Factor of friction or pretension from one key to the next."""
+MOST = 10
+"""Steps from the scene's value, either way."""
+
+HELP = (
+    ("up, down", "friction"),
+    ("home, end", "pretension, from the next start on"),
+    ("right, left", "controller"),
+    ("space", "pause"),
+    ("enter", "restart"),
+    ("escape", "quit"),
+)
+"""Keys and what they do, for the screen."""
+
+
+class Knobs:
+    """Friction, pretension and controller as they are wanted, and what runs.
+
+    Keys are pressed in the thread of the window and read in that of the simulation.
+    """
+
+    def __init__(self, cables: Mapping[str, Cable], controller: str) -> None:
+        """Begin with the scene as it is.
+
+        Args:
+            cables: Those of the scene, by name.
+            controller: Name of the one to begin with; any.
+        """
+        self._cables = cables
+        own = () if controller in CONTROLLERS else (controller,)
+        self._laws: tuple[str, ...] = (*own, *CONTROLLERS)
+        self._law = self._laws.index(controller)
+        self._friction = self._pretension = 0
+        self.paused = False
+        """Whether the episode stands still."""
+        self.restart = False
+        """Whether it shall begin anew."""
+        self.quit = False
+        """Whether it shall end."""
+
+    def press(self, key: int) -> None:
+        """Take a key; those that mean nothing are ignored."""
+        if key in (UP, DOWN):
+            self._friction = _within(self._friction + (1 if key == UP else -1))
+        elif key in (HOME, END):
+            self._pretension = _within(self._pretension + (1 if key == HOME else -1))
+        elif key in (RIGHT, LEFT):
+            turn = 1 if key == RIGHT else -1
+            self._law = (self._law + turn) % len(self._laws)
+        elif key == SPACE:
+            self.paused = not self.paused
+        elif key == ENTER:
+            self.restart, self.paused = True, False
+        elif key == ESCAPE:
+            self.quit = True
+
+    @property
+    def controller(self) -> str:
+        """Name of the controller that is wanted."""
+        return self._laws[self._law]
+
+    @property
+    def friction(self) -> float:
+        """Friction over that of the scene, of all cables."""
+        return float(STEP**self._friction)
+
+    @property
+    def pretension(self) -> float:
+        """Pretension over that of the scene, of all cables."""
+        return float(STEP**self._pretension)
+
+    def options(self, pretension: float | None = None) -> dict[str, float]:
+        """What the plant is, for a reset of the environment.
+
+        Args:
+            pretension: Over that of the scene; the one that is wanted by default.
+
+        Returns:
+            `CABLE.NAME` of friction, static friction and pretension; never empty, so
+            that a reset takes back what was changed since the last.
+        """
+        scale = self.pretension if pretension is None else pretension
+        found = {}
+        for name, cable in self._cables.items():
+            found[f"{name}.friction"] = self.friction * cable.friction
+            if cable.static_friction:
+                still = self.friction * cable.static_friction
+                found[f"{name}.static_friction"] = still
+            found[f"{name}.pretension"] = scale * cable.pretension
+        return found
+
+
+def _within(steps: int) -> int:
+    return min(max(steps, -MOST), MOST)

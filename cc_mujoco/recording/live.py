@@ -1,0 +1,237 @@
+"""An episode in a window, in real time, with keys that change what is played.
+
+    live(env, "pi", seed=0)
+
+It begins anew when it ends, until the window is closed; nothing is written. The loop is
+that of every episode; around it are a plant that waits for the wall and a controller
+that can be exchanged.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import engine
+from cc_mujoco.control import Controller, Drive, controller
+from cc_mujoco.control.external import blamed
+from cc_mujoco.episode import Columns, Single, run
+from cc_mujoco.errors import CableError
+from cc_mujoco.recording.caption import sentence, state
+from cc_mujoco.recording.knobs import HELP, Knobs
+from cc_mujoco.recording.pace import Pace
+from cc_mujoco.recording.screen import PERIOD, Frame, Screen, rounded
+from cc_mujoco.sensing import Measuring
+
+if TYPE_CHECKING:
+    import gymnasium
+
+
+class Over(Exception):
+    """The episode shall not go on."""
+
+
+def live(
+    env: gymnasium.Env[Any, Any],
+    name: str,
+    *,
+    seed: int = 0,
+    screen: Callable[..., Any] = Screen,
+) -> None:
+    """Play in a window until it is closed.
+
+    Args:
+        env: One of this package's environments, without ranges of its own.
+        name: Of the controller to begin with, as `control.controller` takes it.
+        seed: Of every reset and of the noise of the sensors.
+        screen: What opens the window; called as `Screen` is.
+
+    Raises:
+        CableError: If the controller cannot be made, or there is no screen.
+    """
+    inner: Any = env.unwrapped
+    law = Exchangeable(inner.drive, name)
+    cables = inner.exo.device.cables
+    knobs = Knobs(cables, name)
+    highest = rounded(max(cable.pretension for cable in cables.values()))
+    model = inner.model
+    with screen(model, engine.cables(model), highest, knobs.press) as window:
+        show = Show(env, law, knobs, window, seed)
+        while not show.ended:
+            show.episode()
+
+
+class Exchangeable(Controller):
+    """The controller of the moment."""
+
+    def __init__(self, drive: Drive, name: str) -> None:
+        """Make the first; see `control.controller`.
+
+        Raises:
+            CableError: If it cannot be made.
+        """
+        super().__init__(drive)
+        self.exchange(name)
+
+    def exchange(self, name: str) -> None:
+        """Have another go on, from rest, or keep this one if that cannot be made.
+
+        Raises:
+            CableError: If it cannot.
+        """
+        with blamed(name):
+            law = controller(name, self.drive)
+            law.reset()
+        self._law, self.name = law, name
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """See `Controller.reset`."""
+        with blamed(self.name):
+            self._law.reset(where)
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """See `Controller.torque`.
+
+        Raises:
+            CableError: If the controller raises.
+        """
+        with blamed(self.name):
+            return self._law.torque(observation)
+
+
+class Show:
+    """A plant, for `episode.run`, that is seen and does what the keys say."""
+
+    def __init__(
+        self, env: Any, law: Exchangeable, knobs: Knobs, window: Any, seed: int
+    ) -> None:
+        """Prepare.
+
+        Args:
+            env: One of this package's environments.
+            law: Drives the motor.
+            knobs: What the keys say.
+            window: A `Screen`.
+            seed: Of every episode.
+        """
+        self._env, self._exo = env, env.unwrapped.exo
+        self._law, self._knobs, self._window, self._seed = law, knobs, window, seed
+        self.steps: int = self._exo.steps
+        self._pace = Pace()
+        self._columns: Columns | None = None
+        self._note = ""
+        self._shown = -PERIOD
+        self._asked, self._friction, self._laid = law.name, 1.0, 1.0
+
+    @property
+    def ended(self) -> bool:
+        """Whether there shall be no more episodes."""
+        return self._knobs.quit or not self._window.open
+
+    def episode(self) -> None:
+        """Play one; what goes wrong is said on the screen, which then waits."""
+        sensing, driven = self._exo.setup.sensing, self._exo.device.driven
+        measuring = Measuring(sensing, self._law.drive, driven, self._seed, self.steps)
+        try:
+            run(self, self._law, self._observe, measure=measuring.measure)
+        except Over:
+            return
+        except CableError as error:
+            self._note = str(error)
+            self._knobs.paused = True
+            self._hold()
+
+    def start(self) -> Columns:
+        """Reset, with the cables as the keys say; see `Plant.start`."""
+        knobs = self._knobs
+        knobs.restart = False
+        self._friction, self._laid = knobs.friction, knobs.pretension
+        self._single = Single(self._env, self._seed, knobs.options(self._laid))
+        self._columns, self._note = self._single.start(), ""
+        self._pace.begin(float(self._columns["time_s"]))
+        return self._columns
+
+    def advance(self, torque: NDArray[np.float64]) -> Columns:
+        """Do what the keys say and go a step; see `Plant.advance`.
+
+        Raises:
+            Over: If the episode shall begin anew, or none shall be.
+            CableError: If the simulation diverges.
+        """
+        self._turn()
+        self._window.push(self._env.unwrapped.data)
+        self._columns = self._single.advance(torque)
+        self._pace.keep(float(self._columns["time_s"]))
+        return self._columns
+
+    def _turn(self) -> None:
+        """Do what the keys say."""
+        knobs = self._knobs
+        if knobs.paused:
+            self._hold()
+        if knobs.restart or self.ended:
+            raise Over
+        self._change()
+
+    def _change(self) -> None:
+        """Exchange the controller and change the friction, if the keys say so."""
+        knobs = self._knobs
+        try:
+            if knobs.controller != self._asked:
+                self._exchange(knobs.controller)
+            if knobs.friction != self._friction:
+                self._rub(knobs.friction)
+        except CableError as error:
+            self._note = str(error)
+
+    def _exchange(self, name: str) -> None:
+        self._asked, self._note = name, f"making controller {name}"
+        self._show()
+        self._note = ""
+        self._law.exchange(name)
+        self._go_on()
+
+    def _rub(self, friction: float) -> None:
+        """Give the cables this friction, over that of the scene, where they are."""
+        self._friction, exo = friction, self._exo
+        options = self._knobs.options(self._laid)
+        exo.device.become(exo.plants.draw(self._env.unwrapped.np_random, options))
+
+    def _hold(self) -> None:
+        """Wait while paused, and say so."""
+        knobs = self._knobs
+        while knobs.paused and not self.ended:
+            self._change()
+            self._show()
+            time.sleep(PERIOD)
+        self._go_on()
+
+    def _go_on(self) -> None:
+        if self._columns is not None:
+            self._pace.begin(float(self._columns["time_s"]))
+
+    def _observe(self, *_: object) -> None:
+        if time.perf_counter() - self._shown >= PERIOD:
+            self._show()
+
+    def _show(self) -> None:
+        self._shown, columns = time.perf_counter(), self._columns
+        if columns is None:
+            return
+        cables = tuple(self._exo.device.cables)
+        told = state(
+            self._knobs,
+            columns,
+            cables,
+            controller=self._law.name,
+            pretension=self._laid,
+            factor=self._pace.factor,
+            highest=self._window.highest,
+        )
+        tensions = {cable: columns[f"tension_{cable}_nodes_n"] for cable in cables}
+        texts = (*told, *sentence(self._note)), HELP
+        self._window.show(Frame(columns["qpos"], tensions, texts))

@@ -19,6 +19,12 @@ UNTOLD = 1.0
 """Deviation in units of priors from which on the data say less than was known."""
 
 
+def narrowest(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
+    """The part of `spread` that noise makes, for its arguments: at most all of it."""
+    found: FloatArray = covariance(jacobian(problem, x, masks))
+    return found
+
+
 def spread(
     problem: Problem,
     x: FloatArray,

@@ -19,7 +19,12 @@ from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.folds import interleaved_folds, trial_folds
 from cc_mujoco.diagnosis.inference.foretold import misread
 from cc_mujoco.diagnosis.inference.gap import Predicted, gaps, predicted, traces
-from cc_mujoco.diagnosis.inference.intervals import estimates, spread, undetermined
+from cc_mujoco.diagnosis.inference.intervals import (
+    estimates,
+    narrowest,
+    spread,
+    undetermined,
+)
 from cc_mujoco.diagnosis.inference.judgement import REFINES, Outcome, judged
 from cc_mujoco.diagnosis.inference.numerics import HARMLESS
 from cc_mujoco.diagnosis.inference.per_trial import odd_trial, trial_errors
@@ -219,21 +224,24 @@ def _borne_out(
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
     start = np.mean([f.x for f in found.after.fits], axis=0)
+    holding = _Holding(baseline_fit, seed)
     while problem.effects:
         x = fit(problem, start, counts).x
-        progress(0.86, "predicting trials that were held out")
-        held = _held_out(baseline_fit, problem, x, seed)
-        if held is None:
-            break
-        covariance = spread(problem, x, counts, held.after.places)
-        idle = doubtful(problem, x, covariance)
+        idle = doubtful(problem, x, narrowest(problem, x, counts))
         if idle is None:
-            return Model(problem, x, covariance, held)
+            progress(0.86, "predicting trials that were held out")
+            held = holding.out(problem, x)
+            if held is None:
+                break
+            covariance = spread(problem, x, counts, held.after.places)
+            idle = doubtful(problem, x, covariance)
+            if idle is None:
+                return Model(problem, x, covariance, held)
         slim = problem.without(idle)
         start = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
         problem = slim
     problem, x = baseline_fit.problem, baseline_fit.whole.x
-    held = _held_out(baseline_fit, problem, x, seed)
+    held = holding.out(problem, x)
     assert held is not None
     return Model(problem, x, spread(problem, x, counts, held.after.places), held)
 
@@ -246,24 +254,33 @@ class Held(NamedTuple):
     gap: dict[str, Gap]
 
 
-def _held_out(
-    baseline_fit: BaselineFit, problem: Problem, x: FloatArray, seed: int
-) -> Held | None:
-    """Predict what was held out; None where that does not bear the effects out.
+class _Holding:
+    """Holds trials out; of the baseline, once."""
 
-    Whole trials are held out. An effect that a single trial shows, say the only one at
-    low pretension, is not to be had from the others: then it is stretches of all.
-    """
-    records = problem.plant.records
-    for division in (trial_folds(records), interleaved_folds(records)):
-        before = predicted(baseline_fit.problem, baseline_fit.whole.x, division)
-        after = predicted(problem, x, division) if problem.effects else before
-        gap = gaps(baseline_fit.problem, before.torques, after.torques, division, seed)
-        if not problem.effects or any(
-            g.rmse_after <= g.rmse_before for g in gap.values()
-        ):
-            return Held(before, after, gap)
-    return None
+    def __init__(self, baseline_fit: BaselineFit, seed: int) -> None:
+        problem = baseline_fit.problem
+        records = problem.plant.records
+        self._problem, self._x, self._seed = problem, baseline_fit.whole.x, seed
+        # Whole trials. An effect that a single trial shows, say the only one at low
+        # pretension, is not to be had from the others: then it is stretches of all.
+        self._divisions = trial_folds(records), interleaved_folds(records)
+        self._before: dict[int, Predicted] = {}
+
+    def out(self, problem: Problem, x: FloatArray) -> Held | None:
+        """Predict what is held out; None where that does not bear the effects out."""
+        for place, division in enumerate(self._divisions):
+            if place not in self._before:
+                self._before[place] = predicted(self._problem, self._x, division)
+            before = self._before[place]
+            after = predicted(problem, x, division) if problem.effects else before
+            gap = gaps(
+                self._problem, before.torques, after.torques, division, self._seed
+            )
+            if not problem.effects or any(
+                g.rmse_after <= g.rmse_before for g in gap.values()
+            ):
+                return Held(before, after, gap)
+        return None
 
 
 def isolability(signatures: Sequence[Signature]) -> Isolability:

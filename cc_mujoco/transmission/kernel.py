@@ -330,8 +330,11 @@ def _coefficients(
                 # Without memory the first slip renews the contacts.
                 extra = extra if values[_CRITICAL_SLIP] > 0.0 else 0.0
                 coefficient = factor * (coefficient + extra)
-                distal_hold = proximal_hold = law.ratio(holding, angle)
             growth[j] = growth_proximal[j] = law.ratio(coefficient, angle)
+            if is_state_dependent:
+                distal_hold = proximal_hold = growth[j]
+                if holding != coefficient:
+                    distal_hold = proximal_hold = law.ratio(holding, angle)
             drag[j] = law.drag(values, length[j], growth[j], j, guided)
             viscosity[j] = law.viscosity(
                 values, length[j], growth[j], at.row(work, n, _SPEED)[j], dt
@@ -340,8 +343,10 @@ def _coefficients(
                 distal, proximal = 1.0 - asymmetry, 1.0 + asymmetry
                 growth[j] = law.ratio(coefficient * distal, angle)
                 growth_proximal[j] = law.ratio(coefficient * proximal, angle)
-                distal_hold = law.ratio(holding * distal, angle)
-                proximal_hold = law.ratio(holding * proximal, angle)
+                distal_hold, proximal_hold = growth[j], growth_proximal[j]
+                if holding != coefficient:
+                    distal_hold = law.ratio(holding * distal, angle)
+                    proximal_hold = law.ratio(holding * proximal, angle)
             if values[_BRISTLE] > 0.0:
                 spring = law.bristle_stiffness(
                     values, coefficient, angle, mean, drag[j]
@@ -536,8 +541,8 @@ def step(
         guess, speed = at.row(work, n, _SPEED), at.slip_speeds(state, n)
         for j in range(n):
             guess[j] = max(speed[j], law.SLOWEST)
-    varying = not is_constant_coulomb or prm[_STATIC] > 0.0
-    if varying:
+    quick = is_constant_coulomb and by_position
+    if quick and prm[_STATIC] > 0.0:
         _coefficients(prm, n, state, tension, dt, work)
         growth, drag = at.row(work, n, _GROWTH), at.row(work, n, _DRAG)
         hold_distal, hold_proximal = (
@@ -546,7 +551,6 @@ def step(
         )
 
     solved = False
-    quick = is_constant_coulomb and by_position
     if quick and changes:
         # The fronts presume that friction holds the tensions before the step.
         quick = _held(n, tension, hold_distal, hold_proximal, drag)

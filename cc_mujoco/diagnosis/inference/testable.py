@@ -28,7 +28,7 @@ SEEN = 3.0
 """Size over its uncertainty with which a plausible effect would show."""
 FAR = 3.0
 """Standard deviations of what is known from which on a tuned parameter has strayed."""
-GUESSED = 0.4
+GUESSED = {"friction": 0.4, "axial_stiffness": 0.4}
 """Standard deviation of the logarithm of what a scene says and nobody has declared."""
 CLEAR = 5.0
 """How much more clearly than it takes a hidden effect would show without tuning."""
@@ -168,10 +168,11 @@ def strayed(
     found = []
     for parameter, place in zip(problem.tuned, x.tolist(), strict=True):
         name = parameter.name
-        declared = math.isfinite(parameter.prior)
-        if name in (*OFFSETS, *CLOCKS) or not (declared or parameter.factor):
+        known = parameter.prior
+        if not math.isfinite(known) and name in GUESSED:
+            known = GUESSED[name] / parameter.scale
+        if name in (*OFFSETS, *CLOCKS) or not math.isfinite(known):
             continue
-        known = parameter.prior if declared else GUESSED / parameter.scale
         apart = abs(place) / known
         given = parameter.start
         if apart < FAR or estimated[name].holds(given):

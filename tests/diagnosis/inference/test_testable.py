@@ -55,3 +55,15 @@ def test_a_stiffness_far_from_the_scene_is_told_though_nobody_declared_it() -> N
     (away,) = reason(data, BENCH, ids=IDS[1:]).diagnosis.strayed
     assert away.parameter == "axial_stiffness"
     assert "angles in turns" in away.statement
+
+
+def test_shapes_of_effects_do_not_stray() -> None:
+    """They are tuned with the model, but no scene says anything of them."""
+    data = dataset(
+        {"dwell_dependent_stiction": {"ageing_friction": 0.05, "ageing_time": 1.0,
+                                      "critical_slip_distance": 3e-4}},
+        4.0, seed=3,
+    )  # fmt: skip
+    found = reason(data, BENCH, ids=("dwell_dependent_stiction",)).diagnosis
+    assert [effect.id for effect in found.effects] == ["dwell_dependent_stiction"]
+    assert found.strayed == ()

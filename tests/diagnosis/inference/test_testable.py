@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
+from cc_mujoco.diagnosis.inference.intervals import estimates
 from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.inference.result import Result
+from cc_mujoco.diagnosis.inference.testable import strayed
 from diagnosis.recorded import BENCH, dataset
 
 HIDDEN = {"load_independent_friction": 8.0, "seal_proximal": 0.0, "seal_distal": 0.0}
@@ -59,11 +65,13 @@ def test_a_stiffness_far_from_the_scene_is_told_though_nobody_declared_it() -> N
 
 def test_shapes_of_effects_do_not_stray() -> None:
     """They are tuned with the model, but no scene says anything of them."""
-    data = dataset(
-        {"dwell_dependent_stiction": {"ageing_friction": 0.05, "ageing_time": 1.0,
-                                      "critical_slip_distance": 3e-4}},
-        4.0, seed=3,
-    )  # fmt: skip
-    found = reason(data, BENCH, ids=("dwell_dependent_stiction",)).diagnosis
-    assert [effect.id for effect in found.effects] == ["dwell_dependent_stiction"]
-    assert found.strayed == ()
+    data = dataset(duration=1.0, seed=3, chosen=(0, 2))
+    records, filtering = prepare(data, BENCH)
+    base = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0)
+    for name, effect in EFFECTS.items():
+        if name in base.problem.plant.library.effects:
+            wider = base.problem.with_effect(name, dict(effect.starts[0]))
+            far = wider.placed(base.whole.x, dict(effect.starts[0]))
+            far[base.whole.x.size :] += 3.0
+            tuned = estimates(wider, far, 1e-9 * np.eye(far.size))
+            assert strayed(wider, far, tuned, ()) == (), name

@@ -58,8 +58,9 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
 ) -> None:
     assert cli.main(["play", scene, "--duration", "0.3", "--seed", "4"]) == 0
     said = capsys.readouterr()
-    trajectory = DEVICES[scene].trajectory
-    out = tmp_path / "runs" / f"{scene}-{trajectory}-4"
+    device = DEVICES[scene]
+    name = f"{scene}-{device.trajectory}-{device.task}-pi-4"
+    out = tmp_path / "runs" / name
     assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     assert [path.name for path in out.parent.iterdir()] == [out.name]
     assert f"rerun {Path('runs', out.name, 'recording.rrd')}" in said.out
@@ -71,7 +72,7 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
     assert (about["scene"], about["seed"], about["trajectory"]) == (
         scene,
         4,
-        trajectory,
+        device.trajectory,
     )
     assert about["duration"] == 0.3
     assert log["time_s"][-1] == pytest.approx(0.3, abs=0.02)
@@ -130,7 +131,8 @@ def test_a_recorded_motion_can_be_played(tmp_path: Path) -> None:
     Path("mine.csv").write_text("\n".join(["time_s,angle_rad", *rows]) + "\n")
     words = ["play", "wrist", "--csv", "mine.csv", "--duration", "0.3"]
     assert cli.main(words) == 0
-    log = EpisodeLog.read(tmp_path / "runs" / "wrist-mine-0" / "log.parquet")
+    (kept,) = (tmp_path / "runs").glob("wrist-mine-*-0/log.parquet")
+    log = EpisodeLog.read(kept)
     expected = 0.2 * np.sin(log["time_s"])
     assert log["reference_angle_rad"] == pytest.approx(expected, abs=1e-3)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +39,7 @@ class Play:
     seed: int = 0
     """Seed of everything random; equal seeds give equal recordings."""
     out: Annotated[Path | None, in_words("DIR")] = None
-    """Folder for the results; runs/SCENE-TRAJECTORY-SEED unless given."""
+    """Folder for the results; runs/SCENE-TRAJECTORY-TASK-CONTROLLER-SEED by default."""
 
     video: Flag = False
     """Write video.mp4, too: the scene beside torques and tensions."""
@@ -60,7 +61,9 @@ class Play:
     def _record(self) -> None:
         """Play and write."""
         names = self._names()
-        name = f"{self.scene}-{names['trajectory']}-{self.seed}"
+        # Controllers from elsewhere have a colon in their names, or a path.
+        parts = [self.scene, *names.values(), str(self.seed)]
+        name = re.sub(r"[^\w.-]+", "_", "-".join(parts))
         out = self.out or Path("runs", name)
 
         from cc_mujoco.control import controller

@@ -79,7 +79,6 @@ def write_report(
     cost = costs(table, goals, limits)
     best = pareto(cost)
     written = [folder / SOBOL, folder / EFFECTS]
-    (folder / AROUND).unlink(missing_ok=True)
     if nearby is not None:
         _write_table(folder / AROUND, around_table(nearby))
         written.append(folder / AROUND)
@@ -106,7 +105,11 @@ def write_report(
     text = _page(finding, found, folder, tuple(drawings), command, nearby)
     with replacing(folder / REPORT) as partial:
         partial.write_text(text, encoding="utf-8")
-    return (folder / REPORT, folder / RANKING, *written)
+    files = (folder / REPORT, folder / RANKING, *written)
+    for name in FILES:  # of an earlier look at the table, by other objectives
+        if folder / name not in files:
+            (folder / name).unlink(missing_ok=True)
+    return files
 
 
 TITLES = {

@@ -54,6 +54,16 @@ def written(folder: Path, found: Finding, table: pa.Table) -> str:
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
+def test_what_an_earlier_report_had_besides_goes_with_it(tmp_path: Path) -> None:
+    found, table = finding([3.0, 1.0, 2.0, 4.0], [50.0, 60.0, 40.0, 70.0])
+    written(tmp_path, found, table)
+    assert (tmp_path / "pareto.parquet").exists()
+    (tmp_path / "mine.parquet").touch()
+    write_report(tmp_path, found.plan, table, ())
+    assert not (tmp_path / "pareto.parquet").exists()
+    assert (tmp_path / "mine.parquet").exists()
+
+
 def test_the_page_begins_with_the_best_design_and_needs_nothing_else(
     tmp_path: Path,
 ) -> None:

@@ -8,11 +8,14 @@ speed or pose, and what only some of them name is no finding.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.inference.baseline import BaselineFit
 from cc_mujoco.diagnosis.inference.fitting import Masks
 from cc_mujoco.diagnosis.inference.folds import Fold, cross_validate, interleaved_folds
@@ -25,6 +28,21 @@ LEAST = 4
 """Trials that can be parted."""
 AGREED = 0.9
 """Share of the parts that must name what is called missing."""
+RIVALLED = 0.5
+"""Share of the parts from which on what they name in its place is tied with it."""
+
+
+class Agreement(NamedTuple):
+    """What parts of the data say of what the whole names.
+
+    Attributes:
+        shares: of the parts that name an effect or one it is in a tie with, by id;
+            empty where the data are explained, or too few to be parted.
+        rivals: what many parts name in its place or as well as it, by id.
+    """
+
+    shares: Mapping[str, float]
+    rivals: Mapping[str, tuple[str, ...]]
 
 
 def agreement(
@@ -32,37 +50,62 @@ def agreement(
     found: Search,
     limits: Thresholds,
     progress: Callable[[float, str], None] = lambda share, doing: None,
-) -> Mapping[str, float]:
-    """Share of the parts that name an effect or one it is in a tie with.
+) -> Agreement:
+    """Search parts of the data for what was tried on the whole.
 
     Args:
         baseline_fit: of all data.
         found: on all data.
         limits: of decisions.
         progress: called with the share done and what is being done.
-
-    Returns:
-        By id; empty where the data are explained, or too few to be parted.
     """
-    if not found.after.problem.effects or found.after.misfit <= REACHED:
-        return {}
+    effects = found.after.problem.effects
+    if not effects or found.after.misfit <= REACHED:
+        return Agreement({}, {})
     records = baseline_fit.problem.plant.records
     parts = parted(records)
     tried = {c.id for step in found.rounds for c in step.candidates if not c.reason}
-    rivals = {step.added: set(step.rivals) for step in found.rounds if step.added}
-    votes = dict.fromkeys(found.after.problem.effects, 0)
+    named = []
     for place, part in enumerate(parts):
         progress(place / len(parts), f"searching part {place + 1} of {len(parts)}")
-        named = _named(baseline_fit, part, sorted(tried), limits)
-        for name in votes:
-            votes[name] += bool(named & ({name} | rivals.get(name, set())))
-    return {name: count / len(parts) for name, count in votes.items()} if parts else {}
+        named.append(_named(baseline_fit, part, sorted(tried), limits))
+    own = {step.added: set(step.rivals) for step in found.rounds if step.added}
+    return counted(effects, own, named)
+
+
+def counted(
+    effects: Sequence[str],
+    own: Mapping[str, set[str]],
+    named: Sequence[Sequence[set[str]]],
+) -> Agreement:
+    """What the parts come to.
+
+    Args:
+        effects: that the whole names.
+        own: what each was in a tie with there, by id.
+        named: groups that every part cannot tell apart, for each effect that it names.
+    """
+    shares, rivals = {}, {}
+    for name in effects:
+        votes: Counter[str] = Counter()
+        for groups in named:
+            with_it = [group for group in groups if name in group]
+            # Two that are easily confused, and of which the whole needs one only.
+            alike = [g for g in groups if g & set(EFFECTS[name].confounded_with)]
+            votes.update(set().union(*(with_it or groups), *alike) - set(effects))
+        often = [r for r, count in votes.items() if count >= RIVALLED * len(named)]
+        rivals[name] = tuple(sorted(often))
+        either = {name, *own.get(name, ()), *often}
+        agreed = [groups for groups in named if either & set().union(*groups)]
+        if named:
+            shares[name] = len(agreed) / len(named)
+    return Agreement(shares, rivals)
 
 
 def _named(
     baseline_fit: BaselineFit, part: Masks, ids: Sequence[str], limits: Thresholds
-) -> set[str]:
-    """What a part of the data names, ties included."""
+) -> list[set[str]]:
+    """What a part of the data names, each with what it is in a tie with."""
     problem = baseline_fit.problem
     division = tuple(
         Fold(_both(fold.train, part), _both(fold.test, part))
@@ -70,11 +113,9 @@ def _named(
     )
     start = [baseline_fit.whole.x] * len(division)
     found = search(cross_validate(problem, division, start), division, ids, limits)
-    named = set(found.after.problem.effects)
-    for step in found.rounds:
-        if step.added in named:
-            named |= set(step.rivals)
-    return named
+    kept = found.after.problem.effects
+    tied = {step.added: set(step.rivals) for step in found.rounds}
+    return [{name, *tied.get(name, ())} for name in kept]
 
 
 def _both(one: Masks, other: Masks) -> tuple[NDArray[np.bool_], ...]:

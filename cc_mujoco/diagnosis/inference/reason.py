@@ -33,7 +33,13 @@ from cc_mujoco.diagnosis.inference.records import Record, prepare
 from cc_mujoco.diagnosis.inference.residual_maps import maps, ranked
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.inference.screen import Signature, signature_cosine
-from cc_mujoco.diagnosis.inference.search import Round, Search, Thresholds, search
+from cc_mujoco.diagnosis.inference.search import (
+    Candidate,
+    Round,
+    Search,
+    Thresholds,
+    search,
+)
 from cc_mujoco.diagnosis.inference.testable import confounded, strayed, untestable
 from cc_mujoco.diagnosis.verdict import (
     Baseline,
@@ -141,16 +147,15 @@ def _concluded(
     estimated = estimates(problem, x, model.spread)
     hidden = confounded(baseline_fit.problem, baseline_fit.whole.x, found.signatures)
     beyond = strayed(problem, x, estimated, hidden)
-    effects = _found(found, problem, x, estimated, agreed)
+    effects = _found(found, problem, x, estimated, agreed.shares)
     missing = [effect.id for effect in effects if effect.missing]
     added = [step.added for step in found.rounds if step.added]
-    tied = [
-        (step, rivals)
+    ties = tuple(
+        rivals
         for step in found.rounds
-        for rivals in [step.tied(problem.effects, added)]
+        for rivals in [_tied(step.tied(problem.effects, added), agreed.rivals)]
         if len(rivals) > 1 and rivals[0] in missing
-    ]
-    ties = tuple(rivals for _, rivals in tied)
+    )
     outcome = Outcome(effects, ties, model.held.gap, beyond)
     kind, statement = judged(found, outcome, limits)
     # What is added where nothing explains the error only stands in for it.
@@ -163,10 +168,9 @@ def _concluded(
     progress(0.95, "writing it down")
     rivals = [
         (c.crossed.problem, np.mean([f.x for f in c.crossed.fits], axis=0))
-        for step, names in tied
+        for names in ties
         for name in names
-        for c in step.candidates
-        if c.id == name
+        for c in [_refitted(found, name)]
     ]
     counts = [record.counts for record in problem.plant.records]
     diagnosis = Diagnosis(
@@ -195,6 +199,19 @@ def _concluded(
         hidden,
     )
     return Result(diagnosis, evidence, problem, x, bench, baseline_fit)
+
+
+def _tied(
+    rivals: tuple[str, ...], others: Mapping[str, tuple[str, ...]]
+) -> tuple[str, ...]:
+    """What is in a tie, with what parts of the data name in place of the first."""
+    more = others.get(rivals[0], ()) if rivals else ()
+    return (*rivals, *(name for name in more if name not in rivals))
+
+
+def _refitted(found: Search, name: str) -> Candidate:
+    """An effect as it was refitted first."""
+    return next(c for step in found.rounds for c in step.candidates if c.id == name)
 
 
 class Model(NamedTuple):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cc_mujoco.diagnosis.data.trials import Dataset
-from cc_mujoco.diagnosis.inference.agreement import parted
+from cc_mujoco.diagnosis.inference.agreement import counted, parted
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
 from diagnosis.recorded import BENCH, dataset
@@ -57,3 +57,32 @@ def test_parts_are_halves_that_keep_repetitions_together() -> None:
             assert not np.any(a & b)
     alike = tuple(replace(r, group=min(r.group, "b0")) for r in records)
     assert parted(alike) == []
+
+
+def test_what_half_of_the_parts_name_in_place_of_it_is_tied_with_it() -> None:
+    asymmetric, offset = "asymmetric_friction", "torque_sensor_offset"
+    parts = [[{offset}], [{asymmetric}], [{offset, asymmetric}], [{asymmetric}]]
+    found = counted([asymmetric], {}, parts)
+    assert found.rivals == {asymmetric: (offset,)}
+    assert found.shares == {asymmetric: 1.0}
+    once = counted([asymmetric], {}, [*parts[1:], [{asymmetric}]])
+    assert once.rivals == {asymmetric: ()}
+
+
+def test_what_is_named_beside_it_is_tied_only_if_the_two_are_easily_confused() -> None:
+    ageing, falling, pull = (
+        "dwell_dependent_stiction",
+        "stribeck_friction",
+        "joint_gravity",
+    )
+    parts = [[{ageing}], [{ageing}, {falling}, {pull}]] * 2
+    assert counted([ageing], {}, parts).rivals == {ageing: (falling,)}
+    assert counted([ageing, falling], {}, parts).rivals == {ageing: (), falling: ()}
+
+
+def test_what_few_parts_name_is_disputed() -> None:
+    parts = [[{"backlash"}], [], [{"joint_gravity"}], [{"sensor_delay"}]]
+    found = counted(["backlash"], {}, parts)
+    assert found.shares == {"backlash": 0.25}
+    assert found.rivals == {"backlash": ()}
+    assert counted(["backlash"], {}, []).shares == {}

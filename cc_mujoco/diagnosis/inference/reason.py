@@ -16,7 +16,11 @@ from cc_mujoco.diagnosis.inference.agreement import AGREED, agreement
 from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline, plant_of
 from cc_mujoco.diagnosis.inference.experiment import propose
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
-from cc_mujoco.diagnosis.inference.folds import interleaved_folds, trial_folds
+from cc_mujoco.diagnosis.inference.folds import (
+    cross_validate,
+    interleaved_folds,
+    trial_folds,
+)
 from cc_mujoco.diagnosis.inference.foretold import misread
 from cc_mujoco.diagnosis.inference.gap import Predicted, gaps, predicted, traces
 from cc_mujoco.diagnosis.inference.intervals import (
@@ -39,6 +43,7 @@ from cc_mujoco.diagnosis.inference.search import (
     Search,
     Thresholds,
     search,
+    shares_of,
 )
 from cc_mujoco.diagnosis.inference.testable import confounded, strayed, untestable
 from cc_mujoco.diagnosis.verdict import (
@@ -147,7 +152,8 @@ def _concluded(
     estimated = estimates(problem, x, model.spread)
     hidden = confounded(baseline_fit.problem, baseline_fit.whole.x, found.signatures)
     beyond = strayed(problem, x, estimated, hidden)
-    effects = _found(found, problem, x, estimated, agreed.shares)
+    shares = shares_in(baseline_fit, found, model)
+    effects = _found(found, problem, x, estimated, agreed.shares, shares)
     missing = [effect.id for effect in effects if effect.missing]
     added = [step.added for step in found.rounds if step.added]
     ties = tuple(
@@ -310,15 +316,31 @@ def isolability(signatures: Sequence[Signature]) -> Isolability:
     )
 
 
+def shares_in(
+    baseline_fit: BaselineFit, found: Search, model: Model
+) -> Mapping[str, float]:
+    """Share of the gap that each effect of a model takes.
+
+    Three may each be idle beside the two others: once one of them has gone, they count
+    anew.
+    """
+    problem, x = model.problem, model.x
+    if problem.effects in (found.after.problem.effects, ()):
+        return found.shares
+    division = interleaved_folds(problem.plant.records)
+    now = cross_validate(problem, division, [x] * len(division))
+    return shares_of(baseline_fit.crossed, now, division)
+
+
 def _found(
     found: Search,
     problem: Problem,
     x: FloatArray,
     estimated: Mapping[str, Estimate],
     agreed: Mapping[str, float],
+    shares: Mapping[str, float],
 ) -> tuple[Found, ...]:
     sure = {step.added: step.confidence for step in found.rounds}
-    shares = {name: found.shares[name] for name in problem.effects}
     most = max(shares.values(), default=0.0)
     return tuple(
         Found(

@@ -176,10 +176,31 @@ def search(
             next(c.crossed for c in candidates if c.id == step.added), division
         )
         known.append(now)
-    now, losses = _pruned(now, division, thresholds, known)
-    beyond = max(baseline.held_out_mse - baseline.problem.inflation**-2, 1e-12)
-    shares = {name: loss / beyond for name, loss in losses.items()}
+    now = _pruned(now, division, thresholds, known)
+    shares = shares_of(baseline, now, division, known)
     return Search(baseline, now, _settled(rounds), first, shares)
+
+
+def shares_of(
+    baseline: CrossValidation,
+    now: CrossValidation,
+    division: Sequence[Fold],
+    known: Sequence[CrossValidation] = (),
+) -> dict[str, float]:
+    """Share of the gap that opens again without each effect of a model, by id.
+
+    Args:
+        baseline: the model without any.
+        now: the model.
+        division: of both.
+        known: models that have been fitted already.
+    """
+    beyond = max(baseline.held_out_mse - baseline.problem.inflation**-2, 1e-12)
+    slim = _slimmer(now, division, known)
+    return {
+        name: (crossed.held_out_mse - now.held_out_mse) / beyond
+        for name, crossed in slim.items()
+    }
 
 
 def resolved(crossed: CrossValidation, division: Sequence[Fold]) -> CrossValidation:
@@ -363,26 +384,31 @@ def _pruned(
     now: CrossValidation,
     division: Sequence[Fold],
     thresholds: Thresholds,
-    known: Sequence[CrossValidation],
-) -> tuple[CrossValidation, dict[str, float]]:
+    known: list[CrossValidation],
+) -> CrossValidation:
     """Without the effects that later ones have made useless.
 
-    And by how much the held-out mean square grows where one of the rest is taken out;
-    `known` are models that have been fitted already.
+    What is fitted for that joins `known`, models that have been fitted already.
     """
     while True:
-        slim = {
-            name: _without(now, name, division, known) for name in now.problem.effects
-        }
-        losses = {
-            name: crossed.held_out_mse - now.held_out_mse
-            for name, crossed in slim.items()
-        }
-        useless = 0.5 * thresholds.reduction * now.held_out_mse
-        idle = [name for name in now.problem.effects[:-1] if losses[name] <= useless]
+        slim = _slimmer(now, division, known)
+        known += slim.values()
+        useless = (1.0 + 0.5 * thresholds.reduction) * now.held_out_mse
+        idle = [
+            name
+            for name in now.problem.effects[:-1]
+            if slim[name].held_out_mse <= useless
+        ]
         if not idle:
-            return now, losses
+            return now
         now = slim[idle[0]]
+
+
+def _slimmer(
+    now: CrossValidation, division: Sequence[Fold], known: Sequence[CrossValidation]
+) -> dict[str, CrossValidation]:
+    """The model without each of its effects, by id."""
+    return {name: _without(now, name, division, known) for name in now.problem.effects}
 
 
 def _without(

@@ -54,7 +54,7 @@ STAGES = {
     "screen": ("search.screen",),
     "refits": ("search.search", "reason.search"),
     "fit to all": ("reason.fit",),
-    "held out": ("reason._held_out",),
+    "held out": ("reason.predicted",),
     "odd trial": ("reason.odd_trial",),
     "intervals": ("reason.estimates", "reason.undetermined"),
     "next experiment": ("reason.propose",),

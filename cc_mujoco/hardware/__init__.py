@@ -5,18 +5,22 @@ cc-mujoco run --rig rig.toml --controller pi --out runs/first
 
 from __future__ import annotations
 
+from cc_mujoco.hardware.can_rig import CanAddress, CanRig
 from cc_mujoco.hardware.clock import Clock, SystemClock
 from cc_mujoco.hardware.drives import drive_of
 from cc_mujoco.hardware.limits import Limiter, Limits
 from cc_mujoco.hardware.log import Log, require_free
 from cc_mujoco.hardware.loop import Ending, Loop, Outcome
 from cc_mujoco.hardware.packet import Readings, Status
-from cc_mujoco.hardware.rig import Rig, UdpRig
+from cc_mujoco.hardware.rig import Rig
 from cc_mujoco.hardware.settings import Settings, read_settings
 from cc_mujoco.hardware.stops import listening
+from cc_mujoco.hardware.udp_rig import UdpRig
 from cc_mujoco.hardware.watch import Watch, Watchdog
 
 __all__ = [
+    "CanAddress",
+    "CanRig",
     "Clock",
     "Ending",
     "Limiter",

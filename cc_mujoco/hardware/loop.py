@@ -173,7 +173,7 @@ class Loop:
             except Ending as ending:
                 self._end(ending)
             except Exception as error:  # of the rig's class, or of a full disk
-                self._end(Ending(f"{type(error).__name__}: {error}"))
+                self._end(Ending(_told(error)))
         finally:
             # Also after what should not happen: zero torque is said first of all.
             self._rig.close()
@@ -233,14 +233,21 @@ class Loop:
             self._next(stopping=True)
             before = self._limiter.torque
             torque = self._limiter.stopping()
-            self._rig.write(torque)
-            fresh = self._rig.read()
+            fresh = self._let_down(torque)
             if fresh is not None and all(map(math.isfinite, fresh[:6])):
                 number = self.outcome.cycles + self.outcome.missed
                 with contextlib.suppress(OSError):  # a full disk is no reason to stay
                     self._log.row(
                         fresh, before, nan, torque, nan, self._late, 0.0, number
                     )
+
+    def _let_down(self, torque: float) -> Readings | None:
+        """Write and read, whatever the rig raises: it has to be tried until zero."""
+        with contextlib.suppress(Exception):
+            self._rig.write(torque)
+        with contextlib.suppress(Exception):
+            return self._rig.read()
+        return None
 
     def _next(self, stopping: bool = False) -> None:
         """Wait for the next deadline; skip those that are past."""
@@ -275,8 +282,7 @@ class Loop:
                 )
             )
         except Exception as error:
-            kind = "" if isinstance(error, CableError) else f"{type(error).__name__}: "
-            raise Ending(f"the controller failed: {kind}{error}") from error
+            raise Ending(f"the controller failed: {_told(error)}") from error
         if not math.isfinite(wish):
             raise Ending(f"the controller asked for {wish} Nm.")
         return desired, wish
@@ -289,3 +295,9 @@ class Loop:
     def _check(sentence: str | None) -> None:
         if sentence is not None:
             raise Ending(sentence)
+
+
+def _told(error: Exception) -> str:
+    """What an error says; by its name if it is not of this package."""
+    kind = "" if isinstance(error, CableError) else f"{type(error).__name__}: "
+    return f"{kind}{error}"

@@ -1,8 +1,8 @@
-"""A rig as the loop sees it, and the one at the other end of UDP."""
+"""A rig as the loop sees it, and one at the other end of a link of packets."""
 
 from __future__ import annotations
 
-import socket
+import contextlib
 import time
 from collections import Counter
 from typing import Protocol, runtime_checkable
@@ -36,36 +36,54 @@ class Rig(Protocol):
         """Leave the motor without torque, for good."""
 
 
-class UdpRig:
-    """A rig behind a UDP address; packets of others never reach it.
+class Link(Protocol):
+    """What carries packets between two ends; nothing of it waits."""
 
-    The rig answers whom it got its last command from, so a zero command comes first.
-    """
+    ignored: Counter[str]
+    """What it received and did not hand on, by why."""
 
-    def __init__(self, host: str, port: int) -> None:
-        """Open a socket; nothing is sent yet.
+    def receive(self) -> bytes | None:
+        """The next packet, None if there is none.
 
         Raises:
-            CableError: The address means no machine.
+            OSError: It could not be received; the next one may.
+            CableError: Nothing can be any more.
         """
-        self.ignored: Counter[str] = Counter()
-        """Packets that were not used: corrupt, repeated, reordered, overtaken."""
+
+    def send(self, data: bytes) -> None:
+        """Send a packet.
+
+        Raises:
+            OSError: It could not be sent; the next one may.
+            CableError: Nothing can be any more.
+        """
+
+    def close(self) -> None:
+        """Leave it; a second time does nothing."""
+
+
+class PacketRig:
+    """A rig at the other end of a link: what counts of its packets, and what it gets.
+
+    A zero command that is not enabled comes first; torque follows once it was heard.
+    """
+
+    def __init__(self, link: Link) -> None:
+        """Take a link; nothing is sent yet."""
+        self.ignored = link.ignored
+        """Packets that were not used: corrupt, repeated, reordered, overtaken; and
+        what the link did not carry."""
+        self._link = link
         self._sequence = 0
         self._last: packet.Packet | None = None
-        try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
-            family, _, _, _, address = found[0]
-            self._socket = socket.socket(family, socket.SOCK_DGRAM)
-            self._socket.setblocking(False)
-            self._socket.connect(address)
-        except OSError as error:
-            raise CableError(
-                f"cannot reach the rig at {host}:{port}: {error.strerror}; `address` "
-                "must be HOST:PORT of a machine that is there."
-            ) from None
+        self._closed = False
 
     def read(self) -> Readings | None:
-        """The newest reading that is whole and newer than the last; see `Rig`."""
+        """The newest reading that is whole and newer than the last; see `Rig`.
+
+        Raises:
+            CableError: The link carries nothing any more.
+        """
         newest = None
         while (data := self._receive()) is not None:
             found = packet.read_reading(data)
@@ -85,35 +103,38 @@ class UdpRig:
         return newest
 
     def write(self, torque: float) -> None:
-        """Send a command, enabled once the rig has been heard; see `Rig`."""
+        """Send a command, enabled once the rig has been heard; see `Rig`.
+
+        Raises:
+            CableError: The link carries nothing any more.
+        """
         heard = self._last is not None
         self._send(torque, Status.ENABLED if heard else Status.NONE)
 
     def close(self) -> None:
         """Say several times that the run is over; see `Rig`."""
-        if self._socket.fileno() < 0:
+        if self._closed:
             return
+        self._closed = True
         for _ in range(FAREWELLS):
-            self._send(0.0, Status.STOPPED)
+            with contextlib.suppress(CableError):
+                self._send(0.0, Status.STOPPED)
             time.sleep(_APART)
-        self._socket.close()
+        self._link.close()
 
     def _receive(self) -> bytes | None:
         try:
-            return self._socket.recv(1024)
-        except (BlockingIOError, InterruptedError):
-            return None
-        except OSError:  # nobody listens there, as the system was told
+            return self._link.receive()
+        except OSError:
             self.ignored["unreachable"] += 1
             return None
 
     def _send(self, torque: float, status: Status) -> None:
         self._sequence += 1
         echo = 0 if self._last is None else self._last.stamp
+        command = Command(self._sequence, echo, torque, status)
         try:
-            self._socket.send(
-                packet.command(Command(self._sequence, echo, torque, status))
-            )
+            self._link.send(packet.command(command))
         except OSError:
             # As good as lost on the way; readings stop, too, and that is watched.
             self.ignored["unsent"] += 1

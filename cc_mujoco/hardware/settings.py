@@ -4,8 +4,13 @@ scene = "bench"                 # that the controller knows: a name or an MJCF f
 period = 0.002                  # s, 0.0005 to 0.002
 
 [rig]
-address = "192.168.7.2:5005"    # of a rig behind UDP; or a class of your own:
-# class = "my_rig:Rig"          # made with the other keys of this table
+address = "192.168.7.2:5005"    # of a rig behind UDP
+# address = "can:can0"          # or on CAN FD: the channel, and by default
+# interface = "socketcan"       # of python-can
+# command_id = 0x110            # above 0x7ff: 29 bits
+# reading_id = 0x111
+# bus = {}                      # what else the interface needs: data_bitrate, ...
+# class = "my_rig:Rig"          # or of your own, made with the other keys
 
 [limits]                        # the first four must be given
 torque = 2.0                    # Nm, of the motor
@@ -51,6 +56,7 @@ from typing import Any, TypeVar
 from cc_mujoco.control import Drive
 from cc_mujoco.diagnosis.data.toml_table import Table, finite
 from cc_mujoco.errors import CableError
+from cc_mujoco.hardware.can_rig import LONG_ID, CanAddress, CanRig
 from cc_mujoco.hardware.desired import (
     Desired,
     Virtual,
@@ -59,13 +65,16 @@ from cc_mujoco.hardware.desired import (
     from_trajectory,
 )
 from cc_mujoco.hardware.limits import FASTEST, SLOWEST, Limits
-from cc_mujoco.hardware.rig import Rig, UdpRig
+from cc_mujoco.hardware.rig import Rig
 from cc_mujoco.hardware.servo import Stiffness
+from cc_mujoco.hardware.udp_rig import UdpRig
 from cc_mujoco.hardware.watch import Watchdog
 
 Kind = TypeVar("Kind", Limits, Watchdog, Stiffness)
 
 _TASKS = ("torque", "csv", "name", "trajectory")
+_CAN = "can:"
+_IDS = ("command_id", "reading_id")
 _REQUIRED = ("torque", "torque_rate", "motor_speed", "joint_range")
 
 
@@ -87,16 +96,31 @@ class Settings:
     servo: Table
     """The table `[servo]`."""
 
+    def address(self) -> tuple[str, int] | CanAddress | None:
+        """Host and port, or place on a CAN bus; None of a rig with its own class."""
+        if (address := self.rig.text("address")) is None:
+            return None
+        if address.startswith(_CAN):
+            given = {k: v for k, v in self.rig.content.items() if k != "address"}
+            return CanAddress(address.removeprefix(_CAN), **given)
+        host, _, port = address.rpartition(":")
+        return host.strip("[]"), int(port)
+
     def connect(self) -> Rig:
         """Make the rig that `[rig]` names.
 
         Raises:
             CableError: It cannot be made.
         """
-        if name := self.rig.text("class"):
-            return _own(self.rig, name)
-        host, _, port = (self.rig.text("address") or "").rpartition(":")
-        return UdpRig(host.strip("[]"), int(port))
+        address = self.address()
+        if address is None:
+            return _own(self.rig, self.rig.text("class") or "")
+        try:
+            if isinstance(address, CanAddress):
+                return CanRig(address)
+            return UdpRig(*address)
+        except CableError as error:
+            raise CableError(f"{self.rig.where}: {error}") from None
 
     def firm(self, drive: Drive) -> Stiffness:
         """How firmly the motor is held on the course of a trial.
@@ -189,12 +213,31 @@ def _rig(table: Table) -> Table:
     own, address = table.text("class"), table.text("address")
     if (own is None) == (address is None):
         raise CableError(f"{table.where} needs either `address` or `class`.")
-    if address is not None:
+    if address is not None and address.startswith(_CAN):
+        _can(table)
+    elif address is not None:
         table.only("address")
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-            raise table.wrong("address", 'HOST:PORT, such as "192.168.7.2:5005"')
+            raise table.wrong(
+                "address", 'HOST:PORT, such as "192.168.7.2:5005", or "can:CHANNEL"'
+            )
     return table
+
+
+def _can(table: Table) -> None:
+    table.only(*(field.name for field in dataclasses.fields(CanAddress)), "address")
+    if table.content["address"] == _CAN:
+        raise table.wrong("address", 'can:CHANNEL, such as "can:can0"')
+    table.text("interface")
+    table.table("bus")
+    for key in _IDS:
+        value = table.content.get(key, 0)
+        if type(value) is not int or not 0 <= value <= LONG_ID:
+            raise table.wrong(key, f"a whole number from 0 to {LONG_ID:#x}")
+    ids = CanAddress("", **{k: v for k, v in table.content.items() if k in _IDS})
+    if ids.command_id == ids.reading_id:
+        raise CableError(f"{table.where}: command_id and reading_id must differ.")
 
 
 def _servo(table: Table) -> Table:

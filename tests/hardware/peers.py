@@ -1,10 +1,9 @@
-"""A rig at the other end of loopback UDP, in a thread; it can spoil what it sends."""
+"""A rig at the other end of a link, in a thread; it can spoil what it sends."""
 
 from __future__ import annotations
 
 import math
 import random
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -13,6 +12,7 @@ from types import TracebackType
 
 from cc_mujoco.hardware import Readings, Status, packet
 from cc_mujoco.hardware.packet import Command
+from hardware.ends import End, UdpEnd
 
 
 @dataclass
@@ -21,16 +21,14 @@ class Peer:
 
     spoil: Callable[[int, bytes], Iterable[bytes]] = lambda count, data: [data]
     """Of the number of the reading and its packet: what is sent instead."""
+    end: End = field(default_factory=UdpEnd)
     commands: list[Command] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     corrupt: int = 0
 
     def __post_init__(self) -> None:
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
-        self.socket.settimeout(0.05)
-        self.port = self.socket.getsockname()[1]
         self._over = threading.Event()
+        self._leaving = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
 
     def __enter__(self) -> Peer:
@@ -43,9 +41,9 @@ class Peer:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._over.set()
+        self._leaving.set()
         self._thread.join()
-        self.socket.close()
+        self.end.close()
 
     @property
     def torques(self) -> list[float]:
@@ -62,9 +60,9 @@ class Peer:
         draw = random.Random(0)
         count = 0
         while not self._over.is_set():
-            try:
-                data, host = self.socket.recvfrom(1024)
-            except TimeoutError:
+            if (data := self.end.receive()) is None:
+                if self._leaving.is_set():  # all that was sent is heard
+                    return
                 continue
             command = packet.read_command(data)
             if command is None:
@@ -78,17 +76,20 @@ class Peer:
                 count, time.perf_counter_ns(), Readings(0.0, *noise, Status.ENABLED)
             )
             for each in self.spoil(count, sent):
-                self.socket.sendto(each, host)
+                self.end.send(each)
 
 
-def toml(port: int, task: str = "torque = 0.5", watchdog: str = "") -> str:
+NOWHERE = 'address = "127.0.0.1:5005"'
+
+
+def toml(rig: str = NOWHERE, task: str = "torque = 0.5") -> str:
     """A `rig.toml` that a busy machine can follow."""
     return f"""
 scene = "bench"
 period = 0.002
 
 [rig]
-address = "127.0.0.1:{port}"
+{rig}
 
 [limits]
 torque = 1.0
@@ -101,7 +102,6 @@ stop_time = 0.05
 [watchdog]
 missed_readings = 99999
 missed_deadlines = 99999
-{watchdog}
 
 [task]
 {task}

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +23,23 @@ from cc_mujoco.hardware import Log, Readings, listening, require_free
 from cc_mujoco.hardware.log import COLUMNS
 from cc_mujoco.hardware.stops import SIGNALS
 from cc_mujoco.recording.columns import DEVICE
-from hardware.peers import Peer, toml
+from hardware.ends import End, MulticastEnd, UdpEnd
+from hardware.peers import NOWHERE, Peer, toml
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
 WORDS = [sys.executable, "-m", "cc_mujoco.cli"]
 
 
-def words(folder: Path, port: int, duration: float, **options: str) -> list[str]:
-    (folder / "rig.toml").write_text(toml(port, **options), encoding="utf-8")
+@pytest.fixture(params=[UdpEnd, MulticastEnd])
+def end(request: pytest.FixtureRequest) -> Iterable[End]:
+    """That the process of a host finds."""
+    made: End = request.param()
+    yield made
+    made.close()
+
+
+def words(folder: Path, rig: str, duration: float) -> list[str]:
+    (folder / "rig.toml").write_text(toml(rig), encoding="utf-8")
     where = ["--rig", str(folder / "rig.toml"), "--out", str(folder / "out")]
     return ["run", *where, "--controller", "pi", "--duration", str(duration)]
 
@@ -53,10 +63,10 @@ def started(peer: Peer, process: subprocess.Popen[str], count: int) -> None:
 
 
 def test_a_run_leaves_its_log_and_how_it_went(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], end: End
 ) -> None:
-    with Peer() as peer:
-        assert cli.main(words(tmp_path, peer.port, 0.3)) == 0
+    with Peer(end=end) as peer:
+        assert cli.main(words(tmp_path, peer.end.rig, 0.3)) == 0
     said = capsys.readouterr().out
     assert "cycles of 2 ms" in said and "the 0.3 s are over." in said
     found = rows(tmp_path / "out" / "log.csv")
@@ -77,7 +87,7 @@ def test_a_controller_that_plans_is_warned_of(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with Peer() as peer:
-        given = words(tmp_path, peer.port, 0.05)
+        given = words(tmp_path, peer.end.rig, 0.05)
         given[given.index("pi")] = "predictive"
         assert cli.main(given) == 0
     assert "it may swing up" in capsys.readouterr().err
@@ -86,7 +96,7 @@ def test_a_controller_that_plans_is_warned_of(
 def test_a_model_is_refused_where_a_joint_is_not_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = words(tmp_path, 1, 0.05)
+    given = words(tmp_path, NOWHERE, 0.05)
     given[given.index("pi")] = "stiction"
     rig = tmp_path / "rig.toml"
     rig.write_text(rig.read_text().replace('"bench"', '"exosuit"'))
@@ -116,13 +126,13 @@ def test_measured_data_are_never_replaced(tmp_path: Path) -> None:
         require_free(tmp_path / "out")
     with pytest.raises(CableError, match="measured data are never replaced"):
         Log(tmp_path / "out", {}, 1)
-    assert cli.main(words(tmp_path, 9, 0.3)) == 2
+    assert cli.main(words(tmp_path, NOWHERE, 0.3)) == 2
 
 
-def test_a_log_survives_the_death_of_the_host(tmp_path: Path) -> None:
-    with Peer() as peer:
+def test_a_log_survives_the_death_of_the_host(tmp_path: Path, end: End) -> None:
+    with Peer(end=end) as peer:
         process = subprocess.Popen(
-            [*WORDS, *words(tmp_path, peer.port, 60.0)], env=ENVIRONMENT, text=True
+            [*WORDS, *words(tmp_path, peer.end.rig, 60.0)], env=ENVIRONMENT, text=True
         )
         started(peer, process, 200)
         process.kill()
@@ -136,11 +146,11 @@ def test_a_log_survives_the_death_of_the_host(tmp_path: Path) -> None:
     assert about(tmp_path)["outcome"] == "running, or killed"
 
 
-def test_an_interruption_takes_the_torque_to_zero(tmp_path: Path) -> None:
+def test_an_interruption_takes_the_torque_to_zero(tmp_path: Path, end: End) -> None:
     number = signal.SIGINT
-    with Peer() as peer:
+    with Peer(end=end) as peer:
         process = subprocess.Popen(
-            [*WORDS, *words(tmp_path, peer.port, 60.0)],
+            [*WORDS, *words(tmp_path, peer.end.rig, 60.0)],
             env=ENVIRONMENT,
             stderr=subprocess.PIPE,
             text=True,
@@ -159,12 +169,14 @@ def test_an_interruption_takes_the_torque_to_zero(tmp_path: Path) -> None:
 
 
 def test_a_lost_rig_is_exit_code_3(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], end: End
 ) -> None:
-    with Peer(lambda count, data: [data] if count < 50 else []) as peer:
-        given = words(tmp_path, peer.port, 5.0)
+    with Peer(lambda count, data: [data] if count < 50 else [], end) as peer:
+        given = words(tmp_path, peer.end.rig, 5.0)
         (tmp_path / "rig.toml").write_text(
-            toml(peer.port).replace("missed_readings = 99999", "missed_readings = 25")
+            toml(peer.end.rig).replace(
+                "missed_readings = 99999", "missed_readings = 25"
+            )
         )
         with pytest.raises(SystemExit) as stop:
             cli.main(given)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Ending, Limiter, Limits, Readings, Status, Watchdog
 from cc_mujoco.hardware.desired import constant
+from cc_mujoco.hardware.loop import ZEROS
 from cc_mujoco.sensing import MEASURED
 from hardware.fakes import (
     LIMITS,
@@ -295,6 +296,34 @@ def test_what_the_class_of_a_rig_raises_ends_the_run(
     plain = FakeRig.read
     monkeypatch.setattr(FakeRig, "read", read)
     require_stopped(play(), "OSError: bus off")
+
+
+@pytest.mark.parametrize(
+    ("error", "why"),
+    [(OSError("gone"), "OSError: gone"), (CableError("it is gone."), "it is gone.")],
+)
+def test_a_rig_that_raises_for_good_is_told_zero_until_the_end(
+    monkeypatch: pytest.MonkeyPatch, error: Exception, why: str
+) -> None:
+    asked: list[float] = []
+
+    def write(rig: FakeRig, torque: float) -> None:
+        asked.append(torque)
+        if rig.reads >= 100:
+            raise error
+        plain(rig, torque)
+
+    def read(rig: FakeRig) -> Readings | None:
+        if rig.reads >= 100:
+            raise error
+        return reading(rig)
+
+    plain, reading = FakeRig.write, FakeRig.read
+    monkeypatch.setattr(FakeRig, "write", write)
+    monkeypatch.setattr(FakeRig, "read", read)
+    played = play()
+    assert (played.outcome.sentence, played.outcome.code) == (why, 3)
+    assert asked[-ZEROS:] == [0.0] * ZEROS and played.rig.closed == 1
 
 
 def test_limits_that_cannot_be_kept_together_are_refused() -> None:

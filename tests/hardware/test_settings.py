@@ -14,7 +14,7 @@ from cc_mujoco.human import TRAJECTORIES
 from hardware.peers import toml
 
 REST = Readings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-PLAIN = toml(5005)
+PLAIN = toml()
 
 
 class Own:
@@ -73,6 +73,8 @@ def test_a_file_gives_its_limits_and_the_rest_its_defaults(tmp_path: Path) -> No
         ("missed_readings = 99999", "missed_readings = 2.5", "whole number of cycles"),
         ("missed_readings = 99999", "missed_readings = 0", r"\[watchdog\]: Watchdog"),
         ("127.0.0.1:5005", "127.0.0.1", 'address must be HOST:PORT'),
+        ("127.0.0.1:5005", "can:", 'address must be can:CHANNEL'),
+        ("[limits]", "interface = 'pcan'\n[limits]", "unknown key in"),
         ("127.0.0.1:5005", "rig:70000", 'address must be HOST:PORT'),
         ("address", "adress", "needs either `address` or `class`"),
         ("torque = 0.5", "", r"\[task\] needs one of torque, csv, name"),
@@ -116,21 +118,21 @@ def test_a_task_that_cannot_be_is_said(task: str, why: str, tmp_path: Path) -> N
     (tmp_path / "back.csv").write_text("time_s,torque_nm\n1,1\n1,2\n")
     (tmp_path / "other.csv").write_text("time_s,torque\n1,1\n")
     (tmp_path / "empty.csv").write_text("time_s,torque_nm\n")
-    settings = read_settings(written(tmp_path, toml(5005, task)))
+    settings = read_settings(written(tmp_path, toml(task=task)))
     with pytest.raises(CableError, match=why):
         settings.desired(1.0)
 
 
 def test_a_course_is_linear_between_its_points_and_held(tmp_path: Path) -> None:
     (tmp_path / "course.csv").write_text("torque_nm,time_s\n1,0\n\n3,1\n")
-    text = toml(5005, "csv = 'course.csv'")
+    text = toml(task="csv = 'course.csv'")
     desired = read_settings(written(tmp_path, text)).desired(9.0)
     found = [desired.torque(time, REST) for time in (0.0, 0.25, 1.0, 7.0)]
     assert found == [1.0, 1.5, 3.0, 3.0]
 
 
 def test_a_trajectory_is_a_course_of_that_amplitude(tmp_path: Path) -> None:
-    text = toml(5005, "trajectory = 'sine'\namplitude = 0.7")
+    text = toml(task="trajectory = 'sine'\namplitude = 0.7")
     desired = read_settings(written(tmp_path, text)).desired(10.0)
     found = [desired.torque(time, REST) for time in np.arange(0.0, 10.0, 0.002)]
     motion = TRAJECTORIES["sine"].sample(10.0, 0.002, np.random.default_rng(0))
@@ -140,7 +142,7 @@ def test_a_trajectory_is_a_course_of_that_amplitude(tmp_path: Path) -> None:
 
 
 def test_a_virtual_environment_follows_the_joint(tmp_path: Path) -> None:
-    text = toml(5005, "name = 'spring'")
+    text = toml(task="name = 'spring'")
     desired = read_settings(written(tmp_path, text)).desired(1.0)
     assert desired.torque(0.0, REST._replace(joint_angle=0.25)) == -0.25
 

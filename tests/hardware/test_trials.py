@@ -46,8 +46,8 @@ def written(folder: Path, reach: float = 0.05, seconds: float = 0.2) -> Path:
     return folder
 
 
-def words(folder: Path, port: int, *more: str, trials: Path | None = None) -> list[str]:
-    (folder / "rig.toml").write_text(toml(port), encoding="utf-8")
+def words(folder: Path, rig: str, *more: str, trials: Path | None = None) -> list[str]:
+    (folder / "rig.toml").write_text(toml(rig), encoding="utf-8")
     plan = str(trials or folder / "plan")
     where = ["--rig", str(folder / "rig.toml"), "--out", str(folder / "out")]
     return ["run", *where, "--plan", plan, *more]
@@ -102,7 +102,7 @@ def test_a_trial_leaves_a_log_that_is_data_with_what_is_known_of_it(
 ) -> None:
     written(tmp_path / "plan")
     with Peer() as peer:
-        assert cli.main(words(tmp_path, peer.port, "--trial", "2")) == 0
+        assert cli.main(words(tmp_path, peer.end.rig, "--trial", "2")) == 0
         # A motor that stays where it is gets all the torque there is, and no more.
         assert 0.0 < max(np.abs(peer.torques)) <= 1.0
         assert peer.stopped()
@@ -112,11 +112,11 @@ def test_a_trial_leaves_a_log_that_is_data_with_what_is_known_of_it(
     assert told["exit_code"] == 0 and told["plan"] == str(tmp_path / "plan")
     assert recorded(out) == {"trial_02": 80.0}
     with Peer() as peer:
-        assert cli.main(words(tmp_path, peer.port, "--trial", "2")) == 2
+        assert cli.main(words(tmp_path, peer.end.rig, "--trial", "2")) == 2
         assert not peer.commands
     assert "measured data are never replaced" in capsys.readouterr().err
     with Peer() as peer:
-        assert cli.main(words(tmp_path, peer.port, "--trial", "1")) == 0
+        assert cli.main(words(tmp_path, peer.end.rig, "--trial", "1")) == 0
     assert recorded(out) == {"trial_01": 40.0, "trial_02": 80.0}
 
 
@@ -150,7 +150,7 @@ def test_what_cannot_be_played_is_said_before_the_rig_is_touched(
 ) -> None:
     plan = written(tmp_path / "plan", reach)
     with Peer() as peer:
-        arguments = words(tmp_path, peer.port, *more, trials=plan)
+        arguments = words(tmp_path, peer.end.rig, *more, trials=plan)
         assert cli.main(arguments) == 2
         assert not peer.commands
     assert said in capsys.readouterr().err

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from driven import HAND, Bench, Instruments
-from rig_udp import PERIOD, SILENCE, Host
+from play_rig import PERIOD, SILENCE, Host, end_of
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Status, packet
+from cc_mujoco.hardware import Readings, Status, packet, read_settings
 from cc_mujoco.hardware.packet import Command
+from hardware.peers import toml
 from rig import make_rig
 
 
@@ -92,3 +98,40 @@ def test_a_rig_does_what_the_page_says_that_it_owes() -> None:
     assert taken(host, (1, 0.0, none), (2, 0.5, on), now=0.2) == 0.5
     assert taken(host, (3, 0.5, Status.STOPPED), (2, 0.5, on), now=0.2) == 0.0
     assert host.address is None
+
+
+@pytest.mark.parametrize(
+    "rig",
+    ['address = "127.0.0.1:0"', 'address = "can:played"\ninterface = "virtual"'],
+)
+def test_it_is_where_rig_toml_says(rig: str, tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        rig = rig.replace(":0", f":{free.getsockname()[1]}")
+    path = tmp_path / "rig.toml"
+    path.write_text(toml(rig))
+    end, made = end_of(path, 1), read_settings(path).connect()
+    assert end.receive() is None
+    made.write(0.0)
+    found = arrived(end.receive)
+    assert packet.read_command(found[0]) == Command(1, 0, 0.0, Status.NONE)
+    end.send(packet.reading(1, 5, Readings(0.0, 0.5, *[0.0] * 4)), found[1])
+    assert arrived(made.read).motor_angle == 0.5
+    made.close()
+    end.close()
+
+
+def arrived(asked: Callable[[], Any]) -> Any:
+    """What comes within a second."""
+    for _ in range(1000):
+        if (found := asked()) is not None:
+            return found
+        time.sleep(1e-3)
+    raise AssertionError("nothing came")
+
+
+def test_a_class_of_ones_own_cannot_be_played(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(toml('class = "my_rig:Rig"'))
+    with pytest.raises(CableError, match="names a class of its own"):
+        end_of(path, 1)

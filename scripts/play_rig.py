@@ -1,8 +1,10 @@
 """Play a rig in real time, in a process of its own, for `cc-mujoco run`.
 
-    python scripts/rig_udp.py --port 5005 --effect viscous_friction --amount 200
+    python scripts/play_rig.py --port 5005 --effect viscous_friction --amount 200
+    python scripts/play_rig.py --rig rig.toml
 
-The bench of `scripts/diagnosis_study/driven.py`. It answers with a reading at every
+It is at a port of this machine, or at the address in a `rig.toml`, on CAN as well. The
+bench of `scripts/diagnosis_study/driven.py`. It answers with a reading at every
 record (500 Hz), and has the watchdog that the packet asks of a rig: no command for
 50 ms, no torque.
 """
@@ -18,13 +20,15 @@ import sys
 import time
 from pathlib import Path
 from types import FrameType
+from typing import Protocol
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
 from driven import Bench, Instruments
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Status, packet
+from cc_mujoco.hardware import CanAddress, Status, packet, read_settings
+from cc_mujoco.hardware.can_rig import CanLink
 from rig import make_rig
 from rig.makes import MAKES
 
@@ -33,18 +37,88 @@ SILENCE = 0.05
 """Time without a command after which there is no torque [s]."""
 
 
+Sender = tuple[str, int]
+"""Whom a packet came from; on CAN, where nobody has an address, the bus."""
+
+
+class End(Protocol):
+    """The rig's end of a link; nothing of it waits."""
+
+    name: str
+
+    def receive(self) -> tuple[bytes, Sender] | None:
+        """The next packet and whom it came from, None if there is none."""
+
+    def send(self, data: bytes, to: Sender) -> None:
+        """Send a packet; it may be lost."""
+
+    def close(self) -> None:
+        """Leave."""
+
+
+class UdpEnd:
+    """A port of this machine."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.name = f"{host}:{port}"
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind((host, port))
+        self._socket.setblocking(False)
+
+    def receive(self) -> tuple[bytes, Sender] | None:
+        """See `End`."""
+        try:
+            return self._socket.recvfrom(1024)
+        except OSError:
+            return None
+
+    def send(self, data: bytes, to: Sender) -> None:
+        """See `End`."""
+        with contextlib.suppress(OSError):
+            self._socket.sendto(data, to)
+
+    def close(self) -> None:
+        """See `End`."""
+        self._socket.close()
+
+
+class CanEnd:
+    """The other end of the address that a host has."""
+
+    def __init__(self, address: CanAddress) -> None:
+        self.name = f"can:{address.channel}"
+        self._link = CanLink(address.other_end())
+
+    def receive(self) -> tuple[bytes, Sender] | None:
+        """See `End`."""
+        try:
+            data = self._link.receive()
+        except (OSError, CableError):  # of the bus, which may come back
+            return None
+        return None if data is None else (data, (self.name, 0))
+
+    def send(self, data: bytes, to: Sender) -> None:
+        """See `End`."""
+        with contextlib.suppress(OSError, CableError):
+            self._link.send(data)
+
+    def close(self) -> None:
+        """See `End`."""
+        self._link.close()
+
+
 class Host:
     """Whom the rig obeys: what it owes as to watchdog, sequence and enabling."""
 
     def __init__(self) -> None:
-        self.address: tuple[str, int] | None = None
+        self.address: Sender | None = None
         """Where readings go."""
         self.enabled = False
         self.torque = 0.0
         self._sequence: int | None = None
         self._heard = -math.inf
 
-    def take(self, data: bytes, sender: tuple[str, int], now: float) -> None:
+    def take(self, data: bytes, sender: Sender, now: float) -> None:
         """Take a packet; a new host begins with a command that is not enabled."""
         command = packet.read_command(data)
         if command is None:
@@ -70,9 +144,7 @@ class Host:
         self.enabled, self.torque, self._sequence = False, 0.0, None
 
 
-def serve(
-    link: socket.socket, bench: Bench, seed: int, swing: float, swing_period: float
-) -> None:
+def serve(end: End, bench: Bench, seed: int, swing: float, swing_period: float) -> None:
     """Play until the process is told to end."""
     instruments, host = Instruments(seed, bench.period), Host()
     pace = 2.0 * math.pi / swing_period
@@ -84,9 +156,8 @@ def serve(
             time.sleep(max(deadline - now - 1e-4, 0.0))
         late += now > deadline + PERIOD
         had = host.address
-        with contextlib.suppress(BlockingIOError):
-            while True:
-                host.take(*link.recvfrom(1024), now)
+        while (found := end.receive()) is not None:
+            host.take(*found, now)
         if had is not None and host.address is None:
             print(f"told to stop; {late} of {count} periods late", flush=True)
         host.watch(now)
@@ -101,7 +172,25 @@ def serve(
         seen = instruments.readings(bench.state, bench.joint_torque, status)
         if host.address is not None:
             stamp = round(count * PERIOD * 1e9)
-            link.sendto(packet.reading(count, stamp, seen), host.address)
+            end.send(packet.reading(count, stamp, seen), host.address)
+
+
+def end_of(rig: Path | None, port: int) -> End:
+    """The end of a link to be at.
+
+    Args:
+        rig: A `rig.toml` that says where, or None.
+        port: Of this machine if there is none.
+
+    Raises:
+        CableError: The file cannot be read, or names no such place.
+    """
+    if rig is None:
+        return UdpEnd("127.0.0.1", port)
+    address = read_settings(rig).address()
+    if address is None:
+        raise CableError(f"{rig} names a class of its own, which this cannot play.")
+    return CanEnd(address) if isinstance(address, CanAddress) else UdpEnd(*address)
 
 
 def _ended(number: int, _: FrameType | None) -> None:
@@ -112,6 +201,9 @@ def main() -> None:
     """Play the rig that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--port", type=int, default=5005)
+    parser.add_argument(
+        "--rig", type=Path, help="rig.toml of the host, for its address"
+    )
     parser.add_argument("--effect", choices=sorted(MAKES["guides"].effects))
     parser.add_argument("--amount", type=float, default=0.0)
     parser.add_argument("--seed", type=int, default=1)
@@ -121,16 +213,15 @@ def main() -> None:
     hidden = {given.effect: given.amount} if given.effect else {}
     try:
         bench = Bench(make_rig(given.seed, make="guides"), hidden, PERIOD)
+        end = end_of(given.rig, given.port)
     except CableError as error:
         parser.error(str(error))
     bench.advance(0.0, 0.0, 0.0)  # compiles
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _ended)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
-        link.bind(("127.0.0.1", given.port))
-        link.setblocking(False)
-        print(f"a rig is at 127.0.0.1:{given.port}", flush=True)
-        serve(link, bench, given.seed, given.swing, given.swing_period)
+    with contextlib.closing(end):
+        print(f"a rig is at {end.name}", flush=True)
+        serve(end, bench, given.seed, given.swing, given.swing_period)
 
 
 if __name__ == "__main__":

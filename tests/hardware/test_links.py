@@ -1,17 +1,12 @@
-"""The two packets, and a rig behind UDP that loses, repeats and spoils them."""
+"""A rig behind UDP or on CAN that loses, repeats and spoils its packets."""
 
 from __future__ import annotations
 
-import socket
-import struct
 import time
-import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError
@@ -26,13 +21,12 @@ from cc_mujoco.hardware import (
 )
 from cc_mujoco.hardware.desired import constant
 from cc_mujoco.hardware.packet import Command
+from hardware.ends import CanEnd, End, UdpEnd
 from hardware.fakes import LIMITS, Rows, drive
 from hardware.peers import Peer
 
 PATIENT = Watchdog(missed_readings=500, missed_deadlines=500)
-DOUBLES = st.floats(allow_nan=False)
-STAMPS = st.integers(0, 2**53)
-SEQUENCES = st.integers(0, 2**32 - 1)
+ENDS = (UdpEnd, CanEnd)
 
 
 class PacedClock:
@@ -51,7 +45,7 @@ class PacedClock:
 
 def run(peer: Peer, duration: float, watchdog: Watchdog = PATIENT) -> Outcome:
     loop = Loop(
-        UdpRig("127.0.0.1", peer.port),
+        peer.end.host(),
         controller("none", drive()),
         constant(2.0),
         LIMITS,
@@ -62,88 +56,36 @@ def run(peer: Peer, duration: float, watchdog: Watchdog = PATIENT) -> Outcome:
     return loop.run(duration)
 
 
-@given(values=st.tuples(*[DOUBLES] * 5), sequence=SEQUENCES, stamp=STAMPS)
-def test_a_reading_comes_as_it_was_sent(
-    values: tuple[float, ...], sequence: int, stamp: int
-) -> None:
-    data = packet.reading(sequence, stamp, Readings(0.0, *values, Status.FAULT))
-    assert len(data) == 64
-    found = packet.read_reading(data)
-    assert found is not None
-    assert (found.sequence, found.stamp) == (sequence, stamp)
-    assert found.readings == Readings(stamp * 1e-9, *values, Status.FAULT)
-
-
-@given(torque=DOUBLES, sequence=SEQUENCES, echo=STAMPS)
-def test_a_command_comes_as_it_was_sent(
-    torque: float, sequence: int, echo: int
-) -> None:
-    given = Command(sequence, echo, torque, Status.ENABLED)
-    data = packet.command(given)
-    assert len(data) == 32
-    assert packet.read_command(data) == given
-    assert packet.read_reading(data) is None
-
-
-def test_packets_lie_in_memory_as_the_page_says() -> None:
-    """Offset by offset, by what has no part in the code."""
-    data = packet.command(Command(7, 9, -0.5, Status.STOPPED))
-    assert data[:8] == b"CCMC\x01\x00\x02\x00"
-    assert data[8:12] == (7).to_bytes(4, "little")
-    assert data[12:20] == (9).to_bytes(8, "little")
-    assert data[20:28] == struct.pack("<d", -0.5)
-    assert data[28:] == zlib.crc32(data[:28]).to_bytes(4, "little")
-    data = packet.reading(3, 5, Readings(0.0, 1.0, 2.0, 3.0, 4.0, 5.0))
-    assert data[:8] == b"CCMR\x01\x00\x00\x00"
-    assert data[20:60] == struct.pack("<5d", 1.0, 2.0, 3.0, 4.0, 5.0)
-    assert data[60:] == zlib.crc32(data[:60]).to_bytes(4, "little")
-
-
-@given(place=st.integers(0, 511), values=st.tuples(*[DOUBLES] * 5))
-def test_a_packet_with_any_bit_turned_is_none(
-    place: int, values: tuple[float, ...]
-) -> None:
-    data = bytearray(packet.reading(1, 2, Readings(0.0, *values)))
-    data[place // 8] ^= 1 << place % 8
-    assert packet.read_reading(bytes(data)) is None
-
-
-@given(data=st.binary(max_size=80))
-def test_rubbish_is_none(data: bytes) -> None:
-    assert packet.read_reading(data) is None and packet.read_command(data) is None
-
-
-@given(start=SEQUENCES, ahead=st.integers(1, 2**31 - 1))
-def test_sequence_numbers_go_on_across_their_turn(start: int, ahead: int) -> None:
-    later = (start + ahead) % 2**32
-    assert packet.is_newer(later, start)
-    assert not packet.is_newer(start, later)
-    assert not packet.is_newer(start, start)
-
-
 class Received:
-    """A `UdpRig` that receives what a test sends it."""
+    """A rig at the host's end that receives what a test sends it."""
 
-    def __init__(self) -> None:
-        self.peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.peer.bind(("127.0.0.1", 0))
-        self.rig = UdpRig("127.0.0.1", self.peer.getsockname()[1])
+    def __init__(self, end: End) -> None:
+        self.end, self.rig = end, end.host()
         self.rig.write(0.0)
-        self.address = self.peer.recvfrom(100)[1]
+        assert end.receive() is not None
 
     def __call__(self, *packets: bytes) -> Readings | None:
         for data in packets:
-            self.peer.sendto(data, self.address)
+            self.end.send(data)
         time.sleep(0.01)  # loopback is far faster
         return self.rig.read()
 
+    def command(self) -> Command | None:
+        return packet.read_command(self.end.receive() or b"")
+
+
+@pytest.fixture(params=ENDS)
+def end(request: pytest.FixtureRequest) -> Iterable[End]:
+    made: End = request.param()
+    yield made
+    made.close()
+
 
 @pytest.fixture
-def received() -> Iterable[Received]:
-    made = Received()
+def received(end: End) -> Iterable[Received]:
+    made = Received(end)
     yield made
     made.rig.close()
-    made.peer.close()
 
 
 def sent(sequence: int, angle: float, stamp: int | None = None) -> bytes:
@@ -168,9 +110,7 @@ def test_the_newest_reading_counts_and_others_are_counted(received: Received) ->
 
 
 def test_packets_of_others_are_not_received(received: Received) -> None:
-    stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    stranger.sendto(sent(9, 0.9), received.address)
-    stranger.close()
+    received.end.stray(sent(9, 0.9))
     time.sleep(0.01)
     assert received.rig.read() is None
     assert not received.rig.ignored
@@ -179,18 +119,17 @@ def test_packets_of_others_are_not_received(received: Received) -> None:
 def test_commands_are_enabled_once_the_rig_is_heard(received: Received) -> None:
     received(sent(1, 0.1))
     received.rig.write(0.25)
-    command = packet.read_command(received.peer.recv(100))
-    assert command == Command(2, 1000, 0.25, Status.ENABLED)
+    assert received.command() == Command(2, 1000, 0.25, Status.ENABLED)
     received.rig.close()
-    farewells = [packet.read_command(received.peer.recv(100)) for _ in range(10)]
+    farewells = [received.command() for _ in range(10)]
     assert all(
         each is not None and each.torque == 0.0 and each.status == Status.STOPPED
         for each in farewells
     )
 
 
-def test_the_first_command_is_not_enabled() -> None:
-    with Peer() as peer:
+def test_the_first_command_is_not_enabled(end: End) -> None:
+    with Peer(end=end) as peer:
         run(peer, 0.05)
     assert peer.commands[0].status == Status.NONE and peer.commands[0].torque == 0.0
     assert peer.stopped() and peer.commands[-2].torque == 0.0
@@ -231,9 +170,9 @@ class Reordering:
     ],
 )
 def test_a_run_goes_on_through_what_networks_do(
-    spoil: Callable[[int, bytes], list[bytes]], why: str | None
+    end: End, spoil: Callable[[int, bytes], list[bytes]], why: str | None
 ) -> None:
-    with Peer(spoil) as peer:
+    with Peer(spoil, end) as peer:
         outcome = run(peer, 0.3)
     assert outcome.code == 0, outcome.sentence
     assert max(peer.torques) > 0.5 and peer.torques[-1] == 0.0
@@ -244,17 +183,17 @@ def test_a_run_goes_on_through_what_networks_do(
         assert outcome.ignored[why] > 20
 
 
-def test_only_corrupt_packets_end_the_run() -> None:
+def test_only_corrupt_packets_end_the_run(end: End) -> None:
     quick = Watchdog(missed_readings=25, missed_deadlines=500)
-    with Peer(lambda k, d: corrupt(k, d)[: 1 if k > 50 else 2]) as peer:
+    with Peer(lambda k, d: corrupt(k, d)[: 1 if k > 50 else 2], end) as peer:
         outcome = run(peer, 5.0, quick)
     assert "no new reading in 25 cycles" in outcome.sentence and outcome.code == 3
     assert peer.stopped()
 
 
-def test_a_peer_that_is_killed_ends_the_run() -> None:
+def test_a_peer_that_is_killed_ends_the_run(end: End) -> None:
     quick = Watchdog(missed_readings=25, missed_deadlines=500)
-    with Peer() as peer:
+    with Peer(end=end) as peer:
 
         def killed(count: int, data: bytes) -> list[bytes]:
             if count == 50:

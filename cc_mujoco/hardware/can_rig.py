@@ -1,0 +1,212 @@
+"""A rig on a CAN FD bus, by python-can (`pip install 'cc_mujoco[can]'`).
+
+    CanRig(CanAddress("can0"))                      # SocketCAN
+    CanRig(CanAddress("PCAN_USBBUS1", "pcan", bus={"f_clock_mhz": 80, ...}))
+
+A packet is the data of one frame, with bit-rate switch.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware.rig import PacketRig
+
+if TYPE_CHECKING:
+    import can
+
+COMMAND_ID, READING_ID = 0x110, 0x111
+"""Unless `rig.toml` says otherwise; of two frames at once the command goes first."""
+SHORT_ID, LONG_ID = 0x7FF, 0x1FFFFFFF
+"""Greatest identifiers of 11 and of 29 bits."""
+FAILURES = 5
+"""So many in a row are no accident: the bus is gone."""
+DRAINED = 200
+"""Most frames looked at between two packets; a bus full of others must not hold up."""
+NETWORKS = Path("/sys/class/net")
+_CLASSICAL_MTU = "16"
+_OFF = 0x40
+"""Bit in the identifier of SocketCAN's error frames: the controller is off the bus."""
+_QUIET = logging.NullHandler()
+
+
+@dataclass(frozen=True)
+class CanAddress:
+    """Where on which bus a rig is."""
+
+    channel: str
+    """As the interface calls it, such as `can0`."""
+    interface: str = "socketcan"
+    """Of python-can."""
+    command_id: int = COMMAND_ID
+    """Identifier of frames with a command; of 29 bits if above 0x7ff."""
+    reading_id: int = READING_ID
+    """Identifier of frames with a reading, likewise."""
+    bus: Mapping[str, Any] = field(default_factory=dict)
+    """What else the interface wants to be told, such as its bit rates."""
+
+    def other_end(self) -> CanAddress:
+        """The same as the rig sees it, which hears commands and sends readings."""
+        return replace(self, command_id=self.reading_id, reading_id=self.command_id)
+
+
+class CanLink:
+    """A packet in a CAN FD frame; frames with other identifiers are left alone."""
+
+    def __init__(self, address: CanAddress) -> None:
+        """Open the bus; nothing is sent yet.
+
+        Raises:
+            CableError: python-can is not installed, the interface is unknown, cannot be
+                opened, or has no CAN FD.
+        """
+        self.ignored: Counter[str] = Counter()
+        self._address = address
+        self._can = _python_can()
+        self._bus = _opened(self._can, address)
+        self._failed = {"sent to": 0, "read from": 0}
+
+    def receive(self) -> bytes | None:
+        """See `Link`."""
+        for _ in range(DRAINED):
+            try:
+                # Without filters of python-can: by those a frame of others would look
+                # like the end of what came.
+                frame = self._bus.recv(0.0)
+            except Exception as error:  # each interface has its own
+                self._fail("read from", error)
+            if frame is None:
+                return None
+            self._failed["read from"] = 0
+            if frame.is_error_frame:
+                self.ignored["error frame"] += 1
+                self._require_on(frame)
+            elif not frame.is_remote_frame and _is(frame, self._address.reading_id):
+                return bytes(frame.data)
+        return None
+
+    def send(self, data: bytes) -> None:
+        """See `Link`."""
+        identifier = self._address.command_id
+        frame = self._can.Message(
+            arbitration_id=identifier,
+            is_extended_id=identifier > SHORT_ID,
+            is_fd=True,
+            bitrate_switch=True,
+            data=data,
+        )
+        try:
+            self._bus.send(frame, timeout=0.0)
+        except Exception as error:  # each interface has its own
+            self._fail("sent to", error)
+        self._failed["sent to"] = 0
+
+    def close(self) -> None:
+        """See `Link`."""
+        try:
+            self._bus.shutdown()
+        except Exception:  # of a device that was pulled out, say
+            self.ignored["not closed"] += 1
+
+    def _fail(self, done: str, error: Exception) -> NoReturn:
+        self._failed[done] += 1
+        if self._failed[done] < FAILURES:
+            raise OSError(str(error)) from error
+        raise CableError(
+            f"{_called(self._address)} cannot be {done}: {_why(error)}; is the rig on, "
+            "with the same bit rates, and is the bus terminated?"
+        ) from error
+
+    def _require_on(self, frame: can.Message) -> None:
+        if self._address.interface == "socketcan" and frame.arbitration_id & _OFF:
+            raise CableError(
+                f"{_called(self._address)} is off after too many errors; is the rig "
+                "on, with the same bit rates, and is the bus terminated?"
+            )
+
+
+class CanRig(PacketRig):
+    """A rig on a CAN FD bus."""
+
+    def __init__(self, address: CanAddress) -> None:
+        """Open the bus; nothing is sent yet.
+
+        Raises:
+            CableError: As `CanLink`.
+        """
+        super().__init__(CanLink(address))
+
+
+def _python_can() -> ModuleType:
+    """The library, quiet: what is wrong is told by errors."""
+    try:
+        import can
+    except ImportError:
+        raise CableError(
+            "a rig on CAN needs python-can: pip install 'cc_mujoco[can]'."
+        ) from None
+    logging.getLogger("can").addHandler(_QUIET)
+    return can
+
+
+def _opened(library: ModuleType, address: CanAddress) -> can.BusABC:
+    if address.interface not in library.VALID_INTERFACES:
+        raise CableError.unknown(
+            "CAN interface", address.interface, library.VALID_INTERFACES
+        )
+    _require_fd_network(address)
+    fd = library.CanProtocol.CAN_FD
+    # Only the virtual bus is told so by this word.
+    how = {"protocol": fd} if address.interface == "virtual" else {"fd": True}
+    try:
+        bus: can.BusABC = library.Bus(
+            channel=address.channel,
+            interface=address.interface,
+            ignore_config=True,  # `rig.toml` says all
+            **{**how, **address.bus},
+        )
+    except Exception as error:  # each interface has its own
+        raise CableError(
+            f"{_called(address)} cannot be opened: {_why(error)}."
+        ) from error
+    if bus.protocol not in (fd, library.CanProtocol.CAN_FD_NON_ISO):
+        bus.shutdown()
+        raise _classical(address)
+    return bus
+
+
+def _require_fd_network(address: CanAddress) -> None:
+    """SocketCAN opens a network without CAN FD as if it had it."""
+    mtu = NETWORKS / address.channel / "mtu"
+    if address.interface != "socketcan" or not mtu.is_file():
+        return
+    if mtu.read_text().strip() == _CLASSICAL_MTU:
+        raise _classical(address)
+
+
+def _classical(address: CanAddress) -> CableError:
+    return CableError(
+        f"{_called(address)} is one of classical CAN, or was opened as one; a reading "
+        "is one frame of 64 bytes, which takes CAN FD."
+    )
+
+
+def _called(address: CanAddress) -> str:
+    return f"the CAN bus {address.channel!r} of interface {address.interface!r}"
+
+
+def _why(error: Exception) -> str:
+    told = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return " ".join(str(told).split()).rstrip(".")
+
+
+def _is(frame: can.Message, identifier: int) -> bool:
+    long = identifier > SHORT_ID
+    return frame.arbitration_id == identifier and frame.is_extended_id == long

@@ -1,0 +1,150 @@
+"""The rig's end of a link: loopback UDP, a CAN bus in this process, or between two."""
+
+from __future__ import annotations
+
+import itertools
+import socket
+import time
+from typing import Protocol
+
+import can
+import pytest
+
+from cc_mujoco.hardware import CanAddress, CanRig, UdpRig
+from cc_mujoco.hardware.can_rig import CanLink
+from cc_mujoco.hardware.rig import PacketRig
+
+PATIENCE = 0.05
+"""How long an end waits for a packet [s]."""
+GROUP = "239.74.163.2"
+"""The multicast address that python-can usually takes."""
+_numbers = itertools.count()
+
+
+class End(Protocol):
+    """What a peer sends and receives by."""
+
+    rig: str
+    """The lines of `[rig]` that lead here."""
+
+    def host(self) -> PacketRig:
+        """What the host has at its own end."""
+
+    def receive(self) -> bytes | None:
+        """The next packet of the host, None if none came in `PATIENCE`."""
+
+    def send(self, data: bytes) -> None:
+        """Send to whom the last packet came from."""
+
+    def stray(self, data: bytes) -> None:
+        """Send what the host must not take for a packet of its rig."""
+
+    def close(self) -> None:
+        """Leave."""
+
+
+class UdpEnd:
+    """A socket."""
+
+    def __init__(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.settimeout(PATIENCE)
+        self._port = self._socket.getsockname()[1]
+        self.rig = f'address = "127.0.0.1:{self._port}"'
+
+    def host(self) -> PacketRig:
+        return UdpRig("127.0.0.1", self._port)
+
+    def receive(self) -> bytes | None:
+        try:
+            data, self._host = self._socket.recvfrom(1024)
+        except TimeoutError:
+            return None
+        return data
+
+    def send(self, data: bytes) -> None:
+        self._socket.sendto(data, self._host)
+
+    def stray(self, data: bytes) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            stranger.sendto(data, self._host)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class CanEnd:
+    """A bus of python-can in this process."""
+
+    def __init__(self) -> None:
+        self.address = self._address()
+        self._link = CanLink(self.address.other_end())
+        bus = ", ".join(f"{key} = {value}" for key, value in self.address.bus.items())
+        self.rig = (
+            f'address = "can:{self.address.channel}"\n'
+            f'interface = "{self.address.interface}"\nbus = {{{bus}}}'
+        )
+
+    def _address(self) -> CanAddress:
+        return CanAddress(f"test-{next(_numbers)}", "virtual")
+
+    def host(self) -> PacketRig:
+        return CanRig(self.address)
+
+    def receive(self) -> bytes | None:
+        end = time.monotonic() + PATIENCE
+        while (data := self._link.receive()) is None and time.monotonic() < end:
+            time.sleep(2e-4)
+        return data
+
+    def send(self, data: bytes) -> None:
+        self._link.send(data)
+
+    def stray(self, data: bytes) -> None:
+        identifier = self.address.reading_id
+        frames = [
+            can.Message(
+                arbitration_id=0x7, is_extended_id=False, is_fd=True, data=data
+            ),
+            can.Message(arbitration_id=identifier, is_fd=True, data=data),
+            can.Message(
+                arbitration_id=identifier, is_extended_id=False, is_remote_frame=True
+            ),
+        ]
+        for frame in frames:
+            self._link._bus.send(frame)
+        twin = CanLink(self.address)  # of the host: two of them on a bus
+        twin.send(data)
+        twin.close()
+
+    def close(self) -> None:
+        self._link.close()
+
+
+class MulticastEnd(CanEnd):
+    """A bus of python-can between processes of this machine."""
+
+    def _address(self) -> CanAddress:
+        pytest.importorskip("msgpack", reason="udp_multicast of python-can needs it")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("", 0))
+            port = free.getsockname()[1]
+        bus = {"port": port, "hop_limit": 0}
+        address = CanAddress(GROUP, "udp_multicast", bus=bus)
+        _require_multicast(address)
+        return address
+
+
+def _require_multicast(address: CanAddress) -> None:
+    one, other = CanLink(address), CanLink(address.other_end())
+    try:
+        one.send(b"?")
+        time.sleep(PATIENCE)
+        if other.receive() != b"?":
+            pytest.skip("this machine does not carry multicast to itself")
+    except OSError as error:
+        pytest.skip(f"this machine has no multicast: {error}")
+    finally:
+        one.close()
+        other.close()

@@ -1,0 +1,280 @@
+"""A rig on CAN: its frames, and what is said of a bus that fails."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from cc_mujoco.control import controller
+from cc_mujoco.errors import CableError
+from cc_mujoco.hardware import (
+    CanAddress,
+    CanRig,
+    Loop,
+    Outcome,
+    Readings,
+    Watchdog,
+    can_rig,
+    packet,
+    read_settings,
+)
+from cc_mujoco.hardware.can_rig import DRAINED, FAILURES, CanLink
+from cc_mujoco.hardware.desired import constant
+from cc_mujoco.hardware.rig import PacketRig
+from hardware.ends import GROUP, CanEnd
+from hardware.fakes import LIMITS, Rows, SimulatedClock, drive
+from hardware.peers import toml
+
+READING = packet.reading(1, 1000, Readings(0.0, 0.1, 0.0, 0.0, 0.0, 0.0))
+
+
+class Broken(can.BusABC):
+    """A bus that hands out what it was given, and may take nothing."""
+
+    def __init__(self, frames: Iterable[can.Message | Exception] = ()) -> None:
+        super().__init__("none")
+        self._can_protocol = can.CanProtocol.CAN_FD
+        self.frames = list(frames)
+        self.refused: list[Exception] = []
+        """What the next frames to be sent meet with."""
+        self.sent: list[can.Message] = []
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        assert timeout == 0.0
+        found = self.frames.pop(0) if self.frames else None
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        assert timeout == 0.0
+        if self.refused:
+            raise self.refused.pop(0)
+        self.sent.append(msg)
+
+
+Opened = Callable[[Broken], CanLink]
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> Opened:
+    """Opens a bus as if it were one of SocketCAN."""
+
+    def link(bus: Broken) -> CanLink:
+        monkeypatch.setattr(can, "Bus", lambda **_: bus)
+        return CanLink(CanAddress("can7"))
+
+    return link
+
+
+def frame(data: bytes = READING, **others: Any) -> can.Message:
+    usual = {"arbitration_id": 0x111, "is_extended_id": False, "is_fd": True}
+    return can.Message(data=data, **{**usual, **others})
+
+
+def test_a_command_is_one_frame_of_can_fd(opened: Opened) -> None:
+    bus = Broken()
+    opened(bus).send(bytes(32))
+    (sent,) = bus.sent
+    assert (sent.arbitration_id, sent.is_extended_id, sent.dlc) == (0x110, False, 32)
+    assert sent.is_fd and sent.bitrate_switch and sent.data == bytes(32)
+    sent._check()
+
+
+def test_an_identifier_beyond_11_bits_has_29() -> None:
+    address = CanAddress("long", "virtual", command_id=0x800, reading_id=0x1FFFFFFF)
+    host, rig = CanLink(address), CanLink(address.other_end())
+    listening = can.Bus("long", "virtual")
+    host.send(b"to the rig")
+    rig.send(b"to the host")
+    assert (rig.receive(), host.receive()) == (b"to the rig", b"to the host")
+    assert listening.recv(0.0).is_extended_id  # type: ignore[union-attr]
+    listening.shutdown()
+    host.close()
+    rig.close()
+
+
+def test_frames_of_others_hide_no_reading(opened: Opened) -> None:
+    others = [frame(arbitration_id=k) for k in range(0x100, 0x110)]
+    remote = can.Message(
+        arbitration_id=0x111, is_extended_id=False, is_remote_frame=True
+    )
+    error = frame(b"", is_error_frame=True, arbitration_id=4)
+    rest = [remote, frame(is_extended_id=True), error]
+    link = opened(Broken([*others, *rest, frame()]))
+    assert link.receive() == READING
+    assert link.receive() is None
+    assert dict(link.ignored) == {"error frame": 1}
+
+
+def test_a_bus_full_of_others_does_not_hold_up(opened: Opened) -> None:
+    bus = Broken([frame(arbitration_id=1) for _ in range(3 * DRAINED)])
+    assert opened(bus).receive() is None
+    assert len(bus.frames) == 2 * DRAINED
+
+
+def test_a_frame_of_classical_can_is_no_reading(opened: Opened) -> None:
+    rig = PacketRig(opened(Broken([frame(READING[:8], is_fd=False)])))
+    assert rig.read() is None
+    assert rig.ignored["corrupt"] == 1
+
+
+def run(bus: Broken, monkeypatch: pytest.MonkeyPatch, dog: Watchdog) -> Outcome:
+    """In simulated time."""
+    monkeypatch.setattr(can, "Bus", lambda **_: bus)
+    loop = Loop(
+        CanRig(CanAddress("can7")),
+        controller("none", drive()),
+        constant(2.0),
+        LIMITS,
+        dog,
+        clock=SimulatedClock(),
+        log=Rows(),
+    )
+    return loop.run(1.0)
+
+
+def readings(count: int) -> list[can.Message]:
+    return [
+        frame(packet.reading(k, 2_000_000 * k, Readings(0.0, 1e-4 * k, *[0.0] * 4)))
+        for k in range(1, count)
+    ]
+
+
+class Answering(Broken):
+    """Gives a reading each time it is asked, and none twice in a row."""
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        self.asked = not getattr(self, "asked", False)
+        return super().recv(timeout) if self.asked else None
+
+
+@pytest.mark.parametrize("when", [0, 50])
+def test_a_bus_that_takes_nothing_ends_the_run(
+    when: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus = Answering(readings(500))
+
+    def send(msg: can.Message, timeout: float | None = None) -> None:
+        if len(bus.sent) >= when:
+            raise can.CanOperationError("Transmit buffer full", 105)
+        bus.sent.append(msg)
+
+    monkeypatch.setattr(bus, "send", send)
+    outcome = run(bus, monkeypatch, Watchdog(missed_readings=500))
+    assert outcome.code == 3
+    assert outcome.sentence == (
+        "the CAN bus 'can7' of interface 'socketcan' cannot be sent to: Transmit "
+        "buffer full [Error Code 105]; is the rig on, with the same bit rates, and is "
+        "the bus terminated?"
+    )
+    assert outcome.ignored["unsent"] >= FAILURES - 1
+
+
+def test_frames_that_are_not_sent_now_and_then_are_only_lost(opened: Opened) -> None:
+    bus = Broken()
+    link = opened(bus)
+    for _ in range(3):
+        bus.refused = [can.CanOperationError("full") for _ in range(FAILURES - 1)]
+        for _ in range(FAILURES - 1):
+            with pytest.raises(OSError, match="full"):
+                link.send(b"lost")
+        link.send(b"sent")
+    assert len(bus.sent) == 3
+
+
+def test_a_bus_that_cannot_be_read_ends_the_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    down = OSError(100, "Network is down")
+    bus = Broken([*readings(2), *[down] * 1000])
+    outcome = run(bus, monkeypatch, Watchdog(missed_readings=500))
+    assert outcome.code == 3
+    assert "cannot be read from: Network is down; is the rig on" in outcome.sentence
+
+
+def test_a_bus_that_is_off_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    off = frame(bytes(8), is_fd=False, is_error_frame=True, arbitration_id=0x40)
+    bus = Broken([*readings(2), off])
+    outcome = run(bus, monkeypatch, Watchdog(missed_readings=500))
+    assert outcome.code == 3
+    assert "'socketcan' is off after too many errors" in outcome.sentence
+    assert outcome.ignored["error frame"] == 1
+
+
+def test_without_the_library_it_is_said_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "can", None)
+    with pytest.raises(CableError, match=r"pip install 'cc_mujoco\[can\]'"):
+        CanLink(CanAddress("can0"))
+
+
+@pytest.mark.parametrize(
+    ("address", "why"),
+    [
+        (CanAddress("0", "virtul"), "unknown CAN interface 'virtul': did you mean"),
+        (CanAddress("no_such_0"), "'no_such_0' of .* cannot be opened: "),
+        (CanAddress(GROUP, "udp_multicast", bus={"port": "x"}), "cannot be opened: "),
+        (CanAddress(GROUP, "udp_multicast", bus={"fd": False}), "takes CAN FD"),
+    ],
+)
+def test_a_bus_that_cannot_be_opened_is_said(address: CanAddress, why: str) -> None:
+    with pytest.raises(CableError, match=why) as error:
+        CanLink(address)
+    assert "\n" not in str(error.value)
+
+
+def test_a_network_without_can_fd_is_said(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: Opened
+) -> None:
+    monkeypatch.setattr(can_rig, "NETWORKS", tmp_path)
+    (tmp_path / "can7").mkdir()
+    mtu = tmp_path / "can7" / "mtu"
+    mtu.write_text("72\n")
+    opened(Broken()).close()
+    mtu.write_text("16\n")
+    with pytest.raises(CableError, match="is one of classical CAN"):
+        opened(Broken())
+
+
+def test_rig_toml_leads_to_a_bus(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    plain = 'address = "can:can1"'
+    path.write_text(toml(plain))
+    assert read_settings(path).address() == CanAddress("can1")
+    path.write_text(
+        toml(f"{plain}\ncommand_id = 0x20\nbus = {{data_bitrate = 5_000_000}}")
+    )
+    found = read_settings(path).address()
+    assert found == CanAddress("can1", command_id=0x20, bus={"data_bitrate": 5_000_000})
+    for more, why in (
+        ("interfce = 'pcan'", "did you mean 'interface'"),
+        ("interface = 'pcn'", r"\[rig\]: unknown CAN interface 'pcn'"),
+        ("interface = 1", "interface must be a text"),
+        ("command_id = '1'", "command_id must be a whole number from 0 to 0x1fffffff"),
+        ("reading_id = 0x20000000", "reading_id must be a whole number"),
+        ("reading_id = 0x110", "command_id and reading_id must differ"),
+        ("bus = 5", "bus must be a table"),
+    ):
+        path.write_text(toml(f"{plain}\n{more}"))
+        with pytest.raises(CableError, match=why) as error:
+            read_settings(path).connect()
+        assert str(path) in str(error.value)
+
+
+def test_a_virtual_bus_is_opened_from_rig_toml(tmp_path: Path) -> None:
+    end = CanEnd()
+    path = tmp_path / "rig.toml"
+    path.write_text(toml(end.rig))
+    rig = read_settings(path).connect()
+    rig.write(0.0)
+    assert packet.read_command(end.receive() or b"") is not None
+    rig.close()
+    rig.close()
+    end.close()

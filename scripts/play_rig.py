@@ -190,7 +190,9 @@ def end_of(rig: Path | None, port: int) -> End:
     address = read_settings(rig).address()
     if address is None:
         raise CableError(f"{rig} names a class of its own, which this cannot play.")
-    return CanEnd(address) if isinstance(address, CanAddress) else UdpEnd(*address)
+    if isinstance(address, CanAddress):
+        return CanEnd(address)
+    return UdpEnd(address.host, address.port)
 
 
 def _ended(number: int, _: FrameType | None) -> None:

@@ -5,7 +5,8 @@ cc-mujoco run --rig rig.toml --controller pi --out runs/first
 
 from __future__ import annotations
 
-from cc_mujoco.hardware.can_rig import CanAddress, CanRig
+from cc_mujoco.hardware.address import CanAddress, UdpAddress
+from cc_mujoco.hardware.can_rig import CanRig
 from cc_mujoco.hardware.clock import Clock, SystemClock
 from cc_mujoco.hardware.drives import drive_of
 from cc_mujoco.hardware.limits import Limiter, Limits
@@ -33,6 +34,7 @@ __all__ = [
     "Settings",
     "Status",
     "SystemClock",
+    "UdpAddress",
     "UdpRig",
     "Watch",
     "Watchdog",

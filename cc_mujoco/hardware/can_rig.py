@@ -10,51 +10,27 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.hardware.address import SHORT_ID, CanAddress
 from cc_mujoco.hardware.rig import PacketRig
 
 if TYPE_CHECKING:
     import can
 
-COMMAND_ID, READING_ID = 0x110, 0x111
-"""Unless `rig.toml` says otherwise; of two frames at once the command goes first."""
-SHORT_ID, LONG_ID = 0x7FF, 0x1FFFFFFF
-"""Greatest identifiers of 11 and of 29 bits."""
 FAILURES = 5
 """So many in a row are no accident: the bus is gone."""
 DRAINED = 200
 """Most frames looked at between two packets; a bus full of others must not hold up."""
 NETWORKS = Path("/sys/class/net")
-_CLASSICAL_MTU = "16"
+_FD_MTU = 72
+"""Of a network of SocketCAN with CAN FD; without it is 16."""
 _OFF = 0x40
 """Bit in the identifier of SocketCAN's error frames: the controller is off the bus."""
 _QUIET = logging.NullHandler()
-
-
-@dataclass(frozen=True)
-class CanAddress:
-    """Where on which bus a rig is."""
-
-    channel: str
-    """As the interface calls it, such as `can0`."""
-    interface: str = "socketcan"
-    """Of python-can."""
-    command_id: int = COMMAND_ID
-    """Identifier of frames with a command; of 29 bits if above 0x7ff."""
-    reading_id: int = READING_ID
-    """Identifier of frames with a reading, likewise."""
-    bus: Mapping[str, Any] = field(default_factory=dict)
-    """What else the interface wants to be told, such as its bit rates."""
-
-    def other_end(self) -> CanAddress:
-        """The same as the rig sees it, which hears commands and sends readings."""
-        return replace(self, command_id=self.reading_id, reading_id=self.command_id)
 
 
 class CanLink:
@@ -82,9 +58,9 @@ class CanLink:
                 frame = self._bus.recv(0.0)
             except Exception as error:  # each interface has its own
                 self._fail("read from", error)
+            self._failed["read from"] = 0
             if frame is None:
                 return None
-            self._failed["read from"] = 0
             if frame.is_error_frame:
                 self.ignored["error frame"] += 1
                 self._require_on(frame)
@@ -187,7 +163,7 @@ def _require_fd_network(address: CanAddress) -> None:
     mtu = NETWORKS / address.channel / "mtu"
     if address.interface != "socketcan" or not mtu.is_file():
         return
-    if mtu.read_text().strip() == _CLASSICAL_MTU:
+    if int(mtu.read_text()) < _FD_MTU:
         raise _classical(address)
 
 

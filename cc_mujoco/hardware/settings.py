@@ -56,7 +56,8 @@ from typing import Any, TypeVar
 from cc_mujoco.control import Drive
 from cc_mujoco.diagnosis.data.toml_table import Table, finite
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware.can_rig import LONG_ID, CanAddress, CanRig
+from cc_mujoco.hardware.address import CanAddress, UdpAddress, address_of
+from cc_mujoco.hardware.can_rig import CanRig
 from cc_mujoco.hardware.desired import (
     Desired,
     Virtual,
@@ -73,8 +74,6 @@ from cc_mujoco.hardware.watch import Watchdog
 Kind = TypeVar("Kind", Limits, Watchdog, Stiffness)
 
 _TASKS = ("torque", "csv", "name", "trajectory")
-_CAN = "can:"
-_IDS = ("command_id", "reading_id")
 _REQUIRED = ("torque", "torque_rate", "motor_speed", "joint_range")
 
 
@@ -96,15 +95,9 @@ class Settings:
     servo: Table
     """The table `[servo]`."""
 
-    def address(self) -> tuple[str, int] | CanAddress | None:
-        """Host and port, or place on a CAN bus; None of a rig with its own class."""
-        if (address := self.rig.text("address")) is None:
-            return None
-        if address.startswith(_CAN):
-            given = {k: v for k, v in self.rig.content.items() if k != "address"}
-            return CanAddress(address.removeprefix(_CAN), **given)
-        host, _, port = address.rpartition(":")
-        return host.strip("[]"), int(port)
+    def address(self) -> UdpAddress | CanAddress | None:
+        """Where the rig is; None of one with a class of its own."""
+        return address_of(self.rig) if "address" in self.rig.content else None
 
     def connect(self) -> Rig:
         """Make the rig that `[rig]` names.
@@ -118,7 +111,7 @@ class Settings:
         try:
             if isinstance(address, CanAddress):
                 return CanRig(address)
-            return UdpRig(*address)
+            return UdpRig(address.host, address.port)
         except CableError as error:
             raise CableError(f"{self.rig.where}: {error}") from None
 
@@ -213,31 +206,9 @@ def _rig(table: Table) -> Table:
     own, address = table.text("class"), table.text("address")
     if (own is None) == (address is None):
         raise CableError(f"{table.where} needs either `address` or `class`.")
-    if address is not None and address.startswith(_CAN):
-        _can(table)
-    elif address is not None:
-        table.only("address")
-        host, _, port = address.rpartition(":")
-        if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-            raise table.wrong(
-                "address", 'HOST:PORT, such as "192.168.7.2:5005", or "can:CHANNEL"'
-            )
+    if address is not None:
+        address_of(table)
     return table
-
-
-def _can(table: Table) -> None:
-    table.only(*(field.name for field in dataclasses.fields(CanAddress)), "address")
-    if table.content["address"] == _CAN:
-        raise table.wrong("address", 'can:CHANNEL, such as "can:can0"')
-    table.text("interface")
-    table.table("bus")
-    for key in _IDS:
-        value = table.content.get(key, 0)
-        if type(value) is not int or not 0 <= value <= LONG_ID:
-            raise table.wrong(key, f"a whole number from 0 to {LONG_ID:#x}")
-    ids = CanAddress("", **{k: v for k, v in table.content.items() if k in _IDS})
-    if ids.command_id == ids.reading_id:
-        raise CableError(f"{table.where}: command_id and reading_id must differ.")
 
 
 def _servo(table: Table) -> Table:

@@ -230,6 +230,19 @@ def test_a_bus_that_cannot_be_opened_is_said(address: CanAddress, why: str) -> N
     assert "\n" not in str(error.value)
 
 
+def test_settings_outside_of_rig_toml_are_not_used(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("CAN_CONFIG", '{"rx_queue_size": 1}')
+    address = CanAddress("alone", "virtual")
+    host, rig = CanLink(address), CanLink(address.other_end())
+    for _ in range(3):
+        rig.send(READING)
+    assert [host.receive() for _ in range(4)] == [READING] * 3 + [None]
+    host.close()
+    rig.close()
+
+
 def test_a_network_without_can_fd_is_said(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: Opened
 ) -> None:
@@ -260,7 +273,7 @@ def test_rig_toml_leads_to_a_bus(tmp_path: Path) -> None:
         ("command_id = '1'", "command_id must be a whole number from 0 to 0x1fffffff"),
         ("reading_id = 0x20000000", "reading_id must be a whole number"),
         ("reading_id = 0x110", "command_id and reading_id must differ"),
-        ("bus = 5", "bus must be a table"),
+        ("bus = 5", "bus must be a table, such as"),
     ):
         path.write_text(toml(f"{plain}\n{more}"))
         with pytest.raises(CableError, match=why) as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -160,10 +161,22 @@ class Reordering:
         return [data, self.kept]
 
 
+class Late:
+    """Sends every reading after three others have been asked for."""
+
+    def __init__(self) -> None:
+        self.kept: list[bytes] = []
+
+    def __call__(self, count: int, data: bytes) -> list[bytes]:
+        self.kept.append(data)
+        return [self.kept.pop(0)] if len(self.kept) > 3 else []
+
+
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
         (lost, None),
+        (Late(), ""),
         (repeated, "repeated"),
         (corrupt, "corrupt"),
         (Reordering(), "reordered"),
@@ -172,15 +185,17 @@ class Reordering:
 def test_a_run_goes_on_through_what_networks_do(
     end: End, spoil: Callable[[int, bytes], list[bytes]], why: str | None
 ) -> None:
-    with Peer(spoil, end) as peer:
+    with Peer(copy.deepcopy(spoil), end) as peer:
         outcome = run(peer, 0.3)
     assert outcome.code == 0, outcome.sentence
     assert max(peer.torques) > 0.5 and peer.torques[-1] == 0.0
     assert all(abs(torque) <= LIMITS.torque for torque in peer.torques)
     if why is None:
         assert outcome.without_reading > 20
-    else:
+    elif why:
         assert outcome.ignored[why] > 20
+    else:
+        assert not outcome.ignored["reordered"]
 
 
 def test_only_corrupt_packets_end_the_run(end: End) -> None:

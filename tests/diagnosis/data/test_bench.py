@@ -76,7 +76,9 @@ def test_one_cable_is_a_bench_too(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ([("<mujoco ", "<mujoko ")], "does not load"),
-        ([('"antagonist_distal" joint="joint"', '"antagonist_distal" joint="motor"')],
+        ([('"antagonist_distal" joint="joint"', '"antagonist_distal" joint="motor"'),
+          ('"antagonist_proximal" joint="motor"',
+           '"antagonist_proximal" joint="joint"')],
          "different joints"),
         ([('joint="joint" gear="0.05"', 'joint="joint" gear="0.04"')],
          "different radii"),

@@ -35,7 +35,7 @@ import numpy as np
 from mujoco.introspect.enums import ENUMS
 from numba import cfunc
 
-from cc_mujoco.engine import ahead, config, ends, fields, path, pieces, steps
+from cc_mujoco.engine import ahead, config, ends, fields, jumps, path, pieces, steps
 from cc_mujoco.engine.block import (
     AREA,
     CHECKED,
@@ -190,6 +190,29 @@ def _warn_cut(model: int, instance: int) -> None:
     used = append(message, used, _NO_PASSIVE)
     if not said_before(message, used, fields.signature(model)):
         warn(message, used)
+
+
+@internal
+def _warn_jump(
+    model: int, data: int, instance: int, state: int, proximal: float, distal: float
+) -> None:
+    """Warn, once, if an end has jumped to its displacement from that of the state."""
+    block = fields.block(data, instance)
+    if load_word(block + EXPLICIT) != 0:  # which joints that are led by hand need
+        return
+    for end in range(2):
+        moved = (distal if end else proximal) - load_real(state + 8 * end)
+        out = load_word(block + (DISTAL if end else PROXIMAL))
+        tied = load_word(block + TIED + 8 * end) != 0
+        if tied or not jumps.jumped(model, data, out, moved):
+            continue
+        message = np.zeros(CAPACITY, np.uint8)
+        used = append(message, 0, _START)
+        used = quote(message, used, fields.plugin_name(model, instance))
+        used = append(message, used, _START_END)
+        used = jumps.explain(message, used, end)
+        if not said_before(message, used, fields.signature(model)):
+            warn(message, jumps.add_size(message, used, moved))
 
 
 @internal
@@ -698,6 +721,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         n = load_word(block + SEGMENTS)
         u_proximal, _ = wound(model, block, displacement(data, block, PROXIMAL))
         u_distal = displacement(data, block, DISTAL)
+        if fields.integrator(model) != _RK4:  # where these are of its last stage
+            _warn_jump(model, data, instance, state, u_proximal, u_distal)
         dt = fields.timestep(model)
         time = 0.0
         yields = 0.0, 0.0
@@ -728,6 +753,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             ):
                 u_proximal = load_real(stages)
                 u_distal = load_real(stages + 8)
+                _warn_jump(model, data, instance, state, u_proximal, u_distal)
                 dt = load_real(stages + 16)
                 time = load_real(stages + 24)
                 if load_word(block + LOOKS) == 1:

@@ -39,7 +39,7 @@ _METRE = constant(
     "the signed pulley radius in metres"
 )
 _GEAR = constant(
-    " has gear 0, or no number; it must be the signed pulley radius in metres"
+    " has gear 0, or no finite number; it must be the signed pulley radius in metres"
 )
 _SAME = constant(
     " is on the same joint or tendon as the other end; a cable needs two that move "
@@ -136,7 +136,7 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
     for actuator in (first, second):
         fits = _fits(model, actuator)
         radius = gear(model, output(model, actuator))
-        if not fits or radius == 0.0 or math.isnan(radius):
+        if not fits or radius == 0.0 or not math.isfinite(radius):
             used = _name(message, used, model, actuator)
             return append(message, used, _GEAR if fits else _TRANSMISSION)
         limited = fields.byte(model, fields.FORCE_LIMITED, actuator) != 0

@@ -263,3 +263,54 @@ def test_the_scenes_are_not_warned_of(
     # The ends of the others are implicit then.
     open_path = ["its open path is stable only" in line for line in said[name, 40.0]]
     assert open_path == ([True] if name == "finger" else [])
+
+
+JUMPS = """
+import mujoco, sys
+import cc_mujoco
+from cc_mujoco.engine import settle
+xml = sys.stdin.read()
+for ends in "auto", "explicit":
+    for integrator in "Euler", "RK4", "implicitfast":
+        for lay in settle, mujoco.mj_forward:
+            options = f'<option integrator="{integrator}"/></mujoco>'
+            m = mujoco.MjModel.from_xml_string(
+                xml.replace("ENDS", ends)
+                .replace('"one', f'"{integrator}')  # as none is told of twice
+                .replace("</mujoco>", options)
+            )
+            d = mujoco.MjData(m)
+            print(ends, integrator, lay is settle, file=sys.stderr, flush=True)
+            d.qpos[:] = 1.0  # 20 and 100 mm of the pulleys
+            lay(m, d)
+            mujoco.mj_step(m, d, 3)
+            mujoco.mj_resetData(m, d)
+            d.qvel[:] = 100.0  # 1 mm and more a step
+            mujoco.mj_step(m, d, 5)
+"""
+
+
+def test_an_end_that_is_moved_by_hand_is_warned_of_unless_the_cable_is_settled(
+    tmp_path: Path,
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", JUMPS],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        input=loaded(0.02, 1e-2, 20, 0.0, "ENDS").replace('"1e-5"', '"5e-4"'),
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    said: dict[tuple[str, ...], list[str]] = {}
+    for line in done.stderr.splitlines():
+        if line.endswith(("True", "False")):
+            said[tuple(line.split())] = []
+        elif "WARNING: " in line:
+            next(reversed(said.values())).append(line)
+    for (ends, _, settled), lines in said.items():
+        assert bool(lines) == (ends == "auto" and settled == "False"), (ends, settled)
+        for line in lines:
+            assert f"by {100 if 'distal end' in line else 20}.000 mm" in line
+            assert "settle" in line

@@ -41,7 +41,12 @@ def profile_of(design: Mapping[str, Value]) -> Profile | None:
     said = {name: float(design[name]) for name in PROFILE if name in design}
     if not said:
         return None
-    return Profile(**said, toe_off=100.0 * pace_of(design).toe_off)
+    toe_off = 100.0 * pace_of(design).toe_off
+    # A default must not refuse a walk whose stance is shorter.
+    rest = toe_off - said.get("peak_time", Profile.peak_time)
+    if "fall" not in said and 0.1 <= rest < Profile.fall:
+        said["fall"] = rest
+    return Profile(**said, toe_off=toe_off)
 
 
 def require_possible(device: Setup, design: Mapping[str, Value]) -> None:

@@ -141,7 +141,8 @@ VARIABLES: dict[str, Variable] = {
         Variable("peak_torque", "Nm", "largest help of the ankle, "
                  f"{Profile.peak_torque:g} by default", 0, PEAK, False, cable=False),
         Variable("fall", "% of the stride", "time from the peak of the help of the "
-                 f"ankle to its end, {Profile.fall:g} by default", 0, 100,
+                 f"ankle to its end; {Profile.fall:g} by default, less where the "
+                 "foot leaves the ground before", 0, 100,
                  cable=False),
     )
 }  # fmt: skip

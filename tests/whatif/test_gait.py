@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Pace, Walk
+from cc_mujoco.human import Pace, Profile, Walk
 from cc_mujoco.human.gait import ANKLE_MOMENT
 from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
 from cc_mujoco.whatif import METRICS, make_plan, optimise, study
+from cc_mujoco.whatif.gait import profile_of
 from cc_mujoco.whatif.metrics import measure_episode
 from cc_mujoco.whatif.show import show
 from cc_mujoco.whatif.strides import NAMES, measure_strides
@@ -91,6 +92,16 @@ def test_profiles_of_a_batch_are_each_as_alone_and_as_shown(tmp_path: Path) -> N
         for name in NAMES:
             low, high = (table[f"{name}@{end}"][2].as_py() for end in ("least", "most"))
             assert found[name] in (low, high)
+
+
+def test_no_default_outlasts_the_stance_of_who_walks_fast() -> None:
+    for speed in (0.8, 1.2, 1.6):
+        design = {"gait_speed": speed, "peak_torque": 20.0}
+        profile = profile_of(design)
+        assert profile is not None
+        assert profile.end <= profile.toe_off + 1e-9
+    with pytest.raises(CableError, match="`fall` must be"):
+        profile_of(design | {"fall": Profile.fall})
 
 
 def test_a_later_peak_helps_the_push_off_more() -> None:

@@ -49,13 +49,14 @@ def diagnose(
 
     Raises:
         CableError: no data, a wrong dataset file, a scene that is no bench or
-            cannot be repaired (see `requirements`), or a folder with the scene or with
-            other files that would be replaced.
+            cannot be repaired (see `requirements`), or a folder with the scene, with
+            the diagnosis of other data or with other files that would be replaced.
     """
     bench = Bench.of(Path(scene))
-    require_ours(Path(out), Path(scene))
+    given = [Path(path) for path in data]
+    require_ours(Path(out), Path(scene), given)
     result, dataset = inferred(
-        data, bench, dataset_toml=dataset_toml, seed=seed, progress=progress
+        given, bench, dataset_toml=dataset_toml, seed=seed, progress=progress
     )
     return write(result, dataset, Path(out), command, seed)
 

@@ -184,6 +184,25 @@ def test_what_is_not_ours_is_not_replaced(
         assert files(tmp_path) == before
 
 
+def test_the_diagnosis_of_other_data_is_not_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        record(tmp_path / name / "run.csv", cut(0.1)(recording(1.0)))
+    out = tmp_path / "out"
+    out.mkdir()
+    earlier = {"data": {str(tmp_path / "a" / "run.csv"): ""}}
+    kept = json.dumps({"verdict": "none", "provenance": earlier})
+    (out / "verdict.json").write_text(kept)
+    assert diagnose(tmp_path / "b" / "run.csv", out) == 2
+    said = capsys.readouterr().err
+    assert f"{out} holds the diagnosis of other data ({tmp_path / 'a'}" in said
+    assert (out / "verdict.json").read_text() == kept
+    diagnose(tmp_path / "a", out)  # by its folder, it is the same
+    assert "other data" not in capsys.readouterr().err
+
+
 def test_a_scene_with_other_pulleys_is_bad_input(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -38,11 +38,17 @@ SOMETIMES = ("scene.xml", "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
 TITLES = {name: effect.title for name, effect in EFFECTS.items()}
 
 
-def require_ours(out: Path, scene: Path) -> None:
-    """See to it that nothing is replaced but the files of an earlier diagnosis.
+def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
+    """See to it that nothing is replaced but an earlier diagnosis of these data.
+
+    Args:
+        out: folder to write to.
+        scene: file of the scene.
+        data: files of trials, or folders of them.
 
     Raises:
-        CableError: the folder holds the scene; see also `files.require_ours`.
+        CableError: the folder holds the scene, or the diagnosis of trials none of which
+            is among the data; see also `files.require_ours`.
     """
     names = (VERDICT, "report.html", *SOMETIMES)
     if scene.resolve() in {(out / name).resolve() for name in names}:
@@ -50,15 +56,23 @@ def require_ours(out: Path, scene: Path) -> None:
             f"the scene {scene} lies where the diagnosis writes its own; name another "
             "folder to write to."
         )
-    files.require_ours(out, names, _has_verdict)
+    files.require_ours(out, names, lambda folder: _provenance(folder) is not None)
+    before = [Path(path).resolve() for path in (_provenance(out) or {}).get("data", ())]
+    now = {path.resolve() for path in data}
+    if before and not any(now & {path, *path.parents} for path in before):
+        raise CableError(
+            f"{out} holds the diagnosis of other data ({before[0]}); name another "
+            "folder to write to, or remove that one."
+        )
 
 
-def _has_verdict(folder: Path) -> bool:
+def _provenance(folder: Path) -> Mapping[str, Any] | None:
+    """Of the diagnosis in a folder; None without one."""
     try:
         found = json.loads((folder / VERDICT).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    return isinstance(found, dict) and found.keys() >= {"verdict", "provenance"}
+        return dict(found["provenance"]) if "verdict" in found else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def write(

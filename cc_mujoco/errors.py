@@ -37,12 +37,5 @@ class CableError(ValueError):
 def look_up(kind: str, name: str, registry: Mapping[str, Entry]) -> Entry:
     """Return the entry of a registry, or raise `CableError.unknown`."""
     if name not in registry:
-        unknown = CableError.unknown(kind, name, registry)
-        if kind == "scene" and str(name).endswith(".xml"):
-            # These need a wearer, sensors and safe limits, which no MJCF file tells.
-            unknown = CableError(
-                f"{unknown} A file of your own tells of no wearer, no sensors; it is "
-                "for MuJoCo itself, `cc-mujoco diagnose` and `cc-mujoco run`."
-            )
-        raise unknown
+        raise CableError.unknown(kind, name, registry)
     return registry[name]

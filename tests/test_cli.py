@@ -59,7 +59,7 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
     assert cli.main(["play", scene, "--duration", "0.3", "--seed", "4"]) == 0
     said = capsys.readouterr()
     device = DEVICES[scene]
-    name = f"{scene}-{device.trajectory}-{device.task}-pi-4"
+    name = f"{scene}-{device.trajectory}-{device.task}-pi-4-0.3s"
     out = tmp_path / "runs" / name
     assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     assert [path.name for path in out.parent.iterdir()] == [out.name]
@@ -129,9 +129,9 @@ def test_a_recorded_motion_can_be_played(tmp_path: Path) -> None:
     moment = np.linspace(0.0, 0.5, 251)
     rows = [f"{t},{0.2 * np.sin(t)}" for t in moment]
     Path("mine.csv").write_text("\n".join(["time_s,angle_rad", *rows]) + "\n")
-    words = ["play", "wrist", "--csv", "mine.csv", "--duration", "0.3"]
+    words = ["play", "wrist", "--trajectory", "mine.csv", "--duration", "0.3"]
     assert cli.main(words) == 0
-    (kept,) = (tmp_path / "runs").glob("wrist-mine-*-0/log.parquet")
+    (kept,) = (tmp_path / "runs").glob("wrist-mine.csv-*-0-0.3s/log.parquet")
     log = EpisodeLog.read(kept)
     expected = 0.2 * np.sin(log["time_s"])
     assert log["reference_angle_rad"] == pytest.approx(expected, abs=1e-3)
@@ -213,8 +213,7 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
         (["play", "wrist", "--duration", "-1"], "duration"),
         (["play", "wrist", "--duration", "nan"], "duration"),
         (["play", "wrist", "--seed", "-1"], "seed"),
-        (["play", "wrist", "--csv", "no.csv"], "no.csv"),
-        (["play", "wrist", "--csv", "x.csv", "--trajectory", "sine"], "not both"),
+        (["play", "wrist", "--trajectory", "no.csv"], "no.csv"),
         (["play", "wrist", "--out", "taken"], "is a file"),
         (["play"], "SCENE"),
         ([], ", ".join(COMMANDS)),

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.devices import DEVICES, find_device
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import (
     TASKS,
@@ -76,7 +76,7 @@ class Condition:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be played."""
-        look_up("scene", self.scene, DEVICES)
+        find_device(self.scene)
         look_up("transmission", self.transmission, TRANSMISSIONS)
         look_up("error", self.error, ERRORS)
         if not self.duration > LEAST:

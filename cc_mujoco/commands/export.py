@@ -31,9 +31,9 @@ class Export:
 
     def run(self) -> None:
         """Compile and write; print what was written and how to build it."""
-        from cc_mujoco.devices import DEVICES
+        from cc_mujoco.devices import find_device
 
-        device = look_up("scene", self.scene, DEVICES)
+        device = find_device(self.scene)
 
         from cc_mujoco.export import TARGETS, Plan, require_ours, write
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 import tyro
 
 from cc_mujoco.commands.options import Flag, Name, bar, in_words
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.errors import CableError
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,8 @@ class Play:
     replay: Annotated[Path | None, in_words("LOG")] = None
     """Instead of an episode: show a log of `cc-mujoco run`; SCENE may be a file."""
     trajectory: Name = None
-    """How the wearer moves; the default depends on the scene."""
-    csv: Annotated[Path | None, in_words("FILE.csv")] = None
-    """CSV file with columns time_s and angle_rad to play instead of --trajectory."""
+    """How the wearer moves: a name, or FILE.csv with columns time_s and angle_rad; the
+    default depends on the scene."""
     task: Name = None
     """What the device should make the wearer feel; the default depends on the scene."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
@@ -39,7 +38,8 @@ class Play:
     seed: int = 0
     """Seed of everything random; equal seeds give equal recordings."""
     out: Annotated[Path | None, in_words("DIR")] = None
-    """Folder for the results; runs/SCENE-TRAJECTORY-TASK-CONTROLLER-SEED by default."""
+    """Folder for the results; runs/SCENE-TRAJECTORY-TASK-CONTROLLER-SEED by default,
+    with the duration behind it if it is another."""
 
     video: Flag = False
     """Write video.mp4, too: the scene beside torques and tensions."""
@@ -63,6 +63,8 @@ class Play:
         names = self._names()
         # Controllers from elsewhere have a colon in their names, or a path.
         parts = [self.scene, *names.values(), str(self.seed)]
+        if self.duration != Play.duration:
+            parts.append(f"{self.duration:g}s")
         name = re.sub(r"[^\w.-]+", "_", "-".join(parts))
         out = self.out or Path("runs", name)
 
@@ -103,17 +105,13 @@ class Play:
 
     def _names(self) -> dict[str, str]:
         """What is played, by what."""
-        from cc_mujoco.devices import DEVICES
+        from cc_mujoco.devices import find_device
 
-        device = look_up("scene", self.scene, DEVICES)
-        if self.csv is not None and self.trajectory is not None:
-            raise CableError("give --trajectory or --csv, not both.")
+        device = find_device(self.scene)
         if self.seed < 0:
             raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
         return {
-            "trajectory": self.csv.stem
-            if self.csv is not None
-            else device.trajectory
+            "trajectory": device.trajectory
             if self.trajectory is None
             else self.trajectory,
             "task": device.task if self.task is None else self.task,
@@ -129,7 +127,7 @@ class Play:
         return gymnasium.make(
             DEVICES[self.scene].environment,
             disable_env_checker=True,
-            trajectory=names["trajectory"] if self.csv is None else self.csv,
+            trajectory=names["trajectory"],
             task=names["task"],
             duration=self.duration,
         )

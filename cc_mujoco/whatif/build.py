@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
 from cc_mujoco.bare import left, routes, strip
-from cc_mujoco.devices import DEVICES
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.devices import find_device
+from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif import gait
@@ -58,10 +58,10 @@ class Builder:
         """Read the scene.
 
         Args:
-            name: key of `DEVICES`.
+            name: key of `devices.DEVICES`.
             timestep: of the physics [s]; that of the scene by default.
         """
-        self.device = look_up("scene", name, DEVICES)
+        self.device = find_device(name)
         self.spec = _scene(name, timestep)
         self._read = name, timestep
         self.cables = engine.from_mjcf(self.spec)

@@ -17,7 +17,7 @@ import numpy as np
 
 from cc_mujoco.diagnosis.checks.checks import check_recording, check_trials
 from cc_mujoco.diagnosis.checks.noise import noise_of
-from cc_mujoco.diagnosis.checks.repeatability import floor_of
+from cc_mujoco.diagnosis.checks.repeatability import wrong_repeats
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.clock import Track, lay_out
@@ -109,9 +109,8 @@ def load(
     )
     noise = noise_of(dataset, file)
     noise |= derived_noise(noise, instruments, file.rig, known_bench)
-    dataset = replace(dataset, noise=noise)
-    floor, found = floor_of(dataset)
-    return replace(dataset, floor=floor), findings + found
+    findings += wrong_repeats(dataset.trials)
+    return replace(dataset, noise=noise), findings
 
 
 def _trials(

@@ -8,19 +8,13 @@ but another motion, which a model is told of; that part is taken out.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Literal
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from cc_mujoco.diagnosis.data.channels import MOTOR_ANGLE
 from cc_mujoco.diagnosis.data.findings import Finding, error
-from cc_mujoco.diagnosis.data.trials import (
-    Dataset,
-    FloatArray,
-    RepeatabilityFloor,
-    Trial,
-)
+from cc_mujoco.diagnosis.data.trials import FloatArray, Trial
 
 _PERIODIC = 0.98  # correlation of a periodic motion with the next period
 _SAME = 0.03  # share of its spread by which a motion may differ from period to period
@@ -31,49 +25,50 @@ Pair = dict[str, FloatArray]
 """Differences between two repetitions, by channel."""
 
 
-def floor_of(dataset: Dataset) -> tuple[dict[str, RepeatabilityFloor], list[Finding]]:
-    """What no model can explain, by channel, and declared repeats that are none.
+def wrong_repeats(trials: Sequence[Trial]) -> list[Finding]:
+    """Declared repeats whose motor moves otherwise."""
+    return [
+        error(
+            f"{trial.path} is declared a repeat of {original.name}, but its motor "
+            "moves otherwise; correct repeat_of.",
+            trial.name,
+        )
+        for original, trial in _repeats(trials)
+        if _repeat(original, trial) is None
+    ]
+
+
+def scatter(trials: Sequence[Trial], channels: Sequence[str]) -> FloatArray:
+    """Deviation of one repetition by channel [its unit]; 0 where nothing was repeated.
 
     It comes from trials declared as repeats, else from the periods of periodic trials.
-    Where nothing was repeated, it is the sensor noise, and what is measured against it
-    is a lower bound.
+    Samples that are NaN do not count.
     """
-    findings = []
-    pairs: list[Pair] = []
-    names = {trial.name for trial in dataset.trials}
-    for trial in dataset.trials:
-        if trial.facts.repeat_of not in names:
-            continue
-        original = dataset.trial(str(trial.facts.repeat_of))
-        pair = _repeat(original, trial)
-        if pair is not None:
-            pairs.append(pair)
-            continue
-        told = (
-            f"{trial.path} is declared a repeat of {original.name}, but its motor "
-            "moves otherwise; correct repeat_of."
-        )
-        findings.append(error(told, trial.name))
-    source: Literal["repeats", "periods", "noise"] = "repeats"
+    found = [_repeat(original, trial) for original, trial in _repeats(trials)]
+    pairs = [pair for pair in found if pair is not None]
     if not pairs:
-        source = "periods"
-        pairs = [pair for trial in dataset.trials for pair in periods(trial)]
-    floor = {}
-    for channel in dataset.channels:
-        noise = dataset.noise[channel].deviation
-        if pairs:
-            squares = [_scatter(pair, channel) ** 2 for pair in pairs]
-            found = math.sqrt(float(np.mean(squares)) / 2.0)
-            floor[channel] = RepeatabilityFloor(max(found, noise), source)
-        else:
-            floor[channel] = RepeatabilityFloor(noise, "noise")
-    return floor, findings
+        pairs = [pair for trial in trials for pair in periods(trial)]
+    squares = [[_scatter(pair, name) ** 2 for name in channels] for pair in pairs]
+    if not squares:
+        return np.zeros(len(channels))
+    deviation: FloatArray = np.sqrt(0.5 * np.mean(squares, axis=0))
+    return deviation
+
+
+def _repeats(trials: Sequence[Trial]) -> Iterator[tuple[Trial, Trial]]:
+    """Trials with those that are declared to repeat them, these second."""
+    named = {trial.name: trial for trial in trials}
+    for trial in trials:
+        if trial.facts.repeat_of in named:
+            yield named[str(trial.facts.repeat_of)], trial
 
 
 def _scatter(pair: Pair, channel: str) -> float:
     """Root mean square difference that does not follow the motor's."""
-    apart = pair[channel]
-    motor = pair[MOTOR_ANGLE]
+    counts = np.isfinite(pair[channel])
+    if not np.any(counts):
+        return 0.0
+    apart, motor = pair[channel][counts], pair[MOTOR_ANGLE][counts]
     power = float(motor @ motor)
     if channel != MOTOR_ANGLE and power > 0.0:
         apart = apart - motor * (float(motor @ apart) / power)

@@ -51,19 +51,6 @@ class Noise(NamedTuple):
     source: Literal["declared", "holds", "differences"]
 
 
-class RepeatabilityFloor(NamedTuple):
-    """What no model can explain of a channel, in its SI unit.
-
-    Attributes:
-        deviation: RMS difference between repetitions over the square root of two.
-        source: from declared `repeats`, from the `periods` of periodic trials, or from
-            the sensor `noise` alone, where nothing was repeated.
-    """
-
-    deviation: float
-    source: Literal["repeats", "periods", "noise"]
-
-
 @dataclass(frozen=True)
 class Facts:
     """What `dataset.toml` says of one trial.
@@ -197,7 +184,6 @@ class Dataset:
         trials: in the order of their files; those that could not be read are missing.
         constants: what is known of the rig by name (see `dataset_file.RIG`), SI.
         noise: sensor noise by channel.
-        floor: what no model can explain, by channel.
         name: what the data are.
         notes: for a human reader.
         instruments: what both torques are known from, in all trials alike.
@@ -208,7 +194,6 @@ class Dataset:
     trials: tuple[Trial, ...]
     constants: Mapping[str, Constant] = field(default_factory=dict)
     noise: Mapping[str, Noise] = field(default_factory=dict)
-    floor: Mapping[str, RepeatabilityFloor] = field(default_factory=dict)
     name: str = ""
     notes: str = ""
     path: str = ""

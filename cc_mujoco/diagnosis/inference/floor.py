@@ -18,13 +18,15 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.checks.repeatability import scatter as scatter_of
 from cc_mujoco.diagnosis.data.channels import (
     JOINT_ANGLE,
     JOINT_TORQUE,
     MOTOR_ANGLE,
+    MOTOR_TORQUE,
 )
 from cc_mujoco.diagnosis.data.digits import made_whole
-from cc_mujoco.diagnosis.data.trials import Dataset, Noise
+from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.plant import Plant, Values
 from cc_mujoco.diagnosis.inference.records import (
@@ -92,7 +94,7 @@ def noise_floor(
     least = (LEAST * np.std(whole, axis=1)) ** 2
     base = np.maximum(np.array(own), least)[:, None]
     alone = [total + base for total in plain]
-    short = _repeated(dataset, filtering) - np.concatenate(alone, axis=1).mean(axis=1)
+    short = _repeated(plant, clean) - np.concatenate(alone, axis=1).mean(axis=1)
     return NoiseFloor(
         tuple(np.sqrt(each + np.maximum(short, 0.0)[:, None]) for each in alone),
         tuple(
@@ -102,20 +104,39 @@ def noise_floor(
     )
 
 
-def _repeated(dataset: Dataset, filtering: Filtering) -> FloatArray:
-    """Variance of both torques between repetitions, less noise that filters take out.
+def _repeated(plant: Plant, clean: Sequence[FloatArray]) -> FloatArray:
+    """Variance of both torques between repetitions; 0 where nothing was repeated.
 
-    0 where nothing was repeated.
+    It is that of what the model leaves: a servo never repeats a motion to the digit,
+    and what another motion makes of the torques is for the model to tell.
     """
-    found = []
-    for name in dataset.instruments.channels:
-        floor = dataset.floor.get(name)
-        blocked = dataset.noise.get(name, _QUIET).deviation ** 2 * (
-            1 - filtering.passed
-        )
-        seen = floor is not None and floor.source != "noise"
-        found.append(floor.deviation**2 - blocked if floor and seen else 0.0)
-    return np.array(found)
+    names = plant.instruments.channels
+    trials: dict[str, list[tuple[Record, FloatArray]]] = {}
+    for record, torque in zip(plant.records, clean, strict=True):
+        left = np.where(record.counts, record.measured - torque, np.nan)
+        trials.setdefault(record.trial, []).append((record, left))
+    return scatter_of([_left(parts, names) for parts in trials.values()], names) ** 2
+
+
+def _left(parts: Sequence[tuple[Record, FloatArray]], names: Sequence[str]) -> Trial:
+    """A trial whose torques are what a model leaves, from its records."""
+    records = [record for record, _ in parts]
+    torques = dict(
+        zip(names, np.concatenate([left for _, left in parts], axis=1), strict=True)
+    )
+    ends = np.cumsum([0, *(record.time.size for record in records)]).tolist()
+    first = records[0]
+    return Trial(
+        first.trial,
+        np.concatenate([record.time for record in records]),
+        np.concatenate([record.motor_angle for record in records]),
+        torques.get(MOTOR_TORQUE),
+        np.concatenate([record.joint_angle for record in records]),
+        torques.get(JOINT_TORQUE),
+        tuple(slice(a, b) for a, b in pairwise(ends)),
+        first.dt,
+        facts=Facts(repeat_of=None if first.group == first.trial else first.group),
+    )
 
 
 def _near(square: FloatArray, dt: float) -> FloatArray:

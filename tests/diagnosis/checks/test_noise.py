@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.checks.repeatability import period
+from cc_mujoco.diagnosis.checks.repeatability import period, scatter
 from cc_mujoco.diagnosis.intake import load
 from diagnosis.bench import RATIO, loaded, only_fix, recording, write
+
+JOINT = ("joint_torque_nm",)
 
 
 def test_noise_is_what_was_put_in(tmp_path: Path) -> None:
@@ -79,16 +82,18 @@ def test_declared_noise_is_in_the_unit_of_the_columns_name(tmp_path: Path) -> No
     assert noise.resolution == pytest.approx(np.radians(0.01))
 
 
-def test_repeats_give_the_floor(tmp_path: Path) -> None:
+def test_repeats_tell_the_scatter(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     for name in "ab":
         columns = recording(10.0, noise=0.0)
         columns["joint_torque_nm"] += 0.02 * rng.standard_normal(5000)
         write(tmp_path / f"{name}.csv", columns)
     (tmp_path / "dataset.toml").write_text("[trials.b]\nrepeat_of = 'a.csv'")
-    floor = load(tmp_path)[0].floor["joint_torque_nm"]
-    assert floor.source == "repeats"
-    assert floor.deviation == pytest.approx(0.02, rel=0.05)
+    trials = load(tmp_path)[0].trials
+    assert scatter(trials, JOINT) == pytest.approx(0.02, rel=0.05)
+    gaps = np.where(np.arange(5000) % 3 == 0, np.nan, trials[1].joint_torque)
+    with_gaps = (trials[0], replace(trials[1], joint_torque=gaps))
+    assert scatter(with_gaps, JOINT) == pytest.approx(0.02, rel=0.05)
 
 
 def test_a_repeat_that_is_none(tmp_path: Path) -> None:
@@ -110,9 +115,10 @@ def test_a_swing_that_grows_does_not_repeat_itself(tmp_path: Path) -> None:
     now = columns["time_s"]
     for name in list(columns)[1:]:
         columns[name] = (1.0 + 0.05 * now) * np.sin(2.0 * np.pi * 0.5 * now)
-    floor = loaded(tmp_path, columns)[0].floor
-    assert {entry.source for entry in floor.values()} == {"noise"}
+    assert not scatter(loaded(tmp_path, columns)[0].trials, JOINT)
     for name in list(columns)[1:]:
         columns[name] = np.sin(2.0 * np.pi * 0.5 * now)
-    floor = loaded(tmp_path, columns)[0].floor
-    assert {entry.source for entry in floor.values()} == {"periods"}
+    columns["joint_torque_nm"] += 0.02 * np.random.default_rng(3).normal(size=now.size)
+    assert scatter(loaded(tmp_path, columns)[0].trials, JOINT) == pytest.approx(
+        0.02, rel=0.1
+    )

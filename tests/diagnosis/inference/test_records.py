@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.data.trials import Dataset, Noise, Trial
+from cc_mujoco.diagnosis.checks.repeatability import scatter
+from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.floor import noise_floor
 from cc_mujoco.diagnosis.inference.plant import CLOCKS, Plant, tuned
@@ -52,7 +54,10 @@ def test_turns_keep_their_height_and_rests_are_still() -> None:
 
 
 def recorded(
-    bits: tuple[int, int], motion: str = "strokes", first: float = 0.0
+    bits: tuple[int, int],
+    motion: str = "strokes",
+    first: float = 0.0,
+    size: float = 1.0,
 ) -> Dataset:
     """A trial read at 500 Hz by encoders that round, torques that come in time.
 
@@ -60,6 +65,7 @@ def recorded(
         bits: of the encoders of motor and joint.
         motion: what is done.
         first: where their digits begin.
+        size: of the motion.
     """
     time = np.arange(0.0, 6.0, FINE)
     stroke = {
@@ -68,6 +74,7 @@ def recorded(
         "creeps": np.interp(time, [0.0, 1.0], [0.0, 0.8])
         + np.where(time > 1.0, 6e-3 * np.sin(time - 1.0), 0.0),
     }[motion]
+    stroke = size * stroke
     joint = 0.95 * stroke
     if motion == "strokes":  # else a late torque looks like a late angle
         joint += 0.05 * np.sin(7.3 * time)
@@ -77,14 +84,14 @@ def recorded(
     read = slice(0, None, round(1.0 / RATE / FINE))
     digits = [2.0 * np.pi / 2**bit for bit in bits]
     random = np.random.default_rng(1)
-    scatter = random.normal(0.0, 3e-3, (2, time[read].size))
+    noisy = random.normal(0.0, 3e-3, (2, time[read].size))
     trial = Trial(
         "stroke",
         time[read],
         digits[0] * np.round(stroke[read] / digits[0] + first),
-        played.motor_torque[read] + scatter[0],
+        played.motor_torque[read] + noisy[0],
         digits[1] * np.round(joint[read] / digits[1] - first),
-        played.joint_torque[read] + scatter[1],
+        played.joint_torque[read] + noisy[1],
         (slice(0, time[read].size),),
         1.0 / RATE,
         path="stroke.csv",
@@ -132,3 +139,20 @@ def test_the_floor_of_rounded_angles_is_what_they_are_off_by(motion: str) -> Non
     error = (record.measured - problem.torques(x)[0])[:, record.counts]
     floor = noise[:, record.counts]
     assert np.mean(error**2) == pytest.approx(np.mean(floor**2), rel=0.7)
+
+
+def test_a_servo_that_repeats_badly_raises_no_floor() -> None:
+    """What another motion makes of the torques is known, and is no scatter."""
+    first, second = (recorded((17, 17), size=size) for size in (1.0, 1.08))
+    again = replace(
+        second.trials[0], name="again", facts=Facts(repeat_of=first.trials[0].name)
+    )
+    floors = {}
+    for trials in (first.trials, (*first.trials, again)):
+        data = replace(first, trials=trials)
+        records, filtering = prepare(data, BENCH)
+        floor = noise_floor(data, Plant(BENCH, records, SEGMENTS), filtering, {})
+        floors[len(trials)] = np.sqrt(np.mean(floor.noise[0] ** 2, axis=1))
+    raw = scatter((*first.trials, again), ("motor_torque_nm", "joint_torque_nm"))
+    assert np.all(floors[2] < 1.2 * floors[1])
+    assert np.all(raw > 5.0 * floors[1])

@@ -19,6 +19,8 @@ ALIKE = 0.8
 """Correlation from which on measured and simulated torque differ in size only."""
 NEAR = 1.3
 """Factor up to which a scene may be off in torque, and a unit or a sign still shows."""
+PUSHES = 0.95
+"""Share of the samples in which a cable pushes from which on it is a sign."""
 
 
 def misread(plant: Plant) -> str:
@@ -35,10 +37,10 @@ def misread(plant: Plant) -> str:
         if plant.instruments[plant.instruments.rows[row]] != "torque sensor":
             continue
         times = _times(plant, row)
-        if times is None:
-            continue
-        if times < 0.0 and _near(-times):
+        if _pushes(plant, row) or (times is not None and _near(-times)):
             told.append(f"the {channel(name)} is the negative of")
+        elif times is None:
+            continue
         elif other := [u for u, si in TORQUE.factors.items() if _near(times * si)]:
             if "Nm" not in other:
                 told.append(f"the {channel(name)} is {number(times)} times")
@@ -71,6 +73,18 @@ def _times(plant: Plant, row: int) -> float | None:
     return math.copysign(
         math.sqrt(float(one @ one) / float(other @ other)), float(one @ other)
     )
+
+
+def _pushes(plant: Plant, row: int) -> bool:
+    """Whether a lone cable would have to push nearly all the time."""
+    if len(plant.bench.cables) > 1:
+        return False
+    measured, simulated = [], []
+    for record, torque in zip(plant.records, plant.simulate({}), strict=True):
+        measured.append(record.measured[row, record.free])
+        simulated.append(torque[row, record.free])
+    side = float(np.sign(np.concatenate(simulated).sum()))
+    return bool(np.mean(side * np.concatenate(measured) < 0.0) > PUSHES)
 
 
 def _near(times: float) -> bool:

@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -17,6 +18,11 @@ from diagnosis.recorded import BENCH, NOISE, dataset
 
 README = Path(__file__).parents[3] / "README.md"
 IDS = ("viscous_friction",)
+
+
+def readme_scene() -> str:
+    (scene,) = re.findall(r"```xml\n(.*?)```", README.read_text("utf-8"), re.S)
+    return str(scene)
 
 
 def read_as(data: Dataset, motor: float = 1.0, joint: float = 1.0) -> Diagnosis:
@@ -58,13 +64,40 @@ def test_torques_of_a_rig_with_half_the_friction_are_taken() -> None:
     assert read_as(data).verdict == "none"
 
 
+@pytest.mark.parametrize(("motor", "joint"), [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_a_lone_cable_never_pushes(tmp_path: Path, motor: float, joint: float) -> None:
+    """However much friction the scene does not know, and so whatever correlates."""
+    text = readme_scene()
+    model = mujoco.MjModel.from_xml_string(
+        text.replace('"friction" value="0.1"', '"friction" value="0.4"')
+    )
+    data = mujoco.MjData(model)
+    rows = np.empty((2000, 5))
+    for i in range(2000 * 8):
+        data.ctrl[0] = 2.0 + np.sin(5.0 * data.time) * min(data.time, 1.0)
+        mujoco.mj_step(model, data)
+        if i % 8 == 7:
+            rows[i // 8] = data.time, *data.qpos, *data.actuator_force[1:3]
+    random = np.random.default_rng(0)
+    rows[:, 1:3] += 1e-4 * random.normal(size=(2000, 2))
+    rows[:, 3:] *= (-0.02, -0.104)
+    now, *angles, near, far = rows.T
+    trial = Trial("t", now, angles[0], -motor * near, angles[1], joint * far,
+                  (slice(0, now.size),), 0.004, path="t.csv")  # fmt: skip
+    path = tmp_path / "scene.xml"
+    path.write_text(text, encoding="utf-8")
+    found = reason(Dataset((trial,), noise=NOISE), Bench.of(path), ids=IDS).diagnosis
+    assert (found.verdict == "fix-data") == (motor < 0 or joint < 0)
+    assert ("motor torque is the negative" in found.statement) == (motor < 0)
+    assert ("joint torque is the negative" in found.statement) == (joint < 0)
+
+
 def test_data_that_have_nothing_to_do_with_a_slack_cable_are_judged(
     tmp_path: Path,
 ) -> None:
     """Nothing that an effect changes shows in torques, as the cable never pulls."""
-    (scene,) = re.findall(r"```xml\n(.*?)```", README.read_text("utf-8"), re.S)
     path = tmp_path / "scene.xml"
-    path.write_text(scene, encoding="utf-8")
+    path.write_text(readme_scene(), encoding="utf-8")
     bench = Bench.of(path)
     time = np.arange(0.0, 4.0, 0.004)
     motor = 1.5 * np.sin(1.9 * time) * (1.0 + 0.3 * np.sin(1.3 * time))

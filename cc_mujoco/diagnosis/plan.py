@@ -8,6 +8,7 @@ plan("bench.xml", "trials", reach=0.8, speed=3.0).resolved
 from __future__ import annotations
 
 import csv
+import hashlib
 import math
 import os
 from collections.abc import Sequence
@@ -62,8 +63,9 @@ def plan(
         ids: effects to consider.
 
     Raises:
-        CableError: a scene that cannot be diagnosed, limits that are none, or a folder
-            with files that no plan wrote.
+        CableError: a scene that cannot be diagnosed, limits that are none or that the
+            joint cannot have, or a folder with files that no plan wrote, or with a
+            `dataset.toml` that was corrected since.
     """
     bench = Bench.of(Path(scene))
     require_repairable(bench)
@@ -71,8 +73,9 @@ def plan(
     for name, value in (("reach", swing), ("speed", speed)):
         if not 0.0 < value < math.inf:
             raise CableError(f"{name} is {value:g}; it must be more than 0 and finite.")
+    _require_possible(bench, swing)
     names = tuple(MOTION.format(f"{k:02d}") for k in range(1, 20))
-    require_ours(Path(out), (PAGE, DATASET, *names), _is_plan)
+    _require_free(Path(out), (PAGE, DATASET, *names))
     file = (
         DatasetFile() if dataset_toml is None else read_dataset_file(Path(dataset_toml))
     )
@@ -81,18 +84,53 @@ def plan(
     with replacing_folder(out) as place:
         for name, motion in zip(names, found.trials, strict=False):
             _write_motion(place / name, motion)
-        (place / DATASET).write_text(_dataset(found, bench), encoding="utf-8")
-        (place / PAGE).write_text(page(found, bench, swing, speed), encoding="utf-8")
+        facts = _dataset(found, bench)
+        (place / DATASET).write_text(facts, encoding="utf-8")
+        said = page(found, bench, swing, speed)
+        (place / PAGE).write_text(f"{said}\n{_mark(facts)}\n", encoding="utf-8")
     for name in names[len(found.trials) :]:  # of an earlier, longer plan
         (Path(out) / name).unlink(missing_ok=True)
     return found
 
 
-def _is_plan(folder: Path) -> bool:
+def _mark(facts: str) -> str:
+    """By which a plan knows the `dataset.toml` that it wrote; no browser shows it."""
+    digest = hashlib.sha256(facts.encode()).hexdigest()
+    return f"<!-- {DATASET} as written: {digest} -->"
+
+
+def _require_free(out: Path, names: Sequence[str]) -> None:
+    """See to it that nothing is replaced but an earlier plan that nobody touched."""
+    page_now = _text(out / PAGE)
+    require_ours(out, names, lambda _: page_now.startswith(_TITLE))
+    facts = out / DATASET
+    if facts.exists() and _mark(_text(facts)) not in page_now:
+        raise CableError(
+            f"{facts} was changed since it was planned, and would be replaced; name "
+            "another folder to write to."
+        )
+
+
+def _text(path: Path) -> str:
     try:
-        return (folder / PAGE).read_text(encoding="utf-8").startswith(_TITLE)
+        return path.read_text(encoding="utf-8")
     except (OSError, ValueError):
-        return False
+        return ""
+
+
+def _require_possible(bench: Bench, reach: float) -> None:
+    """Refuse a reach of the motor that no joint follows.
+
+    Raises:
+        CableError: it is beyond a turn of the joint, as degrees would be.
+    """
+    turn = 2.0 * math.pi
+    if reach * bench.motor_radius / bench.joint_radius > turn:
+        most = turn * bench.joint_radius / bench.motor_radius
+        raise CableError(
+            f"reach is {reach:g} rad, more than a turn of joint {bench.joint!r} to "
+            f"either side; it must be at most {most:.3g}, in radians of the motor."
+        )
 
 
 def _reach(bench: Bench) -> float:

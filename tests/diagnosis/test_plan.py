@@ -76,3 +76,20 @@ def test_limits_that_are_none_and_files_of_others_are_refused(tmp_path: Path) ->
     with pytest.raises(CableError, match="which no such run wrote"):
         plan(scene_path("bench"), tmp_path, reach=0.5)
     assert (tmp_path / "motion_01.csv").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_reach_in_degrees_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CableError, match=r"more than a turn of joint .* in radians"):
+        plan(scene_path("bench"), tmp_path / "a", reach=45.0)
+    assert not (tmp_path / "a").exists()
+
+
+def test_what_was_corrected_in_a_plan_is_not_replaced(tmp_path: Path) -> None:
+    for reach in (0.8, 0.4):  # another plan in the place of one that nobody touched
+        plan(scene_path("bench"), tmp_path, reach=reach, ids=IDS[:2])
+    facts = tmp_path / "dataset.toml"
+    mine = facts.read_text(encoding="utf-8") + "# It slipped in trial 2.\n"
+    facts.write_text(mine, encoding="utf-8")
+    with pytest.raises(CableError, match="was changed since it was planned"):
+        plan(scene_path("bench"), tmp_path, reach=0.8, ids=IDS[:2])
+    assert facts.read_text(encoding="utf-8") == mine

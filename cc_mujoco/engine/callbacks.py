@@ -125,6 +125,10 @@ _START_END = constant(": ")
 _FEW = constant("key `segments` is too small: its path needs at least ")
 _LENGTH = constant("key `conduit` has the wrong length: the path of its tendon is ")
 _LENGTH_END = constant(" long in the pose `qpos0`")
+_IDLE = constant(
+    "`actuation` is disabled in <flag>, so the cable does not pull; its tensions are "
+    "those that it would have"
+)
 _NO_PASSIVE = constant(
     "an open path pulls by passive forces; enable `spring` or `damper` in <flag>"
 )
@@ -193,6 +197,18 @@ def _warn_cut(model: int, instance: int) -> None:
 
 
 @internal
+def _warn_idle(model: int, instance: int) -> None:
+    """Warn, once, that no cable pulls, whatever tension it has."""
+    message = np.zeros(CAPACITY, np.uint8)
+    used = append(message, 0, _START)
+    used = quote(message, used, fields.plugin_name(model, instance))
+    used = append(message, used, _START_END)
+    used = append(message, used, _IDLE)
+    if not said_before(message, used, fields.signature(model)):
+        warn(message, used)
+
+
+@internal
 def _warn_jump(
     model: int, data: int, instance: int, state: int, proximal: float, distal: float
 ) -> None:
@@ -247,6 +263,9 @@ def _open_refused(
             return config.VALID, append(message, used, _LENGTH_END)
     if _no_passive(model):
         return config.VALID, append(message, start, _NO_PASSIVE)
+    used = ends.explain_bypass(message, start, model, instance, tendon)
+    if used > start:
+        return config.VALID, used
     return config.VALID, ends.explain_tied(message, start, model, instance, tendon)
 
 
@@ -728,6 +747,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         yields = 0.0, 0.0
         if fields.disabled(model, _NO_ACTUATION):
             # Nothing has evaluated the last position.
+            _warn_idle(model, instance)
             follow(block, model, data, state)
         elif (
             fields.integrator(model) != _RK4

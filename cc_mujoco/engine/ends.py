@@ -45,6 +45,22 @@ _SAME = constant(
     " is on the same joint or tendon as the other end; a cable needs two that move "
     "against each other"
 )
+_OTHER = constant("actuator ")
+_OTHER_END = constant(
+    " pulls its tendon as a whole, which passes friction by; give it the joint of a "
+    "drum, and that joint to the proximal end"
+)
+_ITS = constant("its tendon has ")
+_OWN = (
+    constant("a `stiffness`"),
+    constant("a `damping`"),
+    constant("a `frictionloss`"),
+    constant("a `range`"),
+)
+_ITS_END = constant(
+    " of its own, which pulls it as a whole and passes friction by; take it away, and "
+    "say it of the cable or of a joint"
+)
 _TIED = constant(
     " ties the cable to its own tendon; its gear must be 1 (-1 at the proximal end)"
 )
@@ -221,6 +237,39 @@ def tied(model: int, actuator: int, tendon: int) -> bool:
     kind = fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator)
     target = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
     return kind == _TRN_TENDON and target == tendon
+
+
+@internal
+def explain_bypass(
+    message: Bytes, used: int, model: int, instance: int, tendon: int
+) -> int:
+    """Add what else pulls the tendon of an open cable, as a whole; else nothing.
+
+    Returns:
+        The new length.
+    """
+    for actuator in range(fields.actuators(model)):
+        if (
+            fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator) == _TRN_TENDON
+            and fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator) == tendon
+            and fields.integer(model, fields.ACTUATOR_PLUGIN, actuator) != instance
+        ):
+            used = append(message, used, _OTHER)
+            name = fields.actuator_name(model, actuator)
+            used = quote(message, used, name)
+            return append(message, used, _OTHER_END)
+    own = (
+        fields.real(model, fields.TENDON_STIFFNESS, tendon),
+        fields.real(model, fields.TENDON_DAMPING, tendon),
+        fields.real(model, fields.TENDON_FRICTIONLOSS, tendon),
+        float(fields.byte(model, fields.TENDON_LIMITED, tendon)),
+    )
+    for what in range(4):
+        if own[what] != 0.0:
+            used = append(message, used, _ITS)
+            used = append(message, used, _OWN[what])
+            return append(message, used, _ITS_END)
+    return used
 
 
 @internal

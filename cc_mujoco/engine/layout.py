@@ -90,6 +90,7 @@ _MODEL_ARRAYS = (
     "actuator_gaintype", "actuator_gainprm", "actuator_ctrladr", "actuator_forcerange",
     "jnt_dofadr", "jnt_actgravcomp", "jnt_actfrclimited", "jnt_actfrcrange",
     "dof_damping", "dof_invweight0", "tendon_invweight0", "tendon_damping",
+    "tendon_stiffness", "tendon_frictionloss", "tendon_limited",
     "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind", "plugin", "plugin_attr",
     "plugin_attradr", "plugin_stateadr",
     "name_actuatoradr", "name_pluginadr", "name_tendonadr", "name_siteadr",

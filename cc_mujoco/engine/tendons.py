@@ -19,6 +19,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Real
 from typing import Any
 
 import mujoco
@@ -68,8 +69,9 @@ def add_friction(
             they are those of `Cable()`.
 
     Raises:
-        CableError: there is no such tendon, it has pulleys, an actuator pulls it
-            already, or a parameter cannot be used.
+        CableError: there is no such tendon, it has pulleys, something else pulls it as
+            a whole (an actuator, a `stiffness`, `damping`, `frictionloss` or `range` of
+            its own), or a parameter cannot be used. The specification is as before.
     """
     if not isinstance(spec, mujoco.MjSpec):
         raise CableError(
@@ -77,7 +79,8 @@ def add_friction(
             f"{type(spec).__name__}."
         )
     for name, end in (("motor", motor), ("joint", joint)):
-        if end is not None and not (isinstance(end, tuple) and len(end) == 2):
+        paired = isinstance(end, tuple) and len(end) == 2
+        if end is not None and not (paired and isinstance(end[1], Real)):
             raise CableError(
                 f"{name} must be a joint and the radius of its drum in metres, e.g. "
                 f"('winch', 0.02), not {end!r}."
@@ -89,13 +92,6 @@ def add_friction(
     for actuator in spec.actuators:
         if actuator.plugin.name == tendon:
             raise CableError(f"tendon {tendon!r} is a cable already.")
-        pulls = actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
-        if pulls and actuator.target == tendon:
-            raise CableError(
-                f"actuator {actuator.name!r} pulls tendon {tendon!r} as a whole, which "
-                "passes friction by; give it the joint of a drum as transmission, and "
-                "that joint and the radius of the drum as `motor`"
-            )
     for key in parameters:
         if key not in _GIVEN:
             raise CableError.unknown("cable parameter", key, _GIVEN)
@@ -120,16 +116,24 @@ def add_friction(
         "route": tendon,
         "path": "open",
     }
-    # Cable wound up moves to proximal at the motor's end, to distal at the other.
-    proximal = (found, -1.0) if motor is None else (motor[0], -motor[1])
-    distal = (found, 1.0) if joint is None else (joint[0], joint[1])
-    ends = (proximal, distal)
-    to_mjcf(spec, tendon, Cable(**(given | parameters)), *ends)
-    # Where there is no MuJoCo the cable bends by as much, evenly.
-    model = spec.copy().compile()
+
+    def write(into: mujoco.MjSpec) -> None:
+        own = into.tendon(tendon)
+        # Cable wound up moves to proximal at the motor's end, to distal at the other.
+        proximal = (own, -1.0) if motor is None else (motor[0], -motor[1])
+        distal = (own, 1.0) if joint is None else joint
+        to_mjcf(into, tendon, Cable(**(given | parameters)), proximal, distal)
+
+    tried = spec.copy()
+    write(tried)
+    try:
+        model = tried.compile()
+    except ValueError as error:
+        raise CableError(f"{error}") from None
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
+    # Where there is no MuJoCo the cable bends by as much, evenly.
     wrap = route_wrap(model, data, tendon)
     if wrap > 0.0:
         given["conduit"] = (Section(length, length / wrap),)
-        to_mjcf(spec, tendon, Cable(**(given | parameters)))
+    write(spec)

@@ -287,10 +287,13 @@ for ends in "auto", "explicit":
             mujoco.mj_resetData(m, d)
             d.qvel[:] = 100.0  # 1 mm and more a step
             mujoco.mj_step(m, d, 5)
+print("idle", "any", False, file=sys.stderr, flush=True)
+m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
+mujoco.mj_step(m, mujoco.MjData(m), 5)
 """
 
 
-def test_an_end_that_is_moved_by_hand_is_warned_of_unless_the_cable_is_settled(
+def test_ends_moved_by_hand_and_cables_that_cannot_pull_are_warned_of_once(
     tmp_path: Path,
 ) -> None:
     done = subprocess.run(
@@ -309,6 +312,8 @@ def test_an_end_that_is_moved_by_hand_is_warned_of_unless_the_cable_is_settled(
             said[tuple(line.split())] = []
         elif "WARNING: " in line:
             next(reversed(said.values())).append(line)
+    (idle,) = said.pop(("idle", "any", "False"))
+    assert "`actuation` is disabled in <flag>, so the cable does not pull" in idle
     for (ends, _, settled), lines in said.items():
         assert bool(lines) == (ends == "auto" and settled == "False"), (ends, settled)
         for line in lines:

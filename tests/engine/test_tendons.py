@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -124,8 +125,8 @@ def test_the_cable_is_as_long_and_bends_as_the_tendon() -> None:
 def spec_of(case: tuple = ARM) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_file(str(ASSETS / case[0]))
     tendon = spec.add_tendon(name="cord")
-    for name in ("one", "two"):
-        spec.body("body1").add_site(name=name, pos=[0.01, 0, 0])
+    for name, place in (("one", 0.01), ("two", 0.05)):
+        spec.body("body1").add_site(name=name, pos=[place, 0, 0])
         tendon.wrap_site(name)
     return spec
 
@@ -134,14 +135,46 @@ def test_what_cannot_be_is_refused_in_one_sentence() -> None:
     with pytest.raises(CableError, match=r"tendon 'chord'.*did you mean `?'?cord"):
         cc_mujoco.add_friction(spec_of(), "chord", friction=0.1)
     wrong: Any = "w"
-    with pytest.raises(CableError, match="motor must be a joint and the radius"):
-        cc_mujoco.add_friction(spec_of(), "cord", friction=0.1, motor=wrong)
+    for motor in (wrong, (0.02, wrong)):
+        with pytest.raises(CableError, match="motor must be a joint and the radius"):
+            cc_mujoco.add_friction(spec_of(), "cord", friction=0.1, motor=motor)
     with pytest.raises(CableError, match=r"spec must be an MjSpec.* not str"):
         cc_mujoco.add_friction(wrong, "cord", friction=0.1)
     with pytest.raises(CableError, match="cable parameter 'mu'"):
         cc_mujoco.add_friction(spec_of(), "cord", friction=0.1, mu=0.2)
-    pulled = spec_of()
-    actuator = pulled.add_actuator(name="pull", target="cord")
+
+
+def pulled(spec: mujoco.MjSpec) -> None:
+    actuator = spec.add_actuator(name="pull", target="cord")
     actuator.trntype = mujoco.mjtTrn.mjTRN_TENDON
-    with pytest.raises(CableError, match="actuator 'pull' pulls tendon 'cord' as a"):
-        cc_mujoco.add_friction(pulled, "cord", friction=0.1)
+
+
+def given(name: str, value: Any) -> Callable[[mujoco.MjSpec], None]:
+    return lambda spec: setattr(spec.tendon("cord"), name, value)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (pulled, "actuator 'pull' pulls its tendon as a whole"),
+        (given("stiffness", [100.0, 0.0, 0.0]), "its tendon has a `stiffness` of its"),
+        (given("damping", [10.0, 0.0, 0.0]), "its tendon has a `damping` of its own"),
+        (given("frictionloss", 2.0), "its tendon has a `frictionloss` of its own"),
+        (given("range", [0.0, 1.0]), "its tendon has a `range` of its own"),
+    ],
+)
+def test_nothing_pulls_a_cable_as_a_whole(
+    change: Callable[[mujoco.MjSpec], None], told: str
+) -> None:
+    before = spec_of()
+    change(before)
+    xml = before.to_xml()
+    with pytest.raises(CableError, match=told):
+        cc_mujoco.add_friction(before, "cord", friction=0.1)
+    assert before.to_xml() == xml
+    later = spec_of()
+    cc_mujoco.add_friction(later, "cord", friction=0.1)
+    later.copy().compile()
+    change(later)
+    with pytest.raises(ValueError, match=told):
+        later.compile()

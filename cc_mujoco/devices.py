@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from cc_mujoco.assets import SCENES
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.sensing import Sensing
 
@@ -190,11 +191,12 @@ def find_device(name: str) -> Setup:
     Raises:
         CableError: If there is none by that name; says where a user's own file goes.
     """
-    if name not in DEVICES and str(name).endswith(".xml"):
-        # These need a wearer, sensors and safe limits, which no MJCF file tells.
+    if name not in DEVICES and (name in SCENES or str(name).endswith(".xml")):
+        # Devices need a wearer, sensors and safe limits, which no MJCF file tells.
+        what = "That scene" if name in SCENES else "A file of your own"
         raise CableError(
-            f"{CableError.unknown('scene', name, DEVICES)} A file of your own tells of "
-            "no wearer, no sensors; it is for MuJoCo itself, `cc-mujoco diagnose` and "
-            "`cc-mujoco run`."
+            f"{CableError.unknown('device', name, DEVICES)} {what} tells of no wearer, "
+            "no sensors; it is for MuJoCo itself, `cc-mujoco diagnose` and `cc-mujoco "
+            "run`."
         )
     return look_up("scene", name, DEVICES)

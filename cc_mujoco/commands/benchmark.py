@@ -33,7 +33,7 @@ class Benchmark:
     seeds: int = 0
     """Number of seeds: plants, noise, motions; 0 is what the suite has."""
     duration: Annotated[float | None, in_words("FLOAT")] = None
-    """Length of an episode in seconds; that of the suite unless given."""
+    """Length of an episode in seconds, more than 1; that of the suite unless given."""
     baseline: Annotated[str | None, in_words("NAME")] = None
     """Controller that the others are compared with, seed by seed; pi if it plays, else
     none."""

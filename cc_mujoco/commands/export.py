@@ -55,9 +55,10 @@ class Export:
                 device.environment, disable_env_checker=True, model=model
             ).unwrapped
         except KeyError as error:  # MuJoCo's, of a name that is not in the model
+            _, missing, *_ = str(error.args[0]).split("'")
             raise CableError(
-                f"{self.model} is no variant of the scene {self.scene!r}: "
-                f"{str(error.args[0]).rstrip('.')}."
+                f"{self.model} is no variant of the scene {self.scene!r}: it has "
+                f"nothing that is called {missing!r}."
             ) from None
         plan = Plan.of(self.controller, env.drive, env.exo.device.driven)
         what = f"{self.controller} for the scene {self.scene}, on {self.target}"

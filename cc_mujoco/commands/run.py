@@ -50,8 +50,6 @@ class Run:
             return
         if self.trial is not None:
             raise CableError("--trial belongs to --plan, which is not given.")
-        if self.controller is None:
-            raise CableError("name a controller by --controller, or a plan by --plan.")
 
         from cc_mujoco.checks import LONGEST, number
         from cc_mujoco.hardware.log import require_free
@@ -60,6 +58,8 @@ class Run:
         duration = 10.0 if self.duration is None else self.duration
         number("--duration", duration, 0.01, LONGEST, "s")
         settings = read_settings(self.rig)
+        if self.controller is None:
+            raise CableError("name a controller by --controller, or a plan by --plan.")
         require_free(self.out)
         desired = settings.desired(duration)
 

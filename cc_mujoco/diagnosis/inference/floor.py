@@ -209,12 +209,16 @@ def _unsettled(
 
 
 def _unseen(angle: FloatArray, width: float, random: np.random.Generator) -> FloatArray:
-    """Movement that may have happened where the angle was taken to stand still."""
+    """Movement that may have happened where the angle was taken to stand still.
+
+    As far as the play filter lets it: a servo that integrates, or a hand that lets go,
+    creeps to the end of it.
+    """
     moved = np.zeros(angle.size)
     edges = np.flatnonzero(np.diff(angle) != 0.0)
     for first, last in pairwise([-1, *edges.tolist(), angle.size - 1]):
         size = last - first
         if size > 2:
             bump = np.sin(np.pi * np.arange(1, size + 1) / (size + 1))
-            moved[first + 1 : last + 1] = 0.5 * random.uniform(-width, width) * bump
+            moved[first + 1 : last + 1] = random.uniform(-width, width) * bump
     return moved

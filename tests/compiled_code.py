@@ -73,7 +73,7 @@ def _laws() -> None:
         ),
         0.0,
     )
-    for name in (*EXPORTED, "predictive"):
+    for name in EXPORTED:
         controller(name, drive).torque(seen)
     for kind in (
         BristleChain, Distributed, LumpedMasses, LuGreChain, PassiveDistributed,

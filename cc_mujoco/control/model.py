@@ -17,6 +17,7 @@ One model holds the cables of many environments; each row is computed by itself.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,12 +29,11 @@ from cc_mujoco.transmission import PARAMETERS, kernel, stepper
 from cc_mujoco.transmission.friction import INDEX
 from cc_mujoco.transmission.packing import LENGTH, slips, tensions
 
-_FRICTIONS = [
-    place
-    for place, parameter in enumerate(PARAMETERS)
-    if parameter.name in ("friction", "static_friction")
-]
+_FRICTIONS = INDEX["friction"], INDEX["static_friction"]
 _MOST_FRICTION = 5.0
+CHANGED = 0.01
+"""Of a learned factor of friction, from which on it is taken over: packing a cable for
+every last bit would take longer than stepping it."""
 _EA = INDEX["axial_stiffness"]
 
 
@@ -79,6 +79,7 @@ class CableModel:
         self.work = np.empty(kernel.work_size(most))
         self.scratch = np.empty((3, len(cables)))
         self._new = np.zeros((len(cables), self._size[1]))
+        self._asked = np.empty(len(PARAMETERS))
         self._allocate(len(drive.cable_drives))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -196,11 +197,47 @@ class CableModel:
 
     def _pack(self, row: int, cable: int, factor: float) -> None:
         cable_drive = self.cable_drives(row)[cable].cable
-        values = np.array(cable_drive.scalars)
-        values[_FRICTIONS] = np.minimum(factor * values[_FRICTIONS], _MOST_FRICTION)
-        sections = self._sections[row % len(self._sections)][cable]
-        kernel.pack(values, sections, cable_drive.segments, self.packed[row, cable])
+        pack(
+            np.array(cable_drive.scalars),
+            self._sections[row % len(self._sections)][cable],
+            cable_drive.segments,
+            factor,
+            self._asked,
+            self.packed[row, cable],
+        )
         self.factor[row, cable] = factor
+
+
+@compiled
+def pack(
+    values: FloatArray,
+    sections: FloatArray,
+    n: int,
+    factor: float,
+    asked: FloatArray,
+    prm: FloatArray,
+) -> None:
+    """Pack a cable with a multiple of its friction.
+
+    Args:
+        values: scalars of the cable.
+        sections: see `kernel.pack`.
+        n: segments.
+        factor: of its friction.
+        asked: scratch, as `values`.
+        prm: out, packed.
+    """
+    for i in range(values.size):
+        asked[i] = values[i]
+    for place in _FRICTIONS:
+        asked[place] = min(factor * asked[place], _MOST_FRICTION)
+    kernel.pack(asked, sections, n, prm)
+
+
+@compiled
+def has_changed(factor: Any, believed: Any) -> Any:
+    """Whether a learned factor of friction is to be taken over; numbers or arrays."""
+    return np.abs(factor / believed - 1.0) > CHANGED
 
 
 def joint_stiffness(cable_drives: Sequence[CableDrive]) -> float:

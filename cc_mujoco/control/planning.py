@@ -15,12 +15,39 @@ Trans. Automatic Control 10, 1965.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import FloatArray, compiled, internal
 from cc_mujoco.control import rollout
+from cc_mujoco.control.tuning import (
+    BELIEF,
+    DAMPER,
+    DAMPING,
+    FORGETTING,
+    HIGH,
+    INERTIA,
+    LATE_FIRST,
+    LEAK,
+    LEARNING,
+    LEAST,
+    LOW,
+    MOTION_0,
+    MOTION_1,
+    MOTION_2,
+    NOISE,
+    PERIOD,
+    RATIO,
+    ROTOR_0,
+    ROTOR_1,
+    SLOW,
+    SPAN,
+    SPEND,
+    STIFFNESS,
+    TOLERANCE,
+    TURNING,
+)
 from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission import stepper
 from cc_mujoco.transmission.packing import segment_angles, slips, tensions
@@ -34,14 +61,7 @@ ERROR, ROTOR = 3, 4
 """Place of the mean squared error of an observer of the rotor, behind angle, velocity
 and unexplained torque; how many numbers it has."""
 
-(
-    PERIOD, INERTIA, DAMPING, STIFFNESS, RATIO, LOW, HIGH, SPAN, TOLERANCE, TURNING,
-    NOISE, BELIEF, LEARNING, LEAST, ROTOR_0, ROTOR_1, MOTION_0, MOTION_1, MOTION_2,
-    FORGETTING, LEAK, SPEND, SLOW, DAMPER,
-) = range(24)  # fmt: skip
-"""Places in the tuning, see `predictive`."""
 
-_COULOMB = law.INDEX["friction"]
 _RATED = law.INDEX["viscous_friction"], law.INDEX["grease_drag"]
 _FARTHEST = 2.0
 """That a plan turns the motor between two knots [rad]."""
@@ -55,6 +75,60 @@ it is believed instead."""
 _ROUNDED = (2e-4) ** 2
 """Mean squared error of an angle from which nothing is concluded [rad^2]: an encoder of
 14 bits rounds by half of that."""
+_COULOMB = law.INDEX["friction"]
+
+
+class Device(NamedTuple):
+    """What a controller keeps of one device beside its cables; see this module.
+
+    Attributes:
+        memory: (`FRICTION` + cables,).
+        rotors: observers of the rotor (delays, `ROTOR`).
+        applied: torques, the oldest first (delays,) [Nm].
+    """
+
+    memory: FloatArray
+    rotors: FloatArray
+    applied: FloatArray
+
+
+class Tables(NamedTuple):
+    """What a controller is told.
+
+    Attributes:
+        gains: accelerations of a plan per angle, velocity and wanted angles of the
+            motor, for every delay (delays, knots, 2 + knots).
+        unexplained: gain of the unexplained torque, for every delay (delays,).
+        tune: see `tuning.Tuning.packed`.
+    """
+
+    gains: FloatArray
+    unexplained: FloatArray
+    tune: FloatArray
+
+
+class Room(NamedTuple):
+    """Room to compute in; nothing is kept in it.
+
+    Attributes:
+        new: states of the cables (cables, numbers).
+        state: likewise.
+        rolled: likewise.
+        leapt: likewise.
+        push: accelerations of a plan (knots,).
+        best: likewise.
+        memory: (`FRICTION` + cables,).
+        work: `kernel.work_size`.
+    """
+
+    new: FloatArray
+    state: FloatArray
+    rolled: FloatArray
+    leapt: FloatArray
+    push: FloatArray
+    best: FloatArray
+    memory: FloatArray
+    work: FloatArray
 
 
 @compiled
@@ -70,38 +144,55 @@ def smooth(
     memory[first + 2] += 2.0 * c * off
 
 
+@internal
+def _copy(source: FloatArray, target: FloatArray) -> None:
+    """States of cables (cables, numbers) into others."""
+    for k in range(source.shape[0]):
+        for i in range(source.shape[1]):
+            target[k, i] = source[k, i]
+
+
+@internal
+def _start(
+    cables: stepper.Cables,
+    state: FloatArray,
+    device: Device,
+    seen: FloatArray,
+    late: float,
+) -> None:
+    """Forget all; motor and joint rest where they are seen."""
+    memory, rotors = device.memory, device.rotors
+    memory[:] = 0.0
+    memory[JOINT], memory[AIM], memory[LATE] = seen[1], seen[3], late
+    rotors[:] = 0.0
+    rotors[:, ANGLE] = seen[0]
+    memory[LOAD] = stepper.torque(cables, state, False, seen[0])[0]
+    memory[STARTED] = 1.0
+
+
 @compiled
 def _observe(
-    advance: Any,
     cables: stepper.Cables,
     state: FloatArray,
     joint: float,
-    applied: FloatArray,
+    device: Device,
     seen: FloatArray,
-    late: int,
-    unexplained: FloatArray,
-    memory: FloatArray,
-    rotors: FloatArray,
-    tune: FloatArray,
-    new: FloatArray,
-    work: FloatArray,
+    tables: Tables,
+    room: Room,
 ) -> float:
     """Bring cables, rotor and motion to when `seen` was measured; the model's joint."""
-    motor, angle, torque, aim = seen
+    memory, rotors, applied = device.memory, device.rotors, device.applied
+    tune, new = tables.tune, room.new
+    motor, angle, torque, aim = seen[0], seen[1], seen[2], seen[3]
     if memory[STARTED] == 0.0:
-        memory[:] = 0.0
-        memory[JOINT], memory[AIM], memory[LATE] = angle, aim, late
-        rotors[:] = 0.0
-        rotors[:, ANGLE] = motor
-        memory[LOAD] = stepper.torque(cables, state, False, motor)[0]
-        memory[STARTED] = 1.0
+        _start(cables, state, device, seen, tune[LATE_FIRST])
     before = memory[JOINT]
     smooth(memory, JOINT, angle, tune[MOTION_0], tune[MOTION_1], tune[MOTION_2])
     smooth(memory, AIM, aim, tune[MOTION_0], tune[MOTION_1], tune[MOTION_2])
     joint += memory[JOINT] - before
     memory[ENERGY] += (torque - memory[AIM]) * memory[JOINT + 1]
     memory[ENERGY] -= tune[LEAK] * memory[ENERGY]
-    rollout.move(advance, cables, state, motor, joint, tune[PERIOD], new, work)
+    stepper.move(cables, state, motor, joint, tune[PERIOD], new, room.work)
     made, size = stepper.torque(cables, new, True, motor)
     memory[FELT] += _FEELING * (torque - memory[FELT])
     taut = size > 0.0
@@ -114,22 +205,28 @@ def _observe(
         if cables.n.size == 1 and made * cables.distal[0] > 0.0:
             made = 0.0  # noise may push, a cable cannot
         joint = rollout.joint_for(
-            advance, cables, state, motor, joint, made, tune[STIFFNESS],
-            0.02 * tune[NOISE], tune[PERIOD], new, work,
+            cables, state, motor, joint, made, tune[STIFFNESS], 0.02 * tune[NOISE],
+            tune[PERIOD], new, room.work,
         )  # fmt: skip
-    state[:] = new
+    _copy(new, state)
     load = stepper.torque(cables, state, False, motor)[0]
     felt = 0.5 * (load + memory[LOAD])
     memory[LOAD] = load
     believed = int(memory[LATE])
-    gain = unexplained[believed]  # the same for all, or the quickest would win
+    gain = tables.unexplained[believed]  # the same for all, or the quickest would win
+    best = 0
     for d in range(rotors.shape[0]):
         _turn(rotors[d], motor, applied[applied.size - 1 - d] - felt, gain, tune)
-    best = int(np.argmin(rotors[:, ERROR]))
+        if rotors[d, ERROR] < rotors[best, ERROR]:
+            best = d
     if rotors[best, ERROR] + _ROUNDED < _BETTER * rotors[believed, ERROR]:
         believed = best
     memory[LATE] = believed
-    memory[ANGLE], memory[VELOCITY], memory[UNEXPLAINED] = rotors[believed, :ERROR]
+    memory[ANGLE], memory[VELOCITY] = (
+        rotors[believed, ANGLE],
+        rotors[believed, VELOCITY],
+    )
+    memory[UNEXPLAINED] = rotors[believed, UNEXPLAINED]
     return joint
 
 
@@ -159,40 +256,45 @@ def _learn(
     The load grows with the logarithm of friction by r T mu phi of every cable, with the
     tension T at the motor; the step is that of a normalised gradient.
     """
-    share = np.zeros(cables.n.size)
     size = tune[LEAST] ** 2
     for k in range(cables.n.size):
         n = cables.n[k]
-        slip, tension = slips(state[k], n), tensions(state[k], n)
+        slip = slips(state[k], n)
         sign = np.sign(slip[0])
         for j in range(n):
             if slip[j] * sign <= 0.0:
                 return
-        wrap = cables.prm[k, _COULOMB] * np.sum(segment_angles(cables.prm[k], n))
-        share[k] = cables.proximal[k] * sign * max(tension[0], 0.0) * wrap
-        size += share[k] ** 2
+        size += _felt(cables, k, state[k], sign) ** 2
     unexplained = min(max(memory[UNEXPLAINED], -tune[LEAST]), tune[LEAST])
     rate = tune[LEARNING] * tune[PERIOD] * unexplained / size
     low, high = np.log(_FACTORS[0]), np.log(_FACTORS[1])
     for k in range(cables.n.size):
-        factor = memory[FRICTION + k] - rate * share[k]
+        sign = np.sign(slips(state[k], cables.n[k])[0])
+        factor = memory[FRICTION + k] - rate * _felt(cables, k, state[k], sign)
         memory[FRICTION + k] = min(max(factor, low), high)
+
+
+@internal
+def _felt(cables: stepper.Cables, k: int, state: FloatArray, sign: float) -> float:
+    """What the logarithm of a cable's friction adds to the load of the motor [Nm]."""
+    n, wrap = cables.n[k], 0.0
+    angles = segment_angles(cables.prm[k], n)
+    for j in range(n):
+        wrap += angles[j]
+    pull = cables.proximal[k] * sign * max(tensions(state, n)[0], 0.0)
+    return float(pull * (cables.prm[k, _COULOMB] * wrap))
 
 
 @compiled
 def _predict(
-    advance: Any,
     cables: stepper.Cables,
-    state: FloatArray,
     joint: float,
     applied: FloatArray,
-    memory: FloatArray,
     tune: FloatArray,
-    new: FloatArray,
-    work: FloatArray,
+    room: Room,
 ) -> float:
-    """Roll on over torques that are applied already; the model's joint then."""
-    dt = tune[PERIOD]
+    """Roll `room` on over torques that are applied already; the model's joint then."""
+    dt, memory, state = tune[PERIOD], room.memory, room.state
     for torque in applied:
         load = stepper.torque(cables, state, False, memory[ANGLE])[0]
         force = torque - load - tune[DAMPING] * memory[VELOCITY] + memory[UNEXPLAINED]
@@ -201,8 +303,8 @@ def _predict(
         joint += memory[JOINT + 1] + 0.5 * memory[JOINT + 2]
         memory[JOINT + 1] += memory[JOINT + 2]
         memory[AIM] += memory[AIM + 1]
-        rollout.move(advance, cables, state, memory[ANGLE], joint, dt, new, work)
-        state[:] = new
+        stepper.move(cables, state, memory[ANGLE], joint, dt, room.new, room.work)
+        _copy(room.new, state)
     return joint
 
 
@@ -229,18 +331,13 @@ def _drags(cables: stepper.Cables) -> bool:
 
 @compiled
 def _plan(
-    advance: Any,
     cables: stepper.Cables,
-    state: FloatArray,
     joint: float,
     sense: float,
     gains: FloatArray,
-    memory: FloatArray,
     tune: FloatArray,
     push: FloatArray,
-    rolled: FloatArray,
-    new: FloatArray,
-    work: FloatArray,
+    room: Room,
 ) -> float:
     """Plan for a motor that turns one way only: `push`, its accelerations [rad/s^2].
 
@@ -248,14 +345,16 @@ def _plan(
         Mean squared error of the torque over the horizon, half of it on the planned
         path and half on the wanted one, which a long way does not put off [Nm^2].
     """
+    memory, rolled, new = room.memory, room.rolled, room.new
     count, span = push.size, tune[SPAN]
     steps = span / tune[PERIOD]
     rise = tune[STIFFNESS] / tune[RATIO]
     cost = 0.0
-    rolled[:] = state
+    _copy(room.state, rolled)
     angle, velocity = memory[ANGLE], memory[VELOCITY]
     at = angle
-    push[:] = gains[:, 0] * angle + gains[:, 1] * velocity
+    for i in range(count):
+        push[i] = gains[i, 0] * angle + gains[i, 1] * velocity
     drags = _drags(cables)
     last = joint
     for i in range(count):
@@ -263,13 +362,15 @@ def _plan(
         where = joint + memory[JOINT + 1] * t + 0.5 * memory[JOINT + 2] * t * t
         desired = memory[AIM] + memory[AIM + 1] * t
         at = rollout.motor_for(
-            advance, cables, rolled, at, sense, where, where - last, desired, rise,
-            _FARTHEST, tune[TOLERANCE], span, drags, new, work,
+            cables, rolled, at, sense, where, where - last, desired, rise, _FARTHEST,
+            tune[TOLERANCE], span, drags, room.leapt, new, room.work,
         )  # fmt: skip
-        rolled[:], last = new, where
+        _copy(new, rolled)
+        last = where
         cost += (rollout.made(cables, new, at) - desired) ** 2
-        push += gains[:, 2 + i] * at
-    rolled[:] = state
+        for j in range(count):
+            push[j] += gains[j, 2 + i] * at
+    _copy(room.state, rolled)
     limit = max(abs(tune[LOW]), abs(tune[HIGH])) / tune[INERTIA]
     for i in range(count):
         push[i] = min(max(push[i], -limit), limit)
@@ -278,95 +379,107 @@ def _plan(
         t = (i + 1) * steps
         where = joint + memory[JOINT + 1] * t + 0.5 * memory[JOINT + 2] * t * t
         desired = memory[AIM] + memory[AIM + 1] * t
-        rollout.move(advance, cables, rolled, angle, where, span, new, work)
-        rolled[:] = new
+        stepper.move(cables, rolled, angle, where, span, new, room.work)
+        _copy(new, rolled)
         cost += (rollout.made(cables, new, angle) - desired) ** 2
     return 0.5 * cost / count
 
 
 @compiled
 def act(
-    advance: Any,
+    cables: stepper.Cables,
+    state: FloatArray,
+    joint: FloatArray,
+    device: Device,
+    seen: FloatArray,
+    tables: Tables,
+    room: Room,
+) -> float:
+    """Torque of the motor of one device [Nm].
+
+    Args:
+        cables: of the device.
+        state: of the cables when they were measured (cables, numbers); moved on.
+        joint: angle of the joint in the model (1,) [rad]; moved on.
+        device: moved on.
+        seen: motor angle, joint angle, joint torque, desired torque (4,).
+        tables: see there.
+        room: scratch.
+    """
+    tune, memory, applied = tables.tune, room.memory, device.applied
+    dt = tune[PERIOD]
+    joint[0] = _observe(cables, state, joint[0], device, seen, tables, room)
+    _learn(cables, state, device.memory, tune)
+    for i in range(memory.size):
+        memory[i] = device.memory[i]
+    delay = int(memory[LATE])
+    _copy(state, room.state)
+    at = _predict(cables, joint[0], applied[applied.size - delay :], tune, room)
+    _damp(memory, tune)
+    before = memory[SENSE]
+    sense = 1.0 if before == 0.0 else before
+    gains, best = tables.gains[delay], room.best
+    cost = _plan(cables, at, sense, gains, tune, best, room)
+    turning = 0.0 if before == 0.0 else tune[TURNING]
+    if cost > turning:
+        other = _plan(cables, at, -sense, gains, tune, room.push, room)
+        if other + turning < cost:
+            sense, best = -sense, room.push
+    device.memory[SENSE] = sense
+    angle, velocity = memory[ANGLE], memory[VELOCITY]
+    load = stepper.torque(cables, room.state, False, angle)[0]
+    angle += dt * (velocity + 0.5 * dt * best[0])
+    at += memory[JOINT + 1] + 0.5 * memory[JOINT + 2]
+    stepper.move(cables, room.state, angle, at, dt, room.new, room.work)
+    load = 0.5 * (load + stepper.torque(cables, room.new, False, angle)[0])
+    torque = load + tune[INERTIA] * best[0] + tune[DAMPING] * velocity
+    torque -= memory[UNEXPLAINED]
+    torque = min(max(torque, tune[LOW]), tune[HIGH])
+    for i in range(applied.size - 1):
+        applied[i] = applied[i + 1]
+    applied[applied.size - 1] = torque
+    return float(torque)
+
+
+@compiled
+def learned(memory: FloatArray, factor: FloatArray) -> None:
+    """What the friction of every cable is to be multiplied by (cables,)."""
+    for k in range(factor.size):
+        factor[k] = np.exp(memory[FRICTION + k])
+
+
+@compiled
+def act_all(
     prm: FloatArray,
     n: stepper.Counts,
     proximal: FloatArray,
     distal: FloatArray,
     states: FloatArray,
     joints: FloatArray,
-    memories: FloatArray,
-    rotors: FloatArray,
-    applied: FloatArray,
+    devices: Device,
     seen: FloatArray,
-    late: int,
-    gains: FloatArray,
-    unexplained: FloatArray,
-    tune: FloatArray,
+    tables: Tables,
     found: FloatArray,
-    work: FloatArray,
+    room: Room,
 ) -> None:
-    """Torque of the motor of every device.
+    """Torque of the motor of every device; see `act`.
 
     Args:
-        advance: see `rollout.pointer`.
         prm: packed parameters (rows, cables, numbers).
         n: segments of every cable.
         proximal: arms at the motor [m/rad].
         distal: arms at the joint [m/rad].
-        states: of the cables when they were measured (rows, cables, numbers).
-        joints: angles of the joints in the model (rows,) [rad].
-        memories: (rows, `FRICTION` + cables).
-        rotors: observers of the rotor (rows, delays, `ROTOR`).
-        applied: torques, the oldest first (rows, delays) [Nm].
-        seen: motor angle, joint angle, joint torque, desired torque (rows, 4).
-        late: control steps by which that is thought to be late at first.
-        gains: accelerations of a plan per angle, velocity and wanted angles of the
-            motor, for every delay (delays, knots, 2 + knots).
-        unexplained: gain of the unexplained torque, for every delay (delays,).
-        tune: numbers of this module's places.
+        states: (rows, cables, numbers).
+        joints: (rows,).
+        devices: arrays with a row for each.
+        seen: (rows, 4).
+        tables: of all.
         found: out (rows,) [Nm].
-        work: scratch.
+        room: scratch.
     """
-    shape = states.shape[1:]
-    new, state, rolled = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    push, best = np.zeros(gains.shape[1]), np.zeros(gains.shape[1])
-    dt = tune[PERIOD]
     for row in range(found.size):
         cables = stepper.Cables(prm[row], n, proximal, proximal, distal)
-        joints[row] = _observe(
-            advance, cables, states[row], joints[row], applied[row], seen[row], late,
-            unexplained, memories[row], rotors[row], tune, new, work,
-        )  # fmt: skip
-        _learn(cables, states[row], memories[row], tune)
-        memory = memories[row].copy()
-        delay = int(memory[LATE])
-        state[:] = states[row]
-        joint = _predict(
-            advance, cables, state, joints[row], applied[row, gains.shape[0] - delay :],
-            memory, tune, new, work,
-        )  # fmt: skip
-        _damp(memory, tune)
-        before = memory[SENSE]
-        sense = 1.0 if before == 0.0 else before
-        cost = _plan(
-            advance, cables, state, joint, sense, gains[delay], memory, tune, best,
-            rolled, new, work,
-        )  # fmt: skip
-        turning = 0.0 if before == 0.0 else tune[TURNING]
-        if cost > turning:
-            other = _plan(
-                advance, cables, state, joint, -sense, gains[delay], memory, tune,
-                push, rolled, new, work,
-            )  # fmt: skip
-            if other + turning < cost:
-                sense = -sense
-                best[:] = push
-        memories[row, SENSE] = sense
-        angle, velocity = memory[ANGLE], memory[VELOCITY]
-        load = stepper.torque(cables, state, False, angle)[0]
-        angle += dt * (velocity + 0.5 * dt * best[0])
-        joint += memory[JOINT + 1] + 0.5 * memory[JOINT + 2]
-        rollout.move(advance, cables, state, angle, joint, dt, new, work)
-        load = 0.5 * (load + stepper.torque(cables, new, False, angle)[0])
-        torque = load + tune[INERTIA] * best[0] + tune[DAMPING] * velocity
-        torque -= memory[UNEXPLAINED]
-        found[row] = min(max(torque, tune[LOW]), tune[HIGH])
+        device = Device(devices.memory[row], devices.rotors[row], devices.applied[row])
+        found[row] = act(
+            cables, states[row], joints[row : row + 1], device, seen[row], tables, room
+        )

@@ -14,18 +14,20 @@ from numpy.typing import NDArray
 
 from cc_mujoco.checks import number
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.control import planning, rollout
+from cc_mujoco.control import planning
 from cc_mujoco.control.controller import Controller, readings, wound
 from cc_mujoco.control.drive import Drive
-from cc_mujoco.control.model import CableModel, joint_stiffness
+from cc_mujoco.control.model import CableModel, has_changed, joint_stiffness
+from cc_mujoco.control.tuning import Tuning
 from cc_mujoco.errors import CableError
 
-_READ = (
+SEEN = (
     "motor_angle_rad",
     "joint_angle_rad",
     "joint_torque_nm",
     "desired_torque_nm",
 )
+"""What it reads, of `sensing.MEASURED`."""
 _LEAST_NOISE = 1e-5
 """Of the greatest torque: a sensor without noise is no reason to turn for nothing."""
 
@@ -150,13 +152,13 @@ class PredictiveCompensation(Controller):
         period = drive.period
         delays = np.arange(max(drive.delay, math.ceil(latest / period)) + 1)
         late = np.maximum(delays, 1) * period
-        self._gains = np.array(
+        gains = np.array(
             [
                 preview(knots, horizon / knots, slowed)
                 for slowed in np.minimum(bandwidth, PLAN_PER_DELAY / late)
             ]
         )
-        self._unexplained = np.array(
+        unexplained = np.array(
             [
                 smoothing(slowed * period)[2]
                 for slowed in np.minimum(rotor, ROTOR_PER_DELAY / late)
@@ -165,89 +167,102 @@ class PredictiveCompensation(Controller):
         greatest = max(abs(end) for end in drive.reach)
         noise = max(drive.torque_noise, _LEAST_NOISE * greatest)
         stiffness = joint_stiffness(drive.cables)
-        self._tune = np.array(
-            [
-                period,
-                drive.inertia,
-                drive.damping,
-                stiffness,
-                drive.ratio,
-                drive.low,
-                drive.high,
-                horizon / knots,
-                tolerance * noise,
-                (turning * noise) ** 2,
-                FELT * noise,
-                belief,
-                learning,
-                0.05 * max(abs(drive.low), abs(drive.high)),
-                *smoothing(rotor * period)[:2],
-                *smoothing(motion * period),
-                period / FORGETTING,
-                period / ACCOUNT,
-                SPEND,
-                SLOW,
-                damper * stiffness,
-            ]
+        rotor_0, rotor_1, _ = smoothing(rotor * period)
+        motion_0, motion_1, motion_2 = smoothing(motion * period)
+        self.tuning = Tuning(
+            period=period,
+            inertia=drive.inertia,
+            damping=drive.damping,
+            ratio=drive.ratio,
+            low=drive.low,
+            high=drive.high,
+            span=horizon / knots,
+            tolerance=tolerance * noise,
+            turning=(turning * noise) ** 2,
+            noise=FELT * noise,
+            belief=belief,
+            learning=learning,
+            least=0.05 * max(abs(drive.low), abs(drive.high)),
+            spend=SPEND,
+            slow=SLOW,
+            damper=damper * stiffness,
+            rotor_0=rotor_0,
+            rotor_1=rotor_1,
+            motion_0=motion_0,
+            motion_1=motion_1,
+            motion_2=motion_2,
+            forgetting=period / FORGETTING,
+            leak=period / ACCOUNT,
+            late=drive.delay,
         )
-        self._size = planning.FRICTION + len(drive.cables)
+        """Numbers of the compiled functions, by name."""
+        self.tables = planning.Tables(gains, unexplained, self.tuning.packed(stiffness))
+        """All that they are told."""
+        cables = len(drive.cables)
+        self._size = planning.FRICTION + cables
+        shape = (cables, self.model.state.shape[-1])
+        self._room = planning.Room(
+            new=np.zeros(shape),
+            state=np.zeros(shape),
+            rolled=np.zeros(shape),
+            leapt=np.zeros(shape),
+            push=np.zeros(knots),
+            best=np.zeros(knots),
+            memory=np.zeros(self._size),
+            work=self.model.work,
+        )
         self._forget(0)
 
     def _forget(self, rows: int) -> None:
-        delays = self._unexplained.size
-        self._memory: FloatArray = np.zeros((rows, self._size))
-        self._rotors: FloatArray = np.zeros((rows, delays, planning.ROTOR))
-        self._applied: FloatArray = np.zeros((rows, delays))
+        delays = self.tables.unexplained.size
+        self._devices = planning.Device(
+            np.zeros((rows, self._size)),
+            np.zeros((rows, delays, planning.ROTOR)),
+            np.zeros((rows, delays)),
+        )
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Start at rest in the pretension; see `Controller.reset`."""
         self.model.reset(where)
         if where is None:
             self._forget(0)
-        elif self._memory.shape[0]:
-            self._memory[where] = 0.0
-            self._applied[where] = 0.0
+        elif self._devices.memory.shape[0]:
+            self._devices.memory[where] = 0.0
+            self._devices.applied[where] = 0.0
 
     def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
         """What the drive's friction is to be multiplied by (rows, cables)."""
-        factor: NDArray[np.float64] = np.exp(self._memory[:, planning.FRICTION :])
+        factor = np.empty_like(self.model.factor)
+        for memory, own in zip(self._devices.memory, factor, strict=True):
+            planning.learned(memory, own)
         return factor
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
-        seen = readings(wound(observation, self.drive), _READ)
-        if seen.shape[0] != self._memory.shape[0]:
+        seen = readings(wound(observation, self.drive), SEEN)
+        if seen.shape[0] != self._devices.memory.shape[0]:
             self._forget(seen.shape[0])
         model = self.model
         model.ready(seen[:, 0].copy())
         found = np.empty(seen.shape[0])
-        planning.act(
-            rollout.pointer(),
+        planning.act_all(
             model.packed,
             model.segments,
             model.proximal,
             model.distal,
             model.state,
             model.joint,
-            self._memory,
-            self._rotors,
-            self._applied,
+            self._devices,
             seen,
-            self.drive.delay,
-            self._gains,
-            self._unexplained,
-            self._tune,
+            self.tables,
             found,
-            model.work,
+            self._room,
         )
-        self._applied[:, :-1] = self._applied[:, 1:]
-        self._applied[:, -1] = found
         factor = self.learned(observation)
-        # Not for every last bit: packing a cable takes longer than stepping it.
-        changed = np.abs(factor / model.factor - 1.0) > 0.01
+        changed = has_changed(factor, model.factor)
         if changed.any():
             model.scale_friction(np.where(changed, factor, model.factor))
-        return float(found[0]) if np.ndim(observation[_READ[0]]) == 0 else found
+        return float(found[0]) if np.ndim(observation[SEEN[0]]) == 0 else found
 
 
 def preview(knots: int, span: float, bandwidth: float) -> FloatArray:

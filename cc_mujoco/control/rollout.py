@@ -1,32 +1,13 @@
-"""Cables moved by both of their ends, to try what a controller might do.
-
-    rollout.move(ADVANCE, cables, state, motor, joint, dt, new, work)
-
-The kernel is reached through a pointer (`ADVANCE`). Numba links what a function calls
-into it and optimises all of it anew: a planner of several functions would take half a
-minute to compile instead of seconds.
-"""
+"""Cables moved by both of their ends, to try what a controller might do."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import cfunc, types
-from numba.core.types import WrapperAddressProtocol
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.transmission import kernel, stepper
+from cc_mujoco.transmission import stepper
 from cc_mujoco.transmission.packing import tensions
 
-_VECTOR, _REAL, _INTEGER = (
-    types.Array(types.float64, 1, "C"),
-    types.float64,
-    types.int64,
-)
-_SIGNATURE = _INTEGER(
-    _VECTOR, _INTEGER, _VECTOR, _REAL, _REAL, _REAL, _VECTOR, _VECTOR
-)  # fmt: skip
 _EVALUATIONS = 12
 _SLOWLY = 0.5
 """Time that a motor takes to where friction at speed is asked for [s]."""
@@ -34,72 +15,8 @@ _LEAST_STEP = 0.2
 """Of what stretches all of a cable: its end alone is stiffer."""
 
 
-def _advance(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    u_proximal: float,
-    u_distal: float,
-    dt: float,
-    new: FloatArray,
-    work: FloatArray,
-) -> int:
-    kernel.advance(prm, n, state, u_proximal, u_distal, dt, new, work)
-    return 0
-
-
-class _Advance(WrapperAddressProtocol):
-    """`kernel.advance` as a pointer that compiled functions take."""
-
-    def __init__(self) -> None:
-        try:
-            self._function = cfunc(_SIGNATURE, cache=True, nogil=True)(_advance)
-        except RuntimeError:  # Numba finds no folder that it may write its cache to
-            self._function = cfunc(_SIGNATURE, nogil=True)(_advance)
-
-    def __wrapper_address__(self) -> int:
-        address = self._function.address
-        assert address is not None  # it is compiled
-        return address
-
-    def signature(self) -> Any:
-        return _SIGNATURE
-
-
-def pointer() -> Any:
-    """`kernel.advance` for the functions here; compiled at the first call."""
-    global _POINTER
-    if _POINTER is None:
-        _POINTER = _Advance()
-    return _POINTER
-
-
-_POINTER: _Advance | None = None
-
-
-@compiled
-def move(
-    advance: Any,
-    cables: stepper.Cables,
-    state: FloatArray,
-    motor: float,
-    joint: float,
-    dt: float,
-    new: FloatArray,
-    work: FloatArray,
-) -> None:
-    """Step all cables with both angles given [rad]; `new` is the state after."""
-    for k in range(cables.n.size):
-        u_proximal, _ = stepper.proximal(cables, k, motor)
-        advance(
-            cables.prm[k], cables.n[k], state[k], u_proximal, cables.distal[k] * joint,
-            dt, new[k], work,
-        )  # fmt: skip
-
-
 @compiled
 def joint_for(
-    advance: Any,
     cables: stepper.Cables,
     state: FloatArray,
     motor: float,
@@ -116,7 +33,6 @@ def joint_for(
     The torque falls as the joint turns: bracket from `start`, then regula falsi.
 
     Args:
-        advance: see `pointer`.
         cables: of the transmission.
         state: before the step (cables, numbers).
         motor: angle of the motor after it [rad].
@@ -132,7 +48,7 @@ def joint_for(
     has_low, has_high, side = False, False, 0
     at, reach = 0.0, 0.0
     for _ in range(2 * _EVALUATIONS):
-        move(advance, cables, state, motor, start + at, dt, new, work)
+        stepper.move(cables, state, motor, start + at, dt, new, work)
         over = stepper.torque(cables, new, True, motor)[0] - torque
         if abs(over) <= tolerance:
             break
@@ -167,7 +83,6 @@ def made(cables: stepper.Cables, state: FloatArray, motor: float) -> float:
 
 @compiled
 def motor_for(
-    advance: Any,
     cables: stepper.Cables,
     state: FloatArray,
     start: float,
@@ -180,6 +95,7 @@ def motor_for(
     tolerance: float,
     dt: float,
     drags: bool,
+    leapt: FloatArray,
     new: FloatArray,
     work: FloatArray,
 ) -> float:
@@ -190,7 +106,6 @@ def motor_for(
     the torque is that with which the cables are then drawn, not that of a leap.
 
     Args:
-        advance: see `pointer`.
         cables: of the transmission.
         state: before the step (cables, numbers).
         start: angle of the motor before [rad].
@@ -203,21 +118,22 @@ def motor_for(
         tolerance: of the torque [Nm].
         dt: time step [s].
         drags: whether friction depends on speed.
+        leapt: scratch, as `state`.
         new: out, after the step.
         work: scratch.
     """
-    leapt = np.zeros_like(state) if drags else state
+    before = leapt if drags else state
     along = turned * cables.distal[0] / cables.proximal[0] if drags else 0.0
     toward = way * np.sign(rise)
     low, f_low, high, f_high = 0.0, 0.0, 0.0, 0.0
     known, side, at, step = False, 0, 0.0, 0.0
     for turn in range(_EVALUATIONS):
         if drags:
-            move(
-                advance, cables, state, start + way * at - along, joint - turned,
+            stepper.move(
+                cables, state, start + way * at - along, joint - turned,
                 _SLOWLY, leapt, work,
             )  # fmt: skip
-        move(advance, cables, leapt, start + way * at, joint, dt, new, work)
+        stepper.move(cables, before, start + way * at, joint, dt, new, work)
         lack = toward * (torque - made(cables, new, start))
         if abs(lack) <= tolerance:
             known = True

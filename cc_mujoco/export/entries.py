@@ -1,10 +1,11 @@
 """What C calls: the laws of `control.laws` on memory that the caller owns, compiled.
 
     init(memory, shape, parameters, least, most)    # 0, or 1 + what is wrong
-    torque = step(memory, shape, readings)
+    torque = step(memory, shape, tables, readings)
 
 `shape` says how many cables there are, then the segments of each, then the sections of
-each. `parameters` are the gains; then, of every cable, its arms at motor and joint, its
+each. `tables` are numbers of the controller that no parameter changes. `parameters` are
+the gains; then, of every cable, its arms at motor and joint, its
 scalars and its sections. Memory is numbers only; `places` says what stands where.
 """
 
@@ -25,9 +26,10 @@ from cc_mujoco.transmission.packing import SCALARS
 FRESH, JOINT, STIFFNESS = 0, 1, 2
 """Places in the memory: whether no step was taken yet, angle of the joint since the
 start as the model finds it [rad], stiffness of all cables there [Nm/rad]."""
-_MEMORY = 3
+FREE = 3
+"""Numbers before those that are a controller's own."""
 _COUNT, _SEEN = len(laws.GAINS), len(laws.SEEN)
-_GAINS = _MEMORY + laws.MEMORY
+_GAINS = FREE + laws.MEMORY
 _CABLES = _GAINS + _COUNT
 _ROWS = 5  # proximal and distal arm, arm now, direction of slip, gain
 
@@ -42,7 +44,7 @@ _EXPONENT = friction.INDEX["tension_exponent"]
 NUMBERS = types.CPointer(types.float64)
 COUNTS = types.CPointer(types.int64)
 INIT = types.int64(NUMBERS, COUNTS, NUMBERS, NUMBERS, NUMBERS)
-STEP = types.float64(NUMBERS, COUNTS, NUMBERS)
+STEP = types.float64(NUMBERS, COUNTS, NUMBERS, NUMBERS)
 
 
 @compiled
@@ -72,19 +74,46 @@ def _moved(context: Any, pointer: Any, count: Any) -> Any:
     return pointer(pointer, types.int64), codegen
 
 
-_at: Any = _moved
+at: Any = _moved
 
 
 @internal
-def _admitted(count: int, parameters: Any, least: Any, most: Any) -> int:
+def _admitted(first: int, end: int, parameters: Any, least: Any, most: Any) -> int:
     """1 + the index of a parameter that is out of its range; 0 if there is none."""
-    for i in range(count):
+    for i in range(first, end):
         if not least[i] <= parameters[i] <= most[i]:
             return i + 1
-    if parameters[_RATIO] == 0.0:
-        return _RATIO + 1
-    if not parameters[_LOW] < parameters[_HIGH]:
-        return _HIGH + 1
+    return 0
+
+
+@internal
+def wrong_motor(
+    parameters: Any,
+    least: Any,
+    most: Any,
+    count: int,
+    ratio: int,
+    low: int,
+    high: int,
+) -> int:
+    """1 + the index of a parameter of the motor that cannot be; 0 if there is none.
+
+    Args:
+        parameters: of a controller; those of its cables are behind the first `count`.
+        least: of every parameter.
+        most: of every parameter.
+        count: how many there are.
+        ratio: place of the ratio.
+        low: place of the least torque.
+        high: place of the greatest.
+    """
+    wrong = _admitted(0, count, parameters, least, most)
+    if wrong != 0:
+        return wrong
+    if parameters[ratio] == 0.0:
+        return ratio + 1
+    if not parameters[low] < parameters[high]:
+        return high + 1
     return 0
 
 
@@ -95,6 +124,28 @@ def _consistent(values: FloatArray) -> int:
         return _STATIC + 1
     if values[_EXPONENT] != 0.0 and values[_PRETENSION] == 0.0:
         return _EXPONENT + 1
+    return 0
+
+
+@internal
+def wrong_cables(shape: Any, parameters: Any, least: Any, most: Any, first: int) -> int:
+    """1 + the index of a parameter of a cable that cannot be; 0 if there is none.
+
+    Those of the cables begin at `first`.
+    """
+    cables, count = shape[0], first
+    for k in range(cables):
+        count += 2 + SCALARS + 2 * shape[1 + cables + k]
+    wrong = _admitted(first, count, parameters, least, most)
+    if wrong != 0:
+        return wrong
+    for k in range(cables):
+        if parameters[first] == 0.0 or parameters[first + 1] == 0.0:
+            return first + (1 if parameters[first] == 0.0 else 2)
+        wrong = _consistent(carray(at(parameters, first + 2), SCALARS))
+        if wrong != 0:
+            return first + 2 + wrong
+        first += 2 + SCALARS + 2 * shape[1 + cables + k]
     return 0
 
 
@@ -110,7 +161,7 @@ def set_gains(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -
     Returns:
         0, or 1 + the index of a parameter that cannot be; then nothing is taken.
     """
-    wrong = _admitted(_COUNT, parameters, least, most)
+    wrong = wrong_motor(parameters, least, most, _COUNT, _RATIO, _LOW, _HIGH)
     if wrong == 0:
         _take(memory, parameters)
     return wrong
@@ -122,22 +173,14 @@ def set_cables(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) 
     Returns:
         0, or 1 + the index of a parameter that cannot be; then nothing is taken.
     """
-    cables = shape[0]
-    longest, count = 0, _COUNT
-    for k in range(cables):
-        longest = max(longest, shape[1 + k])
-        count += 2 + SCALARS + 2 * shape[1 + cables + k]
-    wrong = _admitted(count, parameters, least, most)
+    wrong = wrong_motor(parameters, least, most, _COUNT, _RATIO, _LOW, _HIGH)
+    if wrong == 0:
+        wrong = wrong_cables(shape, parameters, least, most, _COUNT)
     if wrong != 0:
         return wrong
-    first = _COUNT
+    cables, longest = shape[0], 0
     for k in range(cables):
-        if parameters[first] == 0.0 or parameters[first + 1] == 0.0:
-            return first + (1 if parameters[first] == 0.0 else 2)
-        wrong = _consistent(carray(_at(parameters, first + 2), SCALARS))
-        if wrong != 0:
-            return first + 2 + wrong
-        first += 2 + SCALARS + 2 * shape[1 + cables + k]
+        longest = max(longest, shape[1 + k])
     _take(memory, parameters)
     _, packed, _, _, _, _ = places(cables, longest)
     size = kernel.parameter_size(longest)
@@ -147,44 +190,46 @@ def set_cables(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) 
         memory[_CABLES + cables + k] = parameters[first + 1]
         sections = shape[1 + cables + k]
         kernel.pack(
-            carray(_at(parameters, first + 2), SCALARS),
-            carray(_at(parameters, first + 2 + SCALARS), (sections, 2)),
+            carray(at(parameters, first + 2), SCALARS),
+            carray(at(parameters, first + 2 + SCALARS), (sections, 2)),
             shape[1 + k],
-            carray(_at(memory, packed + k * size), size),
+            carray(at(memory, packed + k * size), size),
         )
         first += 2 + SCALARS + 2 * sections
     memory[STIFFNESS] = stiffness(
-        carray(_at(memory, packed), (cables, size)),
-        carray(_at(memory, _CABLES + cables), cables),
+        carray(at(memory, packed), (cables, size)),
+        carray(at(memory, _CABLES + cables), cables),
     )
     return 0
 
 
 @internal
-def _measured(readings: Any) -> bool:
-    """Whether all that the laws read is a number."""
-    for i in range(_SEEN):
+def measured(readings: Any, count: int) -> bool:
+    """Whether all that is read is a number."""
+    for i in range(count):
         if not np.isfinite(readings[i]):
             return False
     return True
 
 
-def step_proportional_integral(memory: Any, shape: Any, readings: Any) -> float:
+def step_proportional_integral(
+    memory: Any, shape: Any, tables: Any, readings: Any
+) -> float:
     """Motor torque of the next step [Nm], or no number where a reading is none."""
     desired, torque = readings[laws.DESIRED], readings[laws.TORQUE]
     if not (np.isfinite(desired) and np.isfinite(torque)):
         return np.nan
-    law = carray(_at(memory, _MEMORY), laws.MEMORY)
+    law = carray(at(memory, FREE), laws.MEMORY)
     if memory[FRESH] != 0.0:
         law[:] = 0.0
         memory[FRESH] = 0.0
-    gains = carray(_at(memory, _GAINS), _COUNT)
+    gains = carray(at(memory, _GAINS), _COUNT)
     return laws.proportional_integral(gains, law, desired, torque)
 
 
 @internal
 def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> float:
-    if not _measured(readings):
+    if not measured(readings, _SEEN):
         return np.nan
     count, longest = shape[0], 0
     for k in range(count):
@@ -192,18 +237,18 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
     scratch, packed, first, after, work, end = places(count, longest)
     size, width = kernel.parameter_size(longest), kernel.state_size(longest)
     seen = carray(readings, _SEEN)
-    law = carray(_at(memory, _MEMORY), laws.MEMORY)
-    gains = carray(_at(memory, _GAINS), _COUNT)
-    proximal = carray(_at(memory, _CABLES), count)
-    distal = carray(_at(memory, _CABLES + count), count)
-    arm = carray(_at(memory, _CABLES + 2 * count), count)
-    direction = carray(_at(memory, _CABLES + 3 * count), count)
-    gain = carray(_at(memory, _CABLES + 4 * count), count)
-    room = carray(_at(memory, scratch), (3, count))
-    prm = carray(_at(memory, packed), (count, size))
-    state = carray(_at(memory, first), (count, width))
-    new = carray(_at(memory, after), (count, width))
-    n = carray(_at(shape, 1), count)
+    law = carray(at(memory, FREE), laws.MEMORY)
+    gains = carray(at(memory, _GAINS), _COUNT)
+    proximal = carray(at(memory, _CABLES), count)
+    distal = carray(at(memory, _CABLES + count), count)
+    arm = carray(at(memory, _CABLES + 2 * count), count)
+    direction = carray(at(memory, _CABLES + 3 * count), count)
+    gain = carray(at(memory, _CABLES + 4 * count), count)
+    room = carray(at(memory, scratch), (3, count))
+    prm = carray(at(memory, packed), (count, size))
+    state = carray(at(memory, first), (count, width))
+    new = carray(at(memory, after), (count, width))
+    n = carray(at(shape, 1), count)
     cables = stepper.Cables(prm, n, proximal, proximal, distal)
     if memory[FRESH] != 0.0:
         stepper.rest(cables, seen[laws.ANGLE], 0.0, state)
@@ -213,7 +258,7 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
         memory[JOINT], memory[FRESH] = 0.0, 0.0
     memory[JOINT] = follow(
         cables, state, seen[laws.ANGLE], seen[laws.TORQUE], memory[JOINT], direction,
-        gain, arm, gains[laws.PERIOD], new, carray(_at(memory, work), end - work),
+        gain, arm, gains[laws.PERIOD], new, carray(at(memory, work), end - work),
     )  # fmt: skip
     if with_stiction:
         return laws.stiction(
@@ -225,11 +270,11 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
     )  # fmt: skip
 
 
-def step_model_based(memory: Any, shape: Any, readings: Any) -> float:
+def step_model_based(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     """Motor torque of the next step [Nm], or no number where a reading is none."""
     return _step_model(memory, shape, readings, False)
 
 
-def step_stiction(memory: Any, shape: Any, readings: Any) -> float:
+def step_stiction(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     """Motor torque of the next step [Nm], or no number where a reading is none."""
     return _step_model(memory, shape, readings, True)

@@ -18,16 +18,21 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control import (
     CONTROLLERS,
     CableDrive,
+    Controller,
     Drive,
     Feedback,
     ModelBased,
+    PredictiveCompensation,
     ProportionalIntegral,
     StictionCompensation,
 )
-from cc_mujoco.control.laws import GAINS
+from cc_mujoco.control.laws import GAINS, SEEN
+from cc_mujoco.control.predictive import SEEN as READ
+from cc_mujoco.control.tuning import TUNING
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.export import entries
+from cc_mujoco.export import entries, predictive
 from cc_mujoco.transmission import PARAMETERS
+from cc_mujoco.transmission.parameter import Parameter
 
 
 @dataclass(frozen=True)
@@ -37,8 +42,13 @@ class Law:
     set_parameters: Callable[..., Any]
     step: Callable[..., Any]
     has_model: bool
-    unread: frozenset[str]
+    unread: frozenset[str] = frozenset()
     """Gains that it does not read."""
+    fixed: frozenset[str] = frozenset()
+    """Gains that what it was exported with depends on."""
+    gains: tuple[Parameter, ...] = GAINS
+    seen: tuple[str, ...] = SEEN
+    """What it reads."""
 
 
 _SENSE = frozenset({"preview", "tolerance"})
@@ -48,7 +58,7 @@ _FEEDBACK = Law(
     False,
     _SENSE | {"settling"},
 )
-LAWS: dict[type[ProportionalIntegral], Law] = {
+LAWS: dict[type[Controller], Law] = {
     ProportionalIntegral: _FEEDBACK,
     Feedback: _FEEDBACK,
     ModelBased: Law(
@@ -56,6 +66,17 @@ LAWS: dict[type[ProportionalIntegral], Law] = {
     ),
     StictionCompensation: Law(
         entries.set_cables, entries.step_stiction, True, frozenset({"feed_forward"})
+    ),
+    PredictiveCompensation: Law(
+        predictive.set_plan,
+        predictive.step_plan,
+        True,
+        fixed=frozenset(
+            "period span rotor_0 rotor_1 motion_0 motion_1 motion_2 forgetting leak "
+            "late".split()
+        ),
+        gains=TUNING,
+        seen=READ,
     ),
 }
 """Controllers whose step is a compiled function, hence can be exported."""
@@ -87,6 +108,9 @@ class Plan:
     """Names of the cables that the controller has a model of."""
     segments: tuple[int, ...]
     sections: tuple[int, ...]
+    plans: tuple[FloatArray, ...] = ()
+    """Of a controller that plans: gains of the plans (delays, knots, 2 + knots) and of
+    the unexplained torque (delays,)."""
 
     @classmethod
     def of(cls, name: str, drive: Drive, cables: tuple[str, ...]) -> Plan:
@@ -110,12 +134,12 @@ class Plan:
         made: Any = kind(drive)
         law = LAWS[kind]
         known = drive.cables if law.has_model else ()
+        planned = isinstance(made, PredictiveCompensation)
+        given = made.tuning if planned else made.gains
         rows = tuple(zip(map(_identifier, cables), known, strict=False))
         fields = [
-            Field(gain.name, gain.unit, *_bounds(gain), getattr(made.gains, gain.name),
-                  gain.meaning + _unread(gain.name, law))
-            for gain in GAINS
-        ]  # fmt: skip
+            _of_gain(gain, float(getattr(given, gain.name)), law) for gain in law.gains
+        ]
         for cable, own in rows:
             fields += _of_cable(cable, own)
         if len({field.name.upper() for field in fields}) < len(fields):
@@ -128,12 +152,21 @@ class Plan:
             tuple(cable for cable, _ in rows),
             tuple(own.cable.segments for _, own in rows),
             tuple(len(own.cable.conduit) for _, own in rows),
+            (made.tables.gains, made.tables.unexplained) if planned else (),
         )
 
     @property
     def shape(self) -> tuple[int, ...]:
         """What the compiled functions are told: see `entries`."""
-        return (len(self.cables), *self.segments, *self.sections)
+        told = (len(self.cables), *self.segments, *self.sections)
+        return (*told, *self.plans[0].shape[:2]) if self.plans else told
+
+    @property
+    def tables(self) -> tuple[float, ...]:
+        """Numbers that no parameter changes: see `entries`."""
+        return tuple(
+            float(number) for table in self.plans for number in np.ravel(table)
+        )
 
     def values(self) -> FloatArray:
         """The parameters, in order."""
@@ -143,6 +176,13 @@ class Plan:
     def places(self) -> tuple[int, ...]:
         """Where numbers stand in the memory; the last is how many there are."""
         longest = max(self.segments, default=0)
+        if self.plans:
+            delays, knots = self.plans[0].shape[:2]
+            return tuple(
+                predictive.places(
+                    len(self.cables), longest, sum(self.sections), delays, knots
+                )
+            )
         return tuple(entries.places(len(self.cables), longest))
 
 
@@ -157,8 +197,13 @@ def _bounds(parameter: Any) -> tuple[float, float]:
     ), parameter.high
 
 
-def _unread(name: str, law: Law) -> str:
-    return "; this controller does not read it" if name in law.unread else ""
+def _of_gain(gain: Parameter, value: float, law: Law) -> Field:
+    meaning, (low, high) = gain.meaning, _bounds(gain)
+    if gain.name in law.unread:
+        meaning += "; this controller does not read it"
+    if gain.name in law.fixed:
+        meaning, low, high = meaning + "; fixed by the export", value, value
+    return Field(gain.name, gain.unit, low, high, value, meaning)
 
 
 def _of_cable(name: str, own: CableDrive) -> Iterator[Field]:

@@ -7,7 +7,6 @@ import struct
 import textwrap
 from collections.abc import Iterable
 
-from cc_mujoco.control.laws import SEEN
 from cc_mujoco.export import entries
 from cc_mujoco.export.laws import Plan
 from cc_mujoco.transmission.packing import STATE_HEADER
@@ -17,6 +16,7 @@ MARK = "/* Written by cc-mujoco export: "
 
 _READINGS = {
     "motor_angle_rad": "angle of the motor; of a round pulley only its changes matter",
+    "joint_angle_rad": "angle of the joint, from its encoder; likewise",
     "motor_velocity_rad_s": "its velocity",
     "joint_velocity_rad_s": "velocity of the joint, from its encoder",
     "joint_torque_nm": "measured torque of the cables on the joint",
@@ -31,7 +31,9 @@ def header(plan: Plan, what: str) -> str:
         plan: What is exported.
         what: Of which controller, for what scene and machine.
     """
-    readings = "\n".join(f"    double {name}; /* {_READINGS[name]} */" for name in SEEN)
+    readings = "\n".join(
+        f"    double {name}; /* {_READINGS[name]} */" for name in plan.law.seen
+    )
     indices = "\n".join(
         f"    CC_{field.name.upper()}, /* {_described(field.meaning, field.unit)}, "
         f"{_span(field.low, field.high)} */"
@@ -60,8 +62,8 @@ typedef struct {{
 
 /* What is measured once a period (CC_PERIOD), in SI units and with the signs of the
  * scene. A controller with a model has round pulleys: of a cable on a lever or over
- * several joints tell it the velocity at which a pulley of the arm in the neutral pose
- * would wind it, and both torques over the ratio of the arm to that one. */
+ * several joints tell it angle and velocity at which a pulley of the arm in the neutral
+ * pose would wind it, and both torques over the ratio of the arm to that one. */
 typedef struct {{
 {readings}
 }} cc_readings;
@@ -174,10 +176,12 @@ def _literal(value: float) -> str:
     return repr(float(value))
 
 
-def example() -> str:
+def example(plan: Plan) -> str:
     """A program that reads measurements and writes torques."""
-    names = ",".join(SEEN)
-    arguments = ", ".join(f"&r.{name}" for name in SEEN)
+    seen = plan.law.seen
+    names = ",".join(seen)
+    numbers = ",".join("%lf" for _ in seen)
+    arguments = ", ".join(f"&r.{name}" for name in seen)
     return f"""/* Torques of recorded readings: cc_example < readings.csv
  *
  * One line per period: {names}
@@ -205,8 +209,8 @@ int main(void)
     }}
     puts("motor_torque_nm");
     for (long row = 2; fgets(line, sizeof line, stdin); row++) {{
-        if (sscanf(line, "%lf,%lf,%lf,%lf,%lf", {arguments}) != {len(SEEN)}) {{
-            fprintf(stderr, "line %ld has not {len(SEEN)} numbers\\n", row);
+        if (sscanf(line, "{numbers}", {arguments}) != {len(seen)}) {{
+            fprintf(stderr, "line %ld has not {len(seen)} numbers\\n", row);
             return 2;
         }}
         printf("%.17g\\n", cc_controller_step(&controller, &r));
@@ -247,13 +251,15 @@ def interface(plan: Plan, bits: int, set_parameters: str, step: str) -> str:
     count = len(plan.fields)
     least = _constants(field.low for field in plan.fields)
     most = _constants(field.high for field in plan.fields)
+    tables = _constants(plan.tables)
     size = 8 * plan.places[-1]
     return textwrap.dedent(f"""
         @shape = private constant [{len(plan.shape)} x i64] [{shape}]
         @least = private constant [{count} x double] [{least}]
         @most = private constant [{count} x double] [{most}]
+        @tables = private constant [{len(plan.tables)} x double] [{tables}]
         declare i64 @"{set_parameters}"(ptr, ptr, ptr, ptr, ptr)
-        declare double @"{step}"(ptr, ptr, ptr)
+        declare double @"{step}"(ptr, ptr, ptr, ptr)
 
         define i{bits} @cc_controller_size() {{
           ret i{bits} {size}
@@ -280,7 +286,8 @@ def interface(plan: Plan, bits: int, set_parameters: str, step: str) -> str:
           ret void
         }}
         define double @cc_controller_step(ptr %0, ptr %1) {{
-          %3 = call double @"{step}"(ptr %0, ptr @shape, ptr %1)
+          %3 = call double @"{step}"(
+            ptr %0, ptr @shape, ptr @tables, ptr %1)
           ret double %3
         }}
         """)

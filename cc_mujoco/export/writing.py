@@ -63,7 +63,7 @@ def write(
     texts = {
         HEADER: sources.header(plan, what),
         "cc_parameters.c": sources.parameters(plan),
-        "cc_example.c": sources.example(),
+        "cc_example.c": sources.example(plan),
         "CMakeLists.txt": sources.CMAKE,
     }
     with files.replacing_folder(folder) as partial:

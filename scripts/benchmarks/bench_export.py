@@ -24,7 +24,7 @@ import gymnasium
 import numpy as np
 
 from cc_mujoco.control import Drive, controller
-from cc_mujoco.control.laws import SEEN
+from cc_mujoco.control.controller import wound
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.export import EXPORTED, TARGETS, Plan, write
 
@@ -72,16 +72,18 @@ def believed(drive: Drive, changes: dict[str, float]) -> Drive:
 
 
 def readings(env: Any, drive: Drive, name: str, duration: float) -> np.ndarray:
-    """What a controller reads in an episode, (steps, `SEEN`)."""
+    """What a controller reads in an episode (steps, what it reads)."""
+    names = Plan.of(name, drive, env.exo.device.driven).law.seen
     law = controller(name, drive)
     _, info = env.reset(seed=1)
     law.reset()
     random = np.random.default_rng(2)
     rows = []
     for _ in range(round(duration / env.drive.period)):
-        seen = {key: float(info[key]) for key in SEEN}
-        seen["joint_torque_nm"] += random.normal() * env.drive.torque_noise
-        rows.append(list(seen.values()))
+        noise = random.normal() * env.drive.torque_noise
+        seen = {**info, "joint_torque_nm": info["joint_torque_nm"] + noise}
+        told = wound(seen, drive)
+        rows.append([float(told[key]) for key in names])
         *_, info = env.step(env.action(law.torque(seen)))
     return np.array(rows)
 

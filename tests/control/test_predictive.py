@@ -211,19 +211,17 @@ def test_a_motor_is_found_for_every_torque_that_a_cable_can_make(
     )
     state, new = model.state[0].copy(), np.zeros_like(model.state[0])
     rise = joint_stiffness(drive.cables)
-    rollout.move(rollout.pointer(), cables, state, turned, 0.0, 0.01, new, model.work)
+    stepper.move(cables, state, turned, 0.0, 0.01, new, model.work)
     state[:] = new
     lack = aimed - rollout.made(cables, state, turned)
     for way in (1.0, -1.0):
         found = rollout.motor_for(
-            rollout.pointer(), cables, state, turned, way, 0.0, 0.0, aimed, rise, 2.0,
-            0.05, 0.01, False, new, model.work,
+            cables, state, turned, way, 0.0, 0.0, aimed, rise, 2.0,
+            0.05, 0.01, False, np.zeros_like(new), new, model.work,
         )  # fmt: skip
         if lack * way > 0.06:
             assert (found - turned) * way > 0.0
-            rollout.move(
-                rollout.pointer(), cables, state, found, 0.0, 0.01, new, model.work
-            )
+            stepper.move(cables, state, found, 0.0, 0.01, new, model.work)
             assert rollout.made(cables, new, found) == pytest.approx(aimed, abs=0.3)
         elif lack * way < -0.06:
             assert found == turned

@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Controller, Drive, controller
-from cc_mujoco.control.laws import SEEN
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORTED, FILES, TARGETS, Plan, Target, write
@@ -35,9 +34,17 @@ STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
 CASES = [
     ("wrist", "pi"),
     ("wrist", "stiction"),
+    ("wrist", "predictive"),
     ("ankle", "pi"),
     pytest.param("ankle", "model", marks=pytest.mark.study),  # part of `stiction`
+    pytest.param("ankle", "predictive", marks=pytest.mark.study),
 ]
+NOISE = {
+    "motor_angle_rad": 1e-5,
+    "motor_velocity_rad_s": 1e-2,
+    "joint_velocity_rad_s": 1e-2,
+    "joint_torque_nm": 1e-2,
+}
 INTERFACE = {
     f"cc_controller_{name}"
     for name in ("size", "init", "set_parameters", "reset", "step")
@@ -57,34 +64,49 @@ def device(scene: str) -> Any:
     ).unwrapped
 
 
+@functools.cache
 def plan_of(scene: str, name: str) -> Plan:
-    env = device(scene)
-    return Plan.of(name, env.drive, env.exo.device.driven)
+    return Plan.of(name, drive_of(scene, name), device(scene).exo.device.driven)
+
+
+def drive_of(scene: str, name: str) -> Drive:
+    """The device; what learns friction has to, and packs its cables anew."""
+    drive: Drive = device(scene).drive
+    if name != "predictive":
+        return drive
+    row = tuple(
+        dataclasses.replace(one, cable=one.cable.replace(friction=0.7 * friction))
+        for one, friction in ((one, one.cable.friction) for one in drive.cables)
+    )
+    return dataclasses.replace(drive, cable_drives=(row,))
 
 
 @functools.cache
 def episode(scene: str, name: str) -> tuple[Array, Array]:
     """Readings and torques of a controller that drives its device, with noise."""
     env = device(scene)
-    law = controller(name, env.drive)
+    law = controller(name, drive_of(scene, name))
     _, info = env.reset(seed=3)
     law.reset()
     random = np.random.default_rng(4)
+    names = plan_of(scene, name).law.seen
+    noise = [NOISE.get(key, 0.0) for key in names]
     readings, torques = [], []
     for _ in range(1_500):
-        readings.append([info[key] for key in SEEN])
-        readings[-1] += random.normal(size=5) * (1e-5, 1e-2, 1e-2, 1e-2, 0.0)
-        torques.append(law.torque(seen(readings[-1])))
+        readings.append([info[key] for key in names])
+        readings[-1] += random.normal(size=len(names)) * noise
+        torques.append(law.torque(seen(name, readings[-1])))
         *_, info = env.step(env.action(torques[-1]))
     return np.array(readings), np.array(torques)
 
 
-def seen(readings: Any) -> dict[str, float]:
-    return dict(zip(SEEN, np.asarray(readings).tolist(), strict=True))
+def seen(name: str, readings: Any) -> dict[str, float]:
+    names = plan_of("wrist", name).law.seen
+    return dict(zip(names, np.asarray(readings).tolist(), strict=True))
 
 
-def python(law: Controller, readings: Array) -> Array:
-    return np.array([law.torque(seen(row)) for row in readings])
+def python(law: Controller, readings: Array, name: str = "stiction") -> Array:
+    return np.array([law.torque(seen(name, row)) for row in readings])
 
 
 @pytest.fixture(scope="module")
@@ -177,7 +199,9 @@ def test_torques_are_those_of_the_library_bit_for_bit(
     assert np.array_equal(exported.torques(readings[:300]), torques[:300])
 
 
-def example(folder: Path, readings: Array, compiler: Any, *emulator: str) -> Array:
+def example(
+    folder: Path, name: str, readings: Array, compiler: Any, *emulator: str
+) -> Array:
     """What the program that is written beside the object file prints."""
     program = folder / "example"
     sources = [folder / f"cc_{name}" for name in ("example.c", "parameters.c")]
@@ -186,17 +210,21 @@ def example(folder: Path, readings: Array, compiler: Any, *emulator: str) -> Arr
         folder / "cc_controller.o", "-lm",
     )  # fmt: skip
     rows = "".join(",".join(map(repr, row)) + "\n" for row in readings.tolist())
-    said = run(*emulator, program, input=",".join(SEEN) + "\n" + rows)
+    header = ",".join(plan_of("wrist", name).law.seen) + "\n"
+    said = run(*emulator, program, input=header + rows)
     head, *torques = said.splitlines()
     assert head == "motor_torque_nm"
     return np.array([float(torque) for torque in torques])
 
 
 @needs_compiler
-def test_the_example_gives_the_torques_of_recorded_readings(made: Made) -> None:
-    readings, torques = episode("wrist", "stiction")
-    folder, _ = made("wrist", "stiction")
-    assert np.array_equal(example(folder, readings, COMPILER), torques)
+@pytest.mark.parametrize("name", ["stiction", "predictive"])
+def test_the_example_gives_the_torques_of_recorded_readings(
+    name: str, made: Made
+) -> None:
+    readings, torques = episode("wrist", name)
+    folder, _ = made("wrist", name)
+    assert np.array_equal(example(folder, name, readings, COMPILER), torques)
 
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="there is no cmake")
@@ -289,6 +317,33 @@ def test_every_term_of_the_cables_is_in_the_exported_controller(
 
 
 @needs_compiler
+def test_friction_that_a_plan_learned_is_kept_when_parameters_are_exchanged(
+    made: Made,
+) -> None:
+    readings, torques = episode("wrist", "predictive")
+    law: Any = controller("predictive", drive_of("wrist", "predictive"))
+    python(law, readings, "predictive")
+    assert np.all(np.abs(law.model.factor - 1.0) > 0.02)
+    exported = Library(*made("wrist", "predictive"))
+    exported.take(exported.parameters)
+    assert np.array_equal(exported.torques(readings[:900]), torques[:900])
+    assert exported.take(exported.parameters, "set_parameters") == 0
+    assert np.array_equal(exported.torques(readings[900:]), torques[900:])
+
+
+@needs_compiler
+def test_what_the_plans_of_an_export_rest_on_cannot_be_exchanged(made: Made) -> None:
+    folder, plan = made("wrist", "predictive")
+    exported = Library(folder, plan)
+    names = [field.name for field in plan.fields]
+    for name in ("period", "span", "late"):
+        changed = exported.parameters.copy()
+        changed[names.index(name)] *= 0.5
+        changed[names.index(name)] += 1e-3
+        assert exported.take(changed) == names.index(name) + 1
+
+
+@needs_compiler
 @given(st.data())
 def test_a_parameter_that_cannot_be_is_named_and_none_is_taken(
     made: Made, data: st.DataObject
@@ -336,13 +391,16 @@ def test_parameters_that_contradict_each_other_are_named(
 
 
 @needs_compiler
-@pytest.mark.parametrize("place", range(len(SEEN)))
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [*(("stiction", i) for i in range(5)), *(("predictive", i) for i in range(4))],
+)
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_reading_that_is_no_number_gives_none_and_changes_nothing(
-    place: int, bad: float, made: Made
+    name: str, place: int, bad: float, made: Made
 ) -> None:
-    readings, torques = episode("wrist", "stiction")
-    exported = Library(*made("wrist", "stiction"))
+    readings, torques = episode("wrist", name)
+    exported = Library(*made("wrist", name))
     exported.take(exported.parameters)
     exported.torques(readings[:20])
     lost = readings[20].copy()
@@ -403,6 +461,7 @@ def test_objects_for_other_machines_need_c_alone(
     [
         ("aarch64", "aarch64-linux-gnu", "qemu-aarch64", "ankle", "stiction"),
         ("armv7", "arm-linux-gnueabihf", "qemu-arm", "ankle", "model"),
+        ("aarch64", "aarch64-linux-gnu", "qemu-aarch64", "ankle", "predictive"),
     ],
 )
 def test_other_machines_give_the_same_torques(
@@ -413,7 +472,7 @@ def test_other_machines_give_the_same_torques(
         pytest.skip(f"{prefix}-gcc and {emulator} are not installed")
     write(tmp_path, plan_of(scene, name), TARGETS[target], "a test")
     readings, torques = episode(scene, name)
-    found = example(tmp_path, readings, compiler, machine)
+    found = example(tmp_path, name, readings, compiler, machine)
     # Another C library may round exp and log otherwise in the last bit.
     assert np.abs(found - torques).max() <= 1e-9
 
@@ -433,7 +492,7 @@ def test_what_cannot_be_exported_is_one_sentence() -> None:
     env = device("wrist")
     cables = env.exo.device.driven
     for name, says in (
-        ("predictive", "'predictive' cannot be exported"),
+        ("adaptive", "'adaptive' cannot be exported"),
         ("stction", "did you mean 'stiction'"),
     ):
         with pytest.raises(CableError, match=says):

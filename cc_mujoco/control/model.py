@@ -80,6 +80,7 @@ class CableModel:
         self.scratch = np.empty((3, len(cables)))
         self._new = np.zeros((len(cables), self._size[1]))
         self._asked = np.empty(len(PARAMETERS))
+        self._angles: list[FloatArray] = []
         self._allocate(len(drive.cable_drives))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -89,6 +90,8 @@ class CableModel:
             where: Mask of the environments that start anew; all of them by default.
         """
         self._fresh |= True if where is None else where
+        if where is None:
+            self._angles = []
 
     def follow(self, motor_angle: ArrayLike, joint_torque: ArrayLike) -> None:
         """Take what is measured at the next instant, a number or (rows,) each.
@@ -138,6 +141,22 @@ class CableModel:
         factors = np.broadcast_to(factor, (self._rows, self.segments.size))
         for row, cable in np.argwhere(factors != self.factor).tolist():
             self._pack(row, cable, float(factors[row, cable]))
+
+    def rebend(self, angles: Sequence[FloatArray]) -> None:
+        """Believe in another path of the conduits from now on, until all are reset.
+
+        The length of the path stays; friction is scaled as it was.
+
+        Args:
+            angles: wrap angles of the segments of every cable (segments,) [rad].
+
+        Raises:
+            CableError: other shapes, or an angle that is negative or not finite.
+        """
+        self._angles = checked_angles(angles, self.segments)
+        for row in np.flatnonzero(~self._fresh).tolist():
+            for cable in range(self.segments.size):
+                self._bend(row, cable)
 
     def tension(self, cable: int) -> FloatArray:
         """Tension of every node of a cable (rows, segments + 1) [N]."""
@@ -206,6 +225,32 @@ class CableModel:
             self.packed[row, cable],
         )
         self.factor[row, cable] = factor
+        if self._angles:
+            self._bend(row, cable)
+
+    def _bend(self, row: int, cable: int) -> None:
+        prm, n = self.packed[row, cable], int(self.segments[cable])
+        kernel.rebend(prm, n, self._angles[cable])
+        kernel.expect_change(prm)
+
+
+def checked_angles(
+    angles: Sequence[FloatArray], segments: stepper.Counts
+) -> list[FloatArray]:
+    """Wrap angles of every cable as arrays of their own; see `CableModel.rebend`."""
+    own = [np.array(angle, dtype=float) for angle in angles]
+    if [angle.shape for angle in own] != [(n,) for n in segments.tolist()]:
+        raise CableError(
+            f"wrap angles have shapes {[angle.shape for angle in own]}; they must be "
+            f"those of {segments.tolist()} segments."
+        )
+    for cable, angle in enumerate(own):
+        if not (np.all(np.isfinite(angle)) and np.all(angle >= 0.0)):
+            raise CableError(
+                f"wrap angles of cable {cable} are {angle.tolist()} rad; all must be "
+                "finite and 0 or more."
+            )
+    return own
 
 
 @compiled

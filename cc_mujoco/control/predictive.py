@@ -6,7 +6,7 @@ law = PredictiveCompensation(env.unwrapped.drive)
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -229,6 +229,10 @@ class PredictiveCompensation(Controller):
         elif self._devices.memory.shape[0]:
             self._devices.memory[where] = 0.0
             self._devices.applied[where] = 0.0
+
+    def rebend(self, angles: Sequence[FloatArray]) -> None:
+        """Take the path from sensors of bend; see `CableModel.rebend`."""
+        self.model.rebend(angles)
 
     def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
         """What the drive's friction is to be multiplied by (rows, cables)."""

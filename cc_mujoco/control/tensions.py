@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.checks import number
+from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control.controller import wound
 from cc_mujoco.control.drive import Drive
 from cc_mujoco.control.model import CableModel
@@ -163,6 +164,16 @@ class AdaptiveModel(PredictiveCompensation):
             if where is not None and where[row]:
                 for estimator in estimators:
                     estimator.reset()
+
+    def rebend(self, angles: Sequence[FloatArray]) -> None:
+        """Take the path from sensors of bend, so that friction alone is estimated.
+
+        It counts from the first reading of the tension sensors on.
+        """
+        super().rebend(angles)
+        for estimators in self._estimators:
+            for estimator, angle in zip(estimators, angles, strict=True):
+                estimator.rebend(angle)
 
     def friction(self) -> NDArray[np.float64]:
         """Estimates of the friction coefficient (rows, cables); empty at the start."""

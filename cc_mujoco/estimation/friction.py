@@ -71,6 +71,7 @@ class FrictionEstimator(SlopeEstimator):
             )
         fit = RecursiveLeastSquares([guess], [spread], memory, [drift])
         super().__init__(SlopeFit(cable, sensors, angle[:, None], fit, memory))
+        self._segments = cable.segments
 
     @property
     def friction(self) -> float:
@@ -81,6 +82,23 @@ class FrictionEstimator(SlopeEstimator):
     def deviation(self) -> float:
         """Standard deviation of its error, by noise and by lag behind the drift."""
         return float(self._slope.fit.deviation[0])
+
+    def rebend(self, angles: ArrayLike) -> None:
+        """Take other wrap angles from now on: the path changed, and was measured.
+
+        Args:
+            angles: of every segment (n,) [rad].
+
+        Raises:
+            CableError: another shape, or an angle that is negative or not finite.
+        """
+        given = np.asarray(angles, dtype=float)
+        if given.shape != (self._segments,) or not np.all((given >= 0) & (given < 1e6)):
+            raise CableError(
+                f"wrap angles are {given.tolist()} rad; they must be "
+                f"{self._segments} numbers that are 0 or more."
+            )
+        self._slope.lay(np.concatenate([[0.0], np.cumsum(given)])[:, None])
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
         """Take the readings of the next instant.

@@ -130,9 +130,13 @@ class SlopeFit:
         self._segments = cable.segments
         self._nodes: NDArray[np.intp] = sensors.on(cable)
         self.noise = np.array(sensors.deviation)
-        self._design = design[self._nodes]
+        self.lay(design)
         self._fading = float(np.exp(-1.0 / memory))
         self.reset()
+
+    def lay(self, design: FloatArray) -> None:
+        """Take another path: the design from now on (n + 1, p)."""
+        self._design = design[self._nodes]
 
     def reset(self) -> None:
         """Return to the start; the noise stays."""

@@ -10,7 +10,7 @@ import pytest
 from cc_mujoco.control import CableDrive, CableModel, Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import Transmission
-from control.devices import cable, pull_pull, single, there_and_back
+from control.devices import WRAP, cable, growth, pull_pull, single, there_and_back
 
 PERIOD = 0.001
 
@@ -104,3 +104,32 @@ def test_a_drive_without_cables_or_with_cables_for_others_is_refused() -> None:
     mixed = (single().cable_drives[0], pull_pull().cable_drives[0])
     with pytest.raises(CableError, match="same cables"):
         dataclasses.replace(single(), cable_drives=mixed)
+
+
+def test_a_path_that_is_told_counts_from_then_on_whatever_becomes_of_friction() -> None:
+    """All of the cable slips in the end, by the capstan's law of the path it has."""
+    model = CableModel(single(0.1))
+    more = 2.0 * WRAP / 10
+    gains = []
+    for begins, factor in ((None, 1.0), (0, 1.0), (500, 1.0), (500, 1.5)):
+        model.reset()
+        for step in range(1000):
+            if step == begins:
+                model.rebend([np.full(10, more)])
+            if step == 700:
+                model.scale_friction(factor)
+            model.follow(1e-4 * step, 20.0)
+        gains.append(float(model.gain[0, 0]))
+    expected = [growth(0.1), growth(0.2), growth(0.2), growth(0.3)]
+    assert gains == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_path_that_is_none_is_refused() -> None:
+    model = CableModel(single())
+    for angles, says in (
+        ([np.zeros(9)], "shapes"),
+        ([np.full(10, -0.1)], "0 or more"),
+        ([np.full(10, np.nan)], "finite"),
+    ):
+        with pytest.raises(CableError, match=says):
+            model.rebend(angles)

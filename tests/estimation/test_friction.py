@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.friction import FrictionEstimator, SlopeLaw
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
+from cc_mujoco.estimation.samples import wrap_angles
 from cc_mujoco.estimation.slope import moving_runs
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable
@@ -36,6 +37,18 @@ def test_converges_from_a_wrong_start(run: Run, factor: float) -> None:
     assert abs(found.value[0] - MU) > 0.1  # at rest in the first sample
     assert found.value[-1] == pytest.approx(MU, rel=0.005)
     assert abs(found.value[-1] - MU) < 3.0 * found.deviation[-1]
+
+
+def test_a_path_that_was_measured_tells_friction_from_bend(run: Run) -> None:
+    """With wrap angles half as large the same tensions are twice the friction."""
+    estimator = FrictionEstimator(CABLE, Sensors.everywhere(CABLE, 1e-5))
+    whole = np.diff(wrap_angles(CABLE))
+    estimator.rebend(0.5 * whole)
+    estimator.over(run.tension, run.direction)
+    assert estimator.friction == pytest.approx(2.0 * MU, rel=1e-6)
+    for wrong in (whole[1:], -whole, np.full_like(whole, np.nan)):
+        with pytest.raises(CableError, match="wrap angles are"):
+            estimator.rebend(wrong)
 
 
 def test_is_exact_without_noise_whatever_stiffness_and_pretension() -> None:

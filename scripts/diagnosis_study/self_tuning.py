@@ -1,0 +1,334 @@
+"""What does a self-tuning model pay while the path of the cable changes?
+
+    python scripts/diagnosis_study/self_tuning.py --out runs/self_tuning
+
+The next step of the thesis's section 5.3. A rig by other equations (`bending.py`),
+whose conduits an elbow bends by up to 2.2 rad more while a wearer leads the joint,
+follows two sines of torque, through the loop of `cc-mujoco run`, in lockstep at 1 kHz.
+The controller is `predictive` with the nominal `bench` for a model; it is told nothing,
+or learns friction by its motor, or has sensors of bend or of tension, all of them with
+noise, wrong gains and drift. In one world only the path changes, in the other friction
+drifts as well. Errors are of the torque that the joint truly got. Tasks that are done
+are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bending import BEND, PLACES, STRAIN, BendingBench, Elbow, Quality, Taps
+from driven import Array, Lockstep, Swing
+from tqdm import tqdm
+
+from cc_mujoco.control import AdaptiveModel, Controller, Drive, controller
+from cc_mujoco.control.predictive import PredictiveCompensation
+from cc_mujoco.figures import COLORS, GREY, figure, save, style
+from cc_mujoco.files import replacing
+from cc_mujoco.hardware import Limits, Loop, Watchdog, drive_of
+from cc_mujoco.hardware.desired import Course
+from cc_mujoco.markdown import table
+from cc_mujoco.sensing import TENSIONS, Sensors
+from rig.nominal import make_rig
+
+PERIOD = 0.001
+SECONDS, SETTLED = 20.0, 2.0
+"""Length of a task, and from when on its error counts [s]."""
+WEARER = (200.0, 5.0)
+"""Stiffness [Nm/rad] and damping [Nm s/rad] of who leads the joint."""
+LIMITS = Limits(
+    torque=10.0, torque_rate=2e4, motor_speed=60.0, joint_range=(-2.5, 2.5),
+    soft_start=0.5,
+)  # fmt: skip
+SETTINGS = {"rotor": 1500.0, "motion": 100.0, "latest": 0.003}
+"""Of the controller, chosen on seeds 1 to 5 against limit cycles of 40 Hz: the rotor is
+light, and the joint's encoder noisy."""
+EVERY, CUTOFF = 10, 3.0
+"""Periods between two paths that the model takes over; low-pass before [Hz]."""
+PERFECT = Quality(1e-6, 0.0, 0.0)
+WORLDS: dict[str, dict[str, float]] = {
+    "path": {},
+    "path and friction": {"friction_drift": 0.5},
+}
+"""What changes in the rig; friction over travel, by up to half, up or down by seed."""
+VARIANTS = {
+    "pi": "no model (`pi`)",
+    "fixed": "fixed model",
+    "motor": "friction learned by the motor",
+    "bend": "sensors of bend",
+    "strain": "sensors of tension",
+    "bend+motor": "bend, and friction by the motor",
+    "bend+strain": "bend, and friction by tension",
+    "bend, perfect": "sensors of bend without error",
+    "strain, perfect": "sensors of tension without error",
+    "truth": "path and friction as they are",
+}
+"""What the controller has, by its short name."""
+SEEDS, KEPT, TABLE = tuple(range(11, 21)), "cases.jsonl", "table.md"
+FIGURE, SHOWN = "self_tuning.png", ("path and friction", 11)
+"""What is drawn: world and seed, and the variants."""
+DRAWN = ("fixed", "strain", "bend", "bend+motor", "truth")
+RESAMPLES = 10_000
+
+
+class Equipped(Controller):
+    """A controller and its sensors along the cables."""
+
+    def __init__(
+        self, law: Controller, bench: BendingBench, taps: Taps, *, feels_bend: bool,
+        is_told: bool = False,
+    ) -> None:  # fmt: skip
+        """Prepare.
+
+        Args:
+            law: The controller.
+            bench: That the sensors are on.
+            taps: The sensors.
+            feels_bend: Whether it takes the path from them.
+            is_told: Whether path and friction are told as they are.
+        """
+        super().__init__(law.drive)
+        self._law, self._bench, self._taps = law, bench, taps
+        self._feels_bend, self._is_told = feels_bend, is_told
+        self.reset()
+
+    def reset(self, where: Any = None) -> None:
+        """See `Controller.reset`."""
+        self._law.reset(where)
+        self._calls = 0
+        self._bends = self._taps.read(self._bench)[0]
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """See `Controller.torque`."""
+        bends, tensions = self._taps.read(self._bench)
+        share = -math.expm1(-2.0 * math.pi * CUTOFF * PERIOD)
+        self._bends += share * (bends - self._bends)
+        if self._calls % EVERY == 0 and isinstance(self._law, PredictiveCompensation):
+            cables = self.drive.cables
+            if self._feels_bend:
+                self._law.rebend(
+                    [
+                        along(own, cable.cable.segments)
+                        for own, cable in zip(self._bends, cables, strict=True)
+                    ]
+                )
+            elif self._is_told:
+                self._tell(self._law)
+        self._calls += 1
+        return self._law.torque({**observation, TENSIONS: tensions})
+
+    def _tell(self, law: PredictiveCompensation) -> None:
+        """The true product of friction and bend, by other bends of the model."""
+        plant, cables = self._bench.plant, self._bench.cables
+        ran = 1.0 - np.exp(-cables.travel / plant.running_travel)
+        friction = plant.friction * (1.0 + plant.running_in * ran)
+        law.rebend(
+            [
+                mu / cable.cable.friction * along(bend, cable.cable.segments)
+                for mu, bend, cable in zip(
+                    friction, plant.bend, self.drive.cables, strict=True
+                )
+            ]
+        )
+
+
+def along(bends: Array, segments: int) -> Array:
+    """Wrap angles of segments from those of equal lengths of conduit [rad]."""
+    edges = np.linspace(0.0, 1.0, bends.size + 1)
+    sums = np.concatenate([[0.0], np.cumsum(bends)])
+    return np.diff(np.interp(np.linspace(0.0, 1.0, segments + 1), edges, sums))
+
+
+def equipped(name: str, drive: Drive, bench: BendingBench, seed: int) -> Equipped:
+    """A controller of this name."""
+    bend, strain = (BEND, STRAIN) if "perfect" not in name else (PERFECT, PERFECT)
+    row = drive.cables
+    sensors = tuple(
+        Sensors.at(
+            own.cable, [part * own.cable.length for part in PLACES], STRAIN.noise
+        )
+        for own in row
+    )
+    law: Controller
+    if name == "pi":
+        law = controller("pi", drive)
+    elif "strain" in name:
+        law = AdaptiveModel(dataclasses.replace(drive, sensors=sensors), **SETTINGS)
+    else:
+        learning = 5.0 if "motor" in name else 0.0
+        law = PredictiveCompensation(drive, learning=learning, **SETTINGS)
+    taps = Taps(seed, PERIOD, bend, strain)
+    return Equipped(
+        law, bench, taps, feels_bend="bend" in name, is_told=name == "truth"
+    )
+
+
+def task(seed: int) -> tuple[Course, Swing]:
+    """Desired torque and the motion of the wearer, each two sines of drawn phases."""
+    random = np.random.default_rng([seed, 0x7A5])
+    first, second, third, fourth = random.uniform(0.0, 2.0 * math.pi, 4)
+    times = np.arange(0.0, SECONDS, 0.002)
+    torques = 1.5 * np.sin(2.2 * times + first) + 0.8 * np.sin(5.65 * times + second)
+
+    def swing(now: float) -> tuple[float, float]:
+        size = min(1.0, now)
+        a, b = math.pi * now + third, 4.4 * now + fourth
+        return (
+            size * (0.3 * math.sin(a) + 0.1 * math.sin(b)),
+            size * (0.3 * math.pi * math.cos(a) + 0.44 * math.cos(b)),
+        )
+
+    return Course(times, torques), swing
+
+
+class Nothing:
+    """No log."""
+
+    def row(self, *_: Any) -> None:
+        """See `Rows`."""
+
+
+def played(name: str, world: str, seed: int) -> tuple[dict[str, Any], Array, Array]:
+    """Play a task; error [Nm] and outcome, then the error and the bend over time."""
+    desired, swing = task(seed)
+    rig = make_rig(seed, make="guides")
+    bench = BendingBench(rig, WORLDS[world], PERIOD, Elbow.drawn(seed), hand=WEARER)
+    drive = drive_of("bench", Path(), PERIOD, LIMITS.torque)
+    drive = dataclasses.replace(drive, torque_noise=0.025)
+    lockstep = Lockstep(bench, seed, swing)
+    law = equipped(name, drive, bench, seed)
+    loop = Loop(
+        lockstep, law, desired, LIMITS, Watchdog(), clock=lockstep, log=Nothing()
+    )
+    outcome = loop.run(SECONDS)
+    true = np.array(lockstep.torques[1 : 1 + round(SECONDS / PERIOD)])
+    now = PERIOD * np.arange(true.size)
+    off = true - np.interp(now, desired.times, desired.torques)
+    bend = np.array([Elbow.drawn(seed).bend(t) for t in now[::20]])
+    counts = now > SETTLED
+    whole = outcome.code == 0
+    record = {
+        "variant": name, "world": world, "seed": seed,
+        "rms": float(np.sqrt(np.mean(off[counts] ** 2))) if whole else math.nan,
+        "median": float(np.median(np.abs(off[counts]))) if whole else math.nan,
+        "outcome": outcome.sentence,
+    }  # fmt: skip
+    return record, off, bend
+
+
+def compared(
+    records: list[Mapping[str, Any]], world: str, name: str, key: str
+) -> tuple[float, float, float, float, int]:
+    """A variant beside the fixed model, by seeds that both finished.
+
+    Returns:
+        Mean error [Nm]; geometric mean of its quotient by that of the fixed model, and
+        the 95 % interval of it by resampling seeds; how many runs did not finish.
+    """
+    errors = {(r["variant"], r["seed"]): r[key] for r in records if r["world"] == world}
+    own = {seed: e for (variant, seed), e in errors.items() if variant == name}
+    pairs = np.array(
+        [
+            (error, errors["fixed", seed])
+            for seed, error in own.items()
+            if np.isfinite(error) and np.isfinite(errors.get(("fixed", seed), math.nan))
+        ]
+    ).reshape(-1, 2)
+    if not pairs.size:
+        return math.nan, math.nan, math.nan, math.nan, len(own)
+    quotients = np.log(pairs[:, 0] / pairs[:, 1])
+    random = np.random.default_rng(0)
+    drawn = random.integers(0, len(quotients), (RESAMPLES, len(quotients)))
+    low, high = np.quantile(quotients[drawn].mean(axis=1), [0.025, 0.975])
+    mean, between = float(pairs[:, 0].mean()), float(np.exp(quotients.mean()))
+    return mean, between, math.exp(low), math.exp(high), len(own) - len(pairs)
+
+
+def told(records: list[Mapping[str, Any]]) -> str:
+    """The cases as a Markdown table."""
+    rows = []
+    for world in WORLDS:
+        for name, meaning in VARIANTS.items():
+            cells = [world, meaning]
+            lost = 0
+            for key in ("rms", "median"):
+                mean, ratio, low, high, lost = compared(records, world, name, key)
+                cells.append(f"{1e3 * mean:.0f}")
+                cells.append(
+                    "1" if name == "fixed" else f"{ratio:.2f} ({low:.2f} to {high:.2f})"
+                )
+            rows.append((*cells, str(lost)))
+    return table(
+        (
+            "changes", "controller has", "RMS [mNm]", "over fixed (95 %)",
+            "median [mNm]", "over fixed (95 %)", "not finished",
+        ),
+        rows,
+    )  # fmt: skip
+
+
+def draw(path: Path) -> None:
+    """One task: the bend, and the error of some variants, RMS over half a second."""
+    world, seed = SHOWN
+    with style():
+        drawing = figure(7.0, 4.2)
+        above, below = drawing.subplots(2, 1, sharex=True, height_ratios=(1, 3))
+        for name, color in zip(DRAWN, COLORS, strict=False):
+            _, off, bend = played(name, world, seed)
+            width = round(0.5 / PERIOD)
+            smooth = np.sqrt(np.convolve(off**2, np.ones(width) / width, "same"))
+            times = PERIOD * np.arange(off.size)
+            counts = times > SETTLED
+            below.plot(
+                times[counts], 1e3 * smooth[counts], color=color, label=VARIANTS[name]
+            )
+            if name == DRAWN[0]:
+                above.plot(times[::20], bend, color=GREY)
+        above.set_ylabel("bend [rad]")
+        below.set(xlabel="time [s]", ylabel="RMS error [mNm]")
+        below.set_ylim(bottom=0.0)
+        below.legend(ncols=2)
+        save(path, drawing)
+
+
+def main() -> None:
+    """Play what is missing; write table and figure."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=[*VARIANTS])
+    parser.add_argument("--out", type=Path, default=Path("runs", "self_tuning"))
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    kept = given.out / KEPT
+    records: list[Mapping[str, Any]] = []
+    if kept.exists():
+        records = [json.loads(line) for line in kept.read_text().splitlines()]
+    done = {(r["variant"], r["world"], r["seed"]) for r in records}
+    cases = [
+        case
+        for seed in given.seeds
+        for world in WORLDS
+        for name in given.variants
+        if (case := (name, world, seed)) not in done
+    ]
+    for case in tqdm(cases, unit="task"):
+        record, _, _ = played(*case)
+        records.append(record)
+        with kept.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(record) + "\n")
+    with replacing(given.out / TABLE) as partial:
+        partial.write_text(told(records), encoding="utf-8")
+    draw(given.out / FIGURE)
+    print(told(records))
+
+
+if __name__ == "__main__":
+    warnings.filterwarnings("ignore")
+    main()

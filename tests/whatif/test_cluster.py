@@ -170,6 +170,25 @@ def test_a_killed_worker_loses_nothing(tmp_path: Path, cluster: Cluster) -> None
     assert time.monotonic() - started < 120
 
 
+def test_cases_have_the_same_bytes_on_a_cluster(
+    tmp_path: Path, cluster: Cluster
+) -> None:
+    plan = make_plan(
+        "ankle",
+        {"friction": [0.05, 0.1]},
+        duration=0.2,
+        metrics=["tracking_error", "slack_margin"],
+        across={"wearer": [0.5, 2.0], "gait_speed": [0.9, 1.3]},
+        rank="p90",
+    )
+    carry_out(plan, tmp_path / "here")
+    carry_out(plan, tmp_path / "there", scheduler=cluster.address)
+    here, there = (
+        (tmp_path / place / "table.parquet").read_bytes() for place in ("here", "there")
+    )
+    assert here == there
+
+
 @pytest.fixture
 def other_code(tmp_path: Path) -> Path:
     """The package with one metric doubled."""

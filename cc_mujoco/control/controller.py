@@ -57,6 +57,13 @@ class Controller(ABC):
             A float for numbers, an array for arrays.
         """
 
+    def given(self, torque: float) -> None:  # noqa: B027, most do not ask
+        """Hear what the motor got instead of the last torque [Nm].
+
+        A host whose limits (of rate, a soft start) are not those of the drive says so;
+        a model that goes on from what it asked for would be wrong.
+        """
+
     def limited(self, torque: Any) -> Any:
         """A torque within the limits of the motor, a float for a number [Nm]."""
         within = np.clip(torque, self.drive.low, self.drive.high)

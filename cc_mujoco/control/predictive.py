@@ -230,6 +230,10 @@ class PredictiveCompensation(Controller):
             self._devices.memory[where] = 0.0
             self._devices.applied[where] = 0.0
 
+    def given(self, torque: float) -> None:
+        """Hear what the motor got; see `Controller.given`."""
+        self._devices.applied[:, -1] = torque
+
     def rebend(self, angles: Sequence[FloatArray]) -> None:
         """Take the path from sensors of bend; see `CableModel.rebend`."""
         self.model.rebend(angles)

@@ -215,6 +215,8 @@ class Loop:
         self._asked_to_stop()
         torque = self._limiter.limited(wish)
         self._rig.write(torque)
+        if torque != wish:
+            self._law.given(torque)
         work = self._clock.now() - began
         outcome.cycles += 1
         outcome.work.add(work)

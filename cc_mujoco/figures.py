@@ -81,8 +81,16 @@ def mark(axis: Axis, values: Iterable[float]) -> None:
 
 def save(path: str | os.PathLike[str], drawing: Figure, *, dpi: float = 130.0) -> None:
     """Write a figure as PNG, whole or not at all."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.image import imsave
+
+    # `savefig` draws all of it twice, once for the layout, with the same bits.
+    canvas = FigureCanvasAgg(drawing)
+    drawing.set_dpi(dpi)
+    canvas.draw()
+    about = {"Software": WRITER}
     with replacing(path) as partial:
-        drawing.savefig(partial, format="png", dpi=dpi, metadata={"Software": WRITER})
+        imsave(partial, canvas.buffer_rgba(), format="png", dpi=dpi, metadata=about)
 
 
 def is_ours(path: Path) -> bool:

@@ -1,0 +1,32 @@
+"""The first command of the front page does what is said of it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+@pytest.mark.skipif(not (ROOT / ".venv").is_dir(), reason="the script would set one up")
+def test_the_demo_says_it_in_six_lines_and_leaves_picture_and_recording(
+    tmp_path: Path,
+) -> None:
+    picture, record = tmp_path / "demo.png", tmp_path / "record"
+    words = ["--duration", "1.5", "--out", str(picture), "--record", str(record)]
+    done = subprocess.run(
+        ["bash", str(ROOT / "scripts" / "demo"), *words],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    told = [line for line in done.stdout.splitlines() if line.startswith("- ")]
+    assert len(told) == 6
+    assert all("nan" not in line for line in told)
+    assert picture.stat().st_size > 10_000
+    assert {"recording.rrd", "summary.png"} <= {p.name for p in record.iterdir()}

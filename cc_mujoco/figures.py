@@ -85,7 +85,7 @@ def save(path: str | os.PathLike[str], drawing: Figure, *, dpi: float = 130.0) -
     from matplotlib.image import imsave
 
     # `savefig` draws all of it twice, once for the layout, with the same bits.
-    canvas = FigureCanvasAgg(drawing)
+    canvas: Any = FigureCanvasAgg(drawing)
     drawing.set_dpi(dpi)
     canvas.draw()
     about = {"Software": WRITER}

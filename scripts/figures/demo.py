@@ -91,7 +91,7 @@ def words(found: dict[str, Played]) -> list[str]:
     travel = float(np.sum(np.abs(np.diff(none.joint))))
     return [
         f"The wearer sweeps the handle over {np.ptp(none.joint):.2f} rad, "
-        f"{travel:.0f} rad in all; the device should feel like a spring, with up to "
+        f"{travel:.2g} rad in all; the device should feel like a spring, with up to "
         f"{np.abs(best.desired).max():.2f} Nm.",
         f"Of {best.proximal[moment]:.0f} N that the motor pulls at most, "
         f"{best.distal[moment]:.0f} N come out of the conduit: {1.0 - kept:.0%} are "

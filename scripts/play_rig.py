@@ -4,9 +4,9 @@
     python scripts/play_rig.py --rig rig.toml
 
 It is at a port of this machine, or at the address in a `rig.toml`, on CAN as well. The
-bench of `scripts/diagnosis_study/driven.py`. It answers with a reading at every
-record (500 Hz), and has the watchdog that the packet asks of a rig: no command for
-50 ms, no torque.
+bench of `scripts/diagnosis_study/driven.py`. It answers with a reading every `--period`
+(500 Hz unless given), and has the watchdog that the packet asks of a rig: no command
+for 50 ms, no torque.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from rig import make_rig
 from rig.makes import MAKES
 
 PERIOD = 0.002
+"""Between two readings, unless another is asked for [s]."""
 SILENCE = 0.05
 """Time without a command after which there is no torque [s]."""
 
@@ -146,22 +147,23 @@ class Host:
 
 def serve(end: End, bench: Bench, seed: int, swing: float, swing_period: float) -> None:
     """Play until the process is told to end."""
-    instruments, host = Instruments(seed, bench.period), Host()
+    period = bench.period
+    instruments, host = Instruments(seed, period), Host()
     pace = 2.0 * math.pi / swing_period
     count, late = 0, 0
     begin = time.perf_counter()
     while True:
-        deadline = begin + count * PERIOD
+        deadline = begin + count * period
         while (now := time.perf_counter()) < deadline:
             time.sleep(max(deadline - now - 1e-4, 0.0))
-        late += now > deadline + PERIOD
+        late += now > deadline + period
         had = host.address
         while (found := end.receive()) is not None:
             host.take(*found, now)
         if had is not None and host.address is None:
             print(f"told to stop; {late} of {count} periods late", flush=True)
         host.watch(now)
-        time_ = count * PERIOD
+        time_ = count * period
         size = swing * min(1.0, time_)
         along = pace * time_
         bench.advance(
@@ -171,7 +173,7 @@ def serve(end: End, bench: Bench, seed: int, swing: float, swing_period: float) 
         status = Status.ENABLED if host.enabled else Status.NONE
         seen = instruments.readings(bench.state, bench.joint_torque, status)
         if host.address is not None:
-            stamp = round(count * PERIOD * 1e9)
+            stamp = round(count * period * 1e9)
             end.send(packet.reading(count, stamp, seen), host.address)
 
 
@@ -211,10 +213,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--swing", type=float, default=0.3, help="of the hand [rad]")
     parser.add_argument("--swing-period", type=float, default=2.0, help="[s]")
+    parser.add_argument("--period", type=float, default=PERIOD, help="[s]")
     given = parser.parse_args()
     hidden = {given.effect: given.amount} if given.effect else {}
+    if not 2e-4 <= given.period <= 0.1:
+        parser.error(f"--period is {given.period:g} s; it must be 0.0002 to 0.1 s.")
     try:
-        bench = Bench(make_rig(given.seed, make="guides"), hidden, PERIOD)
+        bench = Bench(make_rig(given.seed, make="guides"), hidden, given.period)
         end = end_of(given.rig, given.port)
     except CableError as error:
         parser.error(str(error))

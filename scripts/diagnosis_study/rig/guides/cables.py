@@ -26,6 +26,11 @@ SOFT = np.array([0.5, 1.0, 2.0])
 """Travel over which it comes to sliding, over `Plant.yield_travel`."""
 _ENOUGH = 1e-6
 _ITERATIONS = 60
+_BEARABLE = 1e-3
+"""Left of the balance, over the reference tension, that is no equilibrium."""
+_CREEPS = 2000
+_SOFTEST, _HARDEST = 1.0, 1e12
+"""Dampers against which guides creep [N/m]."""
 
 
 class Cables(NamedTuple):
@@ -103,6 +108,150 @@ def _held(
     return 2.0 * math.tanh(0.5 * p.friction[c] * factor * max(bend, 0.0)), dry
 
 
+class _Row(NamedTuple):
+    """What a guide's balance is made of, arrays of (guides,) but for the first two.
+
+    Attributes:
+        tension: of every piece (guides + 1) [N].
+        slope: of that by its stretch (guides + 1) [N/m].
+        left: force that is not balanced [N].
+        low: of `left` by the place of the guide before, negative [N/m].
+        mid: by that of the guide itself, negative.
+        high: by that of the guide behind, negative.
+        force: of friction and dampers [N].
+    """
+
+    tension: Array
+    slope: Array
+    left: Array
+    low: Array
+    mid: Array
+    high: Array
+    force: Array
+
+
+@compiled
+def _balance(
+    p: Plant,
+    cables: Cables,
+    c: int,
+    place: Array,
+    before: Array,
+    grips: Array,
+    dry: Array,
+    ends: tuple[float, float, float],
+    dt: float,
+    row: _Row,
+) -> tuple[float, float]:
+    """What is left of every guide's balance; the most, and the anchorage's stretch.
+
+    `ends` are the tension at rest and the displacements of both ends.
+    """
+    guides = p.bend.shape[1]
+    tight, near, far = ends
+    tension, slope, left, force = row.tension, row.slope, row.left, row.force
+    other = np.mean(cables.tension[1 - c])
+    anchor = p.anchor
+    stretched = cables.stretch[c]
+    for i in range(guides + 1):
+        ahead = near if i == 0 else place[i - 1]
+        behind = far if i == guides else place[i]
+        k = p.piece[c, i]
+        sag = p.sag * p.piece_share[c, i]
+        rest = tight / k - 0.25 * sag * sag * k / tight
+        if i == guides and anchor != 0.0:
+            # A spring with a damper in it, in series with the last piece.
+            given = dt / (dt + p.anchor_time)
+            k_anchor = 1.0 / (anchor * given)
+            start_ = cables.stretch[c] * (1.0 - given)
+            x = ahead - behind + rest + tight * anchor - start_
+            k = k * k_anchor / (k + k_anchor)
+            tension[i], slope[i] = pull(k, x, sag)
+            stretched = start_ + tension[i] / k_anchor
+        else:
+            tension[i], slope[i] = pull(k, ahead - behind + rest, sag)
+    worst = 0.0
+    for i in range(guides):
+        load = 0.5 * (tension[i] + tension[i + 1])
+        grip = grips[i]
+        if p.adhesion != 0.0:
+            light = p.reference_tension / (p.reference_tension + load)
+            grip *= 1.0 + p.adhesion * (2.0 * light - 1.0)
+        extra = p.rubbing * p.bend[c, i] * other / p.bend.shape[1]
+        bound = grip * load + dry[i] + extra
+        share, stiff = 0.0, 0.0
+        for k_ in range(SHARES.size):
+            reach = SOFT[k_] * p.yield_travel
+            off = (place[i] - cables.stuck[c, i, k_]) / reach
+            share += SHARES[k_] * min(max(off, -1.0), 1.0)
+            if -1.0 < off < 1.0:
+                stiff += SHARES[k_] / reach
+        damper = p.dashpot * 2.0 * (guides - i) / (guides * (guides + 1.0)) / dt
+        force[i] = bound * share + damper * (place[i] - before[i])
+        mid = bound * stiff + damper
+        if p.notches != 0.0 and c == 0 and i == guides // 2:
+            phase = 2.0 * math.pi / p.notch_pitch
+            force[i] += p.notches * math.sin(phase * place[i])
+            mid += max(p.notches * phase * math.cos(phase * place[i]), 0.0)
+        # Towards the motor pulls the piece before, back the one behind.
+        left[i] = tension[i] - tension[i + 1] - force[i]
+        half_load = 0.5 * grip * share
+        row.low[i] = -slope[i] + half_load * slope[i]
+        row.high[i] = -slope[i + 1] - half_load * slope[i + 1]
+        mid += slope[i] + slope[i + 1] + half_load * (slope[i + 1] - slope[i])
+        row.mid[i] = mid + 1e-3
+        worst = max(worst, abs(left[i]))
+    return worst, stretched
+
+
+@compiled
+def _crept(
+    p: Plant,
+    cables: Cables,
+    c: int,
+    before: Array,
+    grips: Array,
+    dry: Array,
+    ends: tuple[float, float, float],
+    dt: float,
+    row: _Row,
+) -> float:
+    """Find the equilibrium where Newton's method does not; the anchorage's stretch.
+
+    Where pieces are slack a guide is held by nothing but friction, and a step of
+    Newton's method leads anywhere. So the guides creep there from where they were,
+    against a damper that is as strong as it has to be for what is left to fall
+    (pseudo-transient continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35,
+    1998).
+    """
+    place, left = cables.place[c], row.left
+    place[:] = before
+    damper = _SOFTEST
+    worst, stretched = _balance(p, cables, c, place, before, grips, dry, ends, dt, row)
+    for _ in range(_CREEPS):
+        if worst < _ENOUGH * p.reference_tension or damper > _HARDEST:
+            break
+        size = np.sum(left * left)
+        kept = place.copy()
+        for i in range(place.size):
+            row.mid[i] += damper
+        _solved(row.low, row.mid, row.high, left)
+        for i in range(place.size):
+            place[i] += left[i]
+        worst, stretched = _balance(
+            p, cables, c, place, before, grips, dry, ends, dt, row
+        )
+        if np.sum(left * left) < size:
+            damper = max(0.2 * damper, _SOFTEST)
+            continue
+        damper *= 5.0
+        place[:] = kept
+        worst, stretched = _balance(
+            p, cables, c, place, before, grips, dry, ends, dt, row
+        )
+    return stretched
+
+
 @compiled
 def settle(
     p: Plant,
@@ -132,77 +281,34 @@ def settle(
     grips, dry = np.empty(guides), np.empty(guides)
     for i in range(guides):
         grips[i], dry[i] = _held(p, cables, c, i, joint)
-    other = np.mean(cables.tension[1 - c])
-    slope = np.empty(guides + 1)
-    low, mid, high = np.empty(guides), np.empty(guides), np.empty(guides)
-    left, force = np.empty(guides), np.empty(guides)
-    anchor = p.anchor
+    row = _Row(
+        tension, np.empty(guides + 1), np.empty(guides), np.empty(guides),
+        np.empty(guides), np.empty(guides), np.empty(guides),
+    )  # fmt: skip
+    left, force = row.left, row.force
     if p.snapping != 0.0 and c == 0:
         if tension[guides // 2] > p.snap_tension:
             cables.snapped[c] = 1.0
         elif tension[guides // 2] < 0.8 * p.snap_tension:
             cables.snapped[c] = 0.0
         near -= p.snapping * cables.snapped[c]
-    smallest = 1e300
+    ends = (tight, near, far)
+    smallest, worst, stretched = 1e300, 0.0, 0.0
     for turn in range(_ITERATIONS):
-        stretched = cables.stretch[c]
-        for i in range(guides + 1):
-            ahead = near if i == 0 else place[i - 1]
-            behind = far if i == guides else place[i]
-            k = p.piece[c, i]
-            sag = p.sag * p.piece_share[c, i]
-            rest = tight / k - 0.25 * sag * sag * k / tight
-            if i == guides and anchor != 0.0:
-                # A spring with a damper in it, in series with the last piece.
-                given = dt / (dt + p.anchor_time)
-                k_anchor = 1.0 / (anchor * given)
-                start_ = cables.stretch[c] * (1.0 - given)
-                x = ahead - behind + rest + tight * anchor - start_
-                k = k * k_anchor / (k + k_anchor)
-                tension[i], slope[i] = pull(k, x, sag)
-                stretched = start_ + tension[i] / k_anchor
-            else:
-                tension[i], slope[i] = pull(k, ahead - behind + rest, sag)
-        worst = 0.0
-        for i in range(guides):
-            load = 0.5 * (tension[i] + tension[i + 1])
-            grip = grips[i]
-            if p.adhesion != 0.0:
-                light = p.reference_tension / (p.reference_tension + load)
-                grip *= 1.0 + p.adhesion * (2.0 * light - 1.0)
-            extra = p.rubbing * p.bend[c, i] * other / p.bend.shape[1]
-            bound = grip * load + dry[i] + extra
-            share, stiff = 0.0, 0.0
-            for k_ in range(SHARES.size):
-                reach = SOFT[k_] * p.yield_travel
-                off = (place[i] - cables.stuck[c, i, k_]) / reach
-                share += SHARES[k_] * min(max(off, -1.0), 1.0)
-                if -1.0 < off < 1.0:
-                    stiff += SHARES[k_] / reach
-            damper = p.dashpot * 2.0 * (guides - i) / (guides * (guides + 1.0)) / dt
-            force[i] = bound * share + damper * (place[i] - before[i])
-            mid[i] = bound * stiff + damper
-            if p.notches != 0.0 and c == 0 and i == guides // 2:
-                phase = 2.0 * math.pi / p.notch_pitch
-                force[i] += p.notches * math.sin(phase * place[i])
-                mid[i] += max(p.notches * phase * math.cos(phase * place[i]), 0.0)
-            # Towards the motor pulls the piece before, back the one behind.
-            left[i] = tension[i] - tension[i + 1] - force[i]
-            half_load = 0.5 * grip * share
-            low[i] = -slope[i] + half_load * slope[i]
-            high[i] = -slope[i + 1] - half_load * slope[i + 1]
-            mid[i] += slope[i] + slope[i + 1] + half_load * (slope[i + 1] - slope[i])
-            mid[i] += 1e-3
-            worst = max(worst, abs(left[i]))
+        worst, stretched = _balance(
+            p, cables, c, place, before, grips, dry, ends, dt, row
+        )
         if worst < _ENOUGH * p.reference_tension:
             break
-        _solved(low, mid, high, left)
+        _solved(row.low, row.mid, row.high, left)
         # Shorter steps where contacts go over from one side to the other for ever.
         part = 1.0 if worst < smallest or turn < 8 else 0.5
         smallest = min(smallest, worst)
         for i in range(guides):
             place[i] += part * left[i]
-    if anchor != 0.0:
+    if not worst < _BEARABLE * p.reference_tension:
+        stretched = _crept(p, cables, c, before, grips, dry, ends, dt, row)
+    if p.anchor != 0.0:
         cables.stretch[c] = stretched
     way = 0.0
     mix = dt / (0.01 + dt)

@@ -31,6 +31,7 @@ REFINES = 0.1
 HINT = 1.5
 """Error over the floor below which a name is a hint: rigs whose bends and friction are
 laid out otherwise than the scene's reach 1.4 without any effect."""
+_AS_MUCH = " The layout of a rig can make as much: take this for a hint."
 
 
 class Outcome(NamedTuple):
@@ -106,8 +107,8 @@ def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdic
         )
     if misfit < HINT:
         told += (
-            f" The tuned scene is only {misfit:.2f} times the noise floor off, which "
-            "the layout of a rig can make as well: take this for a hint."
+            f" The tuned scene is only {misfit:.2f} times the noise floor off."
+            f"{_AS_MUCH}"
         )
     tie = next(iter(outcome.ties), ())
     if tie:
@@ -139,7 +140,7 @@ def _nothing(
     return "unknown", (
         f"Something is missing (error {misfit:.2f} times the noise floor) and it "
         f"is none of the effects in the library{_impossible(found)}; see where the "
-        "error lies."
+        f"error lies.{_AS_MUCH if misfit < HINT else ''}"
     )
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from cc_mujoco.diagnosis.inference import judgement
 from cc_mujoco.diagnosis.inference.judgement import Outcome, judged
 from cc_mujoco.diagnosis.inference.search import Round, Thresholds
 from cc_mujoco.diagnosis.verdict import Found, Gap, Strayed
@@ -83,6 +85,16 @@ def test_what_is_named_for_little_is_called_a_hint(names: tuple[str, ...]) -> No
         found = outcome(names[:1], CLOSED, ties)
         said = judged(search(misfit, 1.0), found, Thresholds())[1]
         assert ("take this for a hint" in said) is hint
+
+
+def test_a_little_that_nothing_explains_is_called_a_hint(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(judgement, "excess", lambda model: math.inf)
+    for misfit, hint in ((1.35, True), (1.6, False)):
+        said, told = judged(search(misfit, misfit), outcome((), GAP), Thresholds())
+        assert said == "unknown"
+        assert ("take this for a hint" in told) is hint
 
 
 def test_a_model_that_stays_far_off_has_to_close_the_gap_as_well() -> None:

@@ -72,9 +72,7 @@ VARIANTS = {
 }
 """What the controller has, by its short name."""
 SEEDS, KEPT, TABLE = tuple(range(11, 21)), "cases.jsonl", "table.md"
-FIGURE, SHOWN = "self_tuning.png", ("path and friction", 11)
-"""What is drawn: world and seed, and the variants."""
-DRAWN = ("fixed", "strain", "bend", "bend+motor", "truth")
+FIGURE = "self_tuning.png"
 RESAMPLES = 10_000
 
 
@@ -195,8 +193,8 @@ class Nothing:
         """See `Rows`."""
 
 
-def played(name: str, world: str, seed: int) -> tuple[dict[str, Any], Array, Array]:
-    """Play a task; error [Nm] and outcome, then the error and the bend over time."""
+def played(name: str, world: str, seed: int) -> dict[str, Any]:
+    """Play a task; RMS and median error [Nm], and how it ended."""
     desired, swing = task(seed)
     rig = make_rig(seed, make="guides")
     bench = BendingBench(rig, WORLDS[world], PERIOD, Elbow.drawn(seed), hand=WEARER)
@@ -211,16 +209,16 @@ def played(name: str, world: str, seed: int) -> tuple[dict[str, Any], Array, Arr
     true = np.array(lockstep.torques[1 : 1 + round(SECONDS / PERIOD)])
     now = PERIOD * np.arange(true.size)
     off = true - np.interp(now, desired.times, desired.torques)
-    bend = np.array([Elbow.drawn(seed).bend(t) for t in now[::20]])
     counts = now > SETTLED
     whole = outcome.code == 0
-    record = {
-        "variant": name, "world": world, "seed": seed,
+    return {
+        "variant": name,
+        "world": world,
+        "seed": seed,
         "rms": float(np.sqrt(np.mean(off[counts] ** 2))) if whole else math.nan,
         "median": float(np.median(np.abs(off[counts]))) if whole else math.nan,
         "outcome": outcome.sentence,
-    }  # fmt: skip
-    return record, off, bend
+    }
 
 
 def compared(
@@ -274,27 +272,27 @@ def told(records: list[Mapping[str, Any]]) -> str:
     )  # fmt: skip
 
 
-def draw(path: Path) -> None:
-    """One task: the bend, and the error of some variants, RMS over half a second."""
-    world, seed = SHOWN
+def draw(records: list[Mapping[str, Any]], path: Path) -> None:
+    """RMS error of every variant over that of the fixed model, with its interval."""
+    names = [name for name in VARIANTS if name not in ("pi", "fixed")]
     with style():
-        drawing = figure(7.0, 4.2)
-        above, below = drawing.subplots(2, 1, sharex=True, height_ratios=(1, 3))
-        for name, color in zip(DRAWN, COLORS, strict=False):
-            _, off, bend = played(name, world, seed)
-            width = round(0.5 / PERIOD)
-            smooth = np.sqrt(np.convolve(off**2, np.ones(width) / width, "same"))
-            times = PERIOD * np.arange(off.size)
-            counts = times > SETTLED
-            below.plot(
-                times[counts], 1e3 * smooth[counts], color=color, label=VARIANTS[name]
+        drawing = figure(7.0, 3.6)
+        axes = drawing.add_subplot()
+        for k, (world, color) in enumerate(zip(WORLDS, COLORS, strict=False)):
+            found = np.array(
+                [compared(records, world, name, "rms")[1:4] for name in names]
             )
-            if name == DRAWN[0]:
-                above.plot(times[::20], bend, color=GREY)
-        above.set_ylabel("bend [rad]")
-        below.set(xlabel="time [s]", ylabel="RMS error [mNm]")
-        below.set_ylim(bottom=0.0)
-        below.legend(ncols=2)
+            between = found[:, 0]
+            axes.errorbar(
+                between, np.arange(len(names)) + 0.16 * (2 * k - 1), fmt="o",
+                xerr=[between - found[:, 1], found[:, 2] - between], color=color,
+                label=f"changes: {world}",
+            )  # fmt: skip
+        axes.axvline(1.0, color=GREY)
+        axes.set_yticks(range(len(names)), [VARIANTS[name] for name in names])
+        axes.invert_yaxis()
+        axes.set_xlabel("RMS error over that of the fixed model (95 % intervals)")
+        axes.legend()
         save(path, drawing)
 
 
@@ -319,13 +317,13 @@ def main() -> None:
         if (case := (name, world, seed)) not in done
     ]
     for case in tqdm(cases, unit="task"):
-        record, _, _ = played(*case)
+        record = played(*case)
         records.append(record)
         with kept.open("a", encoding="utf-8") as file:
             file.write(json.dumps(record) + "\n")
     with replacing(given.out / TABLE) as partial:
         partial.write_text(told(records), encoding="utf-8")
-    draw(given.out / FIGURE)
+    draw(records, given.out / FIGURE)
     print(told(records))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import perf_counter, process_time
 from typing import Annotated, Any
 
 import tyro
@@ -51,3 +52,31 @@ def bar(total: float, name: str = "") -> Iterator[Callable[[float], object]]:
         **shown_by(),
     ) as shown:
         yield lambda time: shown.update(time - shown.n)
+
+
+@contextmanager
+def video_bar(total: float) -> Iterator[Callable[[float], object]]:
+    """Show how far a video is, as `bar` does, and then how fast it was made.
+
+    Args:
+        total: Length of the episode [s]; of nothing, nothing is shown.
+    """
+    begun = taken = worked = 0.0
+
+    with bar(total, "video") as show:
+
+        def progress(time: float) -> object:
+            nonlocal begun, taken, worked
+            if not time:
+                begun, worked = perf_counter(), -process_time()
+            taken = perf_counter() - begun
+            return show(time)
+
+        yield progress
+    if taken:
+        worked += process_time()
+        print(
+            f"video: {total:.1f} s of it in {taken:.1f} s, "
+            f"{total / taken:.2g} times as fast as real time "
+            f"({worked:.1f} s of processor time)\n"
+        )

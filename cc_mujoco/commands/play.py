@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar
 
 import tyro
 
-from cc_mujoco.commands.options import Flag, Name, bar, in_words
+from cc_mujoco.commands.options import Flag, Name, bar, in_words, video_bar
 from cc_mujoco.errors import CableError
 
 
@@ -88,7 +88,7 @@ class Play:
         self._warn(inner, names["task"])
         with bar(self.duration) as progress:
             log = play(env, law, seed=self.seed, about=names, progress=progress)
-        with bar(self.duration if self.video else 0.0, "video") as progress:
+        with video_bar(self.duration if self.video else 0.0) as progress:
             found = write_episode(
                 out,
                 log,

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco.commands.options import Flag, bar, in_words
+from cc_mujoco.commands.options import Flag, bar, in_words, video_bar
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class WhatIfShow:
             require_page()
         with bar(duration) as progress:
             log, model = show(self.folder, self.row, progress, self.case)
-        with bar(duration if self.video else 0.0, "video") as progress:
+        with video_bar(duration if self.video else 0.0) as progress:
             write_episode(
                 out, log, model, video=self.video, html=self.html, progress=progress
             )

@@ -29,6 +29,9 @@ THICKER = 1.4
 SHADE, EMISSION = 0.72, 0.25
 """Of the colours of cables: lit, they come near those of the scale."""
 
+HIDDEN = mujoco.mjNGROUP - 1
+"""Group of what is not shown."""
+
 
 class Capsules:
     """The cables of a model that have a route."""
@@ -53,7 +56,8 @@ class Capsules:
         for cable in drawn:
             tendon = engine.route_tendon(model, cable)
             self._radius[cable] = THICKER * float(model.tendon_width[tendon])
-            model.tendon_rgba[tendon, 3] = 0.0
+            # MuJoCo draws what is transparent, but not this group, unless it is asked.
+            model.tendon_group[tendon] = HIDDEN
 
     def add(
         self,

@@ -54,6 +54,7 @@ class Strips:
         self._start, self._end = float(log["time_s"][0]), float(log["time_s"][-1])
         self._whole, self.rows = _drawn(log, highest, 1.0)
         self._faded, _ = _drawn(log, highest, FADED)
+        self._frame, self._column = self._faded.copy(), SCENE[3]
 
     def column(self, time: float) -> int:
         """Column of a frame at which the plots show this time [s]."""
@@ -68,11 +69,14 @@ class Strips:
             time: The moment that it shows [s].
 
         Returns:
-            The frame (720, 1280, 3).
+            The frame (720, 1280, 3), which the next call changes.
         """
-        frame = self._faded.copy()
-        column = self.column(time)
-        frame[:, SCENE[3] : column] = self._whole[:, SCENE[3] : column]
+        frame, column = self._frame, self.column(time)
+        low, high = sorted((self._column, column))
+        low, high = low - CURSOR, high + CURSOR
+        frame[:, low:column] = self._whole[:, low:column]
+        frame[:, column:high] = self._faded[:, column:high]
+        self._column = column
         for top, bottom in self.rows:
             frame[top:bottom, column - CURSOR // 2 : column + CURSOR // 2] = 0
         top, height, left, width = SCENE

@@ -22,12 +22,12 @@ from cc_mujoco.files import replacing
 from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.moments import RATE, moments
 from cc_mujoco.recording.panels import highest_tension
-from cc_mujoco.recording.stage import Part, Stage, require_opengl
+from cc_mujoco.recording.stage import Exposure, Stage, require_opengl
 from cc_mujoco.recording.strips import SCENE, SIZE, Strips
 
 CODEC = "libx264"
-LOOKS = {"preset": "veryfast", "crf": "20"}
-"""How it is encoded: fast, with lines and letters still sharp."""
+LOOKS = {"preset": "veryfast", "crf": "20", "threads": "1"}
+"""How it is encoded: fast, with lines and letters still sharp; beside the drawing."""
 CONTAINER = {"movflags": "+faststart"}
 """The index in front, so that a page can show it while it arrives."""
 AIMED_AT = 40
@@ -56,12 +56,14 @@ def write_video(
         path: File to write; an older one stays until the new one is whole.
         log: The episode.
         model: The model that the episode was played on.
-        progress: Called with the simulated time [s] of what is done.
+        progress: Called with the simulated time [s] of what is done, first with 0.
 
     Raises:
         CableError: If PyAV or OpenGL is missing, or the file cannot be written.
     """
     av = _av()
+    progress = progress or (lambda time: None)
+    progress(0.0)
     samples = moments(log["time_s"])
     qpos = log["qpos"]
     nodes = {cable: log[f"tension_{cable}_nodes_n"] for cable in log.cables}
@@ -79,8 +81,8 @@ def write_video(
         stream.height, stream.width = SIZE
         stream.pix_fmt = "yuv420p"
 
-        def encode(number: int, parts: list[Part], time: float) -> None:
-            scene = stage.develop(parts)
+        def encode(number: int, exposure: Exposure, time: float) -> None:
+            scene = stage.develop(exposure)
             frame = av.VideoFrame.from_ndarray(strips.frame(scene, time), "rgb24")
             frame.pts, frame.time_base = number, Fraction(1, RATE)
             film.mux(stream.encode(frame))
@@ -88,12 +90,13 @@ def write_video(
         waiting = None
         for number, sample in enumerate(samples.tolist()):
             tensions = {cable: values[sample] for cable, values in nodes.items()}
-            parts = stage.expose(qpos[sample], tensions)
+            exposure = stage.expose(qpos[sample], tensions)
             if waiting is not None:
                 waiting.result()
-            waiting = other.submit(encode, number, parts, float(log["time_s"][sample]))
-            if progress is not None:
-                progress((number + 1) / RATE)
+            waiting = other.submit(
+                encode, number, exposure, float(log["time_s"][sample])
+            )
+            progress((number + 1) / RATE)
         if waiting is not None:
             waiting.result()
         film.mux(stream.encode(None))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -53,11 +54,13 @@ def cursor(frame: Any, strips: Strips) -> int:
 
 @pytest.mark.usefixtures("gl")
 def test_play_leaves_30_frames_a_second_and_takes_an_old_video_away(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     words = ["play", "wrist", "--duration", str(SECONDS), "--out", "here"]
     assert cli.main([*words, "--video"]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"^video: 0\.2 s of it in \S+ s, \S+ times as fast", said, re.M)
     frames = pictures(tmp_path / "here" / VIDEO)
     assert len(frames) == round(30 * SECONDS)
     assert {frame.shape for frame in frames} == {(720, 1280, 3)}

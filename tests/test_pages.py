@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from PIL import Image
 
 import cc_mujoco
 from cc_mujoco.transmission import PARAMETERS
@@ -17,7 +18,9 @@ from cc_mujoco.transmission.parameter import as_table
 from cc_mujoco.whatif import MATERIALS, materials
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts" / "figures"))
 
+import demo_film
 import fill_readme
 
 ROOT = Path(__file__).parents[1]
@@ -97,7 +100,17 @@ def test_every_picture_lies_beside_a_page_that_shows_it() -> None:
         for path, _ in links(place, True)
         if path.resolve().parent == (ROOT / place).resolve().parent
     }
-    assert shown == {path.resolve() for path in found("*.png").values()}
+    pictures = found("*.png") | found("*.webp")
+    assert shown == {path.resolve() for path in pictures.values()}
+
+
+def test_the_film_is_what_its_script_writes_and_soon_loaded() -> None:
+    (place,) = found("*.webp").values()
+    assert place.stat().st_size < 2.5e6
+    assert demo_film.is_ours(place)
+    with Image.open(place) as film:
+        assert film.size == demo_film.SIZE[::-1]
+        assert film.n_frames == demo_film.FRAMES  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", fill_readme.SHORT)

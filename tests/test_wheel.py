@@ -46,7 +46,7 @@ def source_files() -> dict[str, Path]:
         for path in (ROOT / top).rglob("*")
         if path.is_file()
         and "__pycache__" not in path.parts
-        and path.suffix not in (".md", ".png")  # pages stay with the sources
+        and path.suffix not in (".md", ".png", ".webp")  # pages stay with the sources
     }
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,8 +57,8 @@ class Played(NamedTuple):
         return float(np.sqrt(off / np.mean(self.desired[late] ** 2)))
 
 
-def played(law: str, duration: float, folder: Path | None) -> Played:
-    """The motion with one controller, with the sensors of the device."""
+def episode(law: str, duration: float) -> tuple[EpisodeLog, mujoco.MjModel]:
+    """Play the motion with one controller, with the sensors of the device."""
     env: Any = gymnasium.make(
         "cc_mujoco/WristHandle-v1",
         trajectory="sweep",
@@ -68,9 +69,12 @@ def played(law: str, duration: float, folder: Path | None) -> Played:
     about = {"trajectory": "sweep", "task": "spring of 2.5 Nm/rad", "controller": law}
     drive = env.unwrapped.drive
     log: EpisodeLog = play(env, controller(law, drive), seed=0, about=about)
-    if folder is not None:
-        write_episode(folder, log, env.unwrapped.model)
     env.close()
+    return log, env.unwrapped.model
+
+
+def judged(log: EpisodeLog) -> Played:
+    """What the controller made of it."""
     lost = [log[f"dissipated_{name}_j"] for name in log.cables]
     return Played(
         log["time_s"],
@@ -141,8 +145,11 @@ def main() -> None:
     if record is not None:
         require_ours(record)
     *others, last = LAWS
-    found = {law: played(law, arguments.duration, None) for law in others}
-    found[last] = played(last, arguments.duration, record)
+    found = {law: judged(episode(law, arguments.duration)[0]) for law in others}
+    log, model = episode(last, arguments.duration)
+    if record is not None:
+        write_episode(record, log, model)
+    found[last] = judged(log)
     draw(found, out)
     print()
     for sentence in words(found):

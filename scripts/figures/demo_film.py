@@ -1,0 +1,200 @@
+"""The demo as a film: one motion, three laws, cables coloured by the tension inside.
+
+    python scripts/figures/demo_film.py cc_mujoco/control/controllers.webp
+
+Frames are drawn as `cc-mujoco play --video` draws them, and kept as an animated WebP,
+which pages show without a player. Needs OpenGL; see `cc_mujoco/recording`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from demo import LAWS, Played, episode, judged
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+from PIL.ExifTags import Base
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.figures import BLUE, DASH, GREY, TENSION_COLORS, WRITER, style
+from cc_mujoco.files import replacing, require_ours
+from cc_mujoco.recording import EpisodeLog
+from cc_mujoco.recording.panels import highest_tension
+from cc_mujoco.recording.stage import Stage
+
+Picture = NDArray[np.uint8]
+
+DURATION, RATE = 5.0, 15
+"""Of the motion [s], frames per second of it."""
+FRAMES = round(DURATION * RATE)
+REST = 1500
+"""How long the last frame stands [ms]."""
+SIZE = (480, 800)
+"""Height and width [pixels]."""
+SCENE = (214, 244)
+"""Height and width of the device with one controller [pixels]."""
+TOP = 34
+"""Rows above the devices [pixels]."""
+LEFTS = (40, 296, 552)
+"""First columns of the devices, and of the plots below [pixels]."""
+PLOTS = (38, 130)
+"""Height above the lower edge and height of the plots [pixels]."""
+SCALE = 216
+"""Height of the scale of tension above the lower edge [pixels]."""
+FADED = 0.25
+"""Opacity of what is still to come."""
+DPI = 100
+QUALITY = 72
+"""Of WebP's lossy pictures, up to 100."""
+AIMED_AT = 40
+"""Poses that the camera is aimed by."""
+
+
+class Take(NamedTuple):
+    """The motion with one controller."""
+
+    log: EpisodeLog
+    model: mujoco.MjModel
+    played: Played
+
+
+def devices(take: Take, samples: NDArray[np.intp], highest: float) -> list[Picture]:
+    """The device at these samples, cables as bright as tension is to the highest."""
+    log = take.log
+    qpos = log["qpos"]
+    poses = qpos[np.linspace(0, len(log) - 1, AIMED_AT).astype(int)]
+    with Stage(take.model, log.cables, highest, poses, SCENE) as stage:
+        return [
+            stage.picture(
+                qpos[sample],
+                {name: log[f"tension_{name}_nodes_n"][sample] for name in log.cables},
+            )
+            for sample in samples.tolist()
+        ]
+
+
+def frames(takes: dict[str, Take]) -> Iterator[Picture]:
+    """All frames, (480, 800, 3) each."""
+    highest = max(highest_tension(take.log) for take in takes.values())
+    time = next(iter(takes.values())).played.time
+    wanted = time[0] + (np.arange(FRAMES) + 1) / RATE
+    samples = np.searchsorted(time, wanted).clip(max=len(time) - 1)
+    shown = [devices(take, samples, highest) for take in takes.values()]
+    with style():
+        drawing, moving = drawn(takes, highest)
+        canvas = FigureCanvasAgg(drawing)
+        for number, sample in enumerate(samples.tolist()):
+            for lines, take in zip(moving, takes.values(), strict=True):
+                advance(lines, take.played, sample)
+            canvas.draw()
+            frame = np.array(canvas.buffer_rgba())[..., :3]
+            for left, pictures in zip(LEFTS, shown, strict=True):
+                height, width = SCENE
+                frame[TOP : TOP + height, left : left + width] = pictures[number]
+            yield frame
+
+
+def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
+    """All but the devices; with a delivered torque and an upright line per plot."""
+    height, width = SIZE
+    drawing = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
+    low, tall = PLOTS
+    moving = []
+    first = None
+    for (law, take), left in zip(takes.items(), LEFTS, strict=True):
+        one, place = take.played, (left / width, low / height)
+        middle = 1.0 - 0.5 * TOP / height
+        said = f"{law}: error {one.error:.0%}"
+        drawing.text(place[0], middle, said, fontsize=11, weight="bold", va="center")
+        axes = drawing.add_axes(
+            (*place, SCENE[1] / width, tall / height), sharex=first, sharey=first
+        )
+        axes.plot(one.time, one.torque, color=BLUE, alpha=FADED)
+        axes.plot(one.time, one.desired, color=GREY, dashes=DASH, label="desired")
+        (line,) = axes.plot([], [], color=BLUE, label="delivered")
+        moving.append((line, axes.axvline(0.0, color="black", linewidth=1.0)))
+        axes.tick_params(labelleft=first is None, labelsize=8)
+        axes.set(xlim=(one.time[0], one.time[-1]), xticks=range(1, round(DURATION)))
+        axes.set_xlabel("time [s]", fontsize=8, labelpad=0)
+        if first is None:
+            first = axes
+            axes.set_title("joint torque [N m]", fontsize=9, weight="normal")
+        elif len(moving) == len(takes):
+            axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.97))
+    bar = drawing.add_axes((0.5, SCALE / height, 0.36, 8 / height))
+    colors = ScalarMappable(Normalize(0.0, highest), TENSION_COLORS)
+    drawing.colorbar(colors, cax=bar, orientation="horizontal")
+    bar.tick_params(length=2, pad=1, labelsize=8)
+    left, level = LEFTS[0] / width, (SCALE + 4) / height
+    drawing.text(left, level, "tension inside the cables [N]", fontsize=9, va="center")
+    return drawing, moving
+
+
+def advance(lines: Any, played: Played, sample: int) -> None:
+    """Draw the torque up to this sample, and mark it."""
+    torque, moment = lines
+    torque.set_data(played.time[: sample + 1], played.torque[: sample + 1])
+    moment.set_xdata([played.time[sample]] * 2)
+
+
+def save(path: Path, film: list[Picture]) -> None:
+    """Write it as an animated WebP, whole or not at all."""
+    first, *others = (Image.fromarray(frame) for frame in film)
+    mark = Image.Exif()
+    mark[Base.Software] = WRITER
+    with replacing(path) as partial:
+        first.save(
+            partial,
+            format="WEBP",
+            save_all=True,
+            append_images=others,
+            duration=[round(1e3 / RATE)] * len(others) + [REST],
+            loop=0,
+            quality=QUALITY,
+            method=6,
+            exif=mark,
+        )
+
+
+def is_ours(path: Path) -> bool:
+    """Whether `save` wrote this file."""
+    try:
+        with Image.open(path) as image:
+            return image.getexif().get(Base.Software) == WRITER
+    except OSError:
+        return False
+
+
+def film_path(text: str) -> Path:
+    """Where the film shall be saved; a `type` of `argparse`."""
+    path = Path(text)
+    try:
+        require_ours(path.parent, (path.name,), lambda _: is_ours(path))
+    except CableError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return path
+
+
+def main() -> None:
+    """Play, draw and write."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("out", type=film_path)
+    out = parser.parse_args().out
+    takes = {}
+    for law in LAWS:
+        log, model = episode(law, DURATION)
+        takes[law] = Take(log, model, judged(log))
+    save(out, list(frames(takes)))
+
+
+if __name__ == "__main__":
+    main()

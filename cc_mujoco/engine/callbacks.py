@@ -185,25 +185,13 @@ def _no_passive(model: int) -> bool:
 
 
 @internal
-def _warn_cut(model: int, instance: int) -> None:
-    """Warn that an open cable cannot pull, once."""
+def _warn_once(model: int, instance: int, told: Bytes) -> None:
+    """Warn, once, of something about an instance."""
     message = np.zeros(CAPACITY, np.uint8)
     used = append(message, 0, _START)
     used = quote(message, used, fields.plugin_name(model, instance))
     used = append(message, used, _START_END)
-    used = append(message, used, _NO_PASSIVE)
-    if not said_before(message, used, fields.signature(model)):
-        warn(message, used)
-
-
-@internal
-def _warn_idle(model: int, instance: int) -> None:
-    """Warn, once, that no cable pulls, whatever tension it has."""
-    message = np.zeros(CAPACITY, np.uint8)
-    used = append(message, 0, _START)
-    used = quote(message, used, fields.plugin_name(model, instance))
-    used = append(message, used, _START_END)
-    used = append(message, used, _IDLE)
+    used = append(message, used, told)
     if not said_before(message, used, fields.signature(model)):
         warn(message, used)
 
@@ -700,7 +688,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 u_proximal, u_distal, yields = aim[0], aim[1], (aim[2], aim[3])
         store_word(block + WALKED, 0)
         if cut:
-            _warn_cut(model, instance)
+            _warn_once(model, instance, _NO_PASSIVE)
         store_real(block + SEEN, seen[0])
         store_real(block + SEEN + 8, seen[1])
         if (
@@ -747,7 +735,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         yields = 0.0, 0.0
         if fields.disabled(model, _NO_ACTUATION):
             # Nothing has evaluated the last position.
-            _warn_idle(model, instance)
+            _warn_once(model, instance, _IDLE)
             follow(block, model, data, state)
         elif (
             fields.integrator(model) != _RK4

@@ -13,6 +13,9 @@ led to them. Cases that are done are kept; the table is written anew after each.
 With `--naive binned sparse bic` every case is also named in the naive ways of
 `baselines`, from the same tuned baseline; `sparse` among them needs
 `pip install pysindy`. A case that was done without keeps its record.
+
+With `--scheduler tcp://HOST:PORT` the cases run on the workers of a Dask cluster, which
+need this folder in their PYTHONPATH; records are the same but for their `seconds`.
 """
 
 from __future__ import annotations
@@ -22,7 +25,6 @@ import json
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -215,6 +217,8 @@ def guesses(baseline_fit: BaselineFit, methods: Sequence[str]) -> dict[str, Any]
 
 def main() -> None:
     """Run what is missing and write the table."""
+    import study_job  # which imports this module, by its own name
+
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--study", choices=STUDIES, default=LAST)
     parser.add_argument(
@@ -237,7 +241,10 @@ def main() -> None:
         default=[],
         help="name in naive ways too, to compare; bic takes a quarter longer",
     )
-    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument(
+        "--scheduler", help="of Dask, tcp://HOST:PORT, whose workers run the cases"
+    )
     parser.add_argument("--out", type=Path, default=Path("runs", "diagnose_benchmark"))
     options = parser.parse_args()
     kept, told = (options.out / f"{options.study}.{end}" for end in ("jsonl", "md"))
@@ -256,13 +263,15 @@ def main() -> None:
         if (case["seed"], case["strength"], case["make"]) not in done
         and (not options.only or set(case["hidden"]) & set(options.only))
     ]
-    with ProcessPoolExecutor(options.jobs) as pool:
-        waiting = [pool.submit(run, case, options.naive) for case in wanted]
-        for future in tqdm(as_completed(waiting), total=len(waiting), unit="case"):
-            records.append(future.result())
+    made = study_job.records(wanted, options.naive, options.jobs, options.scheduler)
+    try:
+        for record in tqdm(made, total=len(wanted), unit="case"):
+            records.append(record)
             with kept.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(records[-1]) + "\n")
+                file.write(json.dumps(record) + "\n")
             write(told, summary(records))
+    except CableError as error:
+        parser.error(str(error))
     write(told, summary(records))
     print(summary(records))
 

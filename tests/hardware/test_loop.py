@@ -66,6 +66,17 @@ def test_a_run_reaches_its_end_and_goes_down() -> None:
     assert len(played.rows.rows) >= 250
 
 
+def test_a_controller_hears_what_the_motor_got_instead_of_its_wish() -> None:
+    """By the soft start, then by the limit of the rate."""
+    law = law_of(lambda seen: 1.5 if seen["motor_angle_rad"] < 0.1 else -1.5)
+    heard: list[float] = []
+    law.given = heard.append  # type: ignore[method-assign]
+    played = play(law, duration=0.3)
+    asked = [row[-5:-3] for row in played.rows.rows if math.isfinite(row[-4])]
+    assert heard == [torque for torque, wish in asked if torque != wish]
+    assert 10 < len(heard) < len(asked) == 150
+
+
 WISHES = st.lists(
     st.floats(allow_nan=True, allow_infinity=True) | st.floats(-5.0, 5.0),
     min_size=1,

@@ -185,6 +185,11 @@ class Plan:
             )
         return tuple(entries.places(len(self.cables), longest))
 
+    @property
+    def given(self) -> int:
+        """Place of the last torque in the memory, of a controller that plans."""
+        return self.places[0] - 1  # before the scratch, see `predictive.places`
+
 
 def _identifier(name: str) -> str:
     return re.sub(r"\W", "_", name, flags=re.ASCII)

@@ -95,11 +95,24 @@ void cc_controller_reset(cc_controller *controller);
  * number where a reading that the controller uses is none, or infinite; then the state
  * stays as it was, and what the motor does is yours to decide. */
 double cc_controller_step(cc_controller *controller, const cc_readings *readings);
-{_observer(plan)}
+{_given(plan)}{_observer(plan)}
 #ifdef __cplusplus
 }}
 #endif
 #endif
+"""
+
+
+def _given(plan: Plan) -> str:
+    if not plan.plans:
+        return ""
+    return f"""
+/* Tell, after a step, what the motor got instead of the torque that was asked for,
+ * where a limit of yours (of rate, a soft start) allowed no more: plans go on from it. */
+static inline void cc_controller_given(cc_controller *controller, double torque)
+{{
+    controller->number[{plan.given}] = torque;
+}}
 """
 
 

@@ -332,6 +332,41 @@ def test_friction_that_a_plan_learned_is_kept_when_parameters_are_exchanged(
 
 
 @needs_compiler
+def test_a_plan_goes_on_from_what_the_motor_got(made: Made, tmp_path: Path) -> None:
+    folder, _ = made("wrist", "predictive")
+    readings, torques = episode("wrist", "predictive")
+    rows = ", ".join(
+        f"{{{', '.join(map(repr, row))}}}" for row in readings[:40].tolist()
+    )
+    (tmp_path / "main.c").write_text(
+        f"""#include <stdio.h>
+        #include "cc_controller.h"
+        static const cc_readings rows[] = {{ {rows} }};
+        int main(void) {{
+            static cc_controller c;
+            cc_controller_init(&c, cc_controller_parameters);
+            for (int i = 0; i < 40; i++) {{
+                double torque = cc_controller_step(&c, rows + i);
+                printf("%.17g\\n", torque);
+                cc_controller_given(&c, 0.5 * torque);
+            }}
+        }}"""
+    )
+    run(
+        COMPILER, *STRICT, "-I", folder, "-o", tmp_path / "main", tmp_path / "main.c",
+        folder / "cc_parameters.c", folder / "cc_controller.o", "-lm",
+    )  # fmt: skip
+    found = list(map(float, run(tmp_path / "main").split()))
+    law = controller("predictive", drive_of("wrist", "predictive"))
+    expected = []
+    for row in readings[:40]:
+        expected.append(law.torque(seen("predictive", row)))
+        law.given(0.5 * expected[-1])
+    assert np.array_equal(found, expected)
+    assert not np.allclose(found, torques[:40], rtol=1e-3)
+
+
+@needs_compiler
 def test_what_the_plans_of_an_export_rest_on_cannot_be_exchanged(made: Made) -> None:
     folder, plan = made("wrist", "predictive")
     exported = Library(folder, plan)

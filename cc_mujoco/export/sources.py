@@ -108,7 +108,7 @@ def _given(plan: Plan) -> str:
         return ""
     return f"""
 /* Tell, after a step, what the motor got instead of the torque that was asked for,
- * where a limit of yours (of rate, a soft start) allowed no more: plans go on from it. */
+ * where a limit of yours (of rate, a soft start) allowed no more. */
 static inline void cc_controller_given(cc_controller *controller, double torque)
 {{
     controller->number[{plan.given}] = torque;

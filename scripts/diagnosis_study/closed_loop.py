@@ -243,6 +243,26 @@ def told(records: list[Mapping[str, Any]]) -> str:
     return table(head, rows)
 
 
+def counted(records: list[Mapping[str, Any]]) -> str:
+    """What the table comes to, in lines."""
+    hidden = [r for r in records if r["effect"] not in ("none", FRICTION)]
+    right = [r for r in hidden if [r["effect"]] == r["named"] and not r["ties"]]
+    tied = [r for r in hidden if any(r["effect"] in tie for tie in r["ties"])]
+    lines = [
+        f"{len(right)} of {len(hidden)} hidden effects named right and alone, "
+        f"{len(tied)} in a tie."
+    ]
+    for law in records[0]["before"]:
+        for key, what in (("rms", "error"), ("between", "error between turns")):
+            ratios = [r["before"][law][key] / r["after"][law][key] for r in records]
+            ratios = [ratio for ratio in ratios if math.isfinite(ratio)]
+            lines.append(
+                f"{law}: the {what} falls in {sum(x > 1.0 for x in ratios)} of "
+                f"{len(ratios)}, by {np.median(ratios):.1f} in the median."
+            )
+    return "\n".join(lines)
+
+
 def _size(record: Mapping[str, Any]) -> str:
     """How strong an effect was, as the table says it."""
     if record["effect"] == FRICTION:
@@ -281,7 +301,7 @@ def main() -> None:
             file.write(json.dumps(found) + "\n")
         with replacing(given.out / TABLE) as partial:
             partial.write_text(told(records), encoding="utf-8")
-    print(told(records))
+    print(told(records), counted(records), sep="\n\n")
 
 
 def read(kept: Path) -> list[Mapping[str, Any]]:

@@ -220,10 +220,11 @@ def main() -> None:
         parser.error(f"--period is {given.period:g} s; it must be 0.0002 to 0.1 s.")
     try:
         bench = Bench(make_rig(given.seed, make="guides"), hidden, given.period)
-        end = end_of(given.rig, given.port)
+        print("a rig gets ready, which takes some seconds", flush=True)
+        bench.advance(0.0, 0.0, 0.0)  # compiles
+        end = end_of(given.rig, given.port)  # nobody waits for an answer before
     except CableError as error:
         parser.error(str(error))
-    bench.advance(0.0, 0.0, 0.0)  # compiles
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _ended)
     with contextlib.closing(end):

@@ -113,7 +113,7 @@ class Run:
         for trial in wanted:
             print(f"{trial.name}: {trial.notes} ({trial.duration:g} s)", flush=True)
             if self.trial is None:
-                input("make the rig ready, then press the return key: ")
+                _wait()
             law, servo = controller("none", drive), trial.servo(drive, firm)
             found = self._played(
                 settings, law, servo, trial.duration, str(folder), trial.name
@@ -123,6 +123,8 @@ class Run:
 
     def _wanted(self, trials: list[Planned]) -> list[Planned]:
         """Those that are to be played now."""
+        from cc_mujoco.hardware.log import cut_short
+
         if self.trial is not None:
             if not 1 <= self.trial <= len(trials):
                 raise CableError(
@@ -130,6 +132,14 @@ class Run:
                 )
             return [trials[self.trial - 1]]
         left = [t for t in trials if not (self.out / f"{t.name}.csv").exists()]
+        for trial in (t for t in trials if t not in left):
+            if why := cut_short(self.out, trial.name):
+                print(
+                    f"{trial.name} was cut short ({why.rstrip('.')}) and is left as "
+                    f"it is; to record it again, move {self.out / trial.name}.csv and "
+                    ".json away.",
+                    file=sys.stderr,
+                )
         if not left:
             raise CableError(f"{self.out} has all {len(trials)} trials of the plan.")
         if not sys.stdin.isatty():
@@ -198,3 +208,15 @@ class Run:
             print(f"cc-mujoco: {found.sentence}", file=sys.stderr)
             raise SystemExit(found.code)
         print(found.sentence)
+
+
+def _wait() -> None:
+    """Until somebody has made the rig ready.
+
+    Raises:
+        CableError: The terminal was closed.
+    """
+    try:
+        input("make the rig ready, then press the return key: ")
+    except EOFError:
+        raise CableError("the terminal was closed; the rig was not touched.") from None

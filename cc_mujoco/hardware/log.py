@@ -39,6 +39,7 @@ COLUMNS = (
 torque that it had been told by then; that of the task; the one that it was told in this
 cycle; the one that the controller wished (nan where it was not asked); how late the
 cycle began and how long it took until the command was out; the number of the cycle."""
+_HEAD = (",".join(COLUMNS) + "\n").encode()
 BLOCK = 0.1
 """Length of a block [s]."""
 
@@ -60,12 +61,32 @@ def require_free(folder: str | os.PathLike[str], name: str = LOG) -> None:
             a computation, measured data cannot be made again.
     """
     files.require_ours(folder, (), lambda _: True)
+    if _is_empty(Path(folder), name):
+        return
     for file in files_of(name):
         if os.path.lexists(Path(folder, file)):
             raise CableError(
                 f"{folder} holds {file}; measured data are never replaced, name "
                 "another folder to write to."
             )
+
+
+def _is_empty(folder: Path, name: str) -> bool:
+    """Whether a run of ours ended there before anything was measured."""
+    rows, page = (folder / file for file in files_of(name))
+    try:
+        return rows.read_bytes() == _HEAD and page.read_text()[:1] == "{"
+    except (OSError, ValueError):
+        return False
+
+
+def cut_short(folder: Path, name: str) -> str:
+    """Why a run was over before its time; empty where it was not, or is unknown."""
+    try:
+        told = json.loads((folder / files_of(name)[1]).read_text(encoding="utf-8"))
+        return "" if told.get("exit_code") == 0 else str(told["outcome"])
+    except (OSError, ValueError, KeyError, AttributeError):
+        return ""
 
 
 class Log:
@@ -100,8 +121,10 @@ class Log:
         self._folder.mkdir(parents=True, exist_ok=True)
         self._tell({"outcome": "running, or killed"})
         # Unbuffered: what is written is the system's, not this process's.
+        if _is_empty(self._folder, name):
+            os.unlink(self._folder / rows_file)
         self._file = open(self._folder / rows_file, "xb", buffering=0)
-        self._file.write((",".join(COLUMNS) + "\n").encode())
+        self._file.write(_HEAD)
 
     def row(self, seen: Readings, before: float, *others: float) -> None:
         """Add a row.

@@ -121,7 +121,9 @@ def test_the_columns_are_those_of_an_episode_and_data_for_a_diagnosis(
 
 
 def test_measured_data_are_never_replaced(tmp_path: Path) -> None:
-    Log(tmp_path / "out", {}, 1).close({})
+    log = Log(tmp_path / "out", {}, 1)
+    log.row(Readings(0.0, *[0.1] * 5), 0.0, *[0.0] * 6)
+    log.close({})
     with pytest.raises(CableError, match="measured data are never replaced"):
         require_free(tmp_path / "out")
     with pytest.raises(CableError, match="measured data are never replaced"):

@@ -17,7 +17,9 @@ from cc_mujoco.control import Drive, controller
 from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
 from cc_mujoco.diagnosis.data.folders import data_files
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Limits, Loop, Watchdog
+from cc_mujoco.hardware import Limits, Log, Loop, Readings, Watchdog
+from cc_mujoco.hardware.log import cut_short
+from cc_mujoco.hardware.packet import Status
 from cc_mujoco.hardware.servo import APPROACH, Servo, Stiffness
 from cc_mujoco.hardware.trials import planned
 from hardware.fakes import Rows
@@ -118,6 +120,31 @@ def test_a_trial_leaves_a_log_that_is_data_with_what_is_known_of_it(
     with Peer() as peer:
         assert cli.main(words(tmp_path, peer.end.rig, "--trial", "1")) == 0
     assert recorded(out) == {"trial_01": 40.0, "trial_02": 80.0}
+
+
+def test_a_trial_that_was_cut_short_is_told_of(tmp_path: Path) -> None:
+    log = Log(tmp_path, {}, 1, "trial_01")
+    log.row(Readings(0.0, *[0.1] * 5, Status.ENABLED), 0.0, *[0.0] * 6)
+    log.close({"outcome": "stopped by SIGTERM.", "exit_code": 143})
+    assert cut_short(tmp_path, "trial_01") == "stopped by SIGTERM."
+    whole = Log(tmp_path, {}, 1, "trial_02")
+    assert cut_short(tmp_path, "trial_02") == "running, or killed"
+    whole.close({"outcome": "the 3 s are over.", "exit_code": 0})
+    assert cut_short(tmp_path, "trial_02") == cut_short(tmp_path, "trial_03") == ""
+
+
+def test_a_log_without_rows_is_replaced_and_one_with_rows_is_not(
+    tmp_path: Path,
+) -> None:
+    for rows in (0, 0, 1):
+        log = Log(tmp_path, {}, 1)
+        for _ in range(rows):
+            log.row(Readings(0.0, *[0.1] * 5, Status.ENABLED), 0.0, *[0.0] * 6)
+        log.close({"outcome": "the rig gave no reading in 3 s.", "exit_code": 3})
+    before = (tmp_path / "log.csv").read_bytes()
+    with pytest.raises(CableError, match="measured data are never replaced"):
+        Log(tmp_path, {}, 1)
+    assert (tmp_path / "log.csv").read_bytes() == before
 
 
 def test_the_trials_of_a_real_plan_are_read(tmp_path: Path) -> None:

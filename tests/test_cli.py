@@ -125,7 +125,9 @@ def test_equal_seeds_give_equal_logs(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_recorded_motion_can_be_played(tmp_path: Path) -> None:
+def test_a_recorded_motion_can_be_played(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     moment = np.linspace(0.0, 0.5, 251)
     rows = [f"{t},{0.2 * np.sin(t)}" for t in moment]
     Path("mine.csv").write_text("\n".join(["time_s,angle_rad", *rows]) + "\n")
@@ -135,6 +137,11 @@ def test_a_recorded_motion_can_be_played(tmp_path: Path) -> None:
     log = EpisodeLog.read(kept)
     expected = 0.2 * np.sin(log["time_s"])
     assert log["reference_angle_rad"] == pytest.approx(expected, abs=1e-3)
+    assert capsys.readouterr().err == ""
+    words[-1] = "0.6"
+    assert cli.main(words) == 0
+    (warning,) = capsys.readouterr().err.splitlines()
+    assert warning.startswith("warning: mine.csv ends after 0.5 s; the joint is held")
 
 
 @pytest.mark.usefixtures("undrawn")

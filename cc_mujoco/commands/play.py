@@ -133,10 +133,20 @@ class Play:
         )
 
     def _warn(self, env: Any, task: str) -> None:
-        """Say what the task asks for beyond the motor."""
+        """Say what the task asks for beyond the motor, and what ends too early."""
         env.reset(seed=self.seed)
         if beyond := env.beyond():
             print(f"warning: {task}: {beyond}", file=sys.stderr)
+        if (self.trajectory or "").lower().endswith(".csv"):
+            from cc_mujoco.human.recorded import from_csv
+
+            end = from_csv(str(self.trajectory)).times[-1]
+            if end < self.duration - 1e-9:
+                print(
+                    f"warning: {self.trajectory} ends after {end:g} s; the joint is "
+                    f"held where it is then for the rest of the {self.duration:g} s.",
+                    file=sys.stderr,
+                )
 
     def _live(self) -> None:
         """Play in a window."""

@@ -201,6 +201,7 @@ def example(plan: Plan) -> str:
  * In a real-time loop the call of cc_controller_step stands between reading the sensors
  * and setting the current of the motor; nothing else of this file does. */
 #include <stdio.h>
+#include <string.h>
 
 #include "cc_controller.h"
 
@@ -209,6 +210,7 @@ static cc_controller controller;
 int main(void)
 {{
     char line[512];
+    int end = 0;
     cc_readings r;
     int wrong = cc_controller_init(&controller, cc_controller_parameters);
     if (wrong) {{
@@ -220,10 +222,16 @@ int main(void)
         fprintf(stderr, "no header on standard input\\n");
         return 2;
     }}
+    line[strcspn(line, "\\r\\n")] = 0;
+    if (strcmp(line, "{names}")) {{
+        fprintf(stderr, "the header must be {names}\\n");
+        return 2;
+    }}
     puts("motor_torque_nm");
     for (long row = 2; fgets(line, sizeof line, stdin); row++) {{
-        if (sscanf(line, "{numbers}", {arguments}) != {len(seen)}) {{
-            fprintf(stderr, "line %ld has not {len(seen)} numbers\\n", row);
+        int count = sscanf(line, "{numbers} %n", {arguments}, &end);
+        if (count != {len(seen)} || line[end]) {{
+            fprintf(stderr, "line %ld has not just {len(seen)} numbers\\n", row);
             return 2;
         }}
         printf("%.17g\\n", cc_controller_step(&controller, &r));

@@ -227,6 +227,32 @@ def test_the_example_gives_the_torques_of_recorded_readings(
     assert np.array_equal(example(folder, name, readings, COMPILER), torques)
 
 
+@needs_compiler
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "motor_angle_rad,joint_angle_rad\n0,0\n",
+            "the header must be motor_angle_rad,",
+        ),
+        ("HEAD\n0,0,0\n", "line 2 has not just"),
+        ("HEAD\n0,0,0,0,0,0,0\n", "line 2 has not just"),
+    ],
+)
+def test_the_example_takes_no_readings_of_another_controller(
+    text: str, told: str, made: Made, tmp_path: Path
+) -> None:
+    folder, plan = made("wrist", "stiction")
+    program = tmp_path / "program"
+    sources = [folder / f for f in ("cc_example.c", "cc_parameters.c")]
+    objects = [folder / "cc_controller.o", "-lm"]
+    run(COMPILER, *STRICT, "-I", folder, "-o", program, *sources, *objects)
+    given = text.replace("HEAD", ",".join(plan.law.seen))
+    done = subprocess.run([program], input=given, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert told in done.stderr
+
+
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="there is no cmake")
 @needs_compiler
 def test_the_cmake_file_builds(made: Made, tmp_path: Path) -> None:

@@ -7,9 +7,11 @@ friction and stiffness, and what is named then is worth nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.channels import TORQUE
 from cc_mujoco.diagnosis.inference.plant import Plant
 from cc_mujoco.diagnosis.wording import capital, channel, number
@@ -33,11 +35,16 @@ def misread(plant: Plant) -> str:
     """
     told: list[str] = []
     units: set[str] = set()
+    played = plant.simulate({})
     for row, name in enumerate(plant.instruments.channels):
         if plant.instruments[plant.instruments.rows[row]] != "torque sensor":
             continue
-        times = _times(plant, row)
-        if _pushes(plant, row) or (times is not None and _near(-times)):
+        measured, simulated = _compared(plant, played, row)
+        times = _times(measured, simulated)
+        alone = len(plant.bench.cables) == 1
+        if (alone and _pushes(measured, simulated)) or (
+            times is not None and _near(-times)
+        ):
             told.append(f"the {channel(name)} is the negative of")
         elif times is None:
             continue
@@ -55,18 +62,26 @@ def misread(plant: Plant) -> str:
     )
 
 
-def _times(plant: Plant, row: int) -> float | None:
+def _compared(
+    plant: Plant, played: Sequence[FloatArray], row: int
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Measured and simulated torque of every record that has samples to compare."""
+    kept = [
+        (record.measured[row, record.free], torque[row, record.free])
+        for record, torque in zip(plant.records, played, strict=True)
+        if np.count_nonzero(record.free) > 1
+    ]
+    return [measured for measured, _ in kept], [simulated for _, simulated in kept]
+
+
+def _times(
+    measured: Sequence[FloatArray], simulated: Sequence[FloatArray]
+) -> float | None:
     """Measured over simulated torque while the cable slides; None if not alike."""
-    measured, simulated = [], []
-    for record, torque in zip(plant.records, plant.simulate({}), strict=True):
-        used = record.free
-        if np.count_nonzero(used) < 2:
-            continue
-        measured.append(record.measured[row, used] - record.measured[row, used].mean())
-        simulated.append(torque[row, used] - torque[row, used].mean())
     if not measured:
         return None
-    one, other = np.concatenate(measured), np.concatenate(simulated)
+    one = np.concatenate([torque - torque.mean() for torque in measured])
+    other = np.concatenate([torque - torque.mean() for torque in simulated])
     scale = math.sqrt(float(one @ one) * float(other @ other))
     if not scale > 0.0 or abs(float(one @ other)) < ALIKE * scale:
         return None
@@ -75,14 +90,10 @@ def _times(plant: Plant, row: int) -> float | None:
     )
 
 
-def _pushes(plant: Plant, row: int) -> bool:
+def _pushes(measured: Sequence[FloatArray], simulated: Sequence[FloatArray]) -> bool:
     """Whether a lone cable would have to push nearly all the time."""
-    if len(plant.bench.cables) > 1:
+    if not measured:
         return False
-    measured, simulated = [], []
-    for record, torque in zip(plant.records, plant.simulate({}), strict=True):
-        measured.append(record.measured[row, record.free])
-        simulated.append(torque[row, record.free])
     side = float(np.sign(np.concatenate(simulated).sum()))
     return bool(np.mean(side * np.concatenate(measured) < 0.0) > PUSHES)
 

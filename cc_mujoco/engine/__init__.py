@@ -21,6 +21,7 @@ from cc_mujoco.engine.reading import (
 )
 from cc_mujoco.engine.start import StepLimits, settle, step_limits
 from cc_mujoco.engine.tendons import add_friction
+from cc_mujoco.engine.timers import untimed
 
 register()
 
@@ -44,4 +45,5 @@ __all__ = [
     "step_limits",
     "stored",
     "to_mjcf",
+    "untimed",
 ]

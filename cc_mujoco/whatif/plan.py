@@ -36,11 +36,10 @@ from cc_mujoco.whatif.metrics import CHOSEN_BY, COST, METRICS
 from cc_mujoco.whatif.pareto import Objective
 from cc_mujoco.whatif.protocol import CHIRP_TIME, CONTROL_PERIOD, EpisodeProtocol
 
-BATCH = 96
-"""Most designs that are simulated together: enough that Python's share is small, few
-enough that they stay near the processor's cache."""
+BATCH = 256
+"""Most designs that are simulated together: enough that Python's share is small."""
 
-MEMORY, SAMPLE = 250e6, 300.0
+MEMORY, SAMPLE = 250e6, 150.0
 """What a batch may keep, and what a design keeps of a control step [byte]."""
 
 SAMPLINGS = ("grid", "lhs")

@@ -20,7 +20,7 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
 from cc_mujoco.devices import Setup
-from cc_mujoco.engine import Reader, cables
+from cc_mujoco.engine import Reader, cables, untimed
 from cc_mujoco.envs.device import Device, Physics, physics_of
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
@@ -143,10 +143,10 @@ def play(
 
     with np.errstate(all="ignore"):  # designs that failed hold what is not a number
         run(fleet, law, trace.keep, tell, measure=measuring.measure, name=name or "")
-    columns = {
-        name: np.ascontiguousarray(np.moveaxis(kept, 0, -1))
-        for name, kept in trace.columns.items()
-    }
+    columns = {}
+    while trace.columns:  # what is turned is let go, so that memory holds it once
+        name, kept = trace.columns.popitem()
+        columns[name] = np.ascontiguousarray(np.moveaxis(kept, 0, -1))
     shape = (len(devices), exo.steps + 1)
     time = np.arange(exo.steps + 1) * exo.period
     reference = np.ascontiguousarray(script.marks[:, 0])
@@ -231,7 +231,7 @@ class Fleet:
         everyone = self.going.all()
         chosen = control if everyone else control[self.going]
         # What raised shows in the status of the batch.
-        with contextlib.suppress(SimulationError):
+        with untimed(), contextlib.suppress(SimulationError):
             self._batch.rollout(
                 skip, chosen, record=(), ids=None if everyone else self.going
             )

@@ -214,6 +214,8 @@ def _changed(name: str, cable: Cable, own: dict[str, float]) -> Cable:
                 raise CableError("vary `break_away` or `static_friction`, not both")
             kinetic = own.get("friction", cable.friction)
             own["static_friction"] = own.pop("break_away") * kinetic
+        if "friction" in own and "static_friction" not in own:
+            cable = cable.with_friction(own["friction"])
         return cable.replace(**own) if own else cable
     except CableError as error:
         raise CableError(f"cable {name!r}: {error}.") from None

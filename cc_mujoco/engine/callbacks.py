@@ -129,6 +129,10 @@ _IDLE = constant(
     "`actuation` is disabled in <flag>, so the cable does not pull; its tensions are "
     "those that it would have"
 )
+_GROUP = constant(
+    "an end is in a group of `actuatorgroupdisable`, which MuJoCo does not heed for "
+    "plugins; the cable pulls all the same"
+)
 _NO_PASSIVE = constant(
     "an open path pulls by passive forces; enable `spring` or `damper` in <flag>"
 )
@@ -730,6 +734,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         u_distal = displacement(data, block, DISTAL)
         if fields.integrator(model) != _RK4:  # where these are of its last stage
             _warn_jump(model, data, instance, state, u_proximal, u_distal)
+        if ends.idle(model, instance):
+            _warn_once(model, instance, _GROUP)
         dt = fields.timestep(model)
         time = 0.0
         yields = 0.0, 0.0

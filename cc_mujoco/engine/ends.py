@@ -19,7 +19,9 @@ _TRN_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
+_PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
 _FIXED_TENDON = int(mujoco.mjtWrap.mjWRAP_JOINT)
+_EQUAL_TENDONS = int(mujoco.mjtEq.mjEQ_TENDON)
 
 _COUNT = constant("it is used by ")
 _COUNT_END = constant(
@@ -33,6 +35,14 @@ _TRANSMISSION = constant(
 _FORCE = constant(
     " has a `forcerange`, its own or that of a default, which would clamp the tension "
     'of the cable; set forcelimited="false" there'
+)
+_CLAMPED = (
+    constant(" pulls a joint"),
+    constant(" pulls a tendon"),
+)
+_CLAMPED_END = constant(
+    " that has an `actuatorfrcrange`, its own or that of a default, which would clamp "
+    "the tension of the cable; limit the motor by the `forcerange` of its actuator"
 )
 _METRE = constant(
     " has a pulley of 1 m radius or more, of 1 m if no gear is given; `gear` must be "
@@ -56,6 +66,8 @@ _OWN = (
     constant("a `damping`"),
     constant("a `frictionloss`"),
     constant("a `range`"),
+    constant("an `armature`"),
+    constant("an equality"),
 )
 _ITS_END = constant(
     " of its own, which pulls it as a whole and passes friction by; take it away, and "
@@ -159,10 +171,55 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
         if limited or _a_metre(model, actuator):
             used = _name(message, used, model, actuator)
             return append(message, used, _FORCE if limited else _METRE)
+        clamped = _clamped(model, actuator)
+        if clamped >= 0:
+            used = _name(message, used, model, actuator)
+            used = append(message, used, _CLAMPED[clamped])
+            return append(message, used, _CLAMPED_END)
     if _together(model, first, second):
         used = _name(message, used, model, second)
         return append(message, used, _SAME)
     return used
+
+
+@internal
+def _clamped(model: int, actuator: int) -> int:
+    """What clamps the force of an actuator: a joint (0), its tendon (1), nothing (-1).
+
+    MuJoCo clamps what all actuators of a joint, or of a tendon, make together.
+    """
+    target = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
+    if fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator) == _TRN_JOINT:
+        return 0 if fields.byte(model, fields.JNT_ACTFRCLIMITED, target) != 0 else -1
+    if fields.byte(model, fields.TENDON_ACTFRCLIMITED, target) != 0:
+        return 1
+    for joint in range(fields.joints(model)):
+        limited = fields.byte(model, fields.JNT_ACTFRCLIMITED, joint) != 0
+        if limited and _leads(model, joint, target):
+            return 0
+    return -1
+
+
+@internal
+def _leads(model: int, joint: int, tendon: int) -> bool:
+    """Whether a joint moves a part of a tendon against the rest."""
+    carried = fields.integer(model, fields.JNT_BODY, joint)
+    start = fields.integer(model, fields.TENDON_ADR, tendon)
+    inside, outside = 0, 0
+    for i in range(start, start + fields.integer(model, fields.TENDON_NUM, tendon)):
+        kind = fields.integer(model, fields.WRAP_TYPE, i)
+        if kind == _PULLEY:
+            continue
+        owner = fields.SITE_BODY if kind == _SITE else fields.GEOM_BODY
+        thing = fields.integer(model, fields.WRAP_OBJID, i)
+        body = fields.integer(model, owner, thing)
+        while body > carried:  # parents come before their children
+            body = fields.integer(model, fields.BODY_PARENT, body)
+        if body == carried:
+            inside += 1
+        else:
+            outside += 1
+    return inside > 0 and outside > 0
 
 
 @internal
@@ -263,13 +320,41 @@ def explain_bypass(
         fields.real(model, fields.TENDON_DAMPING, tendon),
         fields.real(model, fields.TENDON_FRICTIONLOSS, tendon),
         float(fields.byte(model, fields.TENDON_LIMITED, tendon)),
+        fields.real(model, fields.TENDON_ARMATURE, tendon),
+        1.0 if _equated(model, tendon) else 0.0,
     )
-    for what in range(4):
+    for what in range(6):
         if own[what] != 0.0:
             used = append(message, used, _ITS)
             used = append(message, used, _OWN[what])
             return append(message, used, _ITS_END)
     return used
+
+
+@internal
+def _equated(model: int, tendon: int) -> bool:
+    """Whether an equality constraint holds the length of a tendon."""
+    for i in range(fields.equalities(model)):
+        if fields.integer(model, fields.EQ_TYPE, i) == _EQUAL_TENDONS and (
+            fields.integer(model, fields.EQ_OBJECT_1, i) == tendon
+            or fields.integer(model, fields.EQ_OBJECT_2, i) == tendon
+        ):
+            return True
+    return False
+
+
+@internal
+def idle(model: int, instance: int) -> bool:
+    """Whether an end is in a group of actuators that is disabled."""
+    groups = fields.disabled_groups(model)
+    if groups == 0:
+        return False
+    _, first, second = find(model, instance)
+    for actuator in (first, second):
+        group = fields.integer(model, fields.ACTUATOR_GROUP, actuator)
+        if 0 <= group < 31 and groups & (1 << group) != 0:
+            return True
+    return False
 
 
 @internal

@@ -30,6 +30,7 @@ _OPTION = _model("opt")
 _TIMESTEP = _OPTION + structure("mjOption").timestep.offset
 _INTEGRATOR = _OPTION + structure("mjOption").integrator.offset
 _DISABLED = _OPTION + structure("mjOption").disableflags.offset
+_DISABLED_GROUPS = _OPTION + structure("mjOption").disableactuator.offset
 _SIGNATURE = _model("signature")
 _NQ = _model("nq")
 _NV = _model("nv")
@@ -38,6 +39,7 @@ _NJNT = _model("njnt")
 _NPLUGIN = _model("nplugin")
 _NACTUATOR = _model("nactuator")
 _NTENDON = _model("ntendon")
+_NEQ = _model("neq")
 _NAMES = _model("names")
 _PLUGIN_NAME = _model("name_pluginadr")
 _ACTUATOR_NAME = _model("name_actuatoradr")
@@ -57,6 +59,7 @@ ACTUATOR_TRNID = _model("actuator_trnid")
 ACTUATOR_OUTADR = _model("actuator_outadr")
 ACTUATOR_OUTNUM = _model("actuator_outnum")
 ACTUATOR_GEAR = _model("actuator_gear")
+ACTUATOR_GROUP = _model("actuator_group")
 BIASTYPE = _model("actuator_biastype")
 BIASPRM = _model("actuator_biasprm")
 GAINTYPE = _model("actuator_gaintype")
@@ -66,6 +69,7 @@ LENGTH0 = _model("actuator_length0")
 FORCE_LIMITED = _model("actuator_forcelimited")
 FORCE_RANGE = _model("actuator_forcerange")
 JNT_TYPE = _model("jnt_type")
+JNT_BODY = _model("jnt_bodyid")
 JNT_DOFADR = _model("jnt_dofadr")
 JNT_ACTGRAVCOMP = _model("jnt_actgravcomp")
 JNT_ACTFRCLIMITED = _model("jnt_actfrclimited")
@@ -77,6 +81,11 @@ TENDON_DAMPING = _model("tendon_damping")
 TENDON_STIFFNESS = _model("tendon_stiffness")
 TENDON_FRICTIONLOSS = _model("tendon_frictionloss")
 TENDON_LIMITED = _model("tendon_limited")
+TENDON_ARMATURE = _model("tendon_armature")
+TENDON_ACTFRCLIMITED = _model("tendon_actfrclimited")
+EQ_TYPE = _model("eq_type")
+EQ_OBJECT_1 = _model("eq_obj1id")
+EQ_OBJECT_2 = _model("eq_obj2id")
 TEN_J_ROWNNZ = _model("ten_J_rownnz")
 TEN_J_ROWADR = _model("ten_J_rowadr")
 TEN_J_COLIND = _model("ten_J_colind")
@@ -88,6 +97,7 @@ WRAP_OBJID = _model("wrap_objid")
 GEOM_BODY = _model("geom_bodyid")
 SITE_BODY = _model("site_bodyid")
 REST = _model("qpos0")
+BODY_PARENT = _model("body_parentid")
 BODY_POS = _model("body_pos")
 BODY_QUAT = _model("body_quat")
 _WELD = _model("body_weldid")
@@ -178,6 +188,12 @@ def disabled(model: int, flag: int) -> bool:
 
 
 @internal
+def disabled_groups(model: int) -> int:
+    """Groups of actuators that are disabled, a bit for each."""
+    return load_integer(model + _DISABLED_GROUPS)
+
+
+@internal
 def time(data: int) -> float:
     """Simulation time [s]."""
     return load_real(data + _TIME)
@@ -235,6 +251,12 @@ def actuators(model: int) -> int:
 def tendons(model: int) -> int:
     """Number of tendons."""
     return load_word(model + _NTENDON)
+
+
+@internal
+def equalities(model: int) -> int:
+    """Number of equality constraints."""
+    return load_word(model + _NEQ)
 
 
 @internal

@@ -77,6 +77,7 @@ _PROBE = """
     </body>
   </worldbody>
   <tendon><spatial name="t"><site site="a"/><site site="b"/></spatial></tendon>
+  <equality><tendon tendon1="t"/></equality>
   <actuator><plugin joint="j" instance="p"/></actuator>
   <sensor><clock/></sensor>
 </mujoco>
@@ -89,6 +90,8 @@ _MODEL_ARRAYS = (
     "actuator_plugin", "actuator_outnum", "actuator_biastype", "actuator_biasprm",
     "actuator_gaintype", "actuator_gainprm", "actuator_ctrladr", "actuator_forcerange",
     "jnt_dofadr", "jnt_actgravcomp", "jnt_actfrclimited", "jnt_actfrcrange",
+    "jnt_bodyid", "body_parentid", "actuator_group", "tendon_actfrclimited",
+    "tendon_armature", "eq_type", "eq_obj1id", "eq_obj2id",
     "dof_damping", "dof_invweight0", "tendon_invweight0", "tendon_damping",
     "tendon_stiffness", "tendon_frictionloss", "tendon_limited",
     "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind", "plugin", "plugin_attr",
@@ -133,6 +136,7 @@ def verify() -> None:
         "njnt",
         "nactuator",
         "ntendon",
+        "neq",
         "nplugin",
         "npluginstate",
     ):
@@ -148,6 +152,8 @@ def verify() -> None:
     seen["integrator"], true["integrator"] = m.opt.integrator, model.opt.integrator
     model.opt.disableflags = flags = 1 << 11
     seen["disableflags"], true["disableflags"] = m.opt.disableflags, flags
+    model.opt.disableactuator = groups = 1 << 5
+    seen["disableactuator"], true["disableactuator"] = m.opt.disableactuator, groups
     data.time = 0.75
     seen["time"], true["time"] = d.time, data.time
     held = ctypes.c_size_t.from_address(d.plugin_data).value

@@ -70,8 +70,9 @@ def add_friction(
 
     Raises:
         CableError: there is no such tendon, it has pulleys, something else pulls it as
-            a whole (an actuator, a `stiffness`, `damping`, `frictionloss` or `range` of
-            its own), or a parameter cannot be used. The specification is as before.
+            a whole (an actuator, a `stiffness`, `damping`, `frictionloss`, `range`,
+            `armature` or equality of its own), or a parameter cannot be used. The
+            specification is as before.
     """
     if not isinstance(spec, mujoco.MjSpec):
         raise CableError(

@@ -656,9 +656,33 @@ class Cable:
         """A copy with some fields changed."""
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
+    def with_friction(self, friction: float) -> Cable:
+        """A copy with another kinetic friction, and break-away friction in proportion.
+
+        Args:
+            friction: coefficient [-]; where it was 0 there is no break-away friction
+                to keep the proportion of, and none is left.
+
+        Raises:
+            CableError: a coefficient is out of its range.
+        """
+        smooth = self.replace(friction=friction, static_friction=0.0)
+        if self.friction == 0.0 or self.static_friction == 0.0:
+            return smooth
+        ratio = self.static_friction / self.friction
+        if (static := ratio * friction) > BREAK_AWAY.high:
+            raise CableError(
+                f"break-away friction is {ratio:.3g} times `friction`, {static:.3g}; "
+                f"it must be at most {BREAK_AWAY.high:g}: give `static_friction`, too"
+            )
+        # In a proportion of 1 it may come out a last digit below.
+        return smooth.replace(static_friction=max(static, friction))
+
 
 PARAMETERS: tuple[Parameter, ...] = parameters_of(Cable)
 """Scalar parameters; their order is that of the packed vector of the kernel."""
+
+BREAK_AWAY = next(p for p in PARAMETERS if p.name == "static_friction")
 
 TERMS: dict[str, Term] = {p.name: p.term for p in PARAMETERS if p.term is not None}
 """The terms that exist, by the parameter that switches each on."""

@@ -96,17 +96,20 @@ class Builder:
             diameter = float(own.get("diameter", self.device.diameter))
             stiffer = (diameter / self.device.diameter) ** 2
             cable = _conduit(cable, own)
-            config = cable.to_config()
-            if stiffer != 1.0:
-                config["axial_stiffness"] = repr(cable.axial_stiffness * stiffer)
+            stiffness = cable.axial_stiffness * stiffer
+            friction = own.get("friction")
             if (material := material_of(design)) is not None:
+                # Sources do not tell the two frictions apart; the scene does.
                 friction = material.friction.at(str(design.get(FRICTION, ENDS[1])))
-                # Sources do not tell the two apart; the scene says how they compare.
-                rubs = cable.friction > 0.0
-                sticks = cable.static_friction / cable.friction if rubs else 0.0
-                config["friction"] = repr(friction)
-                config["static_friction"] = repr(sticks * friction)
-                config["axial_stiffness"] = repr(material.axial_stiffness(diameter))
+                stiffness = material.axial_stiffness(diameter)
+            if friction is not None:
+                if "static_friction" in own:  # which follows below
+                    cable = cable.replace(static_friction=0.0)
+                try:
+                    cable = cable.with_friction(float(friction))
+                except CableError as error:
+                    raise CableError(f"cable {name!r}: {error}") from None
+            config = cable.replace(axial_stiffness=stiffness).to_config()
             config |= {key: _text(own[key]) for key in KEYS if key in own}
             found[name] = Cable.from_config(config, f"cable {name!r}")
         return found

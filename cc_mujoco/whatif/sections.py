@@ -504,7 +504,10 @@ def fixed(found: Finding) -> Html:
     for cable, key, value in _of_scene(builder):
         if key not in said and f"{cable}.{key}" not in said:
             owner = f"{cable}: " if cable else ""
-            rows.append((owner + plain(key), quantity(key, value)))
+            told = quantity(key, value)
+            if key == "static_friction" and said & {"friction", f"{cable}.friction"}:
+                told = "in the scene's proportion to friction"
+            rows.append((owner + plain(key), told))
     return joined(
         [
             paragraph(

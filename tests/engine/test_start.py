@@ -290,6 +290,14 @@ for ends in "auto", "explicit":
 print("idle", "any", False, file=sys.stderr, flush=True)
 m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
 mujoco.mj_step(m, mujoco.MjData(m), 5)
+print("group", "any", False, file=sys.stderr, flush=True)
+for group in 3, 4:
+    m = mujoco.MjModel.from_xml_string(
+        xml.replace('gear', f'group="{group}" gear').replace('"one', f'"{group}')
+        .replace("</mujoco>", '<option actuatorgroupdisable="3"/></mujoco>')
+        .replace("ENDS", "auto")
+    )
+    mujoco.mj_step(m, mujoco.MjData(m), 5)
 """
 
 
@@ -314,6 +322,9 @@ def test_ends_moved_by_hand_and_cables_that_cannot_pull_are_warned_of_once(
             next(reversed(said.values())).append(line)
     (idle,) = said.pop(("idle", "any", "False"))
     assert "`actuation` is disabled in <flag>, so the cable does not pull" in idle
+    (group,) = said.pop(("group", "any", "False"))
+    assert "'3" in group
+    assert "the cable pulls all the same" in group
     for (ends, _, settled), lines in said.items():
         assert bool(lines) == (ends == "auto" and settled == "False"), (ends, settled)
         for line in lines:

@@ -149,6 +149,12 @@ def pulled(spec: mujoco.MjSpec) -> None:
     actuator.trntype = mujoco.mjtTrn.mjTRN_TENDON
 
 
+def equated(spec: mujoco.MjSpec) -> None:
+    spec.add_equality(
+        type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON, name1="cord"
+    )
+
+
 def given(name: str, value: Any) -> Callable[[mujoco.MjSpec], None]:
     return lambda spec: setattr(spec.tendon("cord"), name, value)
 
@@ -161,6 +167,8 @@ def given(name: str, value: Any) -> Callable[[mujoco.MjSpec], None]:
         (given("damping", [10.0, 0.0, 0.0]), "its tendon has a `damping` of its own"),
         (given("frictionloss", 2.0), "its tendon has a `frictionloss` of its own"),
         (given("range", [0.0, 1.0]), "its tendon has a `range` of its own"),
+        (given("armature", 5.0), "its tendon has an `armature` of its own"),
+        (equated, "its tendon has an equality of its own"),
     ],
 )
 def test_nothing_pulls_a_cable_as_a_whole(

@@ -108,6 +108,19 @@ def test_an_option_is_what_the_physics_has() -> None:
         assert np.array_equal(one[0], other[0]), "something of the plant stayed"
 
 
+def test_break_away_friction_follows_friction_unless_it_is_given() -> None:
+    env = WristHandle(duration=0.1)
+    spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
+    nominal = engine.from_mjcf(spec)["flexor"]
+    ratio = nominal.static_friction / nominal.friction
+    alike = rolled(env, options={"friction": 0.07})
+    same = rolled(env, options={"friction": 0.07, "break_away": ratio})
+    other = rolled(env, options={"friction": 0.07, "break_away": 1.0})
+    for one, two in zip(alike, same, strict=True):
+        assert np.array_equal(one[0], two[0])
+    assert not np.array_equal(alike[-1][0], other[-1][0])
+
+
 def test_a_wrap_is_the_bend_of_the_whole_conduit() -> None:
     env = WristHandle(duration=0.1)
     env.reset(seed=0, options={"flexor.wrap": 9.0})
@@ -220,7 +233,11 @@ def test_the_memory_is_that_of_plays_at_motor_and_joint() -> None:
         ({"friction": 0.1}, "must be .least, most."),
         ({"friction": (0.2, 0.1)}, "must be .least, most."),
         ({"friction": (0.1, np.nan)}, "number"),
-        ({"friction": (0.1, 0.7)}, "cable 'flexor': .*static_friction"),
+        ({"friction": (0.1, 3.0)}, "cable 'flexor': break-away .*static_friction"),
+        (
+            {"friction": (0.1, 0.7), "static_friction": (0.5, 0.6)},
+            "cable 'flexor': .*static_friction",
+        ),
         ({"friction": (-0.1, 0.1)}, "cable 'flexor': .*friction"),
         ({"delay": (0, 2.5)}, "whole number"),
         ({"delay": (0, 51)}, "0, 50"),
@@ -243,7 +260,7 @@ def test_ranges_that_make_no_plant_are_one_sentence(given: Any, message: str) ->
     ("options", "message"),
     [
         ({"friction": "low"}, "must be one number"),
-        ({"friction": 0.9}, "cable 'flexor'"),
+        ({"friction": 5.5}, "cable 'flexor'"),
         ({"reset_mask": np.ones(1, dtype=np.bool_)}, "unknown variation"),
         ({"delay": True}, "finite number"),
         ([1], "must be a dictionary"),

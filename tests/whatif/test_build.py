@@ -96,6 +96,25 @@ def test_a_design_says_what_the_cable_is(builder: Builder) -> None:
     )
 
 
+def test_break_away_friction_follows_friction_unless_it_is_given() -> None:
+    builder = Builder("wrist")
+    nominal = builder.cables["flexor"]
+    ratio = nominal.static_friction / nominal.friction
+    assert ratio > 2.0
+    both = builder.cables_of({"friction": 0.05, "extensor.static_friction": 0.06})
+    assert both["flexor"].static_friction == pytest.approx(ratio * 0.05)
+    assert both["extensor"].static_friction == 0.06
+    alone = builder.cables_of({"static_friction": 0.3})["flexor"]
+    assert (alone.friction, alone.static_friction) == (nominal.friction, 0.3)
+    kept = builder.cables_of({"friction": nominal.friction})["flexor"]
+    assert kept.static_friction == pytest.approx(nominal.static_friction)
+    rope = builder.cables_of({"material": "steel_ptfe", "static_friction": 0.4})
+    other = builder.cables_of({"material": "steel_ptfe"})["flexor"]
+    assert rope["flexor"].friction == other.friction != nominal.friction
+    assert rope["flexor"].static_friction == 0.4
+    assert other.static_friction == pytest.approx(ratio * other.friction)
+
+
 def test_pulleys_and_lever_set_the_ratio(builder: Builder) -> None:
     setup = builder.device
     design = {"motor_radius": 0.03, "joint_radius": 0.09}
@@ -160,7 +179,8 @@ def test_one_cable_may_differ_from_the_other() -> None:
 @pytest.mark.parametrize(
     ("design", "wrong"),
     [
-        ({"friction": 0.7}, "static_friction"),
+        ({"friction": 0.3, "static_friction": 0.2}, "static_friction"),
+        ({"friction": 2.0}, "cable 'flexor': break-away friction is 3 times"),
         ({"loops": 1, "bend_radius": 0.2}, "set the same thing"),
         ({"flexor.loops": 1, "wrap": 2}, "set the same thing"),
         ({"conduit": "2"}, "length:radius"),

@@ -15,7 +15,14 @@ from cc_mujoco.whatif import make_plan
 from cc_mujoco.whatif.around import Around, Price
 from cc_mujoco.whatif.pareto import costs, read_limits, read_objectives
 from cc_mujoco.whatif.report import write_report
-from cc_mujoco.whatif.sections import Finding, confidence, controllers, failures, slack
+from cc_mujoco.whatif.sections import (
+    Finding,
+    confidence,
+    controllers,
+    failures,
+    fixed,
+    slack,
+)
 
 GOALS = ("tracking_error", "peak_tension")
 
@@ -170,3 +177,9 @@ def test_failures_are_counted_by_reason_whatever_their_numbers() -> None:
     assert "2 designs: diverged at … s (X)." in text
     assert "1 designs: impossible: y." in text
     assert "1 designs ran, but have no tracking error." in text
+
+
+def test_what_follows_a_variable_is_not_called_fixed() -> None:
+    found, _ = finding([3.0, 1.0], [50.0, 60.0])
+    told = " ".join(said(fixed(found)).split())
+    assert "static friction in the scene's proportion to friction" in told

@@ -434,7 +434,7 @@ def test_a_task_of_the_phase_alone_is_asked_of_every_design(
         ({"sampling": "lhs"}, "number of samples"),
         ({"designs": [{"friction": 0.1}]}, "not both"),
         ({"scheduler": "nowhere"}, "no Dask scheduler|needs Dask"),
-        ({"vary": {"friction": "0.6:0.8:3"}}, r"design 1 .*\(2 of 3 are impossible\)"),
+        ({"vary": {"friction": "1.5:2.5:3"}}, r"design 1 .*\(2 of 3 are impossible\)"),
     ],
 )
 def test_an_impossible_study_is_one_sentence(

@@ -1,0 +1,134 @@
+"""Energy out of a port: none of what is passive, all of what is known to be active."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from benchmarks.check_passivity import (
+    LIMBS,
+    Found,
+    Limb,
+    box,
+    inertia_of,
+    limb_at,
+    play,
+    search,
+    taken,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from cc_mujoco.benchmark.cell import FRAME_SKIP
+from cc_mujoco.devices import DEVICES
+
+Array = NDArray[np.float64]
+PHYSICS = 5e-4
+SPRING = 2.0
+"""Of the virtual environment [Nm/rad]."""
+
+
+def held(torque: Callable[[Array, Array], Array], limb: Limb) -> tuple[Array, ...]:
+    """A joint let go at 0.3 rad, stepped and sampled as MuJoCo does a device.
+
+    Args:
+        torque: Of the device, by angles and velocities so far (at least one each).
+        limb: Alone on the joint; it is at rest at 0.
+
+    Returns:
+        Torque, desired torque, angle and velocity in 2000 samples.
+    """
+    steps = 2000 * FRAME_SKIP
+    angle, velocity, acted = (np.zeros(steps + 1) for _ in range(3))
+    angle[0] = 0.3
+    for k in range(steps):
+        acted[k + 1] = torque(angle[: k + 1], velocity[: k + 1])
+        own = -limb.stiffness * angle[k] - limb.damping * velocity[k]
+        velocity[k + 1] = velocity[k] + PHYSICS * (acted[k + 1] + own) / limb.inertia
+        angle[k + 1] = angle[k] + PHYSICS * velocity[k + 1]
+    seen = acted[::FRAME_SKIP], angle[::FRAME_SKIP], velocity[::FRAME_SKIP]
+    return seen[0], -SPRING * seen[1], *seen[1:]
+
+
+def energy(series: tuple[Array, ...]) -> float:
+    return float(taken(*series, FRAME_SKIP * PHYSICS))
+
+
+limbs = st.builds(
+    Limb,
+    stiffness=st.floats(0.2, 30.0),
+    damping=st.floats(0.02, 0.5),
+    inertia=st.floats(4e-3, 4e-2),
+)
+
+
+@given(limb=limbs, share=st.floats(0.0, 1.0), damping=st.floats(0.0, 0.2))
+def test_a_real_spring_with_a_damper_gives_nothing(
+    limb: Limb, share: float, damping: float
+) -> None:
+    """As stiff as the virtual one, softer, or none at all."""
+    series = held(lambda a, v: -share * SPRING * a[-1] - damping * v[-1], limb)
+    assert energy(series) < 1e-3 * 0.5 * SPRING * 0.3**2
+
+
+@given(limb=limbs, share=st.floats(0.1, 0.9))
+def test_a_negative_damper_gives_what_it_gives(limb: Limb, share: float) -> None:
+    """An integral of its own law, whether the wearer can stand it or not."""
+    negative = share * limb.damping
+    series = held(lambda a, v: -SPRING * a[-1] + negative * v[-1], limb)
+    velocity = series[-1]
+    expected = negative * float(np.sum(velocity**2)) * FRAME_SKIP * PHYSICS
+    assert energy(series) == pytest.approx(expected, rel=0.05, abs=1e-4)
+
+
+@given(limb=limbs, late=st.integers(4, 12))
+def test_a_late_spring_gives_its_stiffness_times_the_delay(
+    limb: Limb, late: int
+) -> None:
+    """To first order a delay T of a spring k is a damper of -k T."""
+    series = held(lambda a, v: -SPRING * a[max(len(a) - 1 - late, 0)], limb)
+    square = float(np.sum(series[-1] ** 2)) * FRAME_SKIP * PHYSICS
+    expected = SPRING * late * PHYSICS * square
+    assert energy(series) == pytest.approx(expected, rel=0.15, abs=1e-4)
+
+
+@given(place=st.tuples(*(st.floats(0.0, 1.0),) * 3), corner=st.integers(0, 7))
+def test_the_worst_is_found_within_the_box_and_at_its_corners(
+    place: tuple[float, ...], corner: int
+) -> None:
+    bounds = np.array([(-1.0, 3.0), (0.0, 1.0), (5.0, 7.0)])
+    for aim in (place, tuple(float(corner >> k & 1) for k in range(3))):
+
+        def evaluate(places: Array, aim: tuple[float, ...] = aim) -> Found:
+            within = (places - bounds[:, 0]) / np.diff(bounds).ravel()
+            assert np.all((within >= -1e-12) & (within <= 1.0 + 1e-12))
+            loss = np.sum((within - aim) ** 2, axis=1)
+            return Found(-loss, loss, loss)
+
+        tried, found = search(evaluate, bounds, generations=5)
+        assert tried.shape == (6 * 24, 3)
+        assert -np.max(found.held) < 0.05
+    assert -np.max(found.held) < 1e-12
+
+
+def test_the_box_of_every_device_can_be_worn() -> None:
+    assert set(LIMBS) == set(DEVICES)
+    for scene in LIMBS:
+        low, high = (limb_at(end, inertia_of(scene)) for end in box(scene).T)
+        assert 0.0 < low.stiffness < high.stiffness
+        assert 0.0 < low.damping < high.damping
+        assert 0.0 < low.inertia < high.inertia
+
+
+def test_devices_that_are_passive_give_nothing_and_one_that_is_not_does() -> None:
+    soft, stiff = box("wrist").T
+    places = [soft, stiff, [stiff[0], *soft[1:]], [*soft[:2], stiff[2]]]
+    wearers = [limb_at(np.array(place), inertia_of("wrist")) for place in places]
+    for law in ("ideal", "motor-off"):
+        found = play("wrist", law, "spring", wearers)
+        assert max(found.held.max(), found.begun.max()) < 1e-4
+    swung = play("wrist", "stiction", "spring", wearers)
+    assert swung.held.max() > 0.1
+    assert swung.velocity.max() > 1.0

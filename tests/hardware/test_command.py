@@ -148,6 +148,20 @@ def test_a_log_survives_the_death_of_the_host(tmp_path: Path, end: End) -> None:
     assert about(tmp_path)["outcome"] == "running, or killed"
 
 
+@pytest.mark.parametrize("count", [49, 50, 1234])
+def test_a_log_without_an_end_lacks_less_than_a_block(
+    tmp_path: Path, count: int
+) -> None:
+    log = Log(tmp_path / "out", {}, 50)
+    for k in range(count):
+        log.row(Readings(0.002 * k, *[0.1] * 5), 0.0, *[0.0] * 6)
+    found = rows(tmp_path / "out" / "log.csv")
+    assert len(found) == count - count % 50
+    assert all(len(row) == len(COLUMNS) for row in found)
+    log.close({})
+    assert len(rows(tmp_path / "out" / "log.csv")) == count
+
+
 def test_an_interruption_takes_the_torque_to_zero(tmp_path: Path, end: End) -> None:
     number = signal.SIGINT
     with Peer(end=end) as peer:

@@ -8,7 +8,7 @@ What it puts into the joint, less what the virtual spring gives back, is energy 
 passive device does not have; a loop that is unstable with this wearer, or has a limit
 cycle, moves the joint on and on. The sensors are those of the benchmark, noise and
 delay included; the controller knows the cables, or, with `--believed`, takes their
-friction for so many times what it is.
+friction for so many times what it is; with `--damping` a virtual damper is asked for.
 
 The worst wearer is searched by differential evolution (R. Storn, K. Price,
 "Differential evolution", J. Global Optimization 11, 1997) that begins with the corners
@@ -112,6 +112,19 @@ class Limb:
 
 
 @dataclass(frozen=True)
+class Damped(Task):
+    """A virtual environment with a virtual damper, which may be asked for besides."""
+
+    task: Task
+    damping: float
+    """[Nm s/rad]."""
+
+    def torque(self, angle: Any, velocity: Any, phase: Any) -> Any:
+        """Torque of both [Nm]; see `Task.torque`."""
+        return self.task.torque(angle, velocity, phase) - self.damping * velocity
+
+
+@dataclass(frozen=True)
 class Aside(Trajectory):
     """A minimum-jerk move from the middle to one side, and then rest."""
 
@@ -206,11 +219,20 @@ def inertia_of(scene: str) -> float:
     return float(model.dof_M0[model.joint(DEVICES[scene].joint).dofadr[0]])
 
 
-def task_of(scene: str, name: str) -> Task:
-    """The virtual environment: a spring that suits the device, or nothing."""
+def task_of(scene: str, name: str, damping: float = 0.0) -> Task:
+    """The virtual environment: a spring that suits the device, or nothing.
+
+    Args:
+        scene: Name of the device's scene.
+        name: Of `TASKS`.
+        damping: Of a virtual damper besides, over what is critical for a spring that
+            suits and the inertia of the joint [-].
+    """
     setup = DEVICES[scene]
     stiffness = setup.torque_scale / setup.reach
-    return Spring(stiffness) if name == "spring" else Transparent()
+    task = Spring(stiffness) if name == "spring" else Transparent()
+    damper = 2.0 * damping * math.sqrt(stiffness * inertia_of(scene)) if damping else 0
+    return Damped(task, damper) if damper else task
 
 
 def play(
@@ -219,6 +241,7 @@ def play(
     task: str,
     limbs: Sequence[Limb],
     believed: float = 1.0,
+    damping: float = 0.0,
     seed: int = 0,
 ) -> Found:
     """Wearers who move and then hold still, all at once.
@@ -229,6 +252,7 @@ def play(
         task: Of `TASKS`.
         limbs: The wearers.
         believed: Friction that the controller believes, over that of the cables.
+        damping: Of a virtual damper besides; see `task_of`.
         seed: Of the noise, the same for all.
 
     Returns:
@@ -236,15 +260,16 @@ def play(
     """
     setup, builder = DEVICES[scene], Builder(scene)
     ideal = law == "ideal"
-    asked = Transparent() if law == "motor-off" else task_of(scene, task)
+    spring = Transparent() if law == "motor-off" else task_of(scene, task)
+    asked = spring if law in REFERENCES else task_of(scene, task, damping)
     changes = UNPLUGGED if ideal else {}
     model = builder.model(
         {f"{c}.{k}": v for c in builder.cables for k, v in changes.items()}
     )
     joint = model.joint(setup.joint)
     dof = int(joint.dofadr[0])
-    if ideal and isinstance(asked, Spring):
-        joint.stiffness[0] += asked.stiffness
+    if ideal and isinstance(spring, Spring):
+        joint.stiffness[0] += spring.stiffness
     # He moves to where the virtual spring pulls back by the cable, if it is one.
     side = 1.0 if Device(setup, None, model).drive(1.0).reach[0] < 0.0 else -1.0
     aside = Aside(0.5 * side * setup.reach)
@@ -283,10 +308,12 @@ def play(
     with np.errstate(all="ignore"):  # what diverged is not a number
         run(fleet, control, trace.keep, measure=measuring.measure, name=law)
     kept = trace.columns
+    angle, velocity = kept["joint_angle_rad"], kept["joint_velocity_rad_s"]
+    nothing = 0.0 * angle
+    kept["desired_torque_nm"] = spring.torque(angle, nothing, nothing)
     if ideal:
-        angle, velocity = kept["joint_angle_rad"], kept["joint_velocity_rad_s"]
         before = angle - exo.period / FRAME_SKIP * velocity  # where the spring acted
-        kept["joint_torque_nm"] = asked.torque(before, velocity, 0.0 * angle)
+        kept["joint_torque_nm"] = spring.torque(before, nothing, nothing)
     else:
         # What a cable cannot give, as a push, is no part of the virtual spring.
         kept["desired_torque_nm"] = np.clip(kept["desired_torque_nm"], *drive.reach)
@@ -348,6 +375,7 @@ class Rows:
 
     generations: int
     believed: float
+    damping: float
 
     def rehearse(self) -> None:
         """See `Job.rehearse`; what is imported is all there is to make."""
@@ -369,7 +397,9 @@ class Rows:
             return [limb_at(place, inertia) for place in places]
 
         tried, found = search(
-            lambda places: play(scene, law, task, limbs(places), self.believed),
+            lambda places: play(
+                scene, law, task, limbs(places), self.believed, self.damping
+            ),
             box(scene),
             self.generations,
         )
@@ -381,6 +411,7 @@ class Rows:
                 "task": task,
                 "controller": law,
                 "believed": self.believed,
+                "damping": self.damping,
                 "stiffness_nm_rad": limb.stiffness,
                 "damping_nms_rad": limb.damping,
                 "inertia_added_kg_m2": limb.inertia,
@@ -409,6 +440,10 @@ HEAD = (
 exceeds most the one that the same wearer has with a real spring."""
 
 
+LEAST = 0.01
+"""Energy of which a table tells [mJ]."""
+
+
 def row(tried: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     """A row of the table, of all wearers that were tried."""
     worst = max(tried, key=lambda one: one["held_j"])
@@ -420,17 +455,22 @@ def row(tried: Sequence[dict[str, Any]]) -> tuple[str, ...]:
         worst["scene"],
         worst["task"],
         f"`{worst['controller']}`",
-        f"{1e3 * worst['held_j']:.3g}",
-        _limb(worst),
-        f"{1e3 * begun:.3g}",
-        f"{fastest['velocity_rad_s']:.2g} ({fastest['velocity_ideal_rad_s']:.2g})",
-        _limb(fastest),
+        _figure(1e3 * worst["held_j"]),
+        _limb(worst) if 1e3 * worst["held_j"] >= LEAST else "",
+        _figure(1e3 * begun),
+        f"{fastest['velocity_rad_s']:.2f} ({fastest['velocity_ideal_rad_s']:.2f})",
+        _limb(fastest) if fastest["velocity_rad_s"] >= 0.005 else "",
     )
+
+
+def _figure(energy: float) -> str:
+    """Of an energy [mJ]."""
+    return f"{float(f'{energy:.2g}'):g}" if energy >= LEAST else f"< {LEAST:g}"
 
 
 def _limb(one: dict[str, Any]) -> str:
     names = "stiffness_nm_rad", "damping_nms_rad", "inertia_added_kg_m2"
-    return ", ".join(f"{one[name]:.2g}" for name in names)
+    return ", ".join(f"{float(f'{one[name]:.2g}'):g}" for name in names)
 
 
 def main() -> None:
@@ -442,6 +482,9 @@ def main() -> None:
     parser.add_argument("--controllers", nargs="+", default=laws)
     parser.add_argument(
         "--believed", type=float, default=1.0, help="friction, of the true"
+    )
+    parser.add_argument(
+        "--damping", type=float, default=0.0, help="virtual, of critical"
     )
     parser.add_argument("--generations", type=int, default=5, help="after the first")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
@@ -458,7 +501,7 @@ def main() -> None:
             for law in given.controllers
         )
     }
-    job = Rows(given.generations, given.believed)
+    job = Rows(given.generations, given.believed, given.damping)
     done = {}
     for number, tried in run_here(job, pieces, count=given.jobs, processes=True):
         done[number] = tried

@@ -153,6 +153,10 @@ class Found(NamedTuple):
     all that he put in and friction took."""
     velocity: Array
     """RMS velocity of the joint while he held still [rad/s]."""
+    stroke: Array
+    """From the least to the greatest angle meanwhile [rad]."""
+    frequency: Array
+    """Where the spectrum of that velocity has its peak [Hz]; in steps of 1 / `HOLD`."""
 
 
 def taken(
@@ -197,8 +201,16 @@ def judged(columns: dict[str, Array], step: float) -> Found:
     series = [columns[name] for name in KEPT]
     first = round((MOVE + SETTLE) / step)
     still = [values[first:] for values in series]
-    rms = np.sqrt(np.mean(still[-1] ** 2, axis=0))
-    return Found(taken(*still, step), taken(*series, step), rms)
+    *_, angle, velocity = still
+    spectrum = np.abs(np.fft.rfft(velocity - velocity.mean(axis=0), axis=0))
+    peak = np.argmax(spectrum, axis=0)
+    return Found(
+        taken(*still, step),
+        taken(*series, step),
+        np.sqrt(np.mean(velocity**2, axis=0)),
+        np.ptp(angle, axis=0),
+        np.fft.rfftfreq(len(velocity), step)[peak],
+    )
 
 
 def box(scene: str) -> Array:
@@ -415,14 +427,14 @@ class Rows:
                 "stiffness_nm_rad": limb.stiffness,
                 "damping_nms_rad": limb.damping,
                 "inertia_added_kg_m2": limb.inertia,
-                "held_j": float(held),
-                "begun_j": float(begun),
-                "velocity_rad_s": float(velocity),
-                "velocity_ideal_rad_s": float(swing),
+                "held_j": float(found.held[k]),
+                "begun_j": float(found.begun[k]),
+                "velocity_rad_s": float(found.velocity[k]),
+                "velocity_ideal_rad_s": float(swings[k]),
+                "stroke_rad": float(found.stroke[k]),
+                "frequency_hz": float(found.frequency[k]),
             }
-            for limb, held, begun, velocity, swing in zip(
-                limbs(tried), *found, swings, strict=True
-            )
+            for k, limb in enumerate(limbs(tried))
         ]
 
 

@@ -16,8 +16,9 @@ FILES = {
 }
 PROMISES = [
     tuple(line.strip("| ").rsplit(" | ", 1))
-    for line in SECTION.partition("| promise | test |\n|---|---|\n")[2].splitlines()
-    if line.startswith("|")
+    for line in SECTION.partition("| promise | test |\n|---|---|\n")[2]
+    .partition("\n\n")[0]
+    .splitlines()
 ]
 
 

@@ -12,10 +12,11 @@ friction for so many times what it is; with `--damping` a virtual damper is aske
 
 The worst wearer is searched by differential evolution (R. Storn, K. Price,
 "Differential evolution", J. Global Optimization 11, 1997) that begins with the corners
-of a box and a Latin hypercube in it: 144 wearers a row by default. `LIMBS` says where
-the box comes from. Two rows are no controllers: `ideal` is the unplugged device with a
-real spring at its joint, with which a wearer of little damping swings on by himself;
-with `motor-off`, cables and motor are there and nothing is asked for.
+of a box and a Latin hypercube in it: 144 wearers a row by default, all rows in 11
+minutes of one core. `LIMBS` says where the box comes from. Two rows are no controllers:
+`ideal` is the unplugged device with a real spring at its joint, with which a wearer of
+little damping swings on by himself; with `motor-off`, cables and motor are there and
+nothing is asked for.
 """
 
 from __future__ import annotations
@@ -67,15 +68,15 @@ LIMBS = {
 """Least and greatest stiffness of the limb at the joint [Nm/rad], and greatest inertia
 that is added there [kg m^2], by device.
 
-Stiffness: from a limb that hangs loose to one that is braced as hard as can be, wider
-than what was measured. Wrist: at rest, D. Formica et al., J. Neurophysiol. 108, 2012,
-and while it grips, V. Falzarano et al., Front. Hum. Neurosci. 15, 2021. Ankle: 1.1 to
-5.4 Nm/rad and 0.016 to 0.080 Nm s/rad a kilogram of the body in stance, E. Ficanha et
-al., J. Medical Devices 12, 2018, far less in swing, H. Lee, E. Rouse, H. Krebs, IEEE J.
-Transl. Eng. Health Med. 4, 2016. Hip: 34 to 66 Nm/rad and 1.9 to 4.6 Nm s/rad in swing,
-H. van der Kooij et al., IEEE TNSRE 30, 2022, and more when told to hold still, B.
-Koopman et al., IEEE Trans. Robotics 32, 2016. Finger: A. Hajian, R. Howe, J. Biomech.
-Eng. 119, 1997.
+Stiffness: from a limb that hangs loose to one that is braced as hard as can be, meant
+to be wider than what was measured. Wrist: at rest, D. Formica et al., J. Neurophysiol.
+108, 2012, and while it grips, V. Falzarano et al., Front. Hum. Neurosci. 15, 2021.
+Ankle: 1.1 to 5.4 Nm/rad and 0.016 to 0.080 Nm s/rad a kilogram of the body in stance,
+E. Ficanha et al., J. Medical Devices 12, 2018, far less in swing, H. Lee, E. Rouse, H.
+Krebs, IEEE J. Transl. Eng. Health Med. 4, 2016. Hip: 34 to 66 Nm/rad and 1.9 to 4.6
+Nm s/rad in swing, H. van der Kooij et al., IEEE TNSRE 30, 2022, and more when told to
+hold still, B. Koopman et al., IEEE Trans. Robotics 32, 2016. Finger: A. Hajian, R.
+Howe, J. Biomech. Eng. 119, 1997.
 
 Inertia: a hammer (1 kg at 0.2 m), a ski boot (2.5 kg at 0.15 m), 50 g at 80 mm of a
 finger, 2 kg at a foot 0.9 m from the hip (assumed).
@@ -83,7 +84,7 @@ finger, 2 kg at a foot 0.9 m from the hip (assumed).
 
 RATIO = 0.1, 1.0
 """Damping, over what is critical for that stiffness with the limb's own inertia [-].
-With it the stiffnesses above have about the dampings of the same sources."""
+With it the stiffnesses of ankle and hip have about the dampings that were measured."""
 
 LIGHT = 0.01
 """Least inertia that is added, over the greatest [-]."""

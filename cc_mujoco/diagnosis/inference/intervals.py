@@ -11,10 +11,13 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
 from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
+from cc_mujoco.diagnosis.inference.plausibility import amplitudes, shapes
 from cc_mujoco.estimation.least_squares import Estimate, covariance, estimate, untold
 
 LEAST = 3
 """Trials from which on they tell how much they disagree."""
+_WIDEST = 7.0
+"""Logarithm of the largest factor of an interval in proportion."""
 UNTOLD = 1.0
 """Deviation in units of priors from which on the data say less than was known."""
 
@@ -86,12 +89,27 @@ def estimates(
         covariance: of that, see `spread`.
     """
     deviations = np.sqrt(np.diag(covariance)).tolist()
-    return {
+    found = {
         parameter.name: estimate(parameter, place, deviation)
         for parameter, place, deviation in zip(
             problem.tuned, x.tolist(), deviations, strict=True
         )
     }
+    for name in problem.effects:
+        if not shapes(problem, name):
+            continue
+        for index in amplitudes(problem, [name]):
+            tuned = problem.tuned[index]
+            if tuned.low * tuned.scale + tuned.start == 0.0 < x[index]:
+                found[tuned.name] = _positive(found[tuned.name])
+    return found
+
+
+def _positive(found: Estimate) -> Estimate:
+    """With an interval in proportion, for a size that is not 0 whatever its shape."""
+    low, high = found.ci95
+    reach = math.exp(min(0.5 * (high - low) / found.value, _WIDEST))
+    return Estimate(found.value, found.unit, (found.value / reach, found.value * reach))
 
 
 def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ...]:

@@ -54,9 +54,17 @@ def doubtful(problem: Problem, x: FloatArray, spread: FloatArray) -> str | None:
     for name in problem.effects:
         index = amplitudes(problem, [name])
         size = x[index]
+        # Where a shape that no data tell makes the size uncertain, a large size with
+        # one shape is a small one with another, and none is 0: at its shape the size
+        # counts, and that the shape was chosen.
+        shape = shapes(problem, name)
         part = spread[np.ix_(index, index)]
+        if shape:
+            across = spread[np.ix_(index, shape)]
+            within = spread[np.ix_(shape, shape)]
+            part = part - across @ np.linalg.solve(within, across.T)
         square = float(size @ np.linalg.solve(part, size))
-        found[name] = square / float(chi2.ppf(SURE, len(index)))
+        found[name] = square / float(chi2.ppf(SURE, len(index) + len(shape)))
     least = min(found, key=lambda name: found[name], default=None)
     return least if least is not None and found[least] < 1.0 else None
 
@@ -90,6 +98,12 @@ def _whole(of: str, cable: Cable) -> float:
     if of == "cable":
         return cable.length / cable.axial_stiffness
     return cable.pretension / (cable.length if of == "pretension per length" else 1.0)
+
+
+def shapes(problem: Problem, name: str) -> list[int]:
+    """Indices of the parameters of an effect that are not 0 where it is off."""
+    own = {p.name for p in EFFECTS[name].parameters if p.low > 0.0}
+    return [k for k, parameter in enumerate(problem.tuned) if parameter.name in own]
 
 
 def amplitudes(problem: Problem, names: Sequence[str]) -> list[int]:

@@ -152,8 +152,8 @@ def _concluded(
     estimated = estimates(problem, x, model.spread)
     hidden = confounded(baseline_fit.problem, baseline_fit.whole.x, found.signatures)
     beyond = strayed(problem, x, estimated, hidden)
-    shares = shares_in(baseline_fit, found, model)
-    effects = _found(found, problem, x, estimated, agreed.shares, shares)
+    found = kept(found, baseline_fit, model)
+    effects = _found(found, problem, x, estimated, agreed.shares)
     missing = [effect.id for effect in effects if effect.missing]
     added = [step.added for step in found.rounds if step.added]
     ties = tuple(
@@ -316,20 +316,21 @@ def isolability(signatures: Sequence[Signature]) -> Isolability:
     )
 
 
-def shares_in(
-    baseline_fit: BaselineFit, found: Search, model: Model
-) -> Mapping[str, float]:
-    """Share of the gap that each effect of a model takes.
+def kept(found: Search, baseline_fit: BaselineFit, model: Model) -> Search:
+    """A search that ends with what is left of its model.
 
-    Three may each be idle beside the two others: once one of them has gone, they count
-    anew.
+    Three effects may each be idle beside the two others: once one of them has gone, the
+    shares count anew, and so does the error.
     """
     problem, x = model.problem, model.x
-    if problem.effects in (found.after.problem.effects, ()):
-        return found.shares
+    if problem.effects == found.after.problem.effects:
+        return found
+    if not problem.effects:
+        return found._replace(after=found.before, shares={})
     division = interleaved_folds(problem.plant.records)
     now = cross_validate(problem, division, [x] * len(division))
-    return shares_of(baseline_fit.crossed, now, division)
+    shares = shares_of(baseline_fit.crossed, now, division)
+    return found._replace(after=now, shares=shares)
 
 
 def _found(
@@ -338,9 +339,9 @@ def _found(
     x: FloatArray,
     estimated: Mapping[str, Estimate],
     agreed: Mapping[str, float],
-    shares: Mapping[str, float],
 ) -> tuple[Found, ...]:
     sure = {step.added: step.confidence for step in found.rounds}
+    shares = found.shares
     most = max(shares.values(), default=0.0)
     return tuple(
         Found(

@@ -9,6 +9,7 @@ import pytest
 
 from cc_mujoco.diagnosis.effects import EFFECTS, GAIN, PLAY
 from cc_mujoco.diagnosis.inference.fitting import Problem
+from cc_mujoco.diagnosis.inference.intervals import estimates
 from cc_mujoco.diagnosis.inference.plant import Plant, tuned
 from cc_mujoco.diagnosis.inference.plausibility import (
     doubtful,
@@ -124,3 +125,25 @@ def test_an_effect_whose_interval_contains_zero_is_doubtful(baseline: Problem) -
     spread[size["joint_stiffness"], size["joint_stiffness"]] = 0.6**2
     assert doubtful(wider, x, spread) == "joint_stiffness"
     assert doubtful(baseline, place(baseline), np.eye(len(baseline.tuned))) is None
+
+
+def test_a_size_that_only_its_shape_makes_uncertain_is_no_doubt(
+    baseline: Problem,
+) -> None:
+    """What is known of it is the product of both, which is not 0."""
+    wider = baseline.with_effect("stribeck_friction", {})
+    x = place(wider, stribeck_friction=0.05, stribeck_speed=0.02)
+    size, shape = (
+        next(k for k, p in enumerate(wider.tuned) if p.name == name)
+        for name in ("stribeck_friction", "stribeck_speed")
+    )
+    spread = np.eye(x.size)
+    along, across = x[size] ** 2, (0.1 * x[size]) ** 2
+    spread[size, size] = along + across
+    spread[size, shape] = spread[shape, size] = -x[size]
+    assert spread[size, size] > (x[size] / 1.96) ** 2
+    assert doubtful(wider, x, spread) is None
+    low, high = estimates(wider, x, spread)["stribeck_friction"].ci95
+    assert 0.0 < low < 0.05 < high
+    spread[size, shape] = spread[shape, size] = 0.0
+    assert doubtful(wider, x, spread) == "stribeck_friction"

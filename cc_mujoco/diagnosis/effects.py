@@ -38,6 +38,8 @@ _LOOSE_END = 0.03
 """Share of a cable that may lie straight in its ends, where nothing holds it."""
 _TIGHT_END = 0.015
 """Friction of uneven bends and ends over the pretension."""
+_TAUTEST = 0.1
+"""Least share of the compliance at rest that is not bedding."""
 _LARGEST = next(p.high for p in PARAMETERS if p.name == "friction")
 """Largest coefficient that a cable takes."""
 JOINT_DELAY = "joint_delay"
@@ -225,16 +227,21 @@ def _turned(phase: float, angle: float) -> float:
 
 def _stiffening(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
     # Strands bed in one by one, so two cables need not be alike. The baseline's
-    # stiffness stays that of a cable in the scene's pretension.
+    # stiffness stays that of a cable in the scene's pretension, as far as it can.
     usual = values.get("pretension", given[0].pretension)
-    each = (values["stiffening"], values["stiffening_antagonist"])
-    return tuple(
-        cable.replace(
-            stiffening=stiffening,
-            axial_stiffness=cable.axial_stiffness / (1.0 + stiffening * usual),
+    half = values["bedding_tension"]
+    each = (values["bedding_strain"], values["bedding_strain_antagonist"])
+    found = []
+    for cable, strain in zip(given, each, strict=False):
+        soft = cable.axial_stiffness * strain * half / (usual + half) ** 2
+        found.append(
+            cable.replace(
+                bedding_strain=strain,
+                bedding_tension=half,
+                axial_stiffness=cable.axial_stiffness / max(1.0 - soft, _TAUTEST),
+            )
         )
-        for cable, stiffening in zip(given, each, strict=False)
-    )
+    return tuple(found)
 
 
 def acceleration(angle: FloatArray, dt: float) -> FloatArray:
@@ -606,17 +613,25 @@ EFFECTS: dict[str, Effect] = {
         Effect(
             id="cable_stiffening",
             title="cable that stiffens under tension",
-            equation="EA (1 + s T) / (1 + s T0)",
+            equation="strain += e T / (T + T_b), EA at T_0 as before",
             where="conduit",
             parameters=(
-                EffectParameter("stiffening", "1/N", 2e-3, 0.0, 1.0),
-                EffectParameter("stiffening_antagonist", "1/N", 2e-3, 0.0, 1.0),
+                EffectParameter("bedding_strain", "1", 5e-4, 0.0, 0.3),
+                EffectParameter("bedding_strain_antagonist", "1", 5e-4, 0.0, 0.3),
+                EffectParameter("bedding_tension", "N", 20.0, 1.0, 500.0),
             ),
-            starts=({"stiffening": 2e-3, "stiffening_antagonist": 2e-3},),
+            starts=tuple(
+                {
+                    "bedding_strain": 5e-4,
+                    "bedding_strain_antagonist": 5e-4,
+                    "bedding_tension": half,
+                }
+                for half in (10.0, 60.0)
+            ),
             required_excitation="large and small loads, slack, or two pretensions",
             confounded_with=("end_compliance", "presliding"),
             mujoco=_PLUGIN,
-            source="machine design practice: bedding in of strands",
+            source="constructional stretch of ropes, as their makers give it",
             cables=_stiffening,
         ),
         Effect(

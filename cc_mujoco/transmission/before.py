@@ -41,7 +41,7 @@ def relax_stress(
     )
     old, tension = at.tensions(state, n), at.node_row(work, n, BEFORE)
     for i in range(n + 1):
-        share = nodes.piece(prm, n, i)[0] / prm[at.LENGTH]
+        share = at.node_length(prm, n)[i] / prm[at.LENGTH]
         tension[i] = nodes.pulled(prm, n, i, old[i], -share * grown)
     lost = nodes.elastic_energy(prm, n, old) - nodes.elastic_energy(prm, n, tension)
     new_state[2] += max(lost, 0.0)

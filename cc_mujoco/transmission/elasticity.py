@@ -1,86 +1,84 @@
-"""Tension and stretch of a piece of cable: linear, or stiffer the more it is pulled.
+"""Tension and stretch of a piece of cable: linear, or softer while its strands bed in.
 
-With stiffening, EA grows as EA (1 + s T), so that
+With bedding, what the strands give until they lie close adds to the stretch of what is
+taut,
 
-    strain(T) = ln(1 + s T) / (s EA),    T(strain) = (exp(s EA strain) - 1) / s,
+    strain(T) = T / EA + e T / (T + T_b),
 
-as strands bed in (bedding-in stiffness of stranded cables). A slack cable, of negative
-tension, is linear. `spring` is a compliance in series [m/N]. Tension follows from
-stretch alone, so no path of motion leaves anything behind.
+so that EA is the stiffness of the taut cable, e the strain by which a new rope is
+longer for it (constructional stretch), and T_b the tension that takes half of it. A
+slack cable, of negative tension, goes on as it is at 0. `spring` is a compliance in
+series [m/N]. Both directions are closed forms: tension follows from stretch alone, so
+no path of motion leaves anything behind.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from cc_mujoco.compiled import internal
 
-STIFFEST = 100.0
-"""Beyond this multiple of its first stiffness a cable stiffens no more."""
+
+class Piece(NamedTuple):
+    """What stretches: `taut` T + `bedding` T / (T + `half`).
+
+    Attributes:
+        taut: compliance at large tensions, that of the spring included [m/N].
+        bedding: stretch that bedding takes in the end [m].
+        half: tension that takes half of it [N].
+    """
+
+    taut: float
+    bedding: float
+    half: float
 
 
 @internal
-def stretch_of(
-    tension: float, length: float, ea: float, stiffening: float, spring: float
-) -> float:
-    """Stretch [m] at a tension [N]."""
-    if tension <= 0.0 or stiffening == 0.0:
-        return tension * (length / ea + spring)
-    most = STIFFEST - 1.0
-    x = stiffening * tension
-    strain = math.log1p(min(x, most))
-    if x > most:
-        strain += (x - most) / STIFFEST
-    return length * strain / (stiffening * ea) + spring * tension
+def piece_of(
+    length: float, ea: float, strain: float, half: float, spring: float
+) -> Piece:
+    """A piece of cable with a spring at its end."""
+    return Piece(length / ea + spring, length * strain, half)
 
 
 @internal
-def compliance_at(
-    tension: float, length: float, ea: float, stiffening: float, spring: float
-) -> float:
+def compliance_at(piece: Piece, tension: float) -> float:
     """Derivative of the stretch by the tension [m/N]."""
-    factor = min(1.0 + stiffening * max(tension, 0.0), STIFFEST)
-    return length / (ea * factor) + spring
+    all_in = max(tension, 0.0) + piece.half
+    return piece.taut + piece.bedding * piece.half / (all_in * all_in)
 
 
 @internal
-def tension_of(
-    stretch: float, length: float, ea: float, stiffening: float, spring: float
-) -> float:
-    """Tension [N] at a stretch [m], by Newton's method on a concave function."""
-    if stretch <= 0.0 or stiffening == 0.0:
-        return stretch / (length / ea + spring)
-    tension = 0.0
-    if spring == 0.0:
-        # Exact without a spring, and then refined once like the rest.
-        exponent = min(stiffening * ea * stretch / length, math.log(STIFFEST))
-        tension = math.expm1(exponent) / stiffening
-    for _ in range(100):
-        error = stretch - stretch_of(tension, length, ea, stiffening, spring)
-        change = error / compliance_at(tension, length, ea, stiffening, spring)
-        tension += change
-        if abs(change) <= 1e-15 * tension:
-            break
-    return max(tension, 0.0)
+def stretch_of(piece: Piece, tension: float) -> float:
+    """Stretch [m] at a tension [N]."""
+    if tension <= 0.0:
+        return tension * compliance_at(piece, 0.0)
+    return tension * (piece.taut + piece.bedding / (tension + piece.half))
 
 
 @internal
-def energy_at(
-    tension: float, length: float, ea: float, stiffening: float, spring: float
-) -> float:
+def tension_of(piece: Piece, stretch: float) -> float:
+    """Tension [N] at a stretch [m]: the positive root of a parabola."""
+    if stretch <= 0.0:
+        return stretch / compliance_at(piece, 0.0)
+    linear = piece.taut * piece.half + piece.bedding - stretch
+    root = math.sqrt(linear * linear + 4.0 * piece.taut * stretch * piece.half)
+    # Of two forms the one that takes no difference of equals.
+    if linear > 0.0:
+        return 2.0 * stretch * piece.half / (linear + root)
+    return 0.5 * (root - linear) / piece.taut
+
+
+@internal
+def energy_at(piece: Piece, tension: float) -> float:
     """Elastic energy [J] at a tension [N]; none where slack."""
     if tension <= 0.0:
         return 0.0
-    energy = 0.5 * spring * tension**2
-    most = STIFFEST - 1.0
-    x = min(stiffening * tension, most)
+    x = tension / piece.half
     if x < 1e-3:
-        # Series of x - ln(1 + x), which loses its digits here.
-        series = 0.5 - x * (1.0 / 3.0 - x * (0.25 - x * 0.2))
-        return energy + length / ea * tension**2 * series
-    energy += length * (x - math.log1p(x)) / (ea * stiffening**2)
-    beyond = tension - most / stiffening
-    if beyond > 0.0:
-        mean = tension - 0.5 * beyond
-        energy += length * mean * beyond / (ea * STIFFEST)
-    return energy
+        # Series of ln(1 + x) - x / (1 + x), which loses its digits here.
+        stored = x * x * (0.5 - x * (2.0 / 3.0 - x * (0.75 - x * 0.8)))
+    else:
+        stored = math.log1p(x) - x / (1.0 + x)
+    return 0.5 * piece.taut * tension**2 + piece.bedding * piece.half * stored

@@ -73,7 +73,6 @@ _ASYMMETRY = law.INDEX["friction_asymmetry"]
 _BRISTLE = law.INDEX["bristle_length"]
 _AGEING = law.INDEX["ageing_friction"]
 _CRITICAL_SLIP = law.INDEX["critical_slip_distance"]
-_STIFFENING = law.INDEX["stiffening"]
 _STRESS_RELAXATION = law.INDEX["stress_relaxation"]
 _GREASE = law.INDEX["grease_drag"]
 _ROUNDS = 60
@@ -128,9 +127,8 @@ def _tangent(
     """Stiffness of the nodes (n+1,) where they are [N/m], a view into `work`."""
     stiffness = at.node_row(work, n, _TANGENT)
     for i in range(n + 1):
-        length, ea, stiffening, spring = nodes.piece(prm, n, i)
-        compliance = elastic.compliance_at(tension[i], length, ea, stiffening, spring)
-        stiffness[i] = 1.0 / compliance
+        own = nodes.piece(prm, n, i)
+        stiffness[i] = 1.0 / elastic.compliance_at(own, tension[i])
     return stiffness
 
 
@@ -381,7 +379,7 @@ def _commit(
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.
     behind = proximal_value - state[0]
-    curved = prm[_STIFFENING] > 0.0
+    curved = nodes.is_curved(prm)
     for i in range(n + 1):
         ahead = shift[i] if i < n else distal_value - state[1]
         strained = tension[i] + stiffness[i] * (ahead - behind)
@@ -581,7 +579,7 @@ def step(
             solved = solved and node[0] >= 0.0 and node[n] >= 0.0
     if not solved:
         stiffness = at.node_stiffness(prm, n)
-        curved = prm[_STIFFENING] > 0.0
+        curved = nodes.is_curved(prm)
         if curved:
             stiffness = _tangent(prm, n, tension, work)
         for _ in range(_ROUNDS if curved or greased else 1):

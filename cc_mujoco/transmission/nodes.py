@@ -15,28 +15,32 @@ _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
 _BRISTLE = law.INDEX["bristle_length"]
-_STIFFENING = law.INDEX["stiffening"]
+_BEDDING = law.INDEX["bedding_strain"]
+_HALF = law.INDEX["bedding_tension"]
 
 
 @internal
-def piece(prm: FloatArray, n: int, i: int) -> tuple[float, float, float, float]:
-    """Node i for `elasticity.py`: length, stiffness EA, stiffening, end spring."""
-    length = at.node_length(prm, n)[i]
+def is_curved(prm: FloatArray) -> bool:
+    """Whether the stiffness of a node depends on its tension."""
+    return prm[_BEDDING] > 0.0
+
+
+@internal
+def piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
+    """Node i, with the spring at its end."""
     spring = 0.0
     if i == n:
         spring = prm[_END_COMPLIANCE] + prm[at.YIELD_DISTAL]
     elif i == 0:
         spring = prm[at.YIELD_PROXIMAL]
-    return length, prm[_EA], prm[_STIFFENING], spring
+    length = at.node_length(prm, n)[i]
+    return elastic.piece_of(length, prm[_EA], prm[_BEDDING], prm[_HALF], spring)
 
 
 @internal
 def set_node(prm: FloatArray, n: int, i: int) -> None:
-    """Pack stiffness and compliance of a node."""
-    length, ea, _, spring = piece(prm, n, i)
-    stiffness = ea / length
-    if spring > 0.0:
-        stiffness = 1.0 / (1.0 / stiffness + spring)
+    """Pack stiffness and compliance of a node, the taut ones."""
+    stiffness = 1.0 / piece(prm, n, i).taut
     at.node_stiffness(prm, n)[i] = stiffness
     at.node_compliance(prm, n)[i] = 1.0 / stiffness
 
@@ -44,19 +48,17 @@ def set_node(prm: FloatArray, n: int, i: int) -> None:
 @internal
 def node_stretch(prm: FloatArray, n: int, i: int, tension: float) -> float:
     """Stretch of node i [m]."""
-    length, ea, stiffening, spring = piece(prm, n, i)
-    if stiffening == 0.0:
+    if not is_curved(prm):
         return float(tension * at.node_compliance(prm, n)[i])
-    return elastic.stretch_of(tension, length, ea, stiffening, spring)
+    return elastic.stretch_of(piece(prm, n, i), tension)
 
 
 @internal
 def tension_at(prm: FloatArray, n: int, i: int, stretched: float) -> float:
     """Tension of node i at a stretch [m]."""
-    length, ea, stiffening, spring = piece(prm, n, i)
-    if stiffening == 0.0:
+    if not is_curved(prm):
         return float(stretched * at.node_stiffness(prm, n)[i])
-    return elastic.tension_of(stretched, length, ea, stiffening, spring)
+    return elastic.tension_of(piece(prm, n, i), stretched)
 
 
 @internal
@@ -64,29 +66,28 @@ def pulled(prm: FloatArray, n: int, i: int, tension: float, stretched: float) ->
     """Tension of node i after it was stretched further [m]."""
     if stretched == 0.0:
         return tension
-    length, ea, stiffening, spring = piece(prm, n, i)
-    if stiffening == 0.0:
+    if not is_curved(prm):
         return float(tension + at.node_stiffness(prm, n)[i] * stretched)
-    total = stretched + elastic.stretch_of(tension, length, ea, stiffening, spring)
-    return elastic.tension_of(total, length, ea, stiffening, spring)
+    own = piece(prm, n, i)
+    return elastic.tension_of(own, stretched + elastic.stretch_of(own, tension))
 
 
 @internal
 def stretched(prm: FloatArray, n: int, i: int, before: float, after: float) -> float:
     """Stretch of node i between two tensions [m]."""
-    length, ea, stiffening, spring = piece(prm, n, i)
-    if stiffening == 0.0:
+    if not is_curved(prm):
         return float((after - before) / at.node_stiffness(prm, n)[i])
-    stretch = elastic.stretch_of(after, length, ea, stiffening, spring)
-    return stretch - elastic.stretch_of(before, length, ea, stiffening, spring)
+    own = piece(prm, n, i)
+    return elastic.stretch_of(own, after) - elastic.stretch_of(own, before)
 
 
 @internal
 def rest_stretch(prm: FloatArray, tension: float) -> float:
     """Stretch of the cable with its end spring at a uniform tension [m]."""
-    return elastic.stretch_of(
-        tension, prm[at.LENGTH], prm[_EA], prm[_STIFFENING], prm[_END_COMPLIANCE]
+    whole = elastic.piece_of(
+        prm[at.LENGTH], prm[_EA], prm[_BEDDING], prm[_HALF], prm[_END_COMPLIANCE]
     )
+    return elastic.stretch_of(whole, tension)
 
 
 @internal
@@ -95,11 +96,10 @@ def elastic_energy(prm: FloatArray, n: int, tension: FloatArray) -> float:
     stiffness = at.node_stiffness(prm, n)
     total = 0.0
     for i in range(n + 1):
-        if prm[_STIFFENING] == 0.0:
+        if not is_curved(prm):
             total += 0.5 * max(tension[i], 0.0) ** 2 / stiffness[i]
         else:
-            length, ea, stiffening, spring = piece(prm, n, i)
-            total += elastic.energy_at(tension[i], length, ea, stiffening, spring)
+            total += elastic.energy_at(piece(prm, n, i), tension[i])
     return total
 
 
@@ -109,18 +109,17 @@ def stretch(prm: FloatArray, n: int, state: FloatArray) -> float:
     total = 0.0
     tension = at.tensions(state, n)
     for i in range(n + 1):
-        length, ea, stiffening, spring = piece(prm, n, i)
-        total += elastic.stretch_of(tension[i], length, ea, stiffening, spring)
+        total += elastic.stretch_of(piece(prm, n, i), tension[i])
     return total
 
 
 @compiled
 def slack(prm: FloatArray, n: int, state: FloatArray) -> float:
     """Length of cable that lies slack in the conduit [m]."""
-    tension, stiffness = at.tensions(state, n), at.node_stiffness(prm, n)
+    tension = at.tensions(state, n)
     total = 0.0
     for i in range(n + 1):
-        total -= min(tension[i], 0.0) / stiffness[i]
+        total -= node_stretch(prm, n, i, min(tension[i], 0.0))
     return total
 
 
@@ -143,14 +142,13 @@ def end_stiffness(prm: FloatArray, n: int, distal: bool) -> float:
     where the conduit bends from its mouth on.
     """
     compliance = 0.0
-    factor = min(1.0 + prm[_STIFFENING] * prm[_PRETENSION], 100.0)
     stiffness = at.node_stiffness(prm, n)
     hold, drag = at.constant_hold(prm, n), at.constant_drag(prm, n)
     for i in range(n + 1):
         compliance += 1.0 / stiffness[n - i if distal else i]
         j = n - 1 - i if distal else i
         if i < n and (hold[j] > 1.0 or drag[j] > 0.0):
-            return float(factor / compliance)
+            return float(1.0 / compliance)
     # Nothing holds: one spring between both ends, which two equal masses find twice as
     # stiff as it is.
-    return float(2.0 * factor / compliance)
+    return float(2.0 / compliance)

@@ -354,17 +354,27 @@ class Cable:
         low_open=True,
         meaning="time in which that heat falls to 1/e",
     )
-    stiffening: float = parameter(
-        unit="1/N",
+    bedding_strain: float = parameter(
+        unit="1",
         bounds=(0.0, 1.0),
         default=0.0,
-        meaning="s: axial stiffness times 1 + s T, to 100-fold; 0 is off",
+        meaning=(
+            "e: strain by which a cable is longer before its strands lie close; "
+            "`axial_stiffness` is that of the taut cable; 0 is off"
+        ),
         term=Term(
-            equation="EA *= 1 + s T",
-            source="machine design practice: bedding in of strands",
+            equation="strain = T / EA + e T / (T + T_b)",
+            source="constructional stretch of ropes, as their makers give it",
             acts_on="elasticity",
             depends_on=("load",),
         ),
+    )
+    bedding_tension: float = parameter(
+        unit="N",
+        bounds=(0.0, 1e6),
+        default=20.0,
+        low_open=True,
+        meaning="T_b: tension that takes half of that strain",
     )
     stress_relaxation: float = parameter(
         unit="1",

@@ -23,8 +23,6 @@ _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _FRICTION = law.INDEX["friction"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
-_STIFFENING = law.INDEX["stiffening"]
-_LEAST_STIFFENING = 1e-12  # [1/N], below which it drowns in rounding
 
 
 @internal
@@ -93,8 +91,6 @@ def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
         out[i] = values[i]
     out[at.CHANGES] = out[at.LENGTHENS] = 0.0
     expect_yielding(out, 0.0, 0.0)
-    if out[_STIFFENING] < _LEAST_STIFFENING:
-        out[_STIFFENING] = 0.0
     out[at.CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(values) else 0.0
     out[at.STATE_DEPENDENT] = 1.0 if law.is_state_dependent(values) else 0.0
     _follow_angles(out, n)
@@ -171,7 +167,7 @@ def initialize(
     state[1] = u_distal
     stretch = prm[_PRETENSION] * prm[at.LENGTH] / prm[_EA]
     state[3] = stretch + prm[_PRETENSION] * prm[_END_COMPLIANCE]
-    if prm[_STIFFENING] > 0.0:
+    if nodes.is_curved(prm):
         state[3] = nodes.rest_stretch(prm, prm[_PRETENSION])
     if prm[at.LENGTHENS] != 0.0:
         state[3] = 0.0

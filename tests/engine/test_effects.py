@@ -19,7 +19,7 @@ EFFECTS = {
     "wrap": {"wrap_growth": "-8"},
     "drift": {"friction_drift": "2"},
     "heating": {"friction_heating": "5", "cooling_time": "0.2"},
-    "stiffening": {"stiffening": "0.05"},
+    "bedding_strain": {"bedding_strain": "0.005"},
     "stress_relaxation": {"stress_relaxation": "0.5", "relaxation_time": "0.1"},
     "grease": {"grease_drag": "4", "grease_exponent": "0.4"},
     "seals": {"seal_proximal": "1", "seal_distal": "0.5"},

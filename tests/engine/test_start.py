@@ -36,7 +36,7 @@ INTEGRATORS = ("Euler", "RK4", "implicitfast")
 ROOT = Path(cc_mujoco.__file__).parents[1]
 angles = st.floats(-2.5, 2.5)
 TENDON = model(
-    instance("flexor", CONFIG | {"eccentricity": "0.003", "stiffening": "1e-3"})
+    instance("flexor", CONFIG | {"eccentricity": "0.003", "bedding_strain": "1e-3"})
     + instance("pull", CONFIG | {"pretension": "25", "segments": "7"}),
     end("one", "flexor", 'joint="motor"', -0.02)
     + end("two", "flexor", 'joint="wrist"', -0.05)

@@ -309,7 +309,7 @@ TERMS_ON = {
     "wrap_growth": 5.0,
     "friction_drift": 0.1,
     "friction_heating": 0.05,
-    "stiffening": 0.01,
+    "bedding_strain": 2e-3,
     "stress_relaxation": 0.3,
     "eccentricity": 2e-3,
     "ovality": 1e-3,

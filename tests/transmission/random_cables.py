@@ -45,7 +45,10 @@ CABLES = {
     },
     "drift": lambda r: {"friction_drift": r.uniform(-0.3, 0.3)},
     "heating": lambda r: {"friction_heating": r.uniform(-0.05, 0.05)},
-    "stiffening": lambda r: {"stiffening": 10 ** r.uniform(-4, -2)},
+    "bedding": lambda r: {
+        "bedding_strain": 10 ** r.uniform(-5, -2),
+        "bedding_tension": 10 ** r.uniform(0, 2),
+    },
     "stress_relaxation": lambda r: {
         "stress_relaxation": r.uniform(0.0, 0.5),
         "relaxation_time": r.uniform(0.1, 3),

@@ -26,7 +26,7 @@ TERMS_ON: dict[str, dict[str, float]] = {
     "wrap near the joint": {"wrap_growth": 30.0, "wrap_reach": 0.3},
     "drift": {"friction_drift": 0.2},
     "heating": {"friction_heating": 2.0, "cooling_time": 2.0},
-    "stiffening": {"stiffening": 0.05},
+    "bedding_strain": {"bedding_strain": 5e-3},
     "stress_relaxation": {"stress_relaxation": 0.5, "relaxation_time": 1.0},
     "all": {
         "static_friction": 0.4,
@@ -45,7 +45,7 @@ TERMS_ON: dict[str, dict[str, float]] = {
         "wrap_reach": 0.7,
         "friction_drift": 0.01,
         "friction_heating": -0.1,
-        "stiffening": 0.01,
+        "bedding_strain": 2e-3,
         "stress_relaxation": 0.2,
         "relaxation_time": 5.0,
         "grease_drag": 2.0,

@@ -282,19 +282,24 @@ def test_bristles_make_a_reversal_round_and_leave_the_capstan_ratio():
 
 
 @pytest.mark.parametrize("spring", [0.0, 2e-4])
-def test_a_stiffening_cable_has_its_closed_form_whatever_the_path(spring):
+def test_a_cable_that_beds_in_has_its_closed_form_whatever_the_path(spring):
     cable = STRAIGHT.replace(
-        friction=0.0, stiffening=0.04, end_compliance=spring, segments=7
+        friction=0.0,
+        bedding_strain=5e-3,
+        bedding_tension=15.0,
+        end_compliance=spring,
+        segments=7,
     )
-    proximal, distal = ends(2, size=9e-3)
+    proximal, distal = ends(2, size=3e-2)
     motion = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
 
     def stretch(tension):
-        taut = 2.0 * np.log1p(0.04 * np.maximum(tension, 0.0)) / (0.04 * 4000.0)
-        return taut + spring * tension
+        tension = np.maximum(tension, 0.0)
+        strain = tension / 4000.0 + 5e-3 * tension / (tension + 15.0)
+        return 2.0 * strain + spring * tension
 
     stretched = stretch(motion.tension_distal) - motion.slack
-    assert stretched == pytest.approx(stretch(10.0) + distal - proximal, abs=1e-7)
+    assert stretched == pytest.approx(stretch(10.0) + distal - proximal, abs=3e-7)
     assert motion.slack.max() > 0.0
     largest = motion.tension_distal.max()
     assert motion.tension_proximal == pytest.approx(
@@ -307,17 +312,17 @@ def test_a_stiffening_cable_has_its_closed_form_whatever_the_path(spring):
     assert motion.stored == pytest.approx(wanted, abs=1e-5 * wanted.max())
 
 
-def test_a_little_stiffening_is_none_and_steps_do_not_matter():
+def test_a_little_bedding_is_none_and_steps_do_not_matter():
     proximal, distal = ends(
         8, samples=2401, size=6e-3
     )  # all corners in every tenth sample
     cable = BENT.replace(segments=20, viscous_friction=1e-12)
     straight = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
     hardly = replay(
-        cable.replace(stiffening=1e-12), 1e-3, u_proximal=proximal, u_distal=distal
+        cable.replace(bedding_strain=1e-14), 1e-3, u_proximal=proximal, u_distal=distal
     )
     assert hardly.tension_distal == pytest.approx(straight.tension_distal, abs=1e-6)
-    stiff = cable.replace(stiffening=0.05)
+    stiff = cable.replace(bedding_strain=2e-3, bedding_tension=10.0)
     coarse = replay(stiff, 1e-3, u_proximal=proximal[::10], u_distal=distal[::10])
     fine = replay(stiff, 1e-3, u_proximal=proximal, u_distal=distal)
     largest = fine.tension_distal.max()
@@ -336,9 +341,9 @@ def committed(cable, proximal, distal, steps):
     return state
 
 
-def test_a_stiffening_cable_keeps_the_stretch_of_its_ends():
+def test_a_cable_that_beds_in_keeps_the_stretch_of_its_ends():
     proximal, distal = ends(9)
-    cable = BENT.replace(segments=12, stiffening=0.02, end_compliance=1e-4)
+    cable = BENT.replace(segments=12, bedding_strain=3e-3, end_compliance=1e-4)
     prm, state = (
         packed(cable),
         committed(cable, proximal, distal, np.full(proximal.size, 1e-3)),
@@ -357,7 +362,7 @@ def resting(cable, time, steps=200):
 
 
 @pytest.mark.parametrize(
-    "other", [{}, {"stiffening": 0.05}, {"end_compliance": 3e-4}], ids=str
+    "other", [{}, {"bedding_strain": 5e-3}, {"end_compliance": 3e-4}], ids=str
 )
 @pytest.mark.parametrize("steps", [1, 200])
 def test_creep_takes_the_pretension_of_the_rest_pose(other, steps):

@@ -175,14 +175,14 @@ def test_a_prescribed_tension_pulls_the_other_end_as_far_as_friction_lets_it(see
 
 
 @pytest.mark.parametrize("pulled", [0.006, 0.008, 0.01])
-def test_a_stiffening_cable_is_pulled_far_in_one_step(pulled):
+def test_a_cable_that_beds_in_is_pulled_far_in_one_step(pulled):
     cable = Cable(
         friction=0.2,
         pretension=10.0,
         axial_stiffness=4000.0,
         conduit=(Section(1.0, 0.3),),
         segments=10,
-        stiffening=0.05,
+        bedding_strain=5e-3,
     )
     proximal = np.array([0.0, -pulled, -pulled, -pulled])
     motion = replay(

@@ -108,9 +108,12 @@ class WhatIf:
             "  {rate_fmt}",
             **shown_by(),
         ) as bar:
-            plan, table = self._carried_out(
-                plan, objectives, limits, folder, lambda done: bar.update(done - bar.n)
-            )
+
+            def progress(done: float) -> None:
+                bar.total = max(bar.total, done)  # an earlier search may have more
+                bar.update(done - bar.n)
+
+            plan, table = self._carried_out(plan, objectives, limits, folder, progress)
         command = shlex.join(["cc-mujoco", *sys.argv[1:]])
         nearby = self._around(plan, table, objectives, limits)
         files = write_report(folder, plan, table, objectives, limits, command, nearby)

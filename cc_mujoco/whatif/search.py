@@ -23,6 +23,7 @@ from typing import Any
 import pyarrow as pa
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.identity import told
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import Given, Range, read_range, require_count
 from cc_mujoco.whatif.evaluate import Design, Result, Trial
@@ -79,7 +80,7 @@ def optimise(
         objectives: `METRIC`, `min:METRIC` or `max:METRIC`.
         subject_to: limits, `METRIC>=NUMBER` or `METRIC<=NUMBER`.
         evaluations: designs that are tried; with more than an earlier run in `out`
-            had, that is gone on with.
+            had, that is gone on with, with fewer than it finished its table stays.
         trajectory: as in `study`, as are all others; what is measured is by default
             only what objectives and limits ask for.
         task: see `study`.
@@ -213,11 +214,19 @@ def search(
     Returns:
         The plan with its designs, and their table.
     """
+    if evaluations < 1:
+        raise CableError(f"a search must try at least 1 design, not {evaluations:,}.")
     require_count(evaluations)
     optuna = _optuna()
     store = Store(plan, folder, again)
-    if store.kept:
-        say(f"{store.kept} designs kept; --again runs them anew.")
+    if store.finished > evaluations:
+        say(
+            f"All {store.finished} designs kept of a search that has finished, more "
+            f"than the {evaluations} asked for; --again runs {evaluations} anew."
+        )
+        evaluations = store.finished
+    elif store.kept:
+        say(told(min(store.kept, evaluations), evaluations, "designs"))
     builder = Builder(plan.protocol.scene, plan.protocol.timestep)
     study = optuna.create_study(
         directions=["minimize"] * len(goals),

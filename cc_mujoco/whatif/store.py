@@ -57,6 +57,8 @@ class Store:
         self._designs: dict[int, list[str]] = {}
         self.whole: pa.Table | None = None
         """The table of an earlier run that finished."""
+        self.finished = 0
+        """Designs of a search that an earlier run finished."""
         if folder is None:
             return
         require_ours(folder)
@@ -82,10 +84,16 @@ class Store:
                     results = _read_part(part, plan.protocol)
                     self._found[int(path.stem)] = results
                     self._designs[int(path.stem)] = part.column(_DESIGN).to_pylist()
-        # Parts of this code beside a table of other code: it was asked for anew.
-        if not self._found and (folder / TABLE).exists() and plan.search is None:
-            self.whole = read_table(folder)
-            changed = differences(seal(self.whole), self._makers)
+        if (folder / TABLE).exists() and (plan.search or not self._found):
+            table = read_table(folder)
+            other = differences(seal(table), self._makers)
+            # Parts of this code beside a table of other code: it was asked for anew.
+            if not self._found:
+                changed = changed or other
+            if plan.search is None:
+                self.whole = table
+            elif not other:
+                self.finished = len(table)
         if changed:
             raise CableError(
                 f"{folder} holds results of other code or files: it differs in "

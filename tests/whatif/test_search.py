@@ -25,6 +25,7 @@ from cc_mujoco.whatif.pareto import (
 )
 from cc_mujoco.whatif.search import GENERATION, make_search, search
 from cc_mujoco.whatif.show import show
+from cc_mujoco.whatif.store import read_table
 
 VARY: dict[str, Any] = {
     "friction": "0.02:0.2",
@@ -73,6 +74,20 @@ def test_a_search_goes_on_beyond_a_generation_that_was_cut_short(
     optimise(*about, evaluations=3, out=tmp_path, **SHORT)
     more = optimise(*about, evaluations=5, out=tmp_path, **SHORT)
     assert more.equals(optimise(*about, evaluations=5, **SHORT))
+
+
+def test_a_finished_search_that_is_asked_for_fewer_designs_stays_whole(
+    tmp_path: Path,
+) -> None:
+    about = ("wrist", VARY, GOALS, LIMITS)
+    whole = optimise(*about, evaluations=3, out=tmp_path, **SHORT)
+    plan, goals, limits = make_search(*about, **SHORT)
+    said: list[str] = []
+    _, table = search(plan, goals, limits, 2, tmp_path, say=said.append)
+    assert table.equals(whole) and read_table(tmp_path).equals(whole)
+    assert len(said) == 1 and "All 3 designs kept" in said[0] and "the 2 " in said[0]
+    fewer = optimise(*about, evaluations=2, out=tmp_path, again=True, **SHORT)
+    assert fewer.equals(whole.slice(0, 2)) and len(read_table(tmp_path)) == 2
 
 
 def test_a_search_with_more_designs_goes_on_with_an_earlier_one(
@@ -147,8 +162,9 @@ def test_what_a_search_cannot_do_is_said(monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(CableError, match="something to vary"):
         make_search("wrist", {}, GOALS)
     plan, goals_read, _ = make_search("wrist", VARY, GOALS)
-    with pytest.raises(CableError, match="1 to 1,000,000 designs, not 0"):
-        search(plan, goals_read, (), 0)
+    for none in (0, -1):
+        with pytest.raises(CableError, match=f"at least 1 design, not {none}"):
+            search(plan, goals_read, (), none)
     monkeypatch.setitem(sys.modules, "optuna", None)
     with pytest.raises(CableError, match=r"pip install 'cc_mujoco\[search\]'"):
         make_search("wrist", VARY, GOALS)

@@ -44,6 +44,9 @@ MEMORY, SAMPLE = 250e6, 150.0
 
 SAMPLINGS = ("grid", "lhs")
 
+VALUES = "values"
+"""Of each variable, in the description of a study: a digest of those that occur."""
+
 DEFAULT_CONTROLLERS = ("model",)
 """It follows from a design's own cables, where fixed gains suit one design alone."""
 
@@ -99,16 +102,21 @@ class Plan:
         }
         if self.search is not None:
             return about | {"search": json.loads(json.dumps(self.search))}
-        text = json.dumps(self.designs)
+        values = {n: dict.fromkeys(d[n] for d in self.designs) for n in self.ranges}
         return about | {
+            VALUES: {name: _digest(list(each)) for name, each in values.items()},
             "designs": len(self.designs),
             "batches": len(self.batches),
-            "digest": hashlib.sha256(text.encode()).hexdigest(),
+            "digest": _digest(self.designs),
         }
 
     def made_by(self) -> dict[str, Any]:
         """What makes the table besides, see `identity`."""
         return made_by(*self.protocol.controllers, trajectory=self.source)
+
+
+def _digest(listed: Sequence[object]) -> str:
+    return hashlib.sha256(json.dumps(listed).encode()).hexdigest()
 
 
 def make_plan(

@@ -24,12 +24,19 @@ from cc_mujoco.identity import differences, seal, sealed
 from cc_mujoco.whatif.across import LEAST, MOST, RANKS, WORST_CASE, about
 from cc_mujoco.whatif.evaluate import Result
 from cc_mujoco.whatif.metrics import METRICS, by_controller, numbers
-from cc_mujoco.whatif.plan import Plan
+from cc_mujoco.whatif.plan import VALUES, Plan
 from cc_mujoco.whatif.protocol import EpisodeProtocol
 
 STUDY, PARTS, TABLE = "study.json", "parts", "table.parquet"
 _DESIGN = "design_json"
 """Column of a part: the variables of its designs."""
+_PLAIN = {
+    VALUES: "designs",
+    "batches": "designs",
+    "digest": "designs",
+    "turned": "objectives",
+}
+"""What is said of entries of a description whose names mean nothing outside."""
 CONTROLLER = "controller"
 """Column of the controller that metrics are of, where several were tried."""
 
@@ -233,16 +240,26 @@ def read_table(folder: Path) -> pa.Table:
 
 def _require_same(folder: Path, about: Mapping[str, Any]) -> None:
     there = read_study(folder)
-    for key, value in about.items():
-        found = there.get(key)
-        if found == value:
-            continue
-        if isinstance(value, dict) and isinstance(found, dict):
-            key = next(k for k in {**found, **value} if found.get(k) != value.get(k))
+    # Earlier code told no values; the digest behind them is of all designs.
+    keys = [key for key in about if key in there or key != VALUES]
+    if other := next((key for key in keys if there.get(key) != about[key]), None):
+        differing = _differing(other, there.get(other), about[other])
         raise CableError(
-            f"{folder} holds a study that differs in its {key}; choose another folder, "
-            "or delete that one."
+            f"{folder} holds a study that differs in {differing}; choose another "
+            "folder, or delete that one."
         )
+
+
+def _differing(key: str, found: object, value: object) -> str:
+    """What differs between two descriptions of studies, where an entry does."""
+    if isinstance(value, dict) and isinstance(found, dict):
+        inside = [k for k in {**found, **value} if found.get(k) != value.get(k)]
+        if key == VALUES:
+            return f"the values of {', '.join(inside)}"
+        if inside[0] == "ranges":
+            return _differing(VALUES, found["ranges"], value["ranges"])
+        key = inside[0]
+    return f"its {_PLAIN.get(key, key)}"
 
 
 def _columns(

@@ -101,6 +101,9 @@ def test_a_search_with_more_designs_goes_on_with_an_earlier_one(
     assert more.equals(found) and more.slice(0, GENERATION).equals(few)
     with pytest.raises(CableError, match="differs in its subject_to"):
         optimise("wrist", VARY, GOALS, ["slack_margin>=3"], evaluations=MORE, **asked)
+    other = {**VARY, "friction": "0.02:0.3"}
+    with pytest.raises(CableError, match="differs in the values of friction;"):
+        optimise("wrist", other, GOALS, LIMITS, evaluations=MORE, **asked)
 
 
 def test_later_designs_are_better_and_keep_the_limits(found: pa.Table) -> None:

@@ -157,11 +157,19 @@ def test_an_interrupted_study_goes_on_where_it_was(
 
 
 def test_a_folder_keeps_one_study(tmp_path: Path) -> None:
-    study("wrist", {"friction": [0.1]}, out=tmp_path, **SHORT)
-    with pytest.raises(CableError, match="differs in its digest"):
-        study("wrist", {"friction": [0.2]}, out=tmp_path, **SHORT)
-    with pytest.raises(CableError, match="differs in its seed"):
-        study("wrist", {"friction": [0.1]}, out=tmp_path, seed=1, **SHORT)
+    vary: dict[str, Any] = {"friction": [0.1], "pretension": [10.0, 20.0]}
+    study("wrist", vary, out=tmp_path, **SHORT)
+    turned = [dict(zip(vary, (0.1, p), strict=True)) for p in (10.0, 20.0, 20.0)]
+    for changed, differing in (
+        ({"vary": {**vary, "friction": [0.2]}}, "the values of friction"),
+        ({"vary": {**vary, "friction": "0.1,0.2"}}, "the values of friction"),
+        ({"vary": {"friction": 0.2, "pretension": 5}}, "of friction, pretension"),
+        ({"vary": {"friction": [0.1]}}, "its variables"),
+        ({"vary": None, "designs": turned}, "its designs"),
+        ({"seed": 1}, "its seed"),
+    ):
+        with pytest.raises(CableError, match=f"differs in.*{differing};"):
+            study("wrist", out=tmp_path, **{"vary": vary, **SHORT, **changed})
 
 
 @pytest.fixture

@@ -44,6 +44,8 @@ class Plant(Protocol):
     def advance(self, torque: NDArray[np.float64]) -> Columns:
         """Go a control step with a torque of the motor [Nm], one for all or for each.
 
+        That of one device is finite; of several, one whose torque is not has failed.
+
         Raises:
             CableError: The episode cannot go on.
         """
@@ -64,35 +66,47 @@ def run(
         controller: What drives it; reset before.
         observers: Called at every control step, from the start to the end.
         measure: What the controller reads of the columns; all of them by default.
-        name: Of the controller, for error messages; that of its class by default.
+        name: Of the controller, for error messages; its own, or that of its class, by
+            default.
         clock: Takes the computing time of the controller.
 
     Raises:
-        CableError: If the controller raises or gives torques of a wrong shape, or the
-            plant cannot go on.
+        CableError: If the controller raises, gives torques of a wrong shape or, of one
+            device, a torque that is no finite number, or the plant cannot go on.
     """
-    name = name or type(controller).__name__
-    with blamed(name):
+
+    def called() -> str:
+        return name or controller.name or type(controller).__name__
+
+    with blamed(called()):
         controller.reset()
     columns = plant.start()
     shape = np.shape(columns["joint_angle_rad"])
     for step in range(plant.steps + 1):
         seen = measure(columns)
         begun = time.thread_time()
-        with blamed(name):
+        with blamed(called()):
             torque = np.asarray(controller.torque(seen), dtype=float)
         if clock is not None:
             clock.spent.append(time.thread_time() - begun)
         if torque.shape not in ((), shape):
             each = f", or one for each of {shape[0]} environments" if shape else ""
             raise CableError(
-                f"controller {name!r} gave torques of shape {torque.shape}; it must be "
-                f"one number{each}."
+                f"controller {called()!r} gave torques of shape {torque.shape}; it "
+                f"must be one number{each}."
             )
         for observe in observers:
             observe(step, columns, torque)
         if step < plant.steps:
+            if not shape and not np.isfinite(torque):
+                at = no_torque(called(), step * controller.drive.period)
+                raise CableError(f"{at}; it must be a number in Nm.")
             columns = plant.advance(torque)
+
+
+def no_torque(name: str, time: float) -> str:
+    """What is said of a controller that gave no finite number at a time [s]."""
+    return f"controller {name!r} gave no finite torque at {time:.3f} s"
 
 
 class Clock:

@@ -95,6 +95,22 @@ def test_a_trace_keeps_columns_and_leaves_out_what_has_failed() -> None:
     assert start.tolist() == [0.0, 1.0]
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_torque_that_is_no_number_ends_the_episode_of_one_device_when_it_acts(
+    bad: float,
+) -> None:
+    def after(steps: int) -> Law:
+        seen: list[object] = []
+        return Law(lambda told: bad if len(seen) == steps else seen.append(told) or 0.1)
+
+    with pytest.raises(CableError) as raised:
+        run(Counter(0.0), after(3), name="mine")
+    said = "controller 'mine' gave no finite torque at 0.003 s; it must be"
+    assert str(raised.value).startswith(said)
+    run(Counter(0.0), after(4), name="mine")  # nothing follows the last
+    run(Counter(np.zeros(2)), Law(lambda seen: np.array([bad, 0.1])))
+
+
 @pytest.mark.parametrize(
     ("angle", "torque", "words"),
     [

@@ -28,6 +28,9 @@ from cc_mujoco.sensing import WINDING
 class Controller(ABC):
     """A law for the motor torque; subclasses are small and may keep a state."""
 
+    name = ""
+    """What errors call it; the name of its class where it is empty."""
+
     def __init__(self, drive: Drive) -> None:
         """Prepare for the first episode.
 

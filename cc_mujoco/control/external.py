@@ -44,7 +44,7 @@ class External(Controller):
         """
         super().__init__(drive)
         self._make = make
-        self._name = name
+        self.name = name
         self._law = make(drive)
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -58,12 +58,12 @@ class External(Controller):
         Raises:
             CableError: If the function raises, or returns what is not real numbers.
         """
-        with blamed(self._name):
+        with blamed(self.name):
             torque = self._law(observation)
         given = np.asarray(torque)
         if given.dtype.kind not in "fiu":
             raise CableError(
-                f"controller {self._name!r} gave {torque!r}; it must be a torque in Nm."
+                f"controller {self.name!r} gave {torque!r}; it must be a torque in Nm."
             )
         # Infinite is a division by zero, not the wish for all that the motor has.
         return self.limited(np.where(np.isfinite(given), given, np.nan)[()])

@@ -25,7 +25,7 @@ from cc_mujoco.envs.device import Device, Physics, physics_of
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
 from cc_mujoco.envs.winding import Winding
-from cc_mujoco.episode import Columns, Trace, run
+from cc_mujoco.episode import Columns, Trace, no_torque, run
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.sensing import PERFECT, Measuring
 from cc_mujoco.whatif.laws import Laws, Unpowered
@@ -132,7 +132,7 @@ def play(
     drives = [PERFECT.equip(device.drive(exo.period)) for device in devices]
     name = episode.controller
     law = Unpowered(drives[0]) if name is None else Laws(name, drives)
-    fleet = Fleet(exo, devices, (script,), threads)
+    fleet = Fleet(exo, devices, (script,), threads, name or "")
     driven = exo.device.driven
     measuring = Measuring(PERFECT, drives[0], driven, episode.seed, exo.steps)
     trace = Trace(KEPT, exo.steps, fleet.going)
@@ -169,6 +169,7 @@ class Fleet:
         devices: Sequence[Device],
         scripts: Sequence[Script],
         threads: int = 1,
+        controller: str = "",
     ) -> None:
         """Make the batch.
 
@@ -177,6 +178,7 @@ class Fleet:
             devices: Of equal layout.
             scripts: What the wearer does, one for all or for each.
             threads: That simulate.
+            controller: Name of what drives them, for the reasons of failures.
         """
         models = [device.model for device in devices]
         count = len(devices)
@@ -185,7 +187,7 @@ class Fleet:
         """Those that have not failed."""
         self.failed = [""] * count
         """Why, where they have."""
-        self._exo, self._devices = exo, devices
+        self._exo, self._devices, self._controller = exo, devices, controller
         self._winding = Winding.over([device.winding for device in devices])
         self._angles = [scripts[row % len(scripts)].angles for row in range(count)]
         self._commands = np.stack([script.commands for script in scripts])
@@ -220,6 +222,8 @@ class Fleet:
     def advance(self, torque: Array) -> Columns:
         """Go a control step; see `Plant.advance`."""
         control, device, skip = self._control, self._exo.device, self._exo.frame_skip
+        if not np.isfinite(torque).all():
+            self._refuse(np.isfinite(torque))
         # `np.clip` takes several times as long for small arrays.
         share = np.minimum(np.maximum(torque / self._limit, -1.0), 1.0)
         # The actions of the environments are of single precision.
@@ -263,6 +267,12 @@ class Fleet:
         columns["tension_n"] = np.abs(now.actuator_force[:, self._outputs])
         columns["dissipated_j"] = state[:, self._energies]
         return columns
+
+    def _refuse(self, finite: NDArray[np.bool_]) -> None:
+        time = self._step * self._exo.period
+        for row in np.flatnonzero(self.going & ~finite):
+            self.failed[row] = no_torque(self._controller, time)
+        self.going &= finite
 
     def _note(self, fell: NDArray[np.bool_], time: float) -> None:
         self.going &= ~fell

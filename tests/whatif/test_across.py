@@ -206,7 +206,7 @@ def test_a_case_in_which_a_design_fails_or_has_no_number_counts(
     cases = {"motor_torque": [0.1, 1.0]}
     about = {**SHORT, "controllers": ["mad"]}
     (row,) = study("wrist", {"pretension": [10.0]}, across=cases, **about).to_pylist()
-    assert row["failed"].startswith("in case motor_torque=1: the simulation diverged")
+    assert row["failed"].startswith("in case motor_torque=1: controller 'mad' gave no")
     assert row["tracking_error"] is row["tracking_error@least"] is None
     assert row["tracking_error@worst_case"] is None
     across = Across((("friction", (0.1, 0.2, 0.3)),))

@@ -10,6 +10,7 @@ was raised; the exception itself is its cause.
 from __future__ import annotations
 
 import importlib
+import inspect
 import os
 import sys
 import traceback
@@ -75,8 +76,8 @@ def from_callable(name: str, drive: Drive) -> Controller:
     Modules are found as by `import` in the folder of the call.
 
     Raises:
-        CableError: If there is no such module or function, it makes no controller, or
-            its code raises.
+        CableError: If there is no such module or function, it makes no controller,
+            either takes other than one argument, or its code raises.
     """
     place, _, function = name.partition(":")
     make = getattr(_module(name, place), function, None)
@@ -84,16 +85,35 @@ def from_callable(name: str, drive: Drive) -> Controller:
         raise CableError(
             f"controller {name!r}: module {place!r} has no function {function!r}."
         )
+    _require_taken(name, make, f"{function!r}", "the drive")
     with blamed(name):
         made = make(drive)
     if isinstance(made, Controller):
         return made
     if callable(made):
+        _require_taken(name, made, f"what {function!r} returns", "what is measured")
         return External(drive, make, name)
     raise CableError(
         f"controller {name!r}: called with a Drive it must return a Controller or a "
         f"function of the observation, not {made!r}."
     )
+
+
+def _require_taken(name: str, called: Any, which: str, what: str) -> None:
+    """Refuse a function that cannot be called with one argument."""
+    try:
+        signature = inspect.signature(called)
+    except (TypeError, ValueError):  # some of extension modules have none
+        return
+    try:
+        signature.bind(None)
+    except TypeError:
+        code = getattr(inspect.unwrap(called), "__code__", None)
+        where = f" in {code.co_filename}, line {code.co_firstlineno}," if code else ""
+        raise CableError(
+            f"controller {name!r}: {which}{where} must take one argument, {what}, but "
+            f"takes {signature}."
+        ) from None
 
 
 def _module(name: str, place: str) -> ModuleType:

@@ -37,6 +37,22 @@ def broken(drive):
 def raising(drive):
     return lambda seen: seen["a tension that no one measures"]
 
+def careless():
+    return lambda seen: 0.0
+
+def greedy(drive, gain):
+    return lambda seen: 0.0
+
+def deaf(drive):
+    return lambda: 0.0
+
+def generous(drive, gain=1.0):
+    return lambda *seen, **more: gain
+
+class Bare(FeedForward):
+    def __init__(self):
+        pass
+
 def wordy(drive):
     return lambda seen: "0.5"
 
@@ -73,6 +89,23 @@ def test_reset_makes_the_function_anew() -> None:
 
 def test_a_controller_class_will_do() -> None:
     assert type(named("FeedForward")).__name__ == "FeedForward"
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        ("careless", r"'careless' in .*_test.py, line 26, must take .*drive, .* \(\)"),
+        ("greedy", r"'greedy' in .*_test.py, line \d+, must take .* \(drive, gain\)"),
+        ("deaf", r"what 'deaf' returns in .*_test.py, line \d+, .*measured, .* \(\)"),
+        ("Bare", r"'Bare' must take one argument, the drive, but takes \(\)"),
+    ],
+)
+def test_a_function_of_other_arguments_is_told_where_it_is(
+    function: str, words: str
+) -> None:
+    with pytest.raises(CableError, match=words):
+        named(function)
+    assert named("generous").torque({"desired_torque_nm": 0.0}) == 1.0
 
 
 @pytest.mark.parametrize(

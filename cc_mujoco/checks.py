@@ -1,8 +1,9 @@
-"""Checks of numbers: one sentence when one is wrong."""
+"""Checks of arguments: one sentence when one is wrong."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from cc_mujoco.errors import CableError
@@ -18,7 +19,8 @@ def number(label: str, value: Any, low: float, high: float, unit: str) -> None:
         CableError: If it is not (NaN never is), naming it and the range.
     """
     try:
-        admitted = bool(low <= value <= high)
+        # An array of one is no number, though it compares as one.
+        admitted = bool(low <= value <= high) and not getattr(value, "ndim", 0)
     except (TypeError, ValueError):
         admitted = False
     if not admitted:
@@ -35,3 +37,31 @@ def parameter(owner: object, name: str, low: float, high: float, unit: str) -> N
         CableError: If it is not, naming the object's class and the attribute.
     """
     number(f"{type(owner).__name__}.{name}", getattr(owner, name), low, high, unit)
+
+
+def listed(label: str, given: Any) -> tuple[str, ...]:
+    """Check that an argument is a list of texts, and not one text.
+
+    Raises:
+        CableError: If it is not.
+    """
+    found = tuple(given) if isinstance(given, Iterable) else (given,)
+    if isinstance(given, str) or not all(isinstance(one, str) for one in found):
+        raise CableError(f"{label} must be a list of texts, not {given!r}.")
+    return found
+
+
+def named(label: str, given: Any) -> Mapping[str, Any]:
+    """Check that an argument is a dictionary by name; None is an empty one.
+
+    Raises:
+        CableError: If it is not.
+    """
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise CableError(f"{label} must be a dictionary, not {given!r}.")
+    for name in given:
+        if not isinstance(name, str):
+            raise CableError(f"{label} must have texts as names, not {name!r}.")
+    return given

@@ -36,6 +36,6 @@ class CableError(ValueError):
 
 def look_up(kind: str, name: str, registry: Mapping[str, Entry]) -> Entry:
     """Return the entry of a registry, or raise `CableError.unknown`."""
-    if name not in registry:
+    if not isinstance(name, str) or name not in registry:
         raise CableError.unknown(kind, name, registry)
     return registry[name]

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cc_mujoco.checks import number
+from cc_mujoco.checks import named, number
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 from cc_mujoco.transmission import PARAMETERS, Cable, Section
@@ -86,7 +86,7 @@ class Ranges:
         """
         self.nominal = Plant({}, cables, wearer)
         """The scene as it is."""
-        ranges = _mapping("randomise", given)
+        ranges = named("randomise", given)
         self._ranges: dict[str, Range] = {}
         for name, ends in ranges.items():
             try:
@@ -99,7 +99,8 @@ class Ranges:
                 self._check(f"randomise[{name!r}]", name, end)
             if low > high:
                 raise CableError(
-                    f"randomise[{name!r}] must be (least, most), not {ends!r}."
+                    f"randomise[{name!r}] must be (least, most), the lower number "
+                    f"first, not {ends!r}."
                 )
             for own in self._spelt(name):
                 self._ranges[own] = low, high
@@ -134,7 +135,7 @@ class Ranges:
                 values[name] = min(max(values[name], low), high)
             else:
                 values[name] = float(rng.uniform(low, high))
-        for name, value in _mapping("options", given).items():
+        for name, value in named("options", given).items():
             self._check(f"options[{name!r}]", name, value)
             values |= dict.fromkeys(self._spelt(name), value)
         return self._made(values) if values else self.nominal
@@ -180,14 +181,6 @@ class Ranges:
             int(values.get("delay", 0)),
             float(values.get("noise", 0.0)),
         )
-
-
-def _mapping(what: str, given: Any) -> Mapping[str, Any]:
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
-        raise CableError(f"{what} must be a dictionary or None, not {given!r}.")
-    return given
 
 
 def _changed(name: str, cable: Cable, own: dict[str, float]) -> Cable:

@@ -15,6 +15,7 @@ from gymnasium.vector.utils import batch_space
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from cc_mujoco.checks import named
 from cc_mujoco.control import Drive
 from cc_mujoco.control.observed import Sight
 from cc_mujoco.devices import Setup
@@ -172,9 +173,8 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         Raises:
             CableError: If an option is unknown or impossible, or the mask is none.
         """
-        if isinstance(options, Mapping):
-            options = dict(options)
-        masked = self._mask((options or {}).pop("reset_mask", None))
+        options = dict(named("options", options))
+        masked = self._mask(options.pop("reset_mask", None))
         seeds: Sequence[int | None]
         if seed is None or isinstance(seed, int):
             seeds = [None if seed is None else seed + i for i in range(self.num_envs)]

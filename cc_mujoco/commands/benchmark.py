@@ -31,7 +31,7 @@ class Benchmark:
     conditions: Names = ()
     """Some of the suite's conditions by name, as in its tables; all unless given."""
     seeds: int = 0
-    """Number of seeds: plants, noise, motions; 0 is what the suite has."""
+    """Number of seeds: plants, noise, motions; all that the suite has if 0."""
     duration: Annotated[float | None, in_words("FLOAT")] = None
     """Length of an episode in seconds, more than 1; that of the suite unless given."""
     baseline: Annotated[str | None, in_words("NAME")] = None

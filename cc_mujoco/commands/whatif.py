@@ -120,7 +120,8 @@ class WhatIf:
         if self.around and nearby is None:
             print("around:   nothing, as no design is good enough or none can move")
         failed = len(table) - table["failed"].null_count
-        print(f"{len(table)} designs, {failed} of which failed in simulation")
+        designs = "1 design" if len(table) == 1 else f"{len(table)} designs"
+        print(f"{designs}, {failed} of which failed in simulation")
         if limits:
             kept = int(within(table, limits).sum())
             print(f"{kept} keep the limits{'' if kept else ': NONE IS GOOD ENOUGH'}")

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cc_mujoco.checks import named
 from cc_mujoco.envs.plant import OWN
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.whatif.designs import Given, Range, grid, read_range, require_count
@@ -167,6 +168,7 @@ def read_across(
     """
     if rank is not None:
         look_up("rank", rank, RANKS)
+    given = named("across", given)
     if not given:
         if rank is not None:
             raise CableError(

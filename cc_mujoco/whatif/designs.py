@@ -14,6 +14,7 @@ import csv
 import itertools
 import math
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,9 +81,14 @@ def read_range(
         words = list(given)
     else:
         words = [given]
-    levels = tuple(dict.fromkeys(variable.read(word) for word in words))
+    levels = tuple(variable.read(word) for word in words)
     if not levels:
         raise CableError(f"variable {name!r} has no values; give one or more.")
+    level, times = Counter(levels).most_common(1)[0]
+    if times > 1:
+        raise CableError(
+            f"variable {name!r} is given {level!r} more than once; give it once."
+        )
     return Range(levels)
 
 
@@ -237,8 +243,11 @@ def require_count(count: int) -> None:
     Raises:
         CableError: Says how many there would be and how many there may be.
     """
+    if not isinstance(count, (int, np.integer)) or isinstance(count, bool):
+        raise CableError(f"a number of designs must be whole, not {count!r}.")
     if not 1 <= count <= MAX_DESIGNS:
+        fewer = "; a Latin hypercube covers many variables with few designs"
         raise CableError(
-            f"a study must have 1 to {MAX_DESIGNS:,} designs, not {count:,}; a Latin "
-            "hypercube covers many variables with few designs."
+            f"a study must have 1 to {MAX_DESIGNS:,} designs, not {count:,}"
+            f"{fewer if count > 1 else ''}."
         )

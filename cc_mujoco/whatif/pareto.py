@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from cc_mujoco.checks import listed
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.whatif.across import LEAST, MOST
 from cc_mujoco.whatif.metrics import METRICS
@@ -79,7 +80,7 @@ def read_limits(
         CableError: not of that form, no such metric, or not measured.
     """
     found = []
-    for text in texts:
+    for text in listed("subject_to", texts):
         name, sign, number = (part.strip() for part in _split(text))
         try:
             bound = float(number)
@@ -118,7 +119,7 @@ def read_objectives(
         CableError: no such metric, not measured, or given twice.
     """
     found: list[Objective] = []
-    for text in texts:
+    for text in listed("objectives", texts):
         way, colon, name = text.rpartition(":")
         metric = look_up("metric", name, METRICS)
         if colon and way not in ("min", "max"):

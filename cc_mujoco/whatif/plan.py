@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cc_mujoco.checks import LONGEST, number
+from cc_mujoco.checks import LONGEST, listed, named, number
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import from_csv
 from cc_mujoco.identity import made_by
@@ -146,22 +146,26 @@ def make_plan(
     Raises:
         CableError: what is wrong, in one sentence.
     """
-    if (vary is None or not vary) == (designs is None):
+    vary = named("vary", vary)
+    if (not vary) == (designs is None):
         raise CableError("give what to vary, or a list of designs, and not both.")
     rows: Sequence[Mapping[str, object]] = []
-    if designs is not None:
-        rows = from_file(designs) if isinstance(designs, (str, Path)) else list(designs)
-    named = dict.fromkeys(vary or (name for row in rows[:1] for name in row))
+    if isinstance(designs, (str, Path)):
+        rows = from_file(designs)
+    elif designs is not None:
+        if isinstance(designs, Mapping) or not isinstance(designs, Iterable):
+            raise CableError(f"designs must be a file or a list, not {designs!r}.")
+        rows = [named(f"design {i}", row) for i, row in enumerate(designs)]
+    said = dict.fromkeys(vary or (name for row in rows[:1] for name in row))
     protocol, builder = _trial(
         scene, trajectory, task, controllers, duration, seed, timestep, metrics,
-        across, rank, goals, costs, named,
+        across, rank, goals, costs, said,
     )  # fmt: skip
     look_up("sampling", sampling, dict.fromkeys(SAMPLINGS))
     if (sampling == "lhs") != (samples is not None):
         raise CableError("sampling 'lhs' needs a number of samples, a grid has none.")
     ranges: dict[str, Range] = {}
     if designs is None:
-        assert vary is not None
         ranges = {
             name: read_range(name, given, builder.cables)
             for name, given in vary.items()
@@ -220,14 +224,13 @@ def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
     Raises:
         CableError: there is none, or one is given twice.
     """
-    if isinstance(names, str):
-        raise CableError(f"controllers must be a list of names, not {names!r}.")
-    if not names:
+    found = listed("controllers", names)
+    if not found:
         raise CableError("a study needs a controller.")
-    for name in names:
-        if list(names).count(name) > 1:
+    for name in found:
+        if found.count(name) > 1:
             raise CableError(f"controller {name!r} is given twice.")
-    return tuple(names)
+    return found
 
 
 def _trial(
@@ -254,7 +257,7 @@ def _trial(
             f"the time step must divide the {1e3 * CONTROL_PERIOD:g} ms between two "
             f"calls of the controller, which {1e3 * step:g} ms does not."
         )
-    for name in metrics:
+    for name in listed("metrics", metrics):
         look_up("metric", name, METRICS)
     laws = _read_controllers(laws)
     number("duration", duration, 0.05, LONGEST, "s")

@@ -22,6 +22,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from cc_mujoco.checks import listed, named
 from cc_mujoco.errors import CableError
 from cc_mujoco.identity import told
 from cc_mujoco.whatif.build import Builder
@@ -163,6 +164,7 @@ def make_search(
         CableError: what is wrong, in one sentence.
     """
     _optuna()
+    vary, metrics = named("vary", vary), listed("metrics", metrics)
     limits = read_limits(subject_to, across=bool(trial.get("across")))
     goals = read_objectives(objectives)
     if not 1 <= len(goals) <= MOST_OBJECTIVES:
@@ -214,8 +216,8 @@ def search(
     Returns:
         The plan with its designs, and their table.
     """
-    if evaluations < 1:
-        raise CableError(f"a search must try at least 1 design, not {evaluations:,}.")
+    if isinstance(evaluations, int) and evaluations < 1:
+        raise CableError(f"a search must try at least 1 design, not {evaluations}.")
     require_count(evaluations)
     optuna = _optuna()
     store = Store(plan, folder, again)

@@ -231,7 +231,8 @@ def test_the_memory_is_that_of_plays_at_motor_and_joint() -> None:
         ({"frictoin": (0.1, 0.2)}, "did you mean 'friction'"),
         ({"flexxor.friction": (0.1, 0.2)}, "unknown variation 'flexxor.friction'"),
         ({"friction": 0.1}, "must be .least, most."),
-        ({"friction": (0.2, 0.1)}, "must be .least, most."),
+        ({"friction": (0.2, 0.1)}, "the lower number first, not"),
+        ({"friction": (np.array([0.1]), 0.2)}, "must be one number"),
         ({"friction": (0.1, np.nan)}, "number"),
         ({"friction": (0.1, 3.0)}, "cable 'flexor': break-away .*static_friction"),
         (
@@ -261,6 +262,8 @@ def test_ranges_that_make_no_plant_are_one_sentence(given: Any, message: str) ->
     [
         ({"friction": "low"}, "must be one number"),
         ({"friction": 5.5}, "cable 'flexor'"),
+        ({"friction": np.array([0.1])}, "must be one number"),
+        ({3: 0.1}, "texts as names, not 3"),
         ({"reset_mask": np.ones(1, dtype=np.bool_)}, "unknown variation"),
         ({"delay": True}, "finite number"),
         ([1], "must be a dictionary"),

@@ -11,6 +11,8 @@ from cc_mujoco import cli
 from cc_mujoco.recording import FILES, EpisodeLog
 from cc_mujoco.whatif import METRICS
 
+GOAL = ["--objective", "slack_margin"]
+
 
 @pytest.fixture(autouse=True)
 def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,6 +123,11 @@ def test_a_file_of_designs_and_no_objectives(tmp_path: Path) -> None:
         (["--vary", "friction=0.1", "--threads", "-1"], "--threads"),
         (["--designs", "none.csv"], "cannot read the designs none.csv"),
         (["--vary", "friction=0.1", "--around"], "goes by an --objective"),
+        (["--vary", "friction=0.1,0.1"], "is given 0.1 more than once"),
+        (
+            ["--vary", "friction=0:1", "--optimise", "0", *GOAL],
+            "at least 1 design, not 0",
+        ),
         ([], "what to vary"),
     ],
 )

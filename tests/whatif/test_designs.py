@@ -121,6 +121,7 @@ def test_designs_of_a_list_must_set_the_same(tmp_path: Path) -> None:
         ("friction", "0.1:x:3", "is no range"),
         ("friction", "0:0.3:3:log", "above 0"),
         ("friction", "0.1:9:3", "a number in [0, 5]"),
+        ("friction", "0.1,0.2,0.10", "is given 0.1 more than once"),
         ("friction", "nan", "cannot be 'nan'"),
         ("friction", "", "cannot be ''"),
         ("segments", "2.5", "whole number"),

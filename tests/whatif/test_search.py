@@ -162,6 +162,10 @@ def test_what_a_search_cannot_do_is_said(monkeypatch: pytest.MonkeyPatch) -> Non
     ):
         with pytest.raises(CableError, match=said):
             make_search("wrist", VARY, goals, limits)
+    for words in ({"objectives": "slack_margin"}, {"subject_to": LIMITS[0]}):
+        (name,) = words
+        with pytest.raises(CableError, match=f"{name} must be a list of texts"):
+            make_search("wrist", VARY, **{"objectives": GOALS, **words})
     with pytest.raises(CableError, match="something to vary"):
         make_search("wrist", {}, GOALS)
     plan, goals_read, _ = make_search("wrist", VARY, GOALS)
@@ -183,5 +187,13 @@ def test_the_command_searches_and_says_what_keeps_the_limits(
     assert "0 keep the limits: NONE IS GOOD ENOUGH" in capsys.readouterr().out
     ranking = (tmp_path / "runs" / "ranking.md").read_text()
     assert "slack_margin<=-1; 0 of 8 keep them" in ranking
+    words[-1] = "1"
+    words += ["--subject-to", "slack_margin<=-1"]
+    for again, told in (
+        ((), "All 8 designs kept"),
+        (["--again"], "1 design, 0 of which"),
+    ):
+        assert cli.main([*words, *again]) == 0
+        assert told in capsys.readouterr().out
     assert cli.main([*words, "--samples", "3"]) == 2
     assert "--optimise chooses the designs itself" in capsys.readouterr().err

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import gymnasium
 import mujoco
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cc_mujoco.control import Drive
 from cc_mujoco.control.observed import Sight
 from cc_mujoco.devices import Setup
+from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
 
 from .device import physics_of
@@ -168,6 +169,33 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         """What a controller may know of the device."""
         return self.exo.drive
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """An environment at the same step of the same episode.
+
+        Raises:
+            CableError: If `model` has been written to since it was loaded.
+        """
+        make: Any = type(self)
+        twin: Self = make(*self._ezpickle_args, **self._ezpickle_kwargs)
+        if not _equal(twin.model, self.model):
+            twin.exo.device.become(self.plant)
+        if not _equal(twin.model, self.model):
+            raise CableError(
+                "an environment whose `model` was written to cannot be copied; give "
+                "the changed model as the argument `model`."
+            )
+        if self.plant is not self.exo.plants.nominal:
+            twin.plant = self.plant
+        mujoco.mj_copyData(twin.data, twin.model, self.data)
+        twin._script = self._script  # nobody writes to it
+        twin._sample, twin.spec = self._sample, self.spec
+        twin._sensors = copy.deepcopy(self._sensors, memo)
+        twin._sight = copy.deepcopy(self._sight, memo)
+        twin._film = copy.copy(self._film)
+        twin._np_random = copy.deepcopy(self._np_random, memo)
+        twin._np_random_seed = self._np_random_seed
+        return twin
+
     def action(self, torque: float) -> NDArray[np.float32]:
         """The action that makes the motor give a torque [Nm]."""
         return self.exo.action(torque)
@@ -263,6 +291,16 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         if self._camera is not None:
             self._camera.close()
             self._camera = None
+
+
+def _equal(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
+    """Whether two models are the same, to the byte."""
+    if (size := mujoco.mj_sizeModel(one)) != mujoco.mj_sizeModel(other):
+        return False
+    found = np.zeros((2, size), np.uint8)
+    for model, buffer in zip((one, other), found, strict=True):
+        mujoco.mj_saveModel(model, buffer=buffer)
+    return np.array_equal(*found)
 
 
 def _numbers(columns: dict[str, Any], terms: tuple[Any, Any]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import pickle
 import re
@@ -320,8 +321,45 @@ def test_episodes_of_one_seed_differ_where_the_trajectory_is_random() -> None:
 
 def test_pickled_environments_continue_the_line(name: str) -> None:
     env = gymnasium.make(name, duration=0.1, task=Spring(2.0)).unwrapped
-    copy = pickle.loads(pickle.dumps(env))
-    assert same(roll(env, 50), roll(copy, 50))
+    again = pickle.loads(pickle.dumps(env))
+    assert same(roll(env, 50), roll(again, 50))
+
+
+@pytest.mark.parametrize("nominal", [False, True])
+def test_a_copy_goes_on_from_the_same_step_to_the_bit(name: str, nominal: bool) -> None:
+    make: dict[str, Any] = {"duration": 0.2, "trajectory": "multisine", "hold": 2}
+    ranges = {
+        "friction": (0.02, 0.1),
+        "wearer": (0.8, 1.2),
+        "delay": (3, 3),
+        "noise": (1, 1),
+    }
+    env = gymnasium.make(
+        name, randomise=None if nominal else ranges, history=2, memory=True, **make
+    )
+    never = copy.deepcopy(env)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        never.step(np.zeros(1, np.float32))
+    env.reset(options={"friction": 0.03})
+    roll(env, 20)
+    twin = copy.deepcopy(env)
+    both = []
+    random = np.random.default_rng(3).uniform(-1, 1, (100, 1)).astype(np.float32)
+    for one in (env, twin):  # one after the other: nothing is shared
+        seen = [one.step(action) for action in random[:80]]
+        assert seen[-1][3]
+        seen += [one.reset(), *(one.step(action) for action in random[80:])]
+        both.append(seen)
+    assert same(*both)
+    assert twin.unwrapped.plant.values == env.unwrapped.plant.values
+
+
+def test_a_copy_of_what_was_changed_by_hand_is_refused() -> None:
+    env = gymnasium.make(WRIST, duration=0.1)
+    env.reset(seed=0)
+    env.unwrapped.model.opt.gravity[2] = 0.0
+    with pytest.raises(CableError, match="give the changed model as the argument"):
+        copy.deepcopy(env)
 
 
 def test_a_variant_of_the_scene_is_played_and_pickled() -> None:

@@ -88,6 +88,7 @@ class Play:
         self._warn(inner, names["task"])
         with bar(self.duration) as progress:
             log = play(env, law, seed=self.seed, about=names, progress=progress)
+        said: list[str] = []
         with video_bar(self.duration if self.video else 0.0) as progress:
             found = write_episode(
                 out,
@@ -96,12 +97,15 @@ class Play:
                 video=self.video,
                 html=self.html,
                 progress=progress,
+                say=said.append,
             )
         env.close()
         for metric in found:
             value = f"{metric.value:.4g}" if math.isfinite(metric.value) else "-"
             print(f"{metric.name:32} {value:>10} {metric.unit}")
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
+        for sentence in said:
+            print(sentence)
 
     def _names(self) -> dict[str, str]:
         """What is played, by what."""

@@ -95,9 +95,16 @@ class WhatIfShow:
             require_page()
         with bar(duration) as progress:
             log, model = show(self.folder, self.row, progress, self.case)
+        said: list[str] = []
         with video_bar(duration if self.video else 0.0) as progress:
             write_episode(
-                out, log, model, video=self.video, html=self.html, progress=progress
+                out,
+                log,
+                model,
+                video=self.video,
+                html=self.html,
+                progress=progress,
+                say=said.append,
             )
         for name in about["variables"]:
             unit = VARIABLES[name.rpartition(".")[2]].unit
@@ -108,6 +115,8 @@ class WhatIfShow:
         for name in about["protocol"]["metrics"]:
             print(_line(name, row[name], METRICS[name].unit))
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
+        for sentence in said:
+            print(sentence)
 
 
 def _line(name: str, value: object, unit: str) -> str:

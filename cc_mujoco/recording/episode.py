@@ -123,6 +123,7 @@ def write_episode(
     video: bool = False,
     html: bool = False,
     progress: Callable[[float], object] | None = None,
+    say: Callable[[str], object] = lambda sentence: None,
 ) -> tuple[Metric, ...]:
     """Write recording, log, metrics, figure and, if asked, video and page.
 
@@ -136,6 +137,7 @@ def write_episode(
         video: Whether to write `VIDEO`, too.
         html: Whether to write `PAGE`, too.
         progress: Called with the simulated time [s] that the video has reached.
+        say: Called with a sentence where a video or page of an earlier episode goes.
 
     Returns:
         The metrics that were written.
@@ -163,6 +165,8 @@ def write_episode(
 
             write_page(partial / PAGE, log, model, found)
     for name, written in ((VIDEO, video), (PAGE, html)):
-        if not written:
-            Path(folder, name).unlink(missing_ok=True)
+        old = Path(folder, name)
+        if not written and old.exists():
+            old.unlink()
+            say(f"{old} is deleted, as it showed an earlier episode.")
     return found

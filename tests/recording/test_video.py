@@ -71,6 +71,10 @@ def test_play_leaves_30_frames_a_second_and_takes_an_old_video_away(
     assert (moved > 40).any(axis=2).sum() > 100
     assert cli.main(words) == 0
     assert not (tmp_path / "here" / VIDEO).exists()
+    told = f"{Path('here') / VIDEO} is deleted, as it showed an earlier episode."
+    assert told in capsys.readouterr().out.splitlines()
+    assert cli.main(words) == 0
+    assert "deleted" not in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("gl")

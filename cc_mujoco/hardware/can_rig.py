@@ -8,7 +8,10 @@ A packet is the data of one frame, with bit-rate switch.
 
 from __future__ import annotations
 
+import difflib
+import importlib.util
 import logging
+import re
 from collections import Counter
 from pathlib import Path
 from types import ModuleType
@@ -138,6 +141,7 @@ def _opened(library: ModuleType, address: CanAddress) -> can.BusABC:
             "CAN interface", address.interface, library.VALID_INTERFACES
         )
     _require_fd_network(address)
+    _require_known(address)
     fd = library.CanProtocol.CAN_FD
     # Only the virtual bus is told so by this word.
     how = {"protocol": fd} if address.interface == "virtual" else {"fd": True}
@@ -156,6 +160,41 @@ def _opened(library: ModuleType, address: CanAddress) -> can.BusABC:
         bus.shutdown()
         raise _classical(address)
     return bus
+
+
+def _require_known(address: CanAddress) -> None:
+    """Refuse words for an interface that occur nowhere in its code.
+
+    Interfaces take any word and pass over those that they do not know.
+    """
+    words = _words_of(address.interface) if address.bus else set()
+    for key in address.bus:
+        if words and key not in words:
+            near = difflib.get_close_matches(key, words, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else "."
+            raise CableError(
+                f"{_called(address)} knows no {key!r}, a key of `bus`{hint}"
+            )
+
+
+def _words_of(interface: str) -> set[str]:
+    """All words in the code of an interface of python-can; none if it has no code."""
+    from can import bit_timing, bus
+    from can.interfaces import BACKENDS
+
+    module = BACKENDS[interface][0]
+    try:
+        spec = importlib.util.find_spec(module)
+    except ImportError:  # of what it needs; the interface itself tells of it
+        spec = None
+    if spec is None or spec.origin is None:
+        return set()
+    own = Path(spec.origin)
+    alone = spec.parent == "can.interfaces"  # others have a package of their own
+    files = [own] if alone else [*own.parent.rglob("*.py")]
+    files += [Path(str(each.__file__)) for each in (bus, bit_timing)]
+    texts = (file.read_text(encoding="utf-8") for file in files)
+    return {word for text in texts for word in re.findall(r"\w+", text)}
 
 
 def _require_fd_network(address: CanAddress) -> None:

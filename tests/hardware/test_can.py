@@ -219,6 +219,12 @@ def test_without_the_library_it_is_said_how_to_get_it(
     ("address", "why"),
     [
         (CanAddress("0", "virtul"), "unknown CAN interface 'virtul': did you mean"),
+        (
+            CanAddress("0", "virtual", bus={"receive_own_mesages": True}),
+            "knows no 'receive_own_mesages', .* did you mean 'receive_own_messages'",
+        ),
+        (CanAddress("0", "pcan", bus={"f_clok_mhz": 80}), "mean 'f_clock_mhz'"),
+        (CanAddress("0", "pcan", bus={"f_clock_mhz": 80}), "cannot be opened: "),
         (CanAddress("no_such_0"), "'no_such_0' of .* cannot be opened: "),
         (CanAddress(GROUP, "udp_multicast", bus={"port": "x"}), "cannot be opened: "),
         (CanAddress(GROUP, "udp_multicast", bus={"fd": False}), "takes CAN FD"),
@@ -274,6 +280,7 @@ def test_rig_toml_leads_to_a_bus(tmp_path: Path) -> None:
         ("reading_id = 0x20000000", "reading_id must be a whole number"),
         ("reading_id = 0x110", "command_id and reading_id must differ"),
         ("bus = 5", "bus must be a table, such as"),
+        ("bus = {local_loopbak = true}", "mean 'local_loopback'"),
     ):
         path.write_text(toml(f"{plain}\n{more}"))
         with pytest.raises(CableError, match=why) as error:

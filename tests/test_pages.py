@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import re
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from PIL import Image
 
 import cc_mujoco
+from cc_mujoco.engine import CableReading
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import as_table
 from cc_mujoco.whatif import MATERIALS, materials
@@ -145,6 +147,15 @@ def test_table_of_materials_is_that_of_the_package() -> None:
     written = fill_readme.between(page, "materials")
     table = materials.as_table(MATERIALS.values())
     assert written == table, "run scripts/fill_readme.py materials"
+
+
+def test_every_field_of_a_reading_is_on_the_page_of_the_engine() -> None:
+    page = (ROOT / "cc_mujoco" / "engine" / "README.md").read_text("utf-8")
+    told = page.partition("| field |")[2].partition("\n\n")[0]
+    rows = [row.split("|")[1] for row in told.splitlines()[2:]]
+    named = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+    fields = [field.name for field in dataclasses.fields(CableReading)]
+    assert sorted(named) == sorted(fields)
 
 
 @pytest.mark.parametrize(("place", "code"), BLOCKS)

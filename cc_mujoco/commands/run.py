@@ -123,7 +123,7 @@ class Run:
 
     def _wanted(self, trials: list[Planned]) -> list[Planned]:
         """Those that are to be played now."""
-        from cc_mujoco.hardware.log import cut_short
+        from cc_mujoco.diagnosis.data.run_page import cut_short
 
         if self.trial is not None:
             if not 1 <= self.trial <= len(trials):
@@ -133,7 +133,7 @@ class Run:
             return [trials[self.trial - 1]]
         left = [t for t in trials if not (self.out / f"{t.name}.csv").exists()]
         for trial in (t for t in trials if t not in left):
-            if why := cut_short(self.out, trial.name):
+            if why := cut_short(self.out / f"{trial.name}.csv"):
                 print(
                     f"{trial.name} was cut short ({why.rstrip('.')}) and is left as "
                     f"it is; to record it again, move {self.out / trial.name}.csv and "
@@ -159,13 +159,13 @@ class Run:
         name: str | None = None,
     ) -> Outcome:
         """One run, with its log."""
+        from cc_mujoco.diagnosis.data.run_page import LOG
         from cc_mujoco.hardware import Log, Loop, SystemClock, listening
-        from cc_mujoco.hardware.log import BLOCK, LOG
+        from cc_mujoco.hardware.log import BLOCK
         from cc_mujoco.identity import versions
 
         period = settings.period
         about = {
-            "cc_mujoco": "run",
             "controller" if name is None else "plan": what,
             "duration_s": duration,
             "period_s": period,

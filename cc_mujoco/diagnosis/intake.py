@@ -27,6 +27,7 @@ from cc_mujoco.diagnosis.data.folders import around, beside, data_files, trial_n
 from cc_mujoco.diagnosis.data.order import in_order
 from cc_mujoco.diagnosis.data.parts import Part, together
 from cc_mujoco.diagnosis.data.reading import Recording, read, read_parts
+from cc_mujoco.diagnosis.data.run_page import cut_short
 from cc_mujoco.diagnosis.data.thinning import thinned
 from cc_mujoco.diagnosis.data.torques import completed, derived_noise
 from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Trial
@@ -91,7 +92,7 @@ def load(
         findings += found
         if track is None:
             continue
-        findings += check_recording(recording, facts, file)
+        findings += _whole(path, name) + check_recording(recording, facts, file)
         track, found = thinned(track, str(path), name)
         findings += found
         trials.append(_trial(recording, track, facts))
@@ -111,6 +112,17 @@ def load(
     noise |= derived_noise(noise, instruments, file.rig, known_bench)
     findings += wrong_repeats(dataset.trials)
     return replace(dataset, noise=noise), findings
+
+
+def _whole(path: Path, name: str) -> list[Finding]:
+    """A run that was over before its time."""
+    if not (why := cut_short(path).rstrip(".")):
+        return []
+    told = (
+        f"{path} is what there is of a run that was cut short ({why}); record it again "
+        "if it lacks what it was to show."
+    )
+    return [warning(told, name)]
 
 
 def _trials(

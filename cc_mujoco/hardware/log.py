@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from cc_mujoco import files
+from cc_mujoco.diagnosis.data.run_page import LOG, MARK, page_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware.packet import Readings
 
-LOG = "log"
-"""Name of a run's files unless it has one of its own."""
 COLUMNS = (
     "time_s",
     "motor_angle_rad",
@@ -46,7 +45,8 @@ BLOCK = 0.1
 
 def files_of(name: str) -> tuple[str, str]:
     """The two files of a run: its rows, and the page on how it went."""
-    return f"{name}.csv", "run.json" if name == LOG else f"{name}.json"
+    rows = f"{name}.csv"
+    return rows, page_of(Path(rows)).name
 
 
 def require_free(folder: str | os.PathLike[str], name: str = LOG) -> None:
@@ -81,15 +81,6 @@ def _is_empty(folder: Path, name: str) -> bool:
         return False
 
 
-def cut_short(folder: Path, name: str) -> str:
-    """Why a run was over before its time; empty where it was not, or is unknown."""
-    try:
-        told = json.loads((folder / files_of(name)[1]).read_text(encoding="utf-8"))
-        return "" if told.get("exit_code") == 0 else str(told["outcome"])
-    except (OSError, ValueError, KeyError, AttributeError):
-        return ""
-
-
 class Log:
     """The rows of a run, and what it was."""
 
@@ -115,7 +106,7 @@ class Log:
         rows_file, about_file = files_of(name)
         self._folder = Path(folder)
         self._page = self._folder / about_file
-        self._about = dict(about)
+        self._about = {**MARK, **about}
         self._rows = rows
         self._block: list[str] = []
         self._start: float | None = None

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.control.model import CableModel
 from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.run_page import LOG
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import is_marked, replacing_folder, require_ours
 from cc_mujoco.hardware.drives import bench_drive
-from cc_mujoco.hardware.log import COLUMNS, LOG, files_of
+from cc_mujoco.hardware.log import COLUMNS, files_of
 from cc_mujoco.recording.columns import DEVICE, MODEL_XML, RATIO
 from cc_mujoco.recording.log import EpisodeLog
 

@@ -300,3 +300,14 @@ def test_a_scene_repaired_outside_its_cables_is_refused(
     assert diagnose(tmp_path / "run.csv", tmp_path / "out", scene=scene) == 2
     assert "has backlash outside its cables" in capsys.readouterr().err
     assert added(scene_path("bench")) == ()
+
+
+def test_a_run_that_was_cut_short_is_told_of(tmp_path: Path) -> None:
+    for name, code in ("trial_01", 143), ("trial_02", 0):
+        record(tmp_path / f"{name}.csv", recording())
+        told = {"cc_mujoco": "run", "outcome": "stopped by SIGTERM.", "exit_code": code}
+        (tmp_path / f"{name}.json").write_text(json.dumps(told))
+    (found,) = [f for f in load(tmp_path)[1] if "cut short" in f.statement]
+    assert (found.severity, found.trial) == ("warning", "trial_01")
+    assert "trial_01.csv is what there is of a run" in found.statement
+    assert "(stopped by SIGTERM)" in found.statement

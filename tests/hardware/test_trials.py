@@ -16,9 +16,9 @@ from cc_mujoco import cli
 from cc_mujoco.control import Drive, controller
 from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
 from cc_mujoco.diagnosis.data.folders import data_files
+from cc_mujoco.diagnosis.data.run_page import cut_short
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Limits, Log, Loop, Readings, Watchdog
-from cc_mujoco.hardware.log import cut_short
 from cc_mujoco.hardware.packet import Status
 from cc_mujoco.hardware.servo import APPROACH, Servo, Stiffness
 from cc_mujoco.hardware.trials import planned
@@ -126,11 +126,14 @@ def test_a_trial_that_was_cut_short_is_told_of(tmp_path: Path) -> None:
     log = Log(tmp_path, {}, 1, "trial_01")
     log.row(Readings(0.0, *[0.1] * 5, Status.ENABLED), 0.0, *[0.0] * 6)
     log.close({"outcome": "stopped by SIGTERM.", "exit_code": 143})
-    assert cut_short(tmp_path, "trial_01") == "stopped by SIGTERM."
+    first, second, none = (tmp_path / f"trial_0{k}.csv" for k in (1, 2, 3))
+    assert cut_short(first) == "stopped by SIGTERM."
     whole = Log(tmp_path, {}, 1, "trial_02")
-    assert cut_short(tmp_path, "trial_02") == "running, or killed"
+    assert cut_short(second) == "running, or killed"
     whole.close({"outcome": "the 3 s are over.", "exit_code": 0})
-    assert cut_short(tmp_path, "trial_02") == cut_short(tmp_path, "trial_03") == ""
+    assert cut_short(second) == cut_short(none) == ""
+    none.with_suffix(".json").write_text('{"outcome": "of somebody else"}')
+    assert cut_short(none) == ""
 
 
 def test_a_log_without_rows_is_replaced_and_one_with_rows_is_not(

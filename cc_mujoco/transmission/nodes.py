@@ -22,7 +22,7 @@ _HALF = law.INDEX["bedding_tension"]
 @internal
 def is_curved(prm: FloatArray) -> bool:
     """Whether the stiffness of a node depends on its tension."""
-    return prm[_BEDDING] > 0.0
+    return float(prm[_BEDDING]) > 0.0
 
 
 @internal

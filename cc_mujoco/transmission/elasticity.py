@@ -35,18 +35,19 @@ class Piece(NamedTuple):
 
 
 @internal
-def piece_of(
-    length: float, ea: float, strain: float, half: float, spring: float
-) -> Piece:
-    """A piece of cable with a spring at its end."""
-    return Piece(length / ea + spring, length * strain, half)
-
-
-@internal
 def compliance_at(piece: Piece, tension: float) -> float:
     """Derivative of the stretch by the tension [m/N]."""
     all_in = max(tension, 0.0) + piece.half
     return piece.taut + piece.bedding * piece.half / (all_in * all_in)
+
+
+@internal
+def compliance_between(piece: Piece, before: float, after: float) -> float:
+    """Stretch between two different tensions by their difference [m/N]."""
+    if before > 0.0 and after > 0.0:
+        low, high = before + piece.half, after + piece.half
+        return piece.taut + piece.bedding * piece.half / (low * high)
+    return (stretch_of(piece, after) - stretch_of(piece, before)) / (after - before)
 
 
 @internal

@@ -68,7 +68,13 @@ def _where(holds: Callable[[Term], bool]) -> tuple[tuple[int, int], ...]:
     )
 
 
-_VARYING = _where(lambda term: term.acts_on != "pulley" and bool(term.depends_on))
+_VARYING = _where(
+    lambda term: (
+        term.acts_on != "pulley"
+        and bool(term.depends_on)
+        and (term.acts_on, term.depends_on) != ("elasticity", ("load",))
+    )
+)
 _SCALING = _where(
     lambda term: (
         term.acts_on == "coefficient"
@@ -94,7 +100,7 @@ def is_state_dependent(values: FloatArray) -> bool:
 
 @internal
 def is_constant_coulomb(values: FloatArray) -> bool:
-    """Whether all is constant, along the cable as well."""
+    """Whether all but elasticity is constant, along the cable as well."""
     for switch, other in _VARYING:
         if values[switch] != 0.0 and values[other] != 0.0:
             return False

@@ -31,8 +31,7 @@ from cc_mujoco.compiled import (
     exported,
     internal,
 )
-from cc_mujoco.transmission import before, nodes, prepare
-from cc_mujoco.transmission import elasticity as elastic
+from cc_mujoco.transmission import before, curved, nodes, prepare
 from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission import packing as at
 from cc_mujoco.transmission.chain import lay
@@ -76,8 +75,6 @@ _CRITICAL_SLIP = law.INDEX["critical_slip_distance"]
 _STRESS_RELAXATION = law.INDEX["stress_relaxation"]
 _GREASE = law.INDEX["grease_drag"]
 _ROUNDS = 60
-_TANGENT = 1  # row of scratch for the stiffness of nodes in the step
-_CURVED = 1e-5  # relative error of tension up to which a straight line will do
 
 
 @compiled
@@ -121,61 +118,6 @@ def _held(
 
 
 @internal
-def _tangent(
-    prm: FloatArray, n: int, tension: FloatArray, work: FloatArray
-) -> FloatArray:
-    """Stiffness of the nodes (n+1,) where they are [N/m], a view into `work`."""
-    stiffness = at.node_row(work, n, _TANGENT)
-    for i in range(n + 1):
-        own = nodes.piece(prm, n, i)
-        stiffness[i] = 1.0 / elastic.compliance_at(own, tension[i])
-    return stiffness
-
-
-@internal
-def _straightened(
-    prm: FloatArray,
-    n: int,
-    tension: FloatArray,
-    proximal_kind: int,
-    proximal_moved: float,
-    distal_kind: int,
-    distal_moved: float,
-    node: FloatArray,
-    stiffness: FloatArray,
-    work: FloatArray,
-) -> bool:
-    """Lay straight lines through a solution, for another round.
-
-    Returns:
-        Whether the lines it was found with were right already.
-    """
-    shift = at.row(work, n, _SHIFT)
-    largest = 0.0
-    for i in range(n + 1):
-        largest = max(largest, node[i])
-    settled = True
-    for i in range(n + 1):
-        if (i == 0 and proximal_kind == TENSION) or (i == n and distal_kind == TENSION):
-            continue
-        behind = proximal_moved if i == 0 else shift[i - 1]
-        stretched = (distal_moved if i == n else shift[i]) - behind
-        true = nodes.pulled(prm, n, i, tension[i], stretched)
-        if abs(max(true, 0.0) - node[i]) > _CURVED * largest:
-            settled = False
-        if abs(true - tension[i]) > _CURVED * largest:
-            line = (true - tension[i]) / stretched
-            # The line of the stretch found can overshoot without end, that of the
-            # tension found never does: go between them.
-            found = nodes.stretched(prm, n, i, tension[i], node[i])
-            if node[i] > 0.0 and abs(node[i] - tension[i]) > _CURVED * largest:
-                steady = (node[i] - tension[i]) / found
-                line = steady * (line / steady) ** 0.3
-            stiffness[i] = line
-    return settled
-
-
-@internal
 def _sheared(
     prm: FloatArray, n: int, node: FloatArray, dt: float, work: FloatArray
 ) -> bool:
@@ -201,7 +143,7 @@ def _sheared(
         right = law.grease_viscosity(values, speed)
         error += abs(right - taken) * speed * length[j]
         guess[j] = law.next_guess(values, guess[j], speed)
-    return error <= _CURVED * largest
+    return error <= curved.ERROR * largest
 
 
 @internal
@@ -379,11 +321,11 @@ def _commit(
     # Tension from displacement, not from the solver's ratios: the stretch of the cable
     # then adds up over any number of steps.
     behind = proximal_value - state[0]
-    curved = nodes.is_curved(prm)
+    is_curved = nodes.is_curved(prm)
     for i in range(n + 1):
         ahead = shift[i] if i < n else distal_value - state[1]
         strained = tension[i] + stiffness[i] * (ahead - behind)
-        if curved:
+        if is_curved:
             strained = nodes.pulled(prm, n, i, tension[i], ahead - behind)
         elif node[i] <= 0.0:
             strained = min(strained, 0.0)
@@ -523,7 +465,6 @@ def step(
         return OK
     growth, drag = at.constant_growth(prm, n), at.constant_drag(prm, n)
     hold_distal, hold_proximal = growth, growth
-    compliance = at.node_compliance(prm, n)
     tension = at.tensions(state, n)
     if prm[_STRESS_RELAXATION] > 0.0:
         tension = before.relax_stress(prm, n, state, dt, new_state, work)
@@ -539,6 +480,7 @@ def step(
         guess, speed = at.row(work, n, _SPEED), at.slip_speeds(state, n)
         for j in range(n):
             guess[j] = max(speed[j], law.SLOWEST)
+    is_curved = nodes.is_curved(prm)
     quick = is_constant_coulomb and by_position
     if quick and prm[_STATIC] > 0.0:
         _coefficients(prm, n, state, tension, dt, work)
@@ -560,10 +502,15 @@ def step(
         if lengthens:
             stretch = 0.0
             for i in range(n + 1):
-                stretch += tension[i] * compliance[i]
+                stretch += nodes.node_stretch(prm, n, i, tension[i])
         stretch += distal_moved - proximal_moved
         dragged = prm[_LOAD_INDEPENDENT] + prm[_SEALS[0]] + prm[_SEALS[1]] > 0.0
-        if stretch <= 0.0 and not dragged:
+        if is_curved:
+            solved = stretch > 0.0 and curved.marched(
+                prm, n, tension, growth, hold_distal, hold_proximal, drag,
+                proximal_moved, distal_moved, shift, node, work,
+            )  # fmt: skip
+        elif stretch <= 0.0 and not dragged:
             lay(
                 0, n, tension, at.node_stiffness(prm, n), proximal_moved, True,
                 distal_moved, True, shift,
@@ -572,17 +519,16 @@ def step(
             solved = True
         else:
             solved = march(
-                n, tension, compliance, at.half_compliance(prm, n), growth,
-                hold_distal, hold_proximal, drag, proximal_moved, distal_moved, shift,
-                node, work,
+                n, tension, at.node_compliance(prm, n), at.half_compliance(prm, n),
+                growth, hold_distal, hold_proximal, drag, proximal_moved, distal_moved,
+                shift, node, work,
             )  # fmt: skip
-            solved = solved and node[0] >= 0.0 and node[n] >= 0.0
+        solved = solved and node[0] >= 0.0 and node[n] >= 0.0
     if not solved:
         stiffness = at.node_stiffness(prm, n)
-        curved = nodes.is_curved(prm)
-        if curved:
-            stiffness = _tangent(prm, n, tension, work)
-        for _ in range(_ROUNDS if curved or greased else 1):
+        if is_curved:
+            stiffness = curved.tangents(prm, n, tension, work)
+        for _ in range(_ROUNDS if is_curved or greased else 1):
             _coefficients(prm, n, state, tension, dt, work)
             proximal_p, proximal_q = _end(
                 proximal_kind, proximal_value, -proximal_moved, tension[0], stiffness[0]
@@ -595,9 +541,9 @@ def step(
                 proximal_p, proximal_q, distal_p, distal_q, node, work,
             )  # fmt: skip
             settled = not greased or _sheared(prm, n, node, dt, work)
-            if curved and not _straightened(
-                prm, n, tension, proximal_kind, proximal_moved, distal_kind,
-                distal_moved, node, stiffness, work,
+            if is_curved and not curved.straightened(
+                prm, n, tension, proximal_kind == TENSION, proximal_moved,
+                distal_kind == TENSION, distal_moved, shift, node, stiffness,
             ):  # fmt: skip
                 settled = False
             if settled:

@@ -28,19 +28,26 @@ def is_curved(prm: FloatArray) -> bool:
 @internal
 def piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
     """Node i, with the spring at its end."""
+    bedding = at.node_length(prm, n)[i] * prm[_BEDDING]
+    return elastic.Piece(at.node_compliance(prm, n)[i], bedding, prm[_HALF])
+
+
+@internal
+def half_piece(prm: FloatArray, n: int, j: int) -> elastic.Piece:
+    """Half of what segment j rubs over."""
+    bedding = 0.5 * at.contact_length(prm, n)[j] * prm[_BEDDING]
+    return elastic.Piece(at.half_compliance(prm, n)[j], bedding, prm[_HALF])
+
+
+@internal
+def set_node(prm: FloatArray, n: int, i: int) -> None:
+    """Pack stiffness and compliance of a node, the taut ones, with what springs."""
     spring = 0.0
     if i == n:
         spring = prm[_END_COMPLIANCE] + prm[at.YIELD_DISTAL]
     elif i == 0:
         spring = prm[at.YIELD_PROXIMAL]
-    length = at.node_length(prm, n)[i]
-    return elastic.piece_of(length, prm[_EA], prm[_BEDDING], prm[_HALF], spring)
-
-
-@internal
-def set_node(prm: FloatArray, n: int, i: int) -> None:
-    """Pack stiffness and compliance of a node, the taut ones."""
-    stiffness = 1.0 / piece(prm, n, i).taut
+    stiffness = 1.0 / (at.node_length(prm, n)[i] / prm[_EA] + spring)
     at.node_stiffness(prm, n)[i] = stiffness
     at.node_compliance(prm, n)[i] = 1.0 / stiffness
 
@@ -84,9 +91,8 @@ def stretched(prm: FloatArray, n: int, i: int, before: float, after: float) -> f
 @internal
 def rest_stretch(prm: FloatArray, tension: float) -> float:
     """Stretch of the cable with its end spring at a uniform tension [m]."""
-    whole = elastic.piece_of(
-        prm[at.LENGTH], prm[_EA], prm[_BEDDING], prm[_HALF], prm[_END_COMPLIANCE]
-    )
+    taut = prm[at.LENGTH] / prm[_EA] + prm[_END_COMPLIANCE]
+    whole = elastic.Piece(taut, prm[at.LENGTH] * prm[_BEDDING], prm[_HALF])
     return elastic.stretch_of(whole, tension)
 
 

@@ -46,7 +46,8 @@ TIME, TRAVEL, HEAT = 4, 5, 6
 _SEGMENT_STATE = 5
 _SOLVER_WORK = 11  # of scratch, per node, for `march` and `sweep`
 _STEP_WORK = 11  # per segment, behind it: slip, coefficients, bristles and speed
-_NODE_WORK = 2  # per node, behind that: tension before the step, stiffness in it
+# Per node, behind that: tension before the step, and `curved.py`.
+_NODE_WORK = 3
 
 
 @compiled

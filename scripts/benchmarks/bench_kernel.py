@@ -6,7 +6,8 @@ Prints, from one run, the cost of a step and ratios: the kernel against (a)
 `scipy.optimize.fsolve` on equations 2.13 of the thesis, warm-started from the step
 before, and (b) the dense sign enumeration of its section 2.3 in NumPy, last pattern
 first. All three step the same mass motion, in which every segment slips. Then the
-kernel's worst single step over random motions with reversals, opposed ends and slack.
+kernel's worst single step over random motions with reversals, opposed ends and slack,
+and what a step with each of some terms costs over one without, over the same motions.
 """
 
 from __future__ import annotations
@@ -20,10 +21,40 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from cc_mujoco.compiled import FloatArray
 from cc_mujoco.reproduce.experiments.solver import CABLE, DT, costs
-from cc_mujoco.transmission import Cable, rest_state
+from cc_mujoco.transmission import Cable, replay, rest_state
 from cc_mujoco.transmission import kernel as K
 from cc_mujoco.transmission.conduit import packed
+
+TERMS: tuple[dict[str, float], ...] = (
+    {"static_friction": 0.25},
+    {"end_compliance": 1e-4},
+    {"bedding_strain": 2e-3},
+    {"bristle_length": 2e-4},
+    {"friction_drift": 0.01},
+    {"friction_drift": 0.01, "bedding_strain": 2e-3},
+    {"grease_drag": 5.0},
+)
+
+
+def motions() -> list[FloatArray]:
+    """Random motions of both ends (6000,) [m]."""
+    rng = np.random.default_rng(0)
+    knots = np.cumsum(rng.normal(0.0, 0.01, (2, 60)), axis=1)
+    at = np.linspace(0.0, 59.0, 6000)
+    return [np.interp(at, np.arange(60.0), row) for row in knots]
+
+
+def replayed(cable: Cable) -> float:
+    """Mean cost of a step over these motions [s], the least of three runs."""
+    proximal, distal = motions()
+    times = []
+    for _ in range(3):
+        begin = time.perf_counter()
+        replay(cable, DT, u_proximal=proximal, u_distal=distal)
+        times.append(time.perf_counter() - begin)
+    return min(times) / len(proximal)
 
 
 def worst_step(cable: Cable) -> tuple[float, float]:
@@ -32,10 +63,7 @@ def worst_step(cable: Cable) -> tuple[float, float]:
     Each step is timed alone and repeated; the least of its times counts, so that an
     interruption by another process does not, and the cost of the call is deducted.
     """
-    rng = np.random.default_rng(0)
-    knots = np.cumsum(rng.normal(0.0, 0.01, (2, 60)), axis=1)
-    at = np.linspace(0.0, 59.0, 6000)
-    proximal, distal = (np.interp(at, np.arange(60.0), row) for row in knots)
+    proximal, distal = motions()
     n = cable.segments
     prm, work, state = packed(cable), np.empty(K.work_size(n)), rest_state(cable)
     new = state.copy()
@@ -78,6 +106,10 @@ def main() -> None:
         "random motions, one step: "
         f"median {median * 1e6:.1f} us, worst {worst * 1e6:.1f} us"
     )
+    plain = replayed(CABLE.replace(segments=n))
+    for terms in TERMS:
+        ratio = replayed(CABLE.replace(segments=n, **terms)) / plain
+        print(f"  with {', '.join(terms):32s} {ratio:6.1f} x")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cc_mujoco.transmission import Conduit, kernel, replay, rest_state
 from cc_mujoco.transmission.conduit import packed
@@ -312,11 +314,12 @@ def test_a_cable_that_beds_in_has_its_closed_form_whatever_the_path(spring):
     assert motion.stored == pytest.approx(wanted, abs=1e-5 * wanted.max())
 
 
-def test_a_little_bedding_is_none_and_steps_do_not_matter():
+@pytest.mark.parametrize("viscous", [0.0, 1e-12], ids=["march", "graph"])
+def test_a_little_bedding_is_none_and_steps_do_not_matter(viscous):
     proximal, distal = ends(
         8, samples=2401, size=6e-3
     )  # all corners in every tenth sample
-    cable = BENT.replace(segments=20, viscous_friction=1e-12)
+    cable = BENT.replace(segments=20, viscous_friction=viscous)
     straight = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
     hardly = replay(
         cable.replace(bedding_strain=1e-14), 1e-3, u_proximal=proximal, u_distal=distal
@@ -329,6 +332,22 @@ def test_a_little_bedding_is_none_and_steps_do_not_matter():
     error = np.abs(coarse.tension_distal - fine.tension_distal[::10])
     assert error.max() < 0.02 * largest
     assert not np.allclose(fine.tension_distal, straight.tension_distal, rtol=0.05)
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=15)
+def test_a_cable_that_beds_in_is_the_same_to_both_solvers(seed):
+    # One end rests: the graph resolves a null point to a segment only.
+    proximal, distal = ends(seed, samples=401, size=6e-3)[0], np.zeros(401)
+    cable = BENT.replace(segments=9, bedding_strain=5e-3, bedding_tension=8.0)
+    quick, general = (
+        replay(c, 1e-3, u_proximal=proximal, u_distal=distal)
+        for c in (cable, cable.replace(viscous_friction=1e-12))
+    )
+    largest = general.tension_proximal.max()
+    for end in ("tension_proximal", "tension_distal"):
+        wanted = pytest.approx(getattr(general, end), abs=1e-4 * largest)
+        assert getattr(quick, end) == wanted
 
 
 def committed(cable, proximal, distal, steps):

@@ -90,7 +90,7 @@ class PredictiveCompensation(Controller):
         motion: float = 300.0,
         belief: float = 0.5,
         turning: float = 3.0,
-        learning: float = 5.0,
+        learning: float = 20.0,
         latest: float = 0.015,
         damper: float | None = None,
         tolerance: float | None = None,
@@ -117,8 +117,8 @@ class PredictiveCompensation(Controller):
                 own is where it begins.
             damper: Strongest damper at the joint that spends energy, over the stiffness
                 of the cables there [s]; 0 is none. By default 0.02 for a pair of
-                cables and none for a single one, whose torque is a profile that gives
-                energy.
+                cables and 0.001 for a single one, whose errors over a profile that
+                gives energy give some, too.
             tolerance: Of the torque that a knot of the plan makes, in standard
                 deviations of the torque sensor. By default 0.5 for a pair of cables
                 and 3 for a single one, which else turns back for less than its motor
@@ -144,7 +144,7 @@ class PredictiveCompensation(Controller):
         number("learning", learning, 0.0, 1e3, "1/s")
         number("latest", latest, 0.0, 1.0, "s")
         if damper is None:
-            damper = 0.02 if len(drive.cables) > 1 else 0.0
+            damper = 0.02 if len(drive.cables) > 1 else 0.001
         number("damper", damper, 0.0, 1.0, "s")
         if tolerance is None:
             tolerance = 0.5 if len(drive.cables) > 1 else 3.0

@@ -132,3 +132,14 @@ def test_devices_that_are_passive_give_nothing_and_one_that_is_not_does() -> Non
     swung = play("wrist", "stiction", "spring", wearers)
     assert swung.held.max() > 0.1
     assert swung.velocity.max() > 1.0
+
+
+@pytest.mark.parametrize("law", ["predictive", "adaptive"])
+def test_a_finger_that_nobody_holds_is_not_swung_up(law: str) -> None:
+    found = play("finger", law, "spring", [Limb(0.05, 2.7e-4, 3e-6)])
+    assert found.held[0] < 1e-5
+
+
+def test_friction_believed_too_large_is_learned_before_a_stiff_hand_is_shaken() -> None:
+    found = play("wrist", "predictive", "spring", [Limb(30.0, 0.73, 4e-4)], 1.3)
+    assert found.held[0] < 0.15  # 0.53 J at a quarter of the rate of learning

@@ -6,6 +6,7 @@ import shlex
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -17,7 +18,6 @@ from cc_mujoco.errors import CableError
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from cc_mujoco.whatif.around import Around
     from cc_mujoco.whatif.pareto import Limit, Objective
     from cc_mujoco.whatif.plan import Plan
     from cc_mujoco.workers import Progress
@@ -90,9 +90,13 @@ class WhatIf:
         """Run what is not done yet; print the best designs and where the rest is."""
         from tqdm import tqdm
 
+        from cc_mujoco.whatif.around import around
+        from cc_mujoco.whatif.halved import halved
         from cc_mujoco.whatif.pareto import within
-        from cc_mujoco.whatif.report import FILES, write_report
+        from cc_mujoco.whatif.report import FILES, goals_of, write_report
+        from cc_mujoco.whatif.sections import settled
         from cc_mujoco.whatif.store import require_ours
+        from cc_mujoco.whatif.study import carry_out
 
         if self.threads < 0:
             raise CableError(f"--threads must be 0 or greater, not {self.threads}.")
@@ -115,8 +119,19 @@ class WhatIf:
 
             plan, table = self._carried_out(plan, objectives, limits, folder, progress)
         command = shlex.join(["cc-mujoco", *sys.argv[1:]])
-        nearby = self._around(plan, table, objectives, limits)
-        files = write_report(folder, plan, table, objectives, limits, command, nearby)
+        run = partial(
+            carry_out,
+            threads=self.threads,
+            scheduler=self.scheduler,
+            worker_timeout=self.worker_timeout,
+        )
+        nearby = None
+        if self.around:
+            nearby = around(plan, table, objectives, limits, run)
+        half = halved(plan, table, goals_of(plan, table, objectives), limits, run)
+        files = write_report(
+            folder, plan, table, objectives, limits, command, nearby, half
+        )
         if self.around and nearby is None:
             print("around:   nothing, as no design is good enough or none can move")
         failed = len(table) - table["failed"].null_count
@@ -125,6 +140,8 @@ class WhatIf:
         if limits:
             kept = int(within(table, limits).sum())
             print(f"{kept} keep the limits{'' if kept else ': NONE IS GOOD ENOUGH'}")
+        if half is not None and half.unsettled:
+            print(f"WARNING: {settled(half)}")
         print(f"table:    {folder / 'table.parquet'}")
         for path in files:
             print(f"          {path}")
@@ -197,31 +214,6 @@ class WhatIf:
         if self.optimise is None:
             return plan, carry_out(plan, *where, **how)
         return search(plan, objectives, limits, self.optimise, *where, **how)
-
-    def _around(
-        self,
-        plan: Plan,
-        table: pa.Table,
-        objectives: tuple[Objective, ...],
-        limits: tuple[Limit, ...],
-    ) -> Around | None:
-        """What is around the best design, if it was asked for."""
-        from cc_mujoco.whatif.around import around
-        from cc_mujoco.whatif.study import carry_out
-
-        if not self.around:
-            return None
-
-        def run(few: Plan) -> pa.Table:
-            return carry_out(
-                few,
-                None,
-                self.threads,
-                self.scheduler,
-                worker_timeout=self.worker_timeout,
-            )
-
-        return around(plan, table, objectives, limits, run)
 
 
 def _pairs(option: str, what: str, texts: Iterable[str]) -> dict[str, str]:

@@ -27,7 +27,7 @@ from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import Range
 from cc_mujoco.whatif.evaluate import Design
 from cc_mujoco.whatif.pareto import Limit, Objective, costs, order
-from cc_mujoco.whatif.plan import Plan, batches_of
+from cc_mujoco.whatif.plan import Plan, few
 from cc_mujoco.whatif.variables import Value
 
 Array = NDArray[np.float64]
@@ -40,8 +40,6 @@ RELAX = 0.1
 """By how much a limit is relaxed, of its size; by 1 of its unit where it is 0."""
 WORSE = 0.01
 """Of an objective, which counts as no worse where another is improved."""
-PIECE = 8
-"""Most designs that are simulated together."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +138,7 @@ def around(
     tried = [base, *(d for pair in sides.values() for d in pair if d is not None)]
     if len(tried) == 1:
         return None
-    rows = iter(run(_plan(plan, builder, tried)).to_pylist())
+    rows = iter(run(few(plan, builder, tried)).to_pylist())
     centre = next(rows)
     names = _measured(objectives, limits)
     slopes: list[Slope] = []
@@ -158,7 +156,7 @@ def around(
     there: list[Mapping[str, object]] = []
     if proposed:
         designs = [design for _, design in proposed]
-        there = run(_plan(plan, builder, designs)).to_pylist()
+        there = run(few(plan, builder, designs)).to_pylist()
     checked = {id(price): row for (price, _), row in zip(proposed, there, strict=True)}
     return Around(
         best,
@@ -167,18 +165,6 @@ def around(
             _checked(price, checked.get(id(price)), centre, objectives, limits)
             for price in prices
         ),
-    )
-
-
-def _plan(plan: Plan, builder: Builder, designs: Sequence[Design]) -> Plan:
-    across = plan.protocol.across
-    layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
-    return dataclasses.replace(
-        plan,
-        designs=tuple(designs),
-        full=False,
-        batches=batches_of(layouts, PIECE),
-        search=None,
     )
 
 

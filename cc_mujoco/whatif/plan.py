@@ -42,6 +42,9 @@ BATCH = 256
 MEMORY, SAMPLE = 250e6, 150.0
 """What a batch may keep, and what a design keeps of a control step [byte]."""
 
+_FEW = 8
+"""Designs that are simulated together where there are few."""
+
 SAMPLINGS = ("grid", "lhs")
 
 VALUES = "values"
@@ -371,4 +374,17 @@ def batches_of(
         tuple(members[i : i + size])
         for members in layouts.values()
         for i in range(0, len(members), size)
+    )
+
+
+def few(plan: Plan, builder: Builder, designs: Sequence[Design]) -> Plan:
+    """The study with other designs, so few that small batches suit them."""
+    across = plan.protocol.across
+    layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
+    return dataclasses.replace(
+        plan,
+        designs=tuple(designs),
+        full=False,
+        batches=batches_of(layouts, _FEW),
+        search=None,
     )

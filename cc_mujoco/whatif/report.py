@@ -19,6 +19,7 @@ from cc_mujoco.whatif import sections
 from cc_mujoco.whatif.across import WORST_CASE
 from cc_mujoco.whatif.around import Around
 from cc_mujoco.whatif.charts import effects_plot, heat_maps, pareto_plot
+from cc_mujoco.whatif.halved import Halved
 from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.pareto import Limit, Objective, costs, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
@@ -52,6 +53,7 @@ def write_report(
     limits: Sequence[Limit] = (),
     command: str = "",
     nearby: Around | None = None,
+    half: Halved | None = None,
 ) -> tuple[Path, ...]:
     """Write all that is made of a table.
 
@@ -64,6 +66,7 @@ def write_report(
         limits: that a design must keep to be in the Pareto set.
         command: that made the study, for the reader.
         nearby: what is around the best design, where that was looked for.
+        half: what half the time step makes of it, likewise.
 
     Returns:
         The files that were written.
@@ -73,9 +76,7 @@ def write_report(
         for name in plan.protocol.metrics
         if (one := sensitivity(plan, table, name)) is not None
     ]
-    goals = tuple(objectives) or tuple(
-        Objective(name, METRICS[name].high) for name in plan.protocol.metrics
-    )
+    goals = goals_of(plan, table, objectives)
     cost = costs(table, goals, limits)
     best = pareto(cost)
     written = [folder / SOBOL, folder / EFFECTS]
@@ -98,11 +99,13 @@ def write_report(
         for name, drawing in drawings.items():
             save(folder / name, drawing)
             written.append(folder / name)
-    text = markdown(plan, table, goals, bool(objectives), cost, found, limits, nearby)
+    text = markdown(
+        plan, table, goals, bool(objectives), cost, found, limits, nearby, half
+    )
     with replacing(folder / RANKING) as partial:
         partial.write_text(text, encoding="utf-8")
     finding = sections.Finding.of(plan, table, goals, limits, cost, bool(objectives))
-    text = _page(finding, found, folder, tuple(drawings), command, nearby)
+    text = _page(finding, found, folder, tuple(drawings), command, nearby, half)
     with replacing(folder / REPORT) as partial:
         partial.write_text(text, encoding="utf-8")
     files = (folder / REPORT, folder / RANKING, *written)
@@ -110,6 +113,17 @@ def write_report(
         if folder / name not in files:
             (folder / name).unlink(missing_ok=True)
     return files
+
+
+def goals_of(
+    plan: Plan, table: pa.Table, objectives: Sequence[Objective]
+) -> tuple[Objective, ...]:
+    """What designs are ranked by: the objectives, or all of which there are numbers."""
+    measured = plan.protocol.metrics
+    had = [name for name in measured if table[name].null_count < len(table)]
+    return tuple(objectives) or tuple(
+        Objective(name, METRICS[name].high) for name in had or measured
+    )
 
 
 TITLES = {
@@ -139,6 +153,7 @@ def _page(
     drawn: Sequence[str],
     command: str,
     nearby: Around | None,
+    half: Halved | None,
 ) -> str:
     def shown(name: str, words: str) -> Html:
         return picture(folder / name, words) if name in drawn else Html()
@@ -161,7 +176,7 @@ def _page(
     )
     parts = {
         "best": sections.best(finding),
-        "sure": sections.confidence(finding, nearby),
+        "sure": sections.confidence(finding, nearby, half),
         "controllers": sections.controllers(finding),
         "trade": with_pictures(sections.trade_offs(finding), front),
         "matters": with_pictures(sections.matters(found, finding.goals), effects, maps),
@@ -197,6 +212,7 @@ def markdown(
     found: Sequence[Sensitivity],
     limits: Sequence[Limit] = (),
     nearby: Around | None = None,
+    half: Halved | None = None,
 ) -> str:
     """The ranking as Markdown, with effects and indices below."""
     protocol = plan.protocol
@@ -232,6 +248,8 @@ def markdown(
         rule = f"the Pareto set (marked *) first, each part {rule}"
     parts.append(f"The best {min(LISTED, len(table))}: {rule}.")
     parts.append(_ranking(plan, table, goals, cost, chosen))
+    if half is not None:
+        parts.append(sections.settled(half))
     if nearby is not None:
         parts += [f"## Around design {nearby.design}", NEARBY]
         parts.append(table_of(*sections.slope_table(nearby)))

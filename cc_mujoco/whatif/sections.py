@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,6 +19,7 @@ from cc_mujoco.whatif.across import WORST_CASE, about
 from cc_mujoco.whatif.around import WORSE, Around, Price, Slope
 from cc_mujoco.whatif.build import RADII, Builder
 from cc_mujoco.whatif.designs import Range
+from cc_mujoco.whatif.halved import Halved
 from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.pareto import Limit, Objective, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
@@ -207,7 +209,9 @@ def best(found: Finding) -> Html | None:
     return joined([paragraph(words), table([headed(n) for n in columns], rows)])
 
 
-def confidence(found: Finding, nearby: Around | None = None) -> Html | None:
+def confidence(
+    found: Finding, nearby: Around | None = None, half: Halved | None = None
+) -> Html | None:
     """How sure it is that the best is the best."""
     row = found.best
     if row is None:
@@ -239,6 +243,8 @@ def confidence(found: Finding, nearby: Around | None = None) -> Html | None:
         )
     if nearby is not None:
         said += [text for price in nearby.prices if (text := _missed(found, price))]
+    if half is not None:
+        said.append(settled(half))
     if found.plan.search is not None:
         share = (first + 1) / len(found.rows)
         said.append(
@@ -260,6 +266,33 @@ def confidence(found: Finding, nearby: Around | None = None) -> Html | None:
         "differ from the model give other numbers."
     )
     return bullets(said)
+
+
+def settled(half: Halved) -> str:
+    """What half the time step makes of the numbers."""
+    step = f"half the time step, {1e3 * half.timestep:g} ms"
+    if not half.unsettled:
+        many = f"{len(half.designs)} designs from the best to the worst"
+        what = many if len(half.designs) > 1 else f"design {half.designs[0]}"
+        most = half.changes[0]
+        return (
+            f"At {step}, {what} give the same numbers to within {most.share:.1%} "
+            f"({plain(most.metric)})."
+        )
+    told = [
+        f"{plain(one.metric)} of design {one.design} is "
+        + (
+            f"{quantity(one.metric, one.at_half)} instead of {cell(one.value)}"
+            if math.isfinite(one.at_half)
+            else f"none instead of {quantity(one.metric, one.value)}"
+        )
+        for one in half.unsettled
+    ]
+    return (
+        f"At {step}, {listed(told)}: such numbers say more of the step than of the "
+        f"design. --timestep {half.timestep:g} repeats the study there; where that "
+        "does not settle them, the controller swings against the cable."
+    )
 
 
 def _missed(found: Finding, price: Price) -> str:

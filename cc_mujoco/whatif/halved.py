@@ -1,0 +1,148 @@
+"""Whether what a study found depends on its time step: some designs at half of it.
+
+found = halved(plan, table, goals, limits, carry_out)
+
+A cable that the step resolves can still be driven into a limit cycle, by a controller
+that meets a stiffer cable than it is made for, and then a number says more of the step
+than of the design. That is no error of any one step, so it is looked for in the end.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.metrics import CHOSEN_BY
+from cc_mujoco.whatif.pareto import Limit, Objective, costs, order
+from cc_mujoco.whatif.plan import Plan, few
+
+MOST, ONE_IN = 6, 4
+"""Designs that are tried at most, and of how many one is."""
+TOLERATED = 0.05
+"""Change of a number that is not worth a word."""
+SMALL = 0.05
+"""Part of the range of all designs; the change of a smaller number is over this."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What became of a number of a design.
+
+    Attributes:
+        metric: its name.
+        design: number of the design.
+        value: in the study.
+        at_half: at half the time step; NaN where there is no such number.
+        share: the difference, over the number or `SMALL` of the range; inf without one.
+    """
+
+    metric: str
+    design: int
+    value: float
+    at_half: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Halved:
+    """Designs at half the time step.
+
+    Attributes:
+        timestep: that half [s].
+        designs: numbers of the designs, the best first.
+        changes: the largest of every metric, the largest of all first.
+    """
+
+    timestep: float
+    designs: tuple[int, ...]
+    changes: tuple[Change, ...]
+
+    @property
+    def unsettled(self) -> tuple[Change, ...]:
+        """Changes that are worth a word."""
+        return tuple(one for one in self.changes if one.share > TOLERATED)
+
+
+def halved(
+    plan: Plan,
+    table: pa.Table,
+    goals: Sequence[Objective],
+    limits: Sequence[Limit],
+    run: Callable[[Plan], pa.Table],
+) -> Halved | None:
+    """Try designs of a study again at half its time step.
+
+    They are spread over the ranking, with the best and the worst among them.
+
+    Args:
+        plan: the study.
+        table: its table.
+        goals: what it is ranked by; these numbers are compared, and those of limits.
+        limits: that a good design keeps.
+        run: carries a plan out; see `study.carry_out`.
+
+    Returns:
+        What became of the numbers; None where no design has all of them.
+    """
+    cost = costs(table, goals, ())  # a number may break a limit by the step alone
+    ranked = [int(i) for i in order(cost) if not np.isnan(cost[i]).any()]
+    if not ranked:
+        return None
+    count = min(MOST, math.ceil(len(ranked) / ONE_IN))
+    places = np.linspace(0, len(ranked) - 1, count).round().astype(int)
+    best = int(order(costs(table, goals, limits))[0])
+    tried = tuple(dict.fromkeys([best, *(ranked[place] for place in places)]))
+    columns = list(
+        dict.fromkeys([*(g.name for g in goals), *(x.column for x in limits)])
+    )
+    measured = {name.partition("@")[0] for name in columns}
+    if len(plan.protocol.controllers) > 1:
+        measured.add(CHOSEN_BY)
+    protocol = dataclasses.replace(
+        plan.protocol,
+        timestep=0.5 * plan.protocol.timestep,
+        metrics=tuple(name for name in plan.protocol.metrics if name in measured),
+    )
+    again = few(
+        dataclasses.replace(plan, protocol=protocol),
+        Builder(protocol.scene, protocol.timestep),
+        [plan.designs[i] for i in tried],
+    )
+    rows = run(again).to_pylist()
+    ranges = {name: _range(table, name) for name in columns}
+    changes = [
+        max(
+            (
+                _change(name, i, table[name][i].as_py(), row, ranges[name])
+                for i, row in zip(tried, rows, strict=True)
+            ),
+            key=lambda one: one.share,
+        )
+        for name in columns
+    ]
+    changes.sort(key=lambda one: -one.share)
+    return Halved(protocol.timestep, tried, tuple(changes))
+
+
+def _range(table: pa.Table, name: str) -> float:
+    values = np.array([v for v in table[name].to_pylist() if v is not None])
+    return float(np.ptp(values)) if values.size else 0.0
+
+
+def _change(
+    name: str, design: int, value: object, row: Mapping[str, object], span: float
+) -> Change:
+    if not isinstance(value, float):  # a limit that is not a goal may have no number
+        return Change(name, design, math.nan, math.nan, 0.0)
+    again = row[name]
+    if not isinstance(again, float):
+        return Change(name, design, value, math.nan, math.inf)
+    size = max(abs(value), SMALL * span)
+    share = abs(again - value) / size if again != value else 0.0
+    return Change(name, design, value, again, share)

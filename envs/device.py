@@ -189,6 +189,7 @@ class Device:
             (cable_drives,),
             inertia=float(self.model.dof_M0[self._motor_v]),
             damping=float(self.model.dof_damping[self._motor_v]),
+            joint_inertia=float(self.model.dof_M0[self._joint_v]),
             crossed=self.winding.others(self.model) if self.winding else (),
             observed=self.observed(period),
         )

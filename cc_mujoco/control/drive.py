@@ -60,6 +60,8 @@ class Drive:
     """Of the motor with its pulley [kg m^2], as its data sheet has it."""
     damping: float = 0.0
     """Of the motor's bearings [Nm s/rad]."""
+    joint_inertia: float = 0.0
+    """Of the joint with its limb in the neutral pose [kg m^2]; 0 is not known."""
     delay: int = 0
     """Control steps by which what is measured comes late."""
     torque_noise: float = 0.0

@@ -47,6 +47,7 @@ from cc_mujoco.control.tuning import (
     STIFFNESS,
     TOLERANCE,
     TURNING,
+    YIELDING,
 )
 from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission import stepper
@@ -415,6 +416,8 @@ def act(
     delay = int(memory[LATE])
     _copy(state, room.state)
     at = _predict(cables, joint[0], applied[applied.size - delay :], tune, room)
+    # A joint that its own torque slows down does not turn when the torque is right.
+    memory[JOINT + 2] += tune[YIELDING] * (memory[AIM] - memory[FELT]) * dt * dt
     _damp(memory, tune)
     before = memory[SENSE]
     sense = 1.0 if before == 0.0 else before

@@ -54,7 +54,8 @@ class PredictiveCompensation(Controller):
     1. an observer brings model, rotor and motion to when the measurements were taken,
        and finds how late they are by which of the torques moved the rotor so;
     2. the kernel rolls them on over the delay, with the torques applied meanwhile;
-    3. the joint and the desired torque are extrapolated over a short horizon, and the
+    3. the joint and the desired torque are extrapolated over a short horizon, the joint
+       as if it gave way a little to a torque that is not yet as desired, and the
        kernel finds for each knot the angle \(\theta^*_i\) of the motor that makes the
        desired torque, if the motor only turns on in its present sense;
     4. the accelerations \(a_i\) of the motor minimise
@@ -93,6 +94,7 @@ class PredictiveCompensation(Controller):
         learning: float = 20.0,
         latest: float = 0.015,
         damper: float | None = None,
+        yielding: float = 0.05,
         tolerance: float | None = None,
     ) -> None:
         """Prepare for the first episode.
@@ -119,6 +121,10 @@ class PredictiveCompensation(Controller):
                 of the cables there [s]; 0 is none. By default 0.02 for a pair of
                 cables and 0.001 for a single one, whose errors over a profile that
                 gives energy give some, too.
+            yielding: Share of what torque does to the joint's own inertia by which it
+                is expected to speed up once the torque is right; 0 is a joint that is
+                led whatever it feels. Of four times as much the loop gets unstable
+                where a hand holds the joint loosely.
             tolerance: Of the torque that a knot of the plan makes, in standard
                 deviations of the torque sensor. By default 0.5 for a pair of cables
                 and 3 for a single one, which else turns back for less than its motor
@@ -145,6 +151,7 @@ class PredictiveCompensation(Controller):
         number("latest", latest, 0.0, 1.0, "s")
         if damper is None:
             damper = 0.02 if len(drive.cables) > 1 else 0.001
+        number("yielding", yielding, 0.0, 1.0, "")
         number("damper", damper, 0.0, 1.0, "s")
         if tolerance is None:
             tolerance = 0.5 if len(drive.cables) > 1 else 3.0
@@ -193,6 +200,7 @@ class PredictiveCompensation(Controller):
             motion_2=motion_2,
             forgetting=period / FORGETTING,
             leak=period / ACCOUNT,
+            yielding=yielding / known if (known := drive.joint_inertia) else 0.0,
             late=drive.delay,
         )
         """Numbers of the compiled functions, by name."""

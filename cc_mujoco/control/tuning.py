@@ -105,6 +105,10 @@ class Tuning:
         unit="1", bounds=(0.0, 1.0), default=1e-4,
         meaning="share of the account of energy that a step forgets",
     )  # fmt: skip
+    yielding: float = parameter(
+        unit="1/(kg m^2)", bounds=(0.0, 1e9), default=0.0,
+        meaning="acceleration of the joint per torque that it gets beyond the desired",
+    )  # fmt: skip
     late: float = parameter(
         unit="steps", bounds=(0.0, 1e6), default=0.0,
         meaning="by how many measurements are thought to be late at first",
@@ -125,5 +129,5 @@ TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
 (
     PERIOD, INERTIA, DAMPING, RATIO, LOW, HIGH, SPAN, TOLERANCE, TURNING, NOISE, BELIEF,
     LEARNING, LEAST, SPEND, SLOW, DAMPER, ROTOR_0, ROTOR_1, MOTION_0, MOTION_1,
-    MOTION_2, FORGETTING, LEAK, LATE_FIRST, STIFFNESS,
+    MOTION_2, FORGETTING, LEAK, YIELDING, LATE_FIRST, STIFFNESS,
 ) = range(len(TUNING) + 1)  # fmt: skip

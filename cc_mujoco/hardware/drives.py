@@ -65,7 +65,9 @@ def bench_drive(path: Path, period: float) -> Drive:
             "scene whose cables run on pulleys."
         )
     model = mujoco.MjModel.from_xml_path(str(path))
-    motor = int(model.joint(bench.motor).dofadr[0])
+    motor, joint = (
+        int(model.joint(name).dofadr[0]) for name in (bench.motor, bench.joint)
+    )
     # The agonist's displacements fall where motor and joint turn positive.
     sides = (-1.0, 1.0)[: len(bench.cables)]
     cables = tuple(
@@ -81,4 +83,5 @@ def bench_drive(path: Path, period: float) -> Drive:
         cable_drives=(cables,),
         inertia=float(model.dof_M0[motor]),
         damping=float(model.dof_damping[motor]),
+        joint_inertia=float(model.dof_M0[joint]),
     )

@@ -29,6 +29,8 @@ class CableError(ValueError):
         import difflib  # only a mistake needs it
 
         names = sorted(allowed)
+        if not names:
+            return cls(f"unknown {kind} {name!r}: there is none here.")
         near = difflib.get_close_matches(str(name), names, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
         return cls(f"unknown {kind} {name!r}: {hint}Available: {', '.join(names)}.")

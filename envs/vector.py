@@ -176,7 +176,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         options = dict(named("options", options))
         masked = self._mask(options.pop("reset_mask", None))
         seeds: Sequence[int | None]
-        if seed is None or isinstance(seed, int):
+        if not isinstance(seed, (Sequence, np.ndarray)):
             seeds = [None if seed is None else seed + i for i in range(self.num_envs)]
         else:
             seeds = seed

@@ -20,3 +20,7 @@ def test_an_unknown_name_brings_the_nearest_one_and_all() -> None:
 def test_no_near_name_is_no_guess(name: Any) -> None:
     text = str(CableError.unknown("task", name, ["tunnel"]))
     assert text == f"unknown task {name!r}: Available: tunnel."
+
+
+def test_where_there_are_no_names_that_is_said() -> None:
+    assert str(CableError.unknown("cable", "a", [])).endswith("there is none here.")

@@ -307,6 +307,15 @@ def test_equal_seeds_give_equal_episodes_and_others_do_not(name: str) -> None:
     assert not same(first, other)
 
 
+@pytest.mark.parametrize("seed", [1.5, np.int64(3), [1, 2.5], [np.int64(1), 2]])
+def test_a_seed_of_a_vector_is_refused_as_that_of_one(seed: Any) -> None:
+    name = "cc_mujoco/WristHandle-v1"
+    env = gymnasium.make_vec(name, 2, vectorization_mode="vector_entry_point")
+    with pytest.raises(gymnasium.error.Error, match="must be a python integer"):
+        env.reset(seed=seed)
+    env.close()
+
+
 def test_episodes_of_one_seed_differ_where_the_trajectory_is_random() -> None:
     env = gymnasium.make(WRIST, trajectory="multisine", duration=0.2)
     ends = []

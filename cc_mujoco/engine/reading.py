@@ -19,9 +19,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.compiled import compiled
 from cc_mujoco.engine.mjcf import cable_of, instances
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import kernel
+from cc_mujoco.transmission import packing as at
 from cc_mujoco.transmission.conduit import packed
 from cc_mujoco.transmission.parameters import BENDS, PATHS, Cable
 
@@ -140,21 +142,46 @@ class Reader:
                 f"plugin_state has {plugin_state.shape[-1]} numbers per simulation; "
                 f"this model has {self._total}"
             )
-        n, after = self._segments, self.nodes.stop
-        node = plugin_state[..., self.nodes]
-        slip = plugin_state[..., after : after + n]
-        tension = np.maximum(node, 0.0)
-        moving = np.sign(slip).astype(np.int8)
+        states = plugin_state.reshape(-1, self._total)
+        shape, n = plugin_state.shape[:-1], self._segments
+        tension = np.empty((len(states), n + 1))
+        slip = np.empty((len(states), n), np.int8)
+        numbers = np.empty((5, len(states)))
+        _read(states, self.start, self._compliance, tension, slip, numbers)
         return CableReading(
-            tension=tension,
-            slip=moving,
-            tension_proximal=tension[..., 0].copy(),
-            tension_distal=tension[..., n].copy(),
-            moving_fraction=np.abs(moving).sum(axis=-1) / n,
-            # A product of matrices would round differently for one and for many.
-            slack=(np.maximum(-node, 0.0) * self._compliance).sum(axis=-1),
-            dissipated=plugin_state[..., self.energy].copy(),
+            tension.reshape(*shape, n + 1),
+            slip.reshape(*shape, n),
+            *(row.reshape(shape) for row in numbers),
         )
+
+
+@compiled
+def _read(
+    states: Floats,
+    start: int,
+    compliance: Floats,
+    tension: Floats,
+    slip: NDArray[np.int8],
+    numbers: Floats,
+) -> None:
+    """Read a cable whose state begins at `start` in each of some states (k, m).
+
+    `numbers` (5, k) are the last five of `CableReading`.
+    """
+    n = slip.shape[1]
+    for row in range(states.shape[0]):
+        state = states[row, start:]
+        node, slipped = at.tensions(state, n), at.slips(state, n)
+        moving, slack = 0, 0.0
+        for i in range(n + 1):
+            tension[row, i] = np.maximum(node[i], 0.0)
+            slack += np.maximum(-node[i], 0.0) * compliance[i]
+        for j in range(n):
+            slip[row, j] = np.sign(slipped[j])
+            moving += slipped[j] != 0.0
+        numbers[0, row], numbers[1, row] = tension[row, 0], tension[row, n]
+        numbers[2, row], numbers[3, row] = moving / n, slack
+        numbers[4, row] = state[2]
 
 
 def route(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:

@@ -128,7 +128,13 @@ class WhatIf:
         nearby = None
         if self.around:
             nearby = around(plan, table, objectives, limits, run)
-        half = halved(plan, table, goals_of(plan, table, objectives), limits, run)
+        with tqdm(
+            desc="some designs at half the time step",
+            bar_format="{desc}  {elapsed}",
+            leave=False,
+            **shown_by(),
+        ):
+            half = halved(plan, table, goals_of(plan, table, objectives), limits, run)
         files = write_report(
             folder, plan, table, objectives, limits, command, nearby, half
         )

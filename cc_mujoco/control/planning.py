@@ -310,6 +310,17 @@ def _predict(
 
 
 @compiled
+def _give_way(memory: FloatArray, tune: FloatArray) -> None:
+    """Expect of the joint what it does once the torque that it lacks is there.
+
+    A joint that too little torque slows down would else seem to turn.
+    """
+    lacking = memory[AIM] - memory[FELT]
+    sure = max(abs(lacking) - tune[NOISE], 0.0) * np.sign(lacking)
+    memory[JOINT + 1] += tune[YIELDING] * sure * tune[PERIOD]
+
+
+@compiled
 def _damp(memory: FloatArray, tune: FloatArray) -> None:
     """Take from what is desired a damper that spends what the joint was given."""
     rate = memory[JOINT + 1] / tune[PERIOD]
@@ -416,8 +427,7 @@ def act(
     delay = int(memory[LATE])
     _copy(state, room.state)
     at = _predict(cables, joint[0], applied[applied.size - delay :], tune, room)
-    # A joint that its own torque slows down does not turn when the torque is right.
-    memory[JOINT + 2] += tune[YIELDING] * (memory[AIM] - memory[FELT]) * dt * dt
+    _give_way(memory, tune)
     _damp(memory, tune)
     before = memory[SENSE]
     sense = 1.0 if before == 0.0 else before

@@ -94,7 +94,7 @@ class PredictiveCompensation(Controller):
         learning: float = 20.0,
         latest: float = 0.015,
         damper: float | None = None,
-        yielding: float = 0.05,
+        yielding: float = 2e-3,
         tolerance: float | None = None,
     ) -> None:
         """Prepare for the first episode.
@@ -121,10 +121,10 @@ class PredictiveCompensation(Controller):
                 of the cables there [s]; 0 is none. By default 0.02 for a pair of
                 cables and 0.001 for a single one, whose errors over a profile that
                 gives energy give some, too.
-            yielding: Share of what torque does to the joint's own inertia by which it
-                is expected to speed up once the torque is right; 0 is a joint that is
-                led whatever it feels. Of four times as much the loop gets unstable
-                where a hand holds the joint loosely.
+            yielding: Time for which the torque that the joint lacks speeds up its own
+                inertia once it is there [s]; 0 is a joint that is led whatever it
+                feels. Of a few times as much the loop gets unstable where a hand holds
+                the joint loosely.
             tolerance: Of the torque that a knot of the plan makes, in standard
                 deviations of the torque sensor. By default 0.5 for a pair of cables
                 and 3 for a single one, which else turns back for less than its motor
@@ -151,7 +151,7 @@ class PredictiveCompensation(Controller):
         number("latest", latest, 0.0, 1.0, "s")
         if damper is None:
             damper = 0.02 if len(drive.cables) > 1 else 0.001
-        number("yielding", yielding, 0.0, 1.0, "")
+        number("yielding", yielding, 0.0, 0.1, "s")
         number("damper", damper, 0.0, 1.0, "s")
         if tolerance is None:
             tolerance = 0.5 if len(drive.cables) > 1 else 3.0

@@ -106,8 +106,8 @@ class Tuning:
         meaning="share of the account of energy that a step forgets",
     )  # fmt: skip
     yielding: float = parameter(
-        unit="1/(kg m^2)", bounds=(0.0, 1e9), default=0.0,
-        meaning="acceleration of the joint per torque that it gets beyond the desired",
+        unit="rad/(Nm s)", bounds=(0.0, 1e9), default=0.0,
+        meaning="velocity that the joint gains per torque that it lacks",
     )  # fmt: skip
     late: float = parameter(
         unit="steps", bounds=(0.0, 1e6), default=0.0,

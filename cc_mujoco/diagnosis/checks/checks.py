@@ -39,6 +39,7 @@ _SEVERAL = 3
 _CLIPPED = 5  # samples at an extreme that are one clipped stretch
 _CLIPS = 2
 _LOADS = (channels.TORQUE, channels.FORCE, channels.CURRENT)
+_PASSED = 0.5  # turned at most from one sample to the next [rad]
 _OVERLOAD = 150.0  # tensions that no scene explains, over its pretension
 _SIDE = re.compile(r"motor|joint|handle|output|tension|torque|angle", re.I)
 _CLOCK = re.compile(r"time|clock|stamp", re.I)
@@ -53,6 +54,7 @@ def check_recording(
         *_constants(recording, facts),
         *_clipping(recording),
         *_degrees(recording, file),
+        *_turnovers(recording),
         *_second_clock(recording, file),
     ]
 
@@ -211,20 +213,20 @@ def _clipping(recording: Recording) -> list[Finding]:
         if channels.kind(channel) not in _LOADS:
             continue
         same = np.diff(values) == 0.0
-        for extreme, side in (
-            (np.nanmax(values), "above"),
-            (np.nanmin(values), "below"),
-        ):
+        highest, lowest = np.nanmax(values), np.nanmin(values)
+        # What is cut off on both sides repeats there for the same reason.
+        outermost = (values == highest) | (values == lowest)
+        elsewhere = ~(outermost[1:] & outermost[:-1])
+        usual = float(same[elsewhere].mean()) if elsewhere.any() else 1.0
+        if usual > 0.1:
+            continue  # coarse readings repeat everywhere
+        for extreme, side in ((highest, "above"), (lowest, "below")):
             there = values == extreme
             edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
             lengths = edges[1::2] - edges[::2]
             flat = lengths[lengths >= _CLIPPED]
             if not len(flat) or (len(flat) < _CLIPS and flat[0] < 4 * _CLIPPED):
                 continue
-            inside = there[1:] & there[:-1]
-            usual = float(same[~inside].mean()) if not inside.all() else 1.0
-            if usual > 0.1 or inside.all():
-                continue  # coarse readings repeat everywhere
             told = (
                 f"{recording.column(channel)} stays at {extreme:.6g} in "
                 f"{flat.sum()} rows, as if cut off {side}; use a sensor of wider range "
@@ -254,6 +256,25 @@ def _degrees(recording: Recording, file: DatasetFile) -> list[Finding]:
         findings.append(
             error(f"{told} if it is in radians; {advice}.", recording.name, channel)
         )
+    return findings
+
+
+def _turnovers(recording: Recording) -> list[Finding]:
+    """Angles of an encoder that begins anew after a full turn."""
+    findings = []
+    for channel in channels.ANGLES:
+        steps = np.abs(np.diff(recording.values[channel]))
+        steps = steps[np.isfinite(steps)]
+        jumps = int(np.sum(np.abs(steps - 2.0 * math.pi) < _PASSED))
+        # Who turns as far in one sample as in the next is fast, or counts in turns.
+        if not jumps or np.quantile(steps, 0.9) > _PASSED:
+            continue
+        told = (
+            f"{recording.column(channel)} jumps by a full turn {jumps} times, as an "
+            "encoder does that begins anew after each; make it continuous before "
+            "(numpy.unwrap)."
+        )
+        findings.append(error(told, recording.name, channel))
     return findings
 
 

@@ -75,6 +75,26 @@ def test_clipped_torque(tmp_path: Path) -> None:
     assert "stays at 0.2" in found.statement and "cut off above" in found.statement
 
 
+def test_a_torque_that_is_cut_off_on_both_sides(tmp_path: Path) -> None:
+    columns = recording()
+    least, most = np.quantile(columns["joint_torque_nm"], (0.3, 0.7))
+    columns["joint_torque_nm"] = np.clip(columns["joint_torque_nm"], least, most)
+    told = [f.statement for f in errors(loaded(tmp_path, columns)[1])]
+    assert any("cut off above" in each for each in told)
+    assert any("cut off below" in each for each in told)
+
+
+@pytest.mark.parametrize("side", ["motor", "joint"])
+def test_an_encoder_that_begins_anew_after_a_turn(tmp_path: Path, side: str) -> None:
+    columns = recording()
+    angle = np.degrees(columns.pop(f"{side}_angle_rad"))
+    columns[f"{side}_angle_deg"] = angle % 360.0
+    first = errors(loaded(tmp_path, columns)[1])[0]
+    times = np.count_nonzero(np.abs(np.diff(angle % 360.0)) > 180.0)
+    assert f"jumps by a full turn {times} times" in first.statement
+    assert f"{side}_angle_deg" in first.statement
+
+
 def test_a_copy_is_no_repeat(tmp_path: Path) -> None:
     for name in "ab":
         write(tmp_path / f"{name}.csv", recording(3.0))

@@ -6,6 +6,7 @@ wrote it; each room knows its own. In any other folder nothing is replaced.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import shutil
@@ -49,6 +50,38 @@ def require_ours(
             "name another folder to write to."
         )
     _require_writable(place)
+
+
+def as_written(path: Path) -> str:
+    """By which a file that a user may change is known again; to be kept beside it.
+
+    Args:
+        path: Of the file, as it has just been written.
+    """
+    return f"{path.name} as written: {hashlib.sha256(path.read_bytes()).hexdigest()}"
+
+
+def require_untouched(folder: Path, names: Iterable[str], told: str) -> None:
+    """See to it that no work of the user is replaced where the folder itself is ours.
+
+    Args:
+        folder: What an earlier run left.
+        names: Files that a user may have changed since.
+        told: Text of that run that has what `as_written` said of them; a file that it
+            does not speak of is not looked at.
+
+    Raises:
+        CableError: If one was changed.
+    """
+    for name in names:
+        path = folder / name
+        if f"{name} as written: " not in told or not path.is_file():
+            continue
+        if as_written(path) not in told:
+            raise CableError(
+                f"{path} was changed since it was written, and would be replaced; "
+                "name another folder to write to."
+            )
 
 
 def is_marked(path: Path) -> bool:

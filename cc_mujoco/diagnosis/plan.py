@@ -8,7 +8,6 @@ plan("bench.xml", "trials", reach=0.8, speed=3.0).resolved
 from __future__ import annotations
 
 import csv
-import hashlib
 import math
 import os
 from collections.abc import Sequence
@@ -27,7 +26,12 @@ from cc_mujoco.diagnosis.inference.testable import SEEN
 from cc_mujoco.diagnosis.scene.requirements import require_repairable
 from cc_mujoco.diagnosis.wording import number, plain
 from cc_mujoco.errors import CableError
-from cc_mujoco.files import replacing_folder, require_ours
+from cc_mujoco.files import (
+    as_written,
+    replacing_folder,
+    require_ours,
+    require_untouched,
+)
 from cc_mujoco.markdown import table
 
 PAGE = "plan.md"
@@ -87,28 +91,18 @@ def plan(
         facts = _dataset(found, bench)
         (place / DATASET).write_text(facts, encoding="utf-8")
         said = page(found, bench, swing, speed)
-        (place / PAGE).write_text(f"{said}\n{_mark(facts)}\n", encoding="utf-8")
+        mark = f"<!-- {as_written(place / DATASET)} -->"  # no browser shows it
+        (place / PAGE).write_text(f"{said}\n{mark}\n", encoding="utf-8")
     for name in names[len(found.trials) :]:  # of an earlier, longer plan
         (Path(out) / name).unlink(missing_ok=True)
     return found
-
-
-def _mark(facts: str) -> str:
-    """By which a plan knows the `dataset.toml` that it wrote; no browser shows it."""
-    digest = hashlib.sha256(facts.encode()).hexdigest()
-    return f"<!-- {DATASET} as written: {digest} -->"
 
 
 def _require_free(out: Path, names: Sequence[str]) -> None:
     """See to it that nothing is replaced but an earlier plan that nobody touched."""
     page_now = _text(out / PAGE)
     require_ours(out, names, lambda _: page_now.startswith(_TITLE))
-    facts = out / DATASET
-    if facts.exists() and _mark(_text(facts)) not in page_now:
-        raise CableError(
-            f"{facts} was changed since it was planned, and would be replaced; name "
-            "another folder to write to."
-        )
+    require_untouched(out, [DATASET], page_now)
 
 
 def _text(path: Path) -> str:

@@ -12,7 +12,9 @@ from cc_mujoco.export.laws import Plan
 from cc_mujoco.export.machine import Target, emit
 
 HEADER, OBJECT = "cc_controller.h", "cc_controller.o"
-FILES = (HEADER, OBJECT, "cc_parameters.c", "cc_example.c", "CMakeLists.txt")
+CHANGEABLE = ("cc_parameters.c", "cc_example.c", "CMakeLists.txt")
+"""Where a user may have begun work of his own."""
+FILES = (HEADER, OBJECT, *CHANGEABLE)
 """What a folder holds."""
 
 
@@ -22,15 +24,17 @@ def require_ours(folder: str | os.PathLike[str]) -> None:
     Raises:
         CableError: It may not.
     """
-    files.require_ours(folder, FILES, _is_ours)
+    told = _told(Path(folder))
+    files.require_ours(folder, FILES, lambda _: told.startswith(sources.MARK))
+    files.require_untouched(Path(folder), CHANGEABLE, told)
 
 
-def _is_ours(folder: Path) -> bool:
+def _told(folder: Path) -> str:
+    """The header of an earlier export; empty without one."""
     try:
-        with open(folder / HEADER, encoding="utf-8") as header:
-            return header.read(len(sources.MARK)) == sources.MARK
+        return (folder / HEADER).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
-        return False
+        return ""
 
 
 def write(
@@ -39,7 +43,8 @@ def write(
     """Compile a controller and write it with all that C needs.
 
     Args:
-        folder: Where; what an earlier export left there is replaced.
+        folder: Where; what an earlier export left there is replaced unless a user
+            changed it.
         plan: The controller.
         target: The machine.
         what: Of which controller, for what scene and machine; stands in the header.
@@ -60,13 +65,12 @@ def write(
         plan, target.bits, law.set_parameters.__name__, law.step.__name__
     )
     compiled = emit(target, assembly, functions.values())
-    texts = {
-        HEADER: sources.header(plan, what),
-        "cc_parameters.c": sources.parameters(plan),
-        "cc_example.c": sources.example(plan),
-        "CMakeLists.txt": sources.CMAKE,
-    }
+    changeable = sources.parameters(plan), sources.example(plan), sources.CMAKE
     with files.replacing_folder(folder) as partial:
         (partial / OBJECT).write_bytes(compiled)
-        for name, text in texts.items():
+        known = ""
+        for name, text in zip(CHANGEABLE, changeable, strict=True):
             (partial / name).write_text(text, encoding="utf-8", newline="\n")
+            known += f"/* {files.as_written(partial / name)} */\n"
+        header = sources.header(plan, what) + known
+        (partial / HEADER).write_text(header, encoding="utf-8", newline="\n")

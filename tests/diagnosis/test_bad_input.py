@@ -24,6 +24,7 @@ from cc_mujoco.diagnosis.report.output import SOMETIMES
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
 from cc_mujoco.diagnosis.scene.repair import added, repaired, write
 from cc_mujoco.errors import CableError
+from cc_mujoco.files import as_written
 from diagnosis import recorded
 from diagnosis.bench import RATIO, Columns, recording
 from diagnosis.bench import write as record
@@ -182,6 +183,26 @@ def test_what_is_not_ours_is_not_replaced(
         assert diagnose(tmp_path / "run.csv", tmp_path) == 2
         assert "scene.xml, which no such run wrote" in capsys.readouterr().err
         assert files(tmp_path) == before
+
+
+def test_a_repaired_scene_that_was_changed_is_not_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, out = tmp_path / "run.csv", tmp_path / "out"
+    record(data, cut(0.1)(recording(1.0)))
+    out.mkdir()
+    scene = out / "scene.xml"
+    scene.write_text("<mujoco/>")
+    known = {"data": {str(data): ""}, "written": as_written(scene)}
+    kept = json.dumps({"verdict": "none", "provenance": known})
+    (out / "verdict.json").write_text(kept)
+    scene.write_text("<mujoco><!-- mine --></mujoco>")
+    assert diagnose(data, out) == 2
+    assert "scene.xml was changed since it was written" in capsys.readouterr().err
+    assert files(out) == ["scene.xml", "verdict.json"]
+    scene.write_text("<mujoco/>")  # as a diagnosis left it
+    assert diagnose(data, out) == 2
+    assert capsys.readouterr().err.startswith("cc-mujoco: fix-data")
 
 
 def test_the_diagnosis_of_other_data_is_not_replaced(

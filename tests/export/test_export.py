@@ -182,6 +182,18 @@ def symbols(path: Path) -> tuple[set[str], set[str]]:
     )
 
 
+@pytest.mark.parametrize("name", ["cc_parameters.c", "cc_example.c", "CMakeLists.txt"])
+def test_what_a_user_changed_is_not_replaced(tmp_path: Path, name: str) -> None:
+    plan, host = plan_of("wrist", "pi"), TARGETS["host"]
+    for _ in range(2):  # an export that nobody touched is replaced
+        write(tmp_path, plan, host, "a test")
+    mine = (tmp_path / name).read_text(encoding="utf-8") + "\n"
+    (tmp_path / name).write_text(mine, encoding="utf-8")
+    with pytest.raises(CableError, match=f"{name} was changed since it was written"):
+        write(tmp_path, plan, host, "a test")
+    assert (tmp_path / name).read_text(encoding="utf-8") == mine
+
+
 @needs_compiler
 @pytest.mark.parametrize(("scene", "name"), CASES)
 def test_torques_are_those_of_the_library_bit_for_bit(

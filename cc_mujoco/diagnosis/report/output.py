@@ -33,7 +33,8 @@ from cc_mujoco.diagnosis.wording import NO_SCENE
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing_folder
 
-SOMETIMES = ("scene.xml", "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
+SCENE = "scene.xml"
+SOMETIMES = (SCENE, "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
 """Files that only some verdicts come with."""
 TITLES = {name: effect.title for name, effect in EFFECTS.items()}
 
@@ -47,8 +48,9 @@ def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
         data: files of trials, or folders of them.
 
     Raises:
-        CableError: the folder holds the scene, or the diagnosis of trials none of which
-            is among the data; see also `files.require_ours`.
+        CableError: the folder holds the scene, the diagnosis of trials none of which
+            is among the data, or a repaired scene that was changed since; see also
+            `files.require_ours`.
     """
     names = (VERDICT, "report.html", *SOMETIMES)
     if scene.resolve() in {(out / name).resolve() for name in names}:
@@ -57,7 +59,9 @@ def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
             "folder to write to."
         )
     files.require_ours(out, names, lambda folder: _provenance(folder) is not None)
-    before = [Path(path).resolve() for path in (_provenance(out) or {}).get("data", ())]
+    earlier = _provenance(out) or {}
+    files.require_untouched(out, [SCENE], str(earlier.get("written", "")))
+    before = [Path(path).resolve() for path in earlier.get("data", ())]
     now = {path.resolve() for path in data}
     if before and not any(now & {path, *path.parents} for path in before):
         raise CableError(
@@ -87,7 +91,10 @@ def write(
     with replacing_folder(out) as place:
         if result.problem is not None:
             try:
-                said = scene(result, place / "scene.xml")
+                said = scene(result, place / SCENE)
+                as_written = files.as_written(place / SCENE)
+                known = {**diagnosis.provenance, "written": as_written}
+                diagnosis = replace(diagnosis, provenance=known)
             except CableError as error:  # the verdict stands without it
                 said = [f"{NO_SCENE}: {error}."]
             diagnosis = replace(diagnosis, problems=(*diagnosis.problems, *said))

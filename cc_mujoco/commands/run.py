@@ -65,9 +65,12 @@ class Run:
 
         from cc_mujoco.control import PredictiveCompensation, controller
         from cc_mujoco.hardware import drive_of
+        from cc_mujoco.hardware.desired import Course
 
         limits, period = settings.limits, settings.period
         drive = drive_of(settings.scene, self.rig.parent, period, limits.torque)
+        if isinstance(desired, Course):
+            desired.require_within(drive, limits)
         law = controller(self.controller, drive)
         if drive.crossed and hasattr(law, "model"):
             raise CableError(

@@ -28,6 +28,7 @@ _COUNT_END = constant(
     " actuators; it must be used by two, first the proximal and then the distal end"
 )
 _ACTUATOR = constant("its actuator ")
+_OTHER = constant("actuator ")
 _TRANSMISSION = constant(
     " has the wrong transmission; it must be a hinge or slide `joint` or a spatial "
     "`tendon`"
@@ -55,7 +56,6 @@ _SAME = constant(
     " is on the same joint or tendon as the other end; a cable needs two that move "
     "against each other"
 )
-_OTHER = constant("actuator ")
 _OTHER_END = constant(
     " pulls its tendon as a whole, which passes friction by; give it the joint of a "
     "drum, and that joint to the proximal end"
@@ -136,13 +136,15 @@ def spatial(model: int, tendon: int) -> bool:
 
 
 @internal
-def _name(message: Bytes, used: int, model: int, actuator: int) -> int:
+def _name(
+    message: Bytes, used: int, model: int, actuator: int, whose: Bytes = _ACTUATOR
+) -> int:
     """Add which actuator it is: its name, or its place in the model if it has none.
 
     Returns:
         The new length.
     """
-    used = append(message, used, _ACTUATOR)
+    used = append(message, used, whose)
     name = fields.actuator_name(model, actuator)
     if name.size == 0:
         return append_integer(message, used, actuator)
@@ -311,9 +313,7 @@ def explain_bypass(
             and fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator) == tendon
             and fields.integer(model, fields.ACTUATOR_PLUGIN, actuator) != instance
         ):
-            used = append(message, used, _OTHER)
-            name = fields.actuator_name(model, actuator)
-            used = quote(message, used, name)
+            used = _name(message, used, model, actuator, _OTHER)
             return append(message, used, _OTHER_END)
     own = (
         fields.real(model, fields.TENDON_STIFFNESS, tendon),

@@ -25,6 +25,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.engine.mjcf import to_mjcf
 from cc_mujoco.engine.pieces import ARC
 from cc_mujoco.engine.reading import route_wrap
@@ -130,8 +131,7 @@ def add_friction(
     try:
         model = tried.compile()
     except ValueError as error:
-        told = dict.fromkeys(str(error).split("\n"))  # MuJoCo says some lines twice
-        raise CableError(" ".join(told)) from None
+        raise CableError(_sentence(error)) from None
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     # Where there is no MuJoCo the cable bends by as much, evenly.
@@ -139,3 +139,10 @@ def add_friction(
     if wrap > 0.0:
         given["conduit"] = (Section(length, length / wrap),)
     write(spec)
+
+
+def _sentence(error: ValueError) -> str:
+    """What MuJoCo says, once, or the plugin's own sentence within it."""
+    told = " ".join(dict.fromkeys(str(error).split("\n")))
+    _, found, own = told.partition(f"plugin `{PLUGIN}`, instance ")
+    return f"cable {own}" if found else told

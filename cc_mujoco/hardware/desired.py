@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.checks import LONGEST, number
+from cc_mujoco.control import Drive
 from cc_mujoco.errors import CableError
+from cc_mujoco.hardware.limits import Limits
 from cc_mujoco.hardware.packet import Readings
 from cc_mujoco.human import Task, task, trajectory
 
@@ -45,6 +47,35 @@ class Course:
     def torque(self, time: float, seen: Readings) -> float:
         """See `Desired`."""
         return float(np.interp(time, self.times, self.torques))
+
+    def require_within(self, drive: Drive, limits: Limits) -> None:
+        """Find out, before a rig is touched, whether the motor can give these torques.
+
+        Args:
+            drive: Of the rig, with the torques that the motor may give.
+            limits: That are kept.
+
+        Raises:
+            CableError: It cannot, were there no friction, or the run would be stopped.
+        """
+        most = float(max(self.torques, key=abs))
+        low, high = drive.reach
+        if abs(most) > limits.joint_torque:
+            raise CableError(
+                f"[task] asks for {most:g} Nm at the joint, beyond [limits] "
+                f"joint_torque = {limits.joint_torque:g} Nm."
+            )
+        if abs(most) > max(-low, high):
+            raise CableError(
+                f"[task] asks for {most:g} Nm at the joint, and [limits] torque = "
+                f"{limits.torque:g} Nm at the motor gives at most {max(-low, high):g}; "
+                "ask for less, or raise the limit."
+            )
+        if drive.one_way and most and not np.any(self.torques * drive.ratio > 0.0):
+            raise CableError(
+                f"[task] asks for {most:g} Nm at the joint, and one cable only pulls: "
+                f"{low + 0.0:g} to {high + 0.0:g} Nm."
+            )
 
 
 @dataclass(frozen=True)

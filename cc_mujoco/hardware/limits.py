@@ -41,6 +41,12 @@ class Limits:
                 "Limits.joint_range must be two finite angles in rad, the lower first, "
                 f"not {self.joint_range!r}."
             )
+        if max(-low, high) > math.tau:
+            raise CableError(
+                "Limits.joint_range must lie within a turn to either side, in rad, "
+                f"not {self.joint_range!r}; {high:g} degrees are "
+                f"{math.radians(high):.3g} rad."
+            )
         if not self.joint_torque > 0.0:
             raise CableError(
                 f"Limits.joint_torque must be above 0 Nm, not {self.joint_torque!r}."

@@ -154,7 +154,7 @@ class Loop:
         self._clock, self._log, self._stop = clock, log, stop
         self._period = law.drive.period
         self._limiter = Limiter(limits, self._period)
-        self._watch = Watch(limits, watchdog, law.drive.ratio)
+        self._watch = Watch(limits, watchdog, law.drive)
         self._limits = limits
         self._deadline = 0.0
         self._late = 0.0

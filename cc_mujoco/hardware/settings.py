@@ -27,6 +27,7 @@ missed_deadlines = 10
 frozen_readings = 20
 frozen_torque = 0.2             # of the torque's limit
 frozen_angle = 0.2              # rad
+twist = 0.5                     # rad
 
 [task]                          # desired torque at the joint, one of
 torque = 0.5                    # Nm, constant

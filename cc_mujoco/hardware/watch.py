@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from cc_mujoco.checks import parameter
+from cc_mujoco.control import Drive
 from cc_mujoco.hardware.limits import Limits
 from cc_mujoco.hardware.packet import Readings, Status
 
@@ -25,6 +26,9 @@ class Watchdog:
     frozen_angle: float = 0.2
     """How far one encoder may turn, at the joint, while the other has not changed by a
     bit [rad]: more than play, stretch and slack of the cables."""
+    twist: float = 0.5
+    """How far motor and joint may go apart, at the joint [rad]: more than play and
+    stretch of a pair of cables. A single one may be slack and is not looked at."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
@@ -32,20 +36,22 @@ class Watchdog:
             parameter(self, name, 1, 1e6, "cycles")
         parameter(self, "frozen_torque", 1e-6, 2.0, "of the torque's limit")
         parameter(self, "frozen_angle", 1e-6, 1e3, "rad")
+        parameter(self, "twist", 1e-6, 1e9, "rad")
 
 
 class Watch:
     """Looks at every cycle; what it returns is why to stop, in one sentence."""
 
-    def __init__(self, limits: Limits, watchdog: Watchdog, ratio: float) -> None:
+    def __init__(self, limits: Limits, watchdog: Watchdog, drive: Drive) -> None:
         """Begin with the first cycle.
 
         Args:
             limits: Of what is measured.
             watchdog: How long something may be amiss.
-            ratio: Motor angle per joint angle of an unstretched cable, signed.
+            drive: Of the rig.
         """
-        self._limits, self._dog, self._ratio = limits, watchdog, ratio
+        self._limits, self._dog, self._drive = limits, watchdog, drive
+        self._twist: float | None = None
         self._late = 0
         self._without = 0
         self._enabled = False
@@ -84,6 +90,7 @@ class Watch:
             self._of_rig(found)
             or self._impossible(found)
             or self._frozen(found, torque)
+            or self._parted(found)
         )
 
     def _of_rig(self, found: Readings) -> str | None:
@@ -151,7 +158,7 @@ class Watch:
         """Whether one encoder stands still while the other goes on."""
         now = found.motor_angle, found.joint_angle
         before = last.motor_angle, last.joint_angle
-        for one, scale in ((0, 1.0), (1, 1.0 / self._ratio)):
+        for one, scale in ((0, 1.0), (1, 1.0 / self._drive.ratio)):
             other = 1 - one
             if now[one] != before[one]:
                 # From here on is counted how far the other one turns.
@@ -169,3 +176,21 @@ class Watch:
                     f"{names[other]} turned by {turned:.3g} rad at the joint."
                 )
         return None
+
+    def _parted(self, found: Readings) -> str | None:
+        """Whether motor and joint go apart by more than cables let them."""
+        drive = self._drive
+        # One cable may be slack; of other joints that wind cables no rig tells.
+        if drive.one_way or drive.crossed:
+            return None
+        twist = found.motor_angle / drive.ratio - found.joint_angle
+        if self._twist is None:
+            self._twist = twist
+        parted = abs(twist - self._twist)
+        if parted <= self._dog.twist:
+            return None
+        return (
+            f"motor and joint have gone {parted:.3g} rad apart, at the joint, "
+            f"beyond twist = {self._dog.twist:g}: a cable is off, or the sign of an "
+            f"encoder or the scene's ratio of {drive.ratio:g} is wrong."
+        )

@@ -149,6 +149,11 @@ def pulled(spec: mujoco.MjSpec) -> None:
     actuator.trntype = mujoco.mjtTrn.mjTRN_TENDON
 
 
+def nameless(spec: mujoco.MjSpec) -> None:
+    pulled(spec)
+    spec.actuators[-1].name = ""
+
+
 def equated(spec: mujoco.MjSpec) -> None:
     spec.add_equality(
         type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON, name1="cord"
@@ -163,6 +168,7 @@ def given(name: str, value: Any) -> Callable[[mujoco.MjSpec], None]:
     ("change", "told"),
     [
         (pulled, "actuator 'pull' pulls its tendon as a whole"),
+        (nameless, r"actuator \d pulls its tendon as a whole"),
         (given("stiffness", [100.0, 0.0, 0.0]), "its tendon has a `stiffness` of its"),
         (given("damping", [10.0, 0.0, 0.0]), "its tendon has a `damping` of its own"),
         (given("frictionloss", 2.0), "its tendon has a `frictionloss` of its own"),

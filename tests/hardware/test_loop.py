@@ -18,6 +18,7 @@ from cc_mujoco.sensing import MEASURED
 from hardware.fakes import (
     LIMITS,
     PERIOD,
+    RATIO,
     FakeRig,
     Played,
     Rows,
@@ -247,6 +248,27 @@ def test_one_frozen_encoder_ends_the_run(frozen: str, why: str) -> None:
         return freezing(count, seen._replace(motor_angle=2 * angle, joint_angle=angle))
 
     require_stopped(play(fault=turning, duration=1.0), why)
+
+
+@pytest.mark.parametrize("scale", [-1.0, 0.2, 3.0])
+def test_motor_and_joint_that_go_apart_end_the_run(scale: float) -> None:
+    def turning(count: int, seen: Readings) -> Readings:
+        angle = 0.9 * math.sin(0.02 * count)
+        return seen._replace(motor_angle=scale * RATIO * angle, joint_angle=angle)
+
+    played = play(fault=turning, duration=1.0)
+    require_stopped(played, "apart, at the joint, beyond twist = 0.5")
+    assert f"ratio of {RATIO:g}" in played.outcome.sentence
+
+
+@pytest.mark.parametrize("stretch", [-0.24, 0.24])
+def test_play_and_stretch_do_not(stretch: float) -> None:
+    def turning(count: int, seen: Readings) -> Readings:
+        angle = 0.9 * math.sin(0.02 * count)
+        motor = RATIO * (angle + stretch * math.sin(0.05 * count))
+        return seen._replace(motor_angle=motor, joint_angle=angle)
+
+    require_stopped(play(fault=turning, duration=1.0), "are over", 0)
 
 
 def test_a_host_that_is_late_too_long_ends_the_run() -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cc_mujoco.control import controller
+from cc_mujoco.control import Drive, controller
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Readings, Rig, drive_of, read_settings
+from cc_mujoco.hardware import Limits, Readings, Rig, drive_of, read_settings
+from cc_mujoco.hardware.desired import Course
 from cc_mujoco.human import TRAJECTORIES
 from hardware.peers import toml
 
@@ -67,6 +70,7 @@ def test_a_file_gives_its_limits_and_the_rest_its_defaults(tmp_path: Path) -> No
         ("torque = 1.0", "torque = '1'", r"\[limits\], torque must be a finite"),
         ("torque_rate = 20.0", "torque_rate = 2", "at least 0.5 s"),
         ("[-1.0, 1.0]", "[1.0, -1.0]", "joint_range must be two finite angles"),
+        ("[-1.0, 1.0]", "[-60, 60]", "a turn to either side.*60 degrees are 1.05 rad"),
         ("[-1.0, 1.0]", "[-inf, 1.0]", "joint_range must be two angles"),
         ("[-1.0, 1.0]", "1.0", "joint_range must be two angles"),
         ("soft_start", "softstart", "did you mean 'soft_start'"),
@@ -121,6 +125,33 @@ def test_a_task_that_cannot_be_is_said(task: str, why: str, tmp_path: Path) -> N
     settings = read_settings(written(tmp_path, toml(task=task)))
     with pytest.raises(CableError, match=why):
         settings.desired(1.0)
+
+
+@pytest.mark.parametrize(
+    ("asked", "ratio", "one_way", "why"),
+    [
+        ((0.0, 5.0), 2.0, False, "asks for 5 Nm .* torque = 1 Nm .* gives at most 2;"),
+        ((0.0, -5.0), -2.0, False, "asks for -5 Nm"),
+        ((0.0, 1.8), 2.0, False, r"beyond \[limits\] joint_torque = 1.5 Nm"),
+        ((-1.0, -0.5), 2.0, True, "one cable only pulls: 0 to 2 Nm"),
+        ((1.0,), -2.0, True, "one cable only pulls: -2 to 0 Nm"),
+        ((-1.5, 1.5), 2.0, False, ""),
+        ((-1.0, 1.0), -2.0, True, ""),
+        ((0.0,), 2.0, True, ""),
+    ],
+)
+def test_a_torque_that_cannot_be_given_is_refused(
+    asked: tuple[float, ...], ratio: float, one_way: bool, why: str
+) -> None:
+    course = Course(np.arange(len(asked), dtype=float), np.array(asked))
+    drive = Drive(ratio, -1.0, 1.0, 0.002, one_way)
+    limits = Limits(1.0, 20.0, 30.0, (-1.0, 1.0), joint_torque=1.5)
+    if not why:
+        course.require_within(drive, limits)
+        return
+    wide = limits if "joint_torque" in why else replace(limits, joint_torque=math.inf)
+    with pytest.raises(CableError, match=why):
+        course.require_within(drive, wide)
 
 
 def test_a_course_is_linear_between_its_points_and_held(tmp_path: Path) -> None:

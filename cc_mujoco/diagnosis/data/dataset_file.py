@@ -77,6 +77,8 @@ from cc_mujoco.errors import CableError, look_up
 
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _PLAIN = {"1": 1.0}
+_LATEST = 1.0
+"""Delay of a channel that is no slip of the pen [s]."""
 _INERTIA = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7}
 RIG: dict[str, dict[str, float]] = {
     "motor_radius": _LENGTH,
@@ -326,12 +328,15 @@ def _source(table: Table, channel: str) -> Source:
     sign = table.number("sign")
     if sign not in (None, 1.0, -1.0):
         raise table.wrong("sign", "1 or -1")
+    delay = table.number("delay") or 0.0
+    if abs(delay) > _LATEST:
+        raise table.wrong("delay", f"at most {_LATEST:g} s (milliseconds are 0.001)")
     return Source(
         name=table.text("name"),
         unit=table.choice("unit", units),
         sign=1.0 if sign is None else sign,
         offset=table.number("offset") or 0.0,
-        delay=table.number("delay") or 0.0,
+        delay=delay,
         clock=table.text("clock"),
         noise=table.number("noise", 0.0),
         resolution=table.number("resolution", 0.0),

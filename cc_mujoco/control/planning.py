@@ -5,7 +5,7 @@ cables: the rotor as an observer has it, with the torque that the model does not
 explain; motion of the joint and of the desired torque, per control step, by filters of
 third order; the sense in which the motor turns; the torque through a low-pass; by how
 many control steps measurements are late; energy that the joint was given beyond what is
-desired; logarithms of the factors of friction.
+desired; bias of the torque sensor; logarithms of the factors of friction.
 
 Which torque made the rotor move as it was seen to tells how late that was: there is an
 observer of the rotor for every delay that may be, and the one that errs least is
@@ -48,6 +48,7 @@ from cc_mujoco.control.tuning import (
     TOLERANCE,
     TURNING,
     YIELDING,
+    ZEROING,
 )
 from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission import stepper
@@ -55,7 +56,7 @@ from cc_mujoco.transmission.packing import segment_angles, slips, tensions
 
 ANGLE, VELOCITY, UNEXPLAINED, LOAD = 0, 1, 2, 3
 JOINT, AIM, SENSE, STARTED, FELT = 4, 7, 10, 11, 12
-LATE, ENERGY, FRICTION = 13, 14, 15
+LATE, ENERGY, BIAS, FRICTION = 13, 14, 15, 16
 """Places in the memory; behind the last there is a number for every cable."""
 
 ERROR, ROTOR = 3, 4
@@ -76,6 +77,10 @@ it is believed instead."""
 _ROUNDED = (2e-4) ** 2
 """Mean squared error of an angle from which nothing is concluded [rad^2]: an encoder of
 14 bits rounds by half of that."""
+_UNSURE = 0.3
+"""Relative error of friction for which a bias may be taken."""
+_BIASED = 2.0
+"""Greatest bias of the torque sensor, over the torque that is one for sure."""
 _COULOMB = law.INDEX["friction"]
 
 
@@ -184,7 +189,8 @@ def _observe(
     """Bring cables, rotor and motion to when `seen` was measured; the model's joint."""
     memory, rotors, applied = device.memory, device.rotors, device.applied
     tune, new = tables.tune, room.new
-    motor, angle, torque, aim = seen[0], seen[1], seen[2], seen[3]
+    motor, angle, aim = seen[0], seen[1], seen[3]
+    torque = seen[2] - memory[BIAS]
     if memory[STARTED] == 0.0:
         _start(cables, state, device, seen, tune[LATE_FIRST])
     before = memory[JOINT]
@@ -252,12 +258,14 @@ def _turn(
 def _learn(
     cables: stepper.Cables, state: FloatArray, memory: FloatArray, tune: FloatArray
 ) -> None:
-    """Have friction explain what the rotor feels beyond the model, while all slips.
+    """Have friction and bias explain what the rotor feels beyond the model.
 
-    The load grows with the logarithm of friction by r T mu phi of every cable, with the
-    tension T at the motor; the step is that of a normalised gradient.
+    While all slips, the load grows with the logarithm of friction by r T mu phi of
+    every cable, with the tension T at the motor, whose sign is that of the slip; and by
+    what the torque sensor has too much, over the ratio, whatever the slip. Friction
+    takes the step of a normalised gradient, the bias its share by the two variances.
     """
-    size = tune[LEAST] ** 2
+    felt = 0.0
     for k in range(cables.n.size):
         n = cables.n[k]
         slip = slips(state[k], n)
@@ -265,9 +273,14 @@ def _learn(
         for j in range(n):
             if slip[j] * sign <= 0.0:
                 return
-        size += _felt(cables, k, state[k], sign) ** 2
+        felt += _felt(cables, k, state[k], sign) ** 2
     unexplained = min(max(memory[UNEXPLAINED], -tune[LEAST]), tune[LEAST])
-    rate = tune[LEARNING] * tune[PERIOD] * unexplained / size
+    biased = (tune[NOISE] / tune[RATIO]) ** 2
+    share = biased / (biased + (_UNSURE * _UNSURE) * felt)
+    step = tune[ZEROING] * tune[PERIOD] * share * unexplained * tune[RATIO]
+    most = _BIASED * tune[NOISE]
+    memory[BIAS] = min(max(memory[BIAS] + step, -most), most)
+    rate = tune[LEARNING] * tune[PERIOD] * unexplained / (tune[LEAST] ** 2 + felt)
     low, high = np.log(_FACTORS[0]), np.log(_FACTORS[1])
     for k in range(cables.n.size):
         sign = np.sign(slips(state[k], cables.n[k])[0])

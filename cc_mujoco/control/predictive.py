@@ -77,21 +77,24 @@ class PredictiveCompensation(Controller):
     good as the torque sensor.
 
     The friction coefficient of every cable follows what remains unexplained while all
-    of the cables slip. Preview control of linear systems is that of M. Tomizuka,
-    "Optimal continuous finite preview problem", IEEE Trans. Automatic Control 20, 1975.
+    of the cables slip, and so does the bias of the torque sensor, which other than
+    friction does not turn with the slip. Preview control of linear systems is that of
+    M. Tomizuka, "Optimal continuous finite preview problem", IEEE Trans. Automatic
+    Control 20, 1975.
     """
 
     def __init__(
         self,
         drive: Drive,
-        bandwidth: float = 200.0,
+        bandwidth: float | None = None,
         horizon: float = 0.024,
         knots: int = 8,
-        rotor: float = 600.0,
+        rotor: float | None = None,
         motion: float = 300.0,
         belief: float = 0.5,
         turning: float = 3.0,
         learning: float = 20.0,
+        zeroing: float = 2.0,
         latest: float = 0.015,
         damper: float | None = None,
         yielding: float = 2e-3,
@@ -103,10 +106,12 @@ class PredictiveCompensation(Controller):
             drive: The device to be driven; its `cable_drives` and the motor's inertia
                 must be known.
             bandwidth: omega_c of the plan [rad/s]; where measurements are late never
-                more than 1 / delay.
+                more than 1.5 / delay. By default 300 for a pair of cables and 200 for a
+                single one, whose motor would spend more on it than it gains.
             horizon: Of the plan [s].
             knots: Of the plan.
-            rotor: Bandwidth of the observer of the rotor [rad/s].
+            rotor: Bandwidth of the observer of the rotor [rad/s]; by default 900 for a
+                pair of cables and 600 for a single one.
             motion: That of the filters of joint and desired torque [rad/s]. An encoder
                 of less than 14 bits at the joint wants less, 200 or so, or the motor
                 chatters with its last bit.
@@ -115,6 +120,9 @@ class PredictiveCompensation(Controller):
             turning: RMS error of the torque over the horizon that turning the motor
                 must save, in standard deviations of the torque sensor.
             learning: Rate at which friction is learned [1/s].
+            zeroing: Rate at which the bias of the torque sensor is learned where
+                friction leaves no doubt of it [1/s]; at most twelve of its standard
+                deviations.
             latest: Longest delay of measurements that is looked for [s]; the drive's
                 own is where it begins.
             damper: Strongest damper at the joint that spends energy, over the stiffness
@@ -140,6 +148,11 @@ class PredictiveCompensation(Controller):
                 "Drive.inertia is 0."
             )
         self.model = CableModel(drive)
+        pair = len(drive.cables) > 1
+        if bandwidth is None:
+            bandwidth = 300.0 if pair else 200.0
+        if rotor is None:
+            rotor = 900.0 if pair else 600.0
         number("bandwidth", bandwidth, 1.0, 1e5, "rad/s")
         number("horizon", horizon, drive.period, 10.0, "s")
         number("knots", knots, 1, 200, "knots")
@@ -148,13 +161,14 @@ class PredictiveCompensation(Controller):
         number("belief", belief, 1e-3, 1.0, "")
         number("turning", turning, 0.0, 1e6, "standard deviations")
         number("learning", learning, 0.0, 1e3, "1/s")
+        number("zeroing", zeroing, 0.0, 1e3, "1/s")
         number("latest", latest, 0.0, 1.0, "s")
         if damper is None:
-            damper = 0.02 if len(drive.cables) > 1 else 0.001
+            damper = 0.02 if pair else 0.001
         number("yielding", yielding, 0.0, 0.1, "s")
         number("damper", damper, 0.0, 1.0, "s")
         if tolerance is None:
-            tolerance = 0.5 if len(drive.cables) > 1 else 3.0
+            tolerance = 0.5 if pair else 3.0
         number("tolerance", tolerance, 0.0, 1e6, "standard deviations")
         period = drive.period
         delays = np.arange(max(drive.delay, math.ceil(latest / period)) + 1)
@@ -189,6 +203,7 @@ class PredictiveCompensation(Controller):
             noise=FELT * noise,
             belief=belief,
             learning=learning,
+            zeroing=zeroing,
             least=0.05 * max(abs(drive.low), abs(drive.high)),
             spend=SPEND,
             slow=SLOW,
@@ -239,8 +254,9 @@ class PredictiveCompensation(Controller):
             self._devices.applied[where] = 0.0
 
     def given(self, torque: float) -> None:
-        """Hear what the motor got; see `Controller.given`."""
-        self._devices.applied[:, -1] = torque
+        """Hear what the motor got, if it is finite; see `Controller.given`."""
+        if math.isfinite(torque):
+            self._devices.applied[:, -1] = torque
 
     def rebend(self, angles: Sequence[FloatArray]) -> None:
         """Take the path from sensors of bend; see `CableModel.rebend`."""

@@ -65,6 +65,10 @@ class Tuning:
         unit="1/s", bounds=(0.0, 1e3), default=5.0,
         meaning="rate at which friction is learned",
     )  # fmt: skip
+    zeroing: float = parameter(
+        unit="1/s", bounds=(0.0, 1e3), default=2.0,
+        meaning="rate at which the bias of the torque sensor is learned",
+    )  # fmt: skip
     least: float = parameter(
         unit="Nm", bounds=(0.0, 1e9), default=0.05, low_open=True,
         meaning="motor torque of friction below which little is learned",
@@ -128,6 +132,6 @@ TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
 
 (
     PERIOD, INERTIA, DAMPING, RATIO, LOW, HIGH, SPAN, TOLERANCE, TURNING, NOISE, BELIEF,
-    LEARNING, LEAST, SPEND, SLOW, DAMPER, ROTOR_0, ROTOR_1, MOTION_0, MOTION_1,
+    LEARNING, ZEROING, LEAST, SPEND, SLOW, DAMPER, ROTOR_0, ROTOR_1, MOTION_0, MOTION_1,
     MOTION_2, FORGETTING, LEAK, YIELDING, LATE_FIRST, STIFFNESS,
 ) = range(len(TUNING) + 1)  # fmt: skip

@@ -108,10 +108,12 @@ def _given(plan: Plan) -> str:
         return ""
     return f"""
 /* Tell, after a step, what the motor got instead of the torque that was asked for,
- * where a limit of yours (of rate, a soft start) allowed no more. */
+ * where a limit of yours (of rate, a soft start) allowed no more. What is
+ * infinite or no number is not heard. */
 static inline void cc_controller_given(cc_controller *controller, double torque)
 {{
-    controller->number[{plan.given}] = torque;
+    if (torque - torque == 0.0)
+        controller->number[{plan.given}] = torque;
 }}
 """
 

@@ -196,6 +196,27 @@ def test_a_biased_sensor_pays_out_no_slack() -> None:
     assert np.min(slack[500:]) > -0.002 * stiffness
 
 
+@pytest.mark.parametrize("bias", [-2.0, 2.0])
+def test_a_bias_is_told_from_friction_by_what_the_motor_feels(bias: float) -> None:
+    """The error of whoever believes the sensor is its bias, 2 Nm."""
+    quiet = Sensing(torque_noise=0.3, tension_noise=3.0)
+    plain = ANKLE["ordinary-exact"]
+    walking = dataclasses.replace(plain, duration=6.0, delay=(1, 1), noise=0.0)
+    made = stage([Cell(walking, "predictive", seeds=(0,), sensing=quiet)])
+    off = []
+
+    def watch(step: int, columns: Any, torque: Any) -> None:
+        off.append(columns["joint_torque_nm"][0] - columns["desired_torque_nm"][0])
+
+    def biased(columns: Any) -> Any:
+        seen = made.sensors.measure(columns)
+        seen["joint_torque_nm"] = seen["joint_torque_nm"] + bias
+        return seen
+
+    run(made.fleet, made.law, watch, measure=biased)
+    assert np.sqrt(np.mean(np.square(off[4000:]))) < 0.3 * abs(bias)
+
+
 @given(
     turned=st.floats(-1e-3, 1e-3),
     aimed=st.floats(0.0, 30.0),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import functools
+import math
 import re
 import shutil
 import subprocess
@@ -387,6 +388,8 @@ def test_a_plan_goes_on_from_what_the_motor_got(made: Made, tmp_path: Path) -> N
                 double torque = cc_controller_step(&c, rows + i);
                 printf("%.17g\\n", torque);
                 cc_controller_given(&c, 0.5 * torque);
+                cc_controller_given(&c, torque / 0.0);
+                cc_controller_given(&c, 0.0 / 0.0 * torque);
             }}
         }}"""
     )
@@ -399,7 +402,8 @@ def test_a_plan_goes_on_from_what_the_motor_got(made: Made, tmp_path: Path) -> N
     expected = []
     for row in readings[:40]:
         expected.append(law.torque(seen("predictive", row)))
-        law.given(0.5 * expected[-1])
+        for torque in (0.5 * expected[-1], math.inf, math.nan):
+            law.given(torque)
     assert np.array_equal(found, expected)
     assert not np.allclose(found, torques[:40], rtol=1e-3)
 

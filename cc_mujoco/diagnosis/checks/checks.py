@@ -227,10 +227,13 @@ def _clipping(recording: Recording) -> list[Finding]:
             flat = lengths[lengths >= _CLIPPED]
             if not len(flat) or (len(flat) < _CLIPS and flat[0] < 4 * _CLIPPED):
                 continue
+            mend = "use a sensor of wider range"
+            if channel == channels.MOTOR_TORQUE:
+                mend = f"ask less of the motor if this is its limit, else {mend},"
             told = (
                 f"{recording.column(channel)} stays at {extreme:.6g} in "
-                f"{flat.sum()} rows, as if cut off {side}; use a sensor of wider range "
-                "or mark these rows invalid."
+                f"{flat.sum()} rows, as if cut off {side}; {mend} or mark these rows "
+                "invalid."
             )
             findings.append(error(told, recording.name, channel))
     return findings

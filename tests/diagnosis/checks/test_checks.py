@@ -73,6 +73,7 @@ def test_clipped_torque(tmp_path: Path) -> None:
     columns["motor_torque_nm"] = np.clip(columns["motor_torque_nm"], -9.0, 0.2)
     found = only_fix(loaded(tmp_path, columns)[1])
     assert "stays at 0.2" in found.statement and "cut off above" in found.statement
+    assert "ask less of the motor if this is its limit" in found.statement
 
 
 def test_a_torque_that_is_cut_off_on_both_sides(tmp_path: Path) -> None:

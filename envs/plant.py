@@ -135,7 +135,9 @@ class Ranges:
                 values[name] = min(max(values[name], low), high)
             else:
                 values[name] = float(rng.uniform(low, high))
-        for name, value in named("options", given).items():
+        # What is said of one cable counts more than what is said of all.
+        said = sorted(named("options", given).items(), key=lambda item: "." in item[0])
+        for name, value in said:
             self._check(f"options[{name!r}]", name, value)
             values |= dict.fromkeys(self._spelt(name), value)
         return self._made(values) if values else self.nominal

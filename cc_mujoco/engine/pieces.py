@@ -306,7 +306,9 @@ def survey(
                 turned[j], period[j] = 0.0, 1.0
                 touch[j] = _APART if geom >= 0 else _STRAIGHT
             j += m
-        arriving = behind
+        # Sites in one place have no path between them, and rub as one.
+        if _dot(behind, behind) > 0.0:
+            arriving = behind
         at += 3 if touched else 1
         k += 2 if geom >= 0 else 1
     return points, reach

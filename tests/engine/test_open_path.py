@@ -10,7 +10,7 @@ import pytest
 
 from cc_mujoco.engine import read, route_wrap, segment_wrap, settle, stored, to_mjcf
 from cc_mujoco.transmission import Cable, Section
-from engine.open_scenes import atwood, belt, tackle, winch
+from engine.open_scenes import TIED, atwood, belt, instance, scene, tackle, winch
 from engine.tendon_chain import Chain
 
 GRAVITY = 9.81
@@ -249,3 +249,28 @@ def test_a_belt_carries_a_torque_up_to_the_capstan_ratio(share: float) -> None:
         gained = (d.qvel[0] - speed) / (500 * m.opt.timestep)
         left = (share * most - (tight - slack) * radius) / inertia
         assert gained == pytest.approx(left, rel=1e-2)
+
+
+def corner(sites: str) -> mujoco.MjModel:
+    """A rope that turns by a right angle at sites in one place."""
+    world = (
+        '<site name="first" pos="-0.3 0 0"/><site name="at"/><site name="beside"/>'
+        '<site name="on"/><body pos="0 0 -0.3"><joint type="slide" axis="0 0 1" '
+        'damping="200"/><geom size="0.02" mass="4"/><site name="hook"/></body>'
+    )
+    path = "".join(f'<site site="{s}"/>' for s in ("first", *sites.split(), "hook"))
+    cable = instance(friction=0.2, axial_stiffness=2000, conduit="0.6:inf")
+    return mujoco.MjModel.from_xml_string(scene(world, path, TIED, cable))
+
+
+@pytest.mark.parametrize("sites", ["at", "at beside", "at beside on"])
+def test_sites_in_one_place_rub_as_one(sites: str) -> None:
+    m = corner(sites)
+    d = mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+    assert segment_wrap(m, d, "rope").sum() == pytest.approx(math.pi / 2)
+    assert route_wrap(m, d, "rope") == pytest.approx(math.pi / 2)
+    mujoco.mj_step(m, d, 5000)
+    reading = read(m, d, "rope")
+    ratio = reading.tension_proximal / reading.tension_distal
+    assert -math.log(ratio) == pytest.approx(0.1 * math.pi, rel=0.05)

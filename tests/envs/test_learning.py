@@ -121,6 +121,15 @@ def test_break_away_friction_follows_friction_unless_it_is_given() -> None:
     assert not np.array_equal(alike[-1][0], other[-1][0])
 
 
+def test_what_is_said_of_one_cable_counts_more_than_what_is_said_of_all() -> None:
+    env = WristHandle(duration=0.1)
+    said = {"flexor.friction": 0.02, "friction": 0.09}
+    for options in (said, dict(reversed(said.items()))):
+        env.reset(seed=0, options=options)
+        assert env.plant.cables["flexor"].friction == 0.02
+        assert env.plant.cables["extensor"].friction == 0.09
+
+
 def test_a_wrap_is_the_bend_of_the_whole_conduit() -> None:
     env = WristHandle(duration=0.1)
     env.reset(seed=0, options={"flexor.wrap": 9.0})

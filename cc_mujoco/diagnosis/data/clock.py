@@ -263,7 +263,11 @@ def _even(recording: Recording, track: Track) -> tuple[Track, list[Finding]]:
     )
     if off <= _EVEN * step:
         return replace(track, step=step), []
-    grids = [a + step * np.arange(int((b - a) / step + 1e-6) + 1) for a, b, _ in spans]
+    # By rounding the last time may lie beyond the last reading.
+    grids = [
+        np.minimum(a + step * np.arange(int((b - a) / step + 1e-6) + 1), b)
+        for a, b, _ in spans
+    ]
     values = {
         channel: np.concatenate(
             [

@@ -179,3 +179,19 @@ def test_a_declared_delay_is_undone(tmp_path: Path) -> None:
     inner = slice(0, 9970)
     truth = columns["joint_angle_rad"][inner]
     assert trial.joint_angle[inner] == pytest.approx(truth, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_takes_no_reading_from_uneven_times(tmp_path: Path, seed: int) -> None:
+    """Of whole stretches that are sampled evenly, every sample is a reading."""
+    rng = np.random.default_rng(seed)
+    rows = int(rng.integers(900, 1000))
+    columns = {name: values[:rows] for name, values in recording(1.0).items()}
+    time = columns["time_s"] * rng.uniform(0.9, 1.1)
+    step = time[1] - time[0]
+    inner = time[1:-1] + 0.3 * step * rng.uniform(-1.0, 1.0, len(time) - 2)
+    columns["time_s"] = np.concatenate([time[:1], inner, time[-1:]])
+    trial = one(tmp_path, columns)
+    (part,) = trial.segments
+    assert np.isfinite(trial.motor_torque[part]).all()
+    assert part.stop - part.start == len(time)

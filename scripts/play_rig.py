@@ -63,7 +63,13 @@ class UdpEnd:
     def __init__(self, host: str, port: int) -> None:
         self.name = f"{host}:{port}"
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind((host, port))
+        try:
+            self._socket.bind((host, port))
+        except (OSError, OverflowError) as error:
+            self._socket.close()
+            raise CableError(
+                f"--port: {self.name} cannot be used ({error}); is a rig there already?"
+            ) from error
         self._socket.setblocking(False)
 
     def receive(self) -> tuple[bytes, Sender] | None:

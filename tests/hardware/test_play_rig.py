@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import socket
 import time
@@ -135,3 +136,12 @@ def test_a_class_of_ones_own_cannot_be_played(tmp_path: Path) -> None:
     path.write_text(toml('class = "my_rig:Rig"'))
     with pytest.raises(CableError, match="names a class of its own"):
         end_of(path, 1)
+
+
+def test_a_port_in_use_is_one_sentence() -> None:
+    taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    with contextlib.closing(taken):
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        with pytest.raises(CableError, match=f"{port} cannot be used .* already"):
+            end_of(None, port)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,18 @@ Pair = dict[str, FloatArray]
 """Differences between two repetitions, by channel."""
 
 
+class Scatter(NamedTuple):
+    """What repetitions deviate by.
+
+    Attributes:
+        deviation: of one repetition by channel [its unit]; 0 without any.
+        trials: names of those that were compared.
+    """
+
+    deviation: FloatArray
+    trials: frozenset[str]
+
+
 def wrong_repeats(trials: Sequence[Trial]) -> list[Finding]:
     """Declared repeats whose motor moves otherwise."""
     return [
@@ -38,21 +51,24 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[Finding]:
     ]
 
 
-def scatter(trials: Sequence[Trial], channels: Sequence[str]) -> FloatArray:
-    """Deviation of one repetition by channel [its unit]; 0 where nothing was repeated.
+def scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
+    """What one repetition deviates by, and in which trials.
 
     It comes from trials declared as repeats, else from the periods of periodic trials.
     Samples that are NaN do not count.
     """
-    found = [_repeat(original, trial) for original, trial in _repeats(trials)]
-    pairs = [pair for pair in found if pair is not None]
+    pairs = [
+        ({original.name, trial.name}, pair)
+        for original, trial in _repeats(trials)
+        if (pair := _repeat(original, trial)) is not None
+    ]
     if not pairs:
-        pairs = [pair for trial in trials for pair in periods(trial)]
-    squares = [[_scatter(pair, name) ** 2 for name in channels] for pair in pairs]
-    if not squares:
-        return np.zeros(len(channels))
-    deviation: FloatArray = np.sqrt(0.5 * np.mean(squares, axis=0))
-    return deviation
+        pairs = [({trial.name}, pair) for trial in trials for pair in periods(trial)]
+    if not pairs:
+        return Scatter(np.zeros(len(channels)), frozenset())
+    squares = [[_scatter(pair, name) ** 2 for name in channels] for _, pair in pairs]
+    compared = frozenset().union(*(names for names, _ in pairs))
+    return Scatter(np.sqrt(0.5 * np.mean(squares, axis=0)), compared)
 
 
 def _repeats(trials: Sequence[Trial]) -> Iterator[tuple[Trial, Trial]]:

@@ -94,9 +94,9 @@ def noise_floor(
     least = (LEAST * np.std(whole, axis=1)) ** 2
     base = np.maximum(np.array(own), least)[:, None]
     alone = [total + base for total in plain]
-    short = _repeated(plant, clean) - np.concatenate(alone, axis=1).mean(axis=1)
+    short = _unexplained(plant, clean, alone)
     return NoiseFloor(
-        tuple(np.sqrt(each + np.maximum(short, 0.0)[:, None]) for each in alone),
+        tuple(np.sqrt(each + short[:, None]) for each in alone),
         tuple(
             np.sqrt(_near(total, record.dt) + base)
             for total, record in zip(wide, plant.records, strict=True)
@@ -104,18 +104,34 @@ def noise_floor(
     )
 
 
-def _repeated(plant: Plant, clean: Sequence[FloatArray]) -> FloatArray:
-    """Variance of both torques between repetitions; 0 where nothing was repeated.
+def _unexplained(
+    plant: Plant, clean: Sequence[FloatArray], noise: Sequence[FloatArray]
+) -> FloatArray:
+    """Variance of both torques between repetitions beyond that of noise (rows,).
 
     It is that of what the model leaves: a servo never repeats a motion to the digit,
-    and what another motion makes of the torques is for the model to tell.
+    and what another motion makes of the torques is for the model to tell. Noise counts
+    where motions were repeated: how much of it reaches the torques is a matter of the
+    motion.
     """
     names = plant.instruments.channels
     trials: dict[str, list[tuple[Record, FloatArray]]] = {}
     for record, torque in zip(plant.records, clean, strict=True):
         left = np.where(record.counts, record.measured - torque, np.nan)
         trials.setdefault(record.trial, []).append((record, left))
-    return scatter_of([_left(parts, names) for parts in trials.values()], names) ** 2
+    deviation, compared = scatter_of(
+        [_left(parts, names) for parts in trials.values()], names
+    )
+    if not compared:
+        return np.zeros(len(names))
+    there = [
+        each[:, record.counts]
+        for each, record in zip(noise, plant.records, strict=True)
+        if record.trial in compared
+    ]
+    known = np.concatenate(there, axis=1).mean(axis=1)
+    short: FloatArray = np.maximum(deviation**2 - known, 0.0)
+    return short
 
 
 def _left(parts: Sequence[tuple[Record, FloatArray]], names: Sequence[str]) -> Trial:

@@ -90,10 +90,10 @@ def test_repeats_tell_the_scatter(tmp_path: Path) -> None:
         write(tmp_path / f"{name}.csv", columns)
     (tmp_path / "dataset.toml").write_text("[trials.b]\nrepeat_of = 'a.csv'")
     trials = load(tmp_path)[0].trials
-    assert scatter(trials, JOINT) == pytest.approx(0.02, rel=0.05)
+    assert scatter(trials, JOINT).deviation == pytest.approx(0.02, rel=0.05)
     gaps = np.where(np.arange(5000) % 3 == 0, np.nan, trials[1].joint_torque)
     with_gaps = (trials[0], replace(trials[1], joint_torque=gaps))
-    assert scatter(with_gaps, JOINT) == pytest.approx(0.02, rel=0.05)
+    assert scatter(with_gaps, JOINT).deviation == pytest.approx(0.02, rel=0.05)
 
 
 def test_a_repeat_that_is_none(tmp_path: Path) -> None:
@@ -115,10 +115,9 @@ def test_a_swing_that_grows_does_not_repeat_itself(tmp_path: Path) -> None:
     now = columns["time_s"]
     for name in list(columns)[1:]:
         columns[name] = (1.0 + 0.05 * now) * np.sin(2.0 * np.pi * 0.5 * now)
-    assert not scatter(loaded(tmp_path, columns)[0].trials, JOINT)
+    assert not scatter(loaded(tmp_path, columns)[0].trials, JOINT).deviation
     for name in list(columns)[1:]:
         columns[name] = np.sin(2.0 * np.pi * 0.5 * now)
     columns["joint_torque_nm"] += 0.02 * np.random.default_rng(3).normal(size=now.size)
-    assert scatter(loaded(tmp_path, columns)[0].trials, JOINT) == pytest.approx(
-        0.02, rel=0.1
-    )
+    found = scatter(loaded(tmp_path, columns)[0].trials, JOINT)
+    assert found.deviation == pytest.approx(0.02, rel=0.1)

@@ -198,7 +198,7 @@ def test_measured_data_load_and_their_signs_are_right() -> None:
         assert trial.rate == pytest.approx(200.0)
         slope = float(trial.joint_angle[:] @ (trial.motor_angle - 0.5))
         assert slope > 0.0
-    assert 5e-4 < scatter(dataset.trials, ("motor_torque_nm",)) < 5e-3
+    assert 5e-4 < scatter(dataset.trials, ("motor_torque_nm",)).deviation < 5e-3
 
 
 @pytest.mark.shared

@@ -153,6 +153,35 @@ def test_a_servo_that_repeats_badly_raises_no_floor() -> None:
         records, filtering = prepare(data, BENCH)
         floor = noise_floor(data, Plant(BENCH, records, SEGMENTS), filtering, {})
         floors[len(trials)] = np.sqrt(np.mean(floor.noise[0] ** 2, axis=1))
-    raw = scatter((*first.trials, again), ("motor_torque_nm", "joint_torque_nm"))
+    both = (*first.trials, again)
+    raw = scatter(both, ("motor_torque_nm", "joint_torque_nm")).deviation
     assert np.all(floors[2] < 1.2 * floors[1])
     assert np.all(raw > 5.0 * floors[1])
+
+
+def test_only_what_noise_does_not_explain_raises_the_floor() -> None:
+    """Angles' digits make more of a motion that rests, however often it is repeated."""
+    (moves,), (rests,), (later,) = (
+        recorded((13, 13), motion, first=first).trials
+        for motion, first in (("strokes", 0.0), ("rests", 0.0), ("rests", 0.5))
+    )
+    data = recorded((13, 13))
+    moves, rests = replace(moves, name="moves"), replace(rests, name="rests")
+    shaken = np.random.default_rng(0).normal(0.0, 0.5, later.joint_torque.size)
+    floors = []
+    for repeat_of, more in ((None, 0.0), ("rests", 0.0), ("rests", shaken)):
+        again = replace(
+            later,
+            name="again",
+            joint_torque=later.joint_torque + more,
+            facts=Facts(repeat_of=repeat_of),
+        )
+        trials = (moves, replace(moves, name="too"), rests, again)
+        records, filtering = prepare(replace(data, trials=trials), BENCH)
+        plant = Plant(BENCH, records, SEGMENTS)
+        floor = noise_floor(replace(data, trials=trials), plant, filtering, {})
+        floors.append(np.sqrt(np.mean(floor.noise[0] ** 2, axis=1)))
+    alone, repeated, scattered = floors
+    assert repeated == pytest.approx(alone, rel=0.2)
+    assert scattered[1] > 1.5 * alone[1]
+    assert scattered[0] == pytest.approx(alone[0], rel=0.2)

@@ -201,8 +201,13 @@ def _changed(name: str, cable: Cable, own: dict[str, float]) -> Cable:
         if wrap <= 0.0:
             raise CableError(f"`wrap` of cable {name!r} must be above 0, not {wrap!r}.")
         tighter = wrap / cable.wrap
-        sections = tuple(Section(s.length, s.radius / tighter) for s in cable.conduit)
-        cable = cable.replace(conduit=sections)
+        try:
+            bends = tuple(Section(s.length, s.radius / tighter) for s in cable.conduit)
+            cable = cable.replace(conduit=bends)
+        except CableError as error:
+            raise CableError(
+                f"`wrap` of cable {name!r} cannot be {wrap!r} rad: {error}."
+            ) from None
     try:
         if "break_away" in own:
             if "static_friction" in own:

@@ -37,12 +37,10 @@ class Earlier(NamedTuple):
         place = Path(folder) / VERDICT
         try:
             said = json.loads(place.read_text(encoding="utf-8"))["provenance"]
-            data = {Path(path): str(told) for path, told in said["data"].items()}
+            data = {str(path): str(told) for path, told in said["data"].items()}
             scene, dataset = said["scene"], said["dataset"]
-            data[Path(scene["path"])] = scene["sha256"]
-            if dataset["path"]:
-                data[Path(dataset["path"])] = dataset["sha256"]
             several = said["several_files"]
+            base = os.path.join(os.path.realpath(folder), said["folder"])
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as wrong:
             raise CableError(
                 f"{folder} holds no diagnosis that can be continued ({place}: {wrong})."
@@ -52,13 +50,25 @@ class Earlier(NamedTuple):
                 f"{folder} is of trials in several files each ({several[0]}); diagnose "
                 "the folder of all data anew."
             )
+        data[scene["path"]] = scene["sha256"]
+        if dataset["path"]:
+            data[dataset["path"]] = dataset["sha256"]
+        here = {path: _from_here(base, path) for path in data}
         for path, told in data.items():
-            _require_unchanged(path, told, place)
+            _require_unchanged(here[path], told, place)
         return cls(
-            tuple(Path(path) for path in said["data"]),
-            Path(scene["path"]),
-            Path(dataset["path"]) if dataset["path"] else None,
+            tuple(here[path] for path in said["data"]),
+            here[scene["path"]],
+            here[dataset["path"]] if dataset["path"] else None,
         )
+
+
+def _from_here(base: str, path: str) -> Path:
+    """A file that was named in the folder `base`, as it is named in this one."""
+    whole = os.path.normpath(os.path.join(base, path))
+    inside = os.path.relpath(whole)
+    outside = os.path.isabs(path) or inside.startswith(os.pardir)
+    return Path(whole if outside else inside)
 
 
 def _require_unchanged(path: Path, told: Any, place: Path) -> None:

@@ -202,23 +202,43 @@ def _warn_once(model: int, instance: int, told: Bytes) -> None:
 
 @internal
 def _warn_jump(
-    model: int, data: int, instance: int, state: int, proximal: float, distal: float
+    model: int,
+    data: int,
+    instance: int,
+    state: int,
+    proximal: float,
+    distal: float,
+    shape: int,
 ) -> None:
-    """Warn, once, if an end has jumped to its displacement from that of the state."""
+    """Warn, once, if an end or the path has jumped from where it is in the state.
+
+    `shape` is the address of the path where it is now.
+    """
     block = fields.block(data, instance)
     if load_word(block + EXPLICIT) != 0:  # which joints that are led by hand need
         return
-    for end in range(2):
-        moved = (distal if end else proximal) - load_real(state + 8 * end)
-        out = load_word(block + (DISTAL if end else PROXIMAL))
-        tied = load_word(block + TIED + 8 * end) != 0
-        if tied or not jumps.jumped(model, data, out, moved):
+    n, tendon = load_word(block + SEGMENTS), load_word(block + ROUTE)
+    for what in range(3):
+        if what == jumps.PATH:
+            if not opens(block) or load_word(block + MOUTH) != 0:
+                continue
+            size = pieces.shape_size(n)
+            reference = floats(shape_at(block, n, REFERENCE), size)
+            moved = pieces.growth(floats(shape, size), reference, memory(state, n), n)
+            speed = fields.real(data, fields.TEN_VELOCITY, tendon)
+        else:
+            if load_word(block + TIED + 8 * what) != 0:
+                continue
+            moved = (distal if what else proximal) - load_real(state + 8 * what)
+            out = load_word(block + (DISTAL if what else PROXIMAL))
+            speed = fields.real(data, fields.VELOCITY, out)
+        if not jumps.jumped(model, speed, moved):
             continue
         message = np.zeros(CAPACITY, np.uint8)
         used = append(message, 0, _START)
         used = quote(message, used, fields.plugin_name(model, instance))
         used = append(message, used, _START_END)
-        used = jumps.explain(message, used, end)
+        used = jumps.explain(message, used, what)
         if not said_before(message, used, fields.signature(model)):
             warn(message, jumps.add_size(message, used, moved))
 
@@ -238,8 +258,9 @@ def _open_refused(
     attributes = fields.attributes(model, instance)
     mouth = 0
     if config.mixed(attributes):
+        route = config.value(attributes, config.ROUTE)
         name = config.value(attributes, config.MOUTH)
-        mouth = ends.find_mouth(model, instance, tendon, name)
+        mouth = ends.find_mouth(model, instance, tendon, route, name)
         if mouth < 0:
             return config.MOUTH, start
     least = pieces.needed(model, tendon, mouth) + (1 if mouth > 0 else 0)
@@ -423,6 +444,16 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     export("cc_mujoco_refused", refused.address)
 
+    @cfunc(_REFUSED, **options)
+    def route(model: int, instance: int) -> int:
+        """The spatial tendon that is the route of the instance, or -1."""
+        _ = stamp
+        attributes = fields.attributes(model, instance)
+        written = config.value(attributes, config.ROUTE)
+        return ends.find_route(model, instance, written)
+
+    export("cc_mujoco_route", route.address)
+
     @cfunc(_PACK, **options)
     def pack(block: int, model: int, instance: int) -> int:
         """Pack the parameters from the attribute block of the instance.
@@ -456,7 +487,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             guided = 0
             if config.mixed(attributes):
                 name = config.value(attributes, config.MOUTH)
-                mouth = ends.find_mouth(model, instance, tendon, name)
+                mouth = ends.find_mouth(model, instance, tendon, route, name)
                 if mouth < 0:
                     return 0
                 guided = n - pieces.wanted(model, tendon, mouth, pieces.ARC)
@@ -547,21 +578,31 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     @cfunc(_CHECK, **options)
     def check(model: int, data: int, instance: int) -> None:
-        """Warn if the time step is too long for an end of the instance."""
+        """Warn if the time step is too long for the instance, or its ends are not fit.
+
+        What was refused at load can also be set on the compiled model.
+        """
         _ = stamp
+        message = np.zeros(CAPACITY, np.uint8)
+        used = append(message, 0, _START)
+        used = quote(message, used, fields.plugin_name(model, instance))
+        start = append(message, used, _START_END)
+        used = ends.explain(message, start, model, instance)
+        block = fields.block(data, instance)
+        if used == start and opens(block):
+            tendon = load_word(block + ROUTE)
+            used = ends.explain_bypass(message, start, model, instance, tendon)
+        if used > start and not said_before(message, used, fields.signature(model)):
+            warn(message, used)
         longest = np.empty(3)
         _limits(model, data, instance, longest.ctypes.data)
-        if ahead.implicit(model, fields.block(data, instance)):
+        if ahead.implicit(model, block):
             longest[0] = longest[1] = np.inf
         step, worst = fields.timestep(model), int(np.argmin(longest))
         limit = longest[worst]
         if step <= limit:
             return
-        message = np.zeros(CAPACITY, np.uint8)
-        used = append(message, 0, _START)
-        used = quote(message, used, fields.plugin_name(model, instance))
-        used = append(message, used, _START_END)
-        used = steps.explain(message, used, worst, limit, step)
+        used = steps.explain(message, start, worst, limit, step)
         if not said_before(message, used, fields.signature(model)):
             warn(message, used)
 
@@ -645,6 +686,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         _ = stamp
         if block == 0 or not _up_to_date(block, model, instance):
             return
+        store_real(block + CHECKED, 0.0)
         # The pose `qpos0` may be another since.
         store_word(block + REFERRED, 0)
         proximal_length = rest_displacement(model, block, PROXIMAL)
@@ -733,7 +775,8 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         u_proximal, _ = wound(model, block, displacement(data, block, PROXIMAL))
         u_distal = displacement(data, block, DISTAL)
         if fields.integrator(model) != _RK4:  # where these are of its last stage
-            _warn_jump(model, data, instance, state, u_proximal, u_distal)
+            now = shape_at(block, n, 0)
+            _warn_jump(model, data, instance, state, u_proximal, u_distal, now)
         if ends.idle(model, instance):
             _warn_once(model, instance, _GROUP)
         dt = fields.timestep(model)
@@ -767,13 +810,14 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             ):
                 u_proximal = load_real(stages)
                 u_distal = load_real(stages + 8)
-                _warn_jump(model, data, instance, state, u_proximal, u_distal)
+                first = shape_at(block, n, 1)
+                _warn_jump(model, data, instance, state, u_proximal, u_distal, first)
                 dt = load_real(stages + 16)
                 time = load_real(stages + 24)
                 if load_word(block + LOOKS) == 1:
                     u_proximal, u_distal, yields, dt = _inputs(block)
                 if load_word(block + ROUTE) >= 0:
-                    shape = shape_at(block, n, 1)
+                    shape = first
                     lay(block, shape, state)
         if _evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt):
             copy_words(new_at(block, n), state, kernel.state_size(n))

@@ -45,6 +45,11 @@ _CLAMPED_END = constant(
     " that has an `actuatorfrcrange`, its own or that of a default, which would clamp "
     "the tension of the cable; limit the motor by the `forcerange` of its actuator"
 )
+_DRAG = (constant(" has a `damping`"), constant(" has an `armature`"))
+_DRAG_END = constant(
+    ", its own or that of a default, which would act beside the cable; take it away "
+    "there, and say it of the joint"
+)
 _METRE = constant(
     " has a pulley of 1 m radius or more, of 1 m if no gear is given; `gear` must be "
     "the signed pulley radius in metres"
@@ -173,6 +178,11 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
         if limited or _a_metre(model, actuator):
             used = _name(message, used, model, actuator)
             return append(message, used, _FORCE if limited else _METRE)
+        drags = _drags(model, actuator)
+        if drags >= 0:
+            used = _name(message, used, model, actuator)
+            used = append(message, used, _DRAG[drags])
+            return append(message, used, _DRAG_END)
         clamped = _clamped(model, actuator)
         if clamped >= 0:
             used = _name(message, used, model, actuator)
@@ -182,6 +192,18 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
         used = _name(message, used, model, second)
         return append(message, used, _SAME)
     return used
+
+
+@internal
+def _drags(model: int, actuator: int) -> int:
+    """What an actuator has of its own: damping (0), armature (1), nothing (-1)."""
+    damping = fields.real(model, fields.ACTUATOR_DAMPING, actuator)
+    higher = fields.ACTUATOR_DAMPINGPOLY
+    if damping != 0.0 or fields.real(model, higher, 2 * actuator) != 0.0:
+        return 0
+    if fields.real(model, higher, 2 * actuator + 1) != 0.0:
+        return 0
+    return 1 if fields.real(model, fields.ACTUATOR_ARMATURE, actuator) != 0.0 else -1
 
 
 @internal
@@ -241,53 +263,112 @@ def _together(model: int, first: int, second: int) -> bool:
 
 
 @internal
-def _means(candidate: Bytes, wanted: Bytes, name: Bytes) -> bool:
-    """Whether an element is meant by a name in the configuration of an instance.
+def _affixed(
+    candidate: Bytes, wanted: Bytes, name: Bytes, prefix: int, suffix: int
+) -> bool:
+    """Whether a name is `wanted` between a prefix and a suffix of `name`.
 
-    The rule is that of `reading.means`.
+    `prefix` and `suffix` are their sizes.
     """
-    extra = candidate.size - wanted.size
-    if extra < 0 or extra > name.size:
-        return False
-    for prefix in range(extra + 1):
-        suffix = extra - prefix
-        if (
-            same(candidate[prefix : prefix + wanted.size], wanted)
-            and same(candidate[:prefix], name[:prefix])
-            and same(candidate[prefix + wanted.size :], name[name.size - suffix :])
-        ):
-            return True
-    return False
+    end = prefix + wanted.size
+    return (
+        candidate.size == end + suffix
+        and same(candidate[prefix:end], wanted)
+        and same(candidate[:prefix], name[:prefix])
+        and same(candidate[end:], name[name.size - suffix :])
+    )
+
+
+@internal
+def _bears(label: Bytes, name: Bytes, prefix: int, suffix: int) -> bool:
+    """Whether an element, if it has a name, has that prefix and suffix of `name`."""
+    return label.size == 0 or (
+        label.size > prefix + suffix
+        and same(label[:prefix], name[:prefix])
+        and same(label[label.size - suffix :], name[name.size - suffix :])
+    )
+
+
+@internal
+def _attached(model: int, instance: int, tendon: int, prefix: int, suffix: int) -> bool:
+    """Whether all that an instance and a tendon are made of bears an affix too."""
+    name = fields.plugin_name(model, instance)
+    _, first, second = find(model, instance)
+    for actuator in (first, second):
+        if actuator >= 0:
+            label = fields.actuator_name(model, actuator)
+            if not _bears(label, name, prefix, suffix):
+                return False
+    start = fields.integer(model, fields.TENDON_ADR, tendon)
+    for i in range(start, start + fields.integer(model, fields.TENDON_NUM, tendon)):
+        kind = fields.integer(model, fields.WRAP_TYPE, i)
+        if kind == _PULLEY:
+            continue
+        thing = fields.integer(model, fields.WRAP_OBJID, i)
+        if kind == _SITE:
+            label = fields.site_name(model, thing)
+        else:
+            label = fields.geom_name(model, thing)
+        if not _bears(label, name, prefix, suffix):
+            return False
+    return True
 
 
 @internal
 def find_route(model: int, instance: int, route: Bytes) -> int:
-    """Index of the spatial tendon that an instance names as its route, or -1."""
+    """Index of the spatial tendon that an instance names as its route, or -1.
+
+    MuJoCo's `attach` renames all elements, not the text of a configuration. So `route`
+    also stands for that name with a prefix and a suffix of the instance's own name,
+    where its actuators and the sites and geoms of the tendon bear them too: instance
+    `left_flexor` with `route` = `path` means tendon `left_path`, if there is one, else
+    `path`. The longest counts; but a tendon of the instance's own name is its own.
+    """
     name = fields.plugin_name(model, instance)
+    namesake = same(route, name)
     best, longest = -1, -1
     for tendon in range(fields.tendons(model)):
         candidate = fields.tendon_name(model, tendon)
-        if candidate.size > longest and _means(candidate, route, name):
-            best, longest = tendon, candidate.size
-    return best if best >= 0 and spatial(model, best) else -1
+        if not spatial(model, tendon):
+            continue
+        if namesake and same(candidate, name):
+            return tendon
+        extra = candidate.size - route.size
+        if extra <= longest or (extra > 0 and extra >= name.size):
+            continue
+        for prefix in range(extra + 1):
+            suffix = extra - prefix
+            if _affixed(candidate, route, name, prefix, suffix) and _attached(
+                model, instance, tendon, prefix, suffix
+            ):
+                best, longest = tendon, extra
+    return best
 
 
 @internal
-def find_mouth(model: int, instance: int, tendon: int, mouth: Bytes) -> int:
-    """Place in the path of a tendon of the site that an instance names, or -1.
+def find_mouth(
+    model: int, instance: int, tendon: int, route: Bytes, mouth: Bytes
+) -> int:
+    """Place in the path of its route of the site that an instance names, or -1.
 
-    The first site and the last one are no mouths.
+    The site has the prefix and suffix of the tendon. The first site and the last one
+    are no mouths.
     """
     name = fields.plugin_name(model, instance)
+    own = fields.tendon_name(model, tendon)
     start = fields.integer(model, fields.TENDON_ADR, tendon)
-    best, longest = -1, -1
+    extra = own.size - route.size
     for i in range(1, fields.integer(model, fields.TENDON_NUM, tendon) - 1):
-        if fields.integer(model, fields.WRAP_TYPE, start + i) == _SITE:
-            site = fields.integer(model, fields.WRAP_OBJID, start + i)
-            candidate = fields.site_name(model, site)
-            if candidate.size > longest and _means(candidate, mouth, name):
-                best, longest = i, candidate.size
-    return best
+        if fields.integer(model, fields.WRAP_TYPE, start + i) != _SITE:
+            continue
+        site = fields.integer(model, fields.WRAP_OBJID, start + i)
+        candidate = fields.site_name(model, site)
+        for prefix in range(extra + 1):
+            if _affixed(own, route, name, prefix, extra - prefix) and _affixed(
+                candidate, mouth, name, prefix, extra - prefix
+            ):
+                return i
+    return -1
 
 
 @internal

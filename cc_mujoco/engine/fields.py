@@ -44,6 +44,7 @@ _NAMES = _model("names")
 _PLUGIN_NAME = _model("name_pluginadr")
 _ACTUATOR_NAME = _model("name_actuatoradr")
 _SITE_NAME = _model("name_siteadr")
+_GEOM_NAME = _model("name_geomadr")
 _TENDON_NAME = _model("name_tendonadr")
 _PLUGIN_ATTR = _model("plugin_attr")
 _PLUGIN_ATTRADR = _model("plugin_attradr")
@@ -68,6 +69,9 @@ CTRLADR = _model("actuator_ctrladr")
 LENGTH0 = _model("actuator_length0")
 FORCE_LIMITED = _model("actuator_forcelimited")
 FORCE_RANGE = _model("actuator_forcerange")
+ACTUATOR_DAMPING = _model("actuator_damping")
+ACTUATOR_DAMPINGPOLY = _model("actuator_dampingpoly")
+ACTUATOR_ARMATURE = _model("actuator_armature")
 JNT_TYPE = _model("jnt_type")
 JNT_BODY = _model("jnt_bodyid")
 JNT_DOFADR = _model("jnt_dofadr")
@@ -131,6 +135,7 @@ GEOM_TYPE = _model("geom_type")
 GEOM_XPOS = _data("geom_xpos")
 GEOM_XMAT = _data("geom_xmat")
 TEN_LENGTH = _data("ten_length")
+TEN_VELOCITY = _data("ten_velocity")
 TEN_J = _data("ten_J")
 TEN_WRAPADR = _data("ten_wrapadr")
 TEN_WRAPNUM = _data("ten_wrapnum")
@@ -286,6 +291,12 @@ def tendon_name(model: int, tendon: int) -> Bytes:
 def site_name(model: int, site: int) -> Bytes:
     """Name of a site."""
     return _name(model, _SITE_NAME, site)
+
+
+@internal
+def geom_name(model: int, geom: int) -> Bytes:
+    """Name of a geom."""
+    return _name(model, _GEOM_NAME, geom)
 
 
 @internal

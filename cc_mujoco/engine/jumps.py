@@ -1,8 +1,9 @@
-"""Ends that someone moved by hand: further within a step than their velocity tells.
+"""Ends and paths that jump: further within a step than their velocity tells.
 
 After `qpos` is set, or a keyframe is loaded, the cable still lies where it lay. It is
 pulled to the new pose within one step, with forces that no motion would make, which is
-seldom meant: `settle` is what was left out.
+seldom meant: `settle` is what was left out. A path jumps, too, where MuJoCo leads its
+tendon the other way around a geom; what that pulls is energy from nowhere.
 """
 
 from __future__ import annotations
@@ -16,37 +17,43 @@ _LEAST = 2e-3
 _TIMES = 3.0
 """By how much the velocity may change within a step, for impacts."""
 
-_ENDS = constant("its proximal end"), constant("its distal end")
+PATH = 2
+"""The path of an open cable; 0 and 1 are the proximal and the distal end."""
+_WHAT = constant("its proximal end"), constant("its distal end"), constant("its path")
 _JUMPED = constant(
     " jumped, without the velocity for it: after `qpos` is set, or a keyframe is "
     "loaded, `cc_mujoco.engine.settle(model, data)` lays the cable at rest there; "
     "without it one step pulls it by "
 )
+_SWITCHED = constant(
+    " jumped, without the velocity for it: a side site that turns lets MuJoCo lead a "
+    "tendon another way around a geom, and after `qpos` is set, or a keyframe is "
+    "loaded, `cc_mujoco.engine.settle(model, data)` lays the cable at rest there; one "
+    "step pulls it by "
+)
 
 
 @internal
-def jumped(model: int, data: int, out: int, moved: float) -> bool:
-    """Whether an end moved further within a step than its velocity tells.
+def jumped(model: int, speed: float, moved: float) -> bool:
+    """Whether something moved further within a step than its velocity tells.
 
     Args:
         model: address.
-        data: address; its velocities are those of the position moved to.
-        out: index of the end in `actuator_velocity`.
+        speed: its velocity at the position moved to [m/s].
         moved: by how much [m].
     """
-    speed = abs(fields.real(data, fields.VELOCITY, out))
-    return abs(moved) > _LEAST + _TIMES * speed * fields.timestep(model)
+    return abs(moved) > _LEAST + _TIMES * abs(speed) * fields.timestep(model)
 
 
 @internal
-def explain(message: Bytes, used: int, end: int) -> int:
-    """Add that the proximal (0) or the distal end (1) jumped, but not how far.
+def explain(message: Bytes, used: int, what: int) -> int:
+    """Add that an end or the path jumped, but not how far.
 
     Returns:
         The new length.
     """
-    used = append(message, used, _ENDS[end])
-    return append(message, used, _JUMPED)
+    used = append(message, used, _WHAT[what])
+    return append(message, used, _SWITCHED if what == PATH else _JUMPED)
 
 
 @internal

@@ -31,6 +31,15 @@ End = tuple[Any, float]
 """An end of a cable: joint or spatial tendon, or its name; signed pulley radius [m]."""
 
 
+_TAKEN = (
+    "type", "dyntype", "dynprm", "gaintype", "gainprm", "biastype", "biasprm", "actdim",
+    "actearly", "actlimited", "actrange", "ctrllimited", "ctrlrange", "forcelimited",
+    "forcerange", "inheritrange", "lengthrange", "damping", "armature", "delay",
+    "nsample", "interp", "cranklength", "group",
+)  # fmt: skip
+"""What actuators take from a default, of which a cable has no use."""
+
+
 def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, Cable]:
     """The cables of a model, by instance name, in the order of the model.
 
@@ -109,7 +118,7 @@ def to_mjcf(
         spec.activate_plugin(PLUGIN)
         found = [spec.add_plugin(name=name, plugin_name=PLUGIN, active=True)]
         for end in ends:
-            actuator = spec.add_actuator(name=f"{name}_{end}")
+            actuator = spec.add_actuator(name=f"{name}_{end}", **_plain())
             actuator.plugin.name = name
             actuator.plugin.plugin_name = PLUGIN
             actuator.plugin.active = True
@@ -119,6 +128,12 @@ def to_mjcf(
         if end in targets:
             actuator.trntype, actuator.target, gear = targets[end]
             actuator.gear = [gear, 0, 0, 0, 0, 0]
+
+
+def _plain() -> dict[str, Any]:
+    """What an actuator is that takes nothing from the defaults of its model."""
+    pristine = mujoco.MjSpec().add_actuator()
+    return {field: getattr(pristine, field) for field in _TAKEN}
 
 
 def instances(model: mujoco.MjModel) -> dict[str, int]:

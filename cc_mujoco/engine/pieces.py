@@ -327,6 +327,32 @@ def remember(shape: Floats, n: int, memory: Floats) -> None:
 
 
 @internal
+def _before(
+    reference: Floats, memory: Floats, n: int, j: int
+) -> tuple[float, float, float]:
+    """Total, turned and touch of the span from node j in a state, see `lengthen`."""
+    touch = touch_of(memory, n, j)
+    if touch == _SAME:
+        return (
+            _row(reference, n, _TOTAL)[j],
+            _row(reference, n, _TURNED)[j],
+            _row(reference, n, _TOUCH)[j],
+        )
+    return memory[j], memory[n + 1 + j], touch
+
+
+@internal
+def growth(shape: Floats, reference: Floats, memory: Floats, n: int) -> float:
+    """By how much the path is longer than in a state [m]; as `lengthen`."""
+    extent, total = _row(shape, n, _EXTENT), _row(shape, n, _TOTAL)
+    grown = 0.0
+    for j in range(n + 1):
+        if extent[j] != 0.0:
+            grown += total[j] - _before(reference, memory, n, j)[0]
+    return grown
+
+
+@internal
 def lengthen(
     shape: Floats, reference: Floats, memory: Floats, n: int, gained: Floats
 ) -> None:
@@ -347,13 +373,7 @@ def lengthen(
         if extent[j] == 0.0:
             continue
         m = int(extent[j]) - 1
-        before = memory[j], memory[n + 1 + j], touch_of(memory, n, j)
-        if before[2] == _SAME:
-            before = (
-                _row(reference, n, _TOTAL)[j],
-                _row(reference, n, _TURNED)[j],
-                _row(reference, n, _TOUCH)[j],
-            )
+        before = _before(reference, memory, n, j)
         grown = total[j] - before[0]
         if touch[j] == _STRAIGHT:
             for i in range(m + 1):

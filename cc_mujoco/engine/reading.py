@@ -269,10 +269,8 @@ def route_length(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float
 def route_tendon(model: mujoco.MjModel, name: str) -> int:
     """Index of the spatial tendon that draws a cable's conduit.
 
-    `attach` renames tendons and instances, not the text of a configuration. So `route`
-    also stands for that name with a prefix and suffix of the instance's own name:
-    instance `left_flexor` with `route` = `path` means tendon `left_path`, if there is
-    one, else `path`. The longest match counts.
+    In a model that was attached with a prefix or suffix the key `route` stands for the
+    tendon that came along with the cable, see `ends.find_route`.
 
     Raises:
         CableError: the model has no such cable, or the cable no route.
@@ -283,29 +281,13 @@ def route_tendon(model: mujoco.MjModel, name: str) -> int:
         raise CableError(
             f"cable {name!r} has no route; set its key `route` to a spatial tendon"
         )
-    best, length = -1, -1
-    for tendon in range(model.ntendon):
-        candidate = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon) or ""
-        if means(candidate, wanted, name) and len(candidate) > length:
-            best, length = tendon, len(candidate)
-    if best < 0:
-        raise CableError(f"cable {name!r}: the model has no tendon {wanted!r}")
-    return best
-
-
-def means(candidate: str, wanted: str, name: str) -> bool:
-    """Whether an element is meant by a name in the configuration of instance `name`.
-
-    It has that name, before or behind it a part that the instance's name begins or ends
-    with, as `attach` adds it to both.
-    """
-    extra = len(candidate) - len(wanted)
-    return 0 <= extra <= len(name) and any(
-        candidate[cut : cut + len(wanted)] == wanted
-        and name.startswith(candidate[:cut])
-        and name.endswith(candidate[cut + len(wanted) :])
-        for cut in range(extra + 1)
+    find = ctypes.CFUNCTYPE(_INTEGER, _ADDRESS, _INTEGER)(
+        llvmlite.binding.address_of_symbol("cc_mujoco_route")
     )
+    tendon = int(find(model._address, index))
+    if tendon < 0:
+        raise CableError(f"cable {name!r}: the model has no spatial tendon {wanted!r}")
+    return tendon
 
 
 def _instance(model: mujoco.MjModel, name: str) -> int:

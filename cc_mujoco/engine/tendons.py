@@ -72,8 +72,8 @@ def add_friction(
     Raises:
         CableError: there is no such tendon, it has pulleys, something else pulls it as
             a whole (an actuator, a `stiffness`, `damping`, `frictionloss`, `range`,
-            `armature` or equality of its own), or a parameter cannot be used. The
-            specification is as before.
+            `armature` or equality of its own), a parameter cannot be used, or the model
+            does not compile. The specification is as before.
     """
     if not isinstance(spec, mujoco.MjSpec):
         raise CableError(
@@ -87,6 +87,10 @@ def add_friction(
                 f"{name} must be a joint and the radius of its drum in metres, e.g. "
                 f"('winch', 0.02), not {end!r}."
             )
+    if not isinstance(tendon, str):
+        raise CableError(
+            f"tendon must be the name of a spatial tendon, not {tendon!r}."
+        )
     found = spec.tendon(tendon)
     if found is None:
         names = [t.name for t in spec.tendons]
@@ -97,7 +101,10 @@ def add_friction(
     for key in parameters:
         if key not in _GIVEN:
             raise CableError.unknown("cable parameter", key, _GIVEN)
-    model = spec.copy().compile()
+    model = _compile(spec.copy())
+    if tendon not in (model.tendon(i).name for i in range(model.ntendon)):
+        # A copy leaves out what refers to nothing; MuJoCo tells it of the original.
+        _compile(spec)
     index = model.tendon(tendon).id
     start = model.tendon_adr[index]
     kinds = model.wrap_type[start : start + model.tendon_num[index]]
@@ -128,10 +135,7 @@ def add_friction(
 
     tried = spec.copy()
     write(tried)
-    try:
-        model = tried.compile()
-    except ValueError as error:
-        raise CableError(_sentence(error)) from None
+    model = _compile(tried)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     # Where there is no MuJoCo the cable bends by as much, evenly.
@@ -139,6 +143,13 @@ def add_friction(
     if wrap > 0.0:
         given["conduit"] = (Section(length, length / wrap),)
     write(spec)
+
+
+def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise CableError(_sentence(error)) from None
 
 
 def _sentence(error: ValueError) -> str:

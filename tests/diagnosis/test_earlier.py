@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,7 @@ def diagnosed(tmp_path: Path) -> Path:
     out.mkdir()
     provenance = {
         "data": data,
+        "folder": "..",
         "several_files": [],
         "scene": both("bench.xml"),
         "dataset": both("dataset.toml"),
@@ -43,6 +45,22 @@ def test_it_is_found_with_everything_it_was_made_from(diagnosed: Path) -> None:
     assert earlier.scene.name == "bench.xml"
     assert earlier.dataset is not None
     assert earlier.dataset.name == "dataset.toml"
+
+
+def test_files_are_found_from_another_folder(
+    diagnosed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (diagnosed / VERDICT).read_text(encoding="utf-8")
+    text = text.replace(f"{tmp_path}{os.sep}", "")
+    (diagnosed / VERDICT).write_text(text, encoding="utf-8")
+    for here, folder in ((tmp_path, "out"), (tmp_path / "out", ".")):
+        monkeypatch.chdir(here)
+        found = Earlier.of(folder)
+        for path in (*found.data, found.scene, found.dataset):
+            assert path is not None
+            assert path.resolve().parent == tmp_path.resolve()
+    monkeypatch.chdir(tmp_path)
+    assert Earlier.of("out").data == (Path("a.csv"), Path("b.csv"))
 
 
 @pytest.mark.parametrize("name", ["b.csv", "bench.xml", "dataset.toml"])

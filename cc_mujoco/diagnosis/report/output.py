@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -61,7 +62,8 @@ def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
     files.require_ours(out, names, lambda folder: _provenance(folder) is not None)
     earlier = _provenance(out) or {}
     files.require_untouched(out, [SCENE], str(earlier.get("written", "")))
-    before = [Path(path).resolve() for path in earlier.get("data", ())]
+    base = os.path.join(os.path.realpath(out), str(earlier.get("folder", "")))
+    before = [Path(base, path).resolve() for path in earlier.get("data", ())]
     now = {path.resolve() for path in data}
     if before and not any(now & {path, *path.parents} for path in before):
         raise CableError(
@@ -86,7 +88,7 @@ def write(
     from cc_mujoco.diagnosis.report.recording import write_recording
 
     diagnosis = replace(
-        result.diagnosis, provenance=provenance(result, dataset, command, seed)
+        result.diagnosis, provenance=provenance(result, dataset, out, command, seed)
     )
     with replacing_folder(out) as place:
         if result.problem is not None:
@@ -109,14 +111,15 @@ def write(
 
 
 def provenance(
-    result: Result, dataset: Dataset, command: str, seed: int
+    result: Result, dataset: Dataset, out: Path, command: str, seed: int
 ) -> Mapping[str, Any]:
-    """Where all this comes from."""
+    """Where all this comes from; relative paths are from `folder`, seen from `out`."""
     return {
         "command": command,
         "seed": seed,
         "scene": {"path": str(result.bench.path), "sha256": result.bench.sha256},
         "data": {trial.path: trial.sha256 for trial in dataset.trials},
+        "folder": os.path.relpath(os.getcwd(), os.path.realpath(out)),
         "several_files": [
             trial.path
             for trial in dataset.trials

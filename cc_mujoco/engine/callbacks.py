@@ -35,7 +35,7 @@ import numpy as np
 from mujoco.introspect.enums import ENUMS
 from numba import cfunc
 
-from cc_mujoco.engine import ahead, config, ends, fields, jumps, path, pieces, steps
+from cc_mujoco.engine import ahead, config, ends, fields, path, pieces, steps
 from cc_mujoco.engine.block import (
     AREA,
     CHECKED,
@@ -49,7 +49,6 @@ from cc_mujoco.engine.block import (
     HOLDERS,
     INPUTS,
     INSTANCE,
-    KNOWN,
     LOOKS,
     MOUTH,
     PROXIMAL,
@@ -69,332 +68,73 @@ from cc_mujoco.engine.block import (
     displacement,
     memory,
     new_at,
-    old_at,
     opens,
     outdate,
     parameters_at,
     rest_displacement,
     shape_at,
     text_at,
-    work_at,
     wound,
 )
-from cc_mujoco.engine.config import PLUGIN, constant
+from cc_mujoco.engine.evaluation import (
+    PACK,
+    RK4,
+    begin,
+    bent_as_last,
+    elapsed,
+    evaluate,
+    follow_all,
+    follow_others,
+    inputs,
+    repack,
+    up_to_date,
+)
 from cc_mujoco.engine.leading import compile_leading, follow, lay, pull, refer
 from cc_mujoco.engine.memory import (
     CAPACITY,
-    Bytes,
     allocate,
-    append,
-    append_integer,
-    append_millimetres,
     assign,
     clear,
     copy,
     copy_words,
     export,
-    fill,
     floats,
-    internal,
-    load_byte,
     load_real,
     load_word,
-    quote,
     release,
     said_before,
-    same_words,
     store_real,
     store_word,
     types,
     warn,
 )
+from cc_mujoco.engine.telling import (
+    GROUP,
+    IDLE,
+    NO_PASSIVE,
+    no_passive,
+    open_refused,
+    opening,
+    warn_jump,
+    warn_once,
+)
 from cc_mujoco.transmission import kernel, packing
 from cc_mujoco.transmission.parameters import MAX_SECTIONS
 
-_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-_NO_SPRING = int(mujoco.mjtDisableBit.mjDSBL_SPRING)
-_NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
 _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
-
-_NEAR = 0.02
-"""Part by which the length of `conduit` may differ from that of the path it is."""
-
-_START = constant(f"plugin `{PLUGIN}`, instance ")
-_START_END = constant(": ")
-_FEW = constant("key `segments` is too small: its path needs at least ")
-_LENGTH = constant("key `conduit` has the wrong length: the path of its tendon is ")
-_LENGTH_END = constant(" long in the pose `qpos0`")
-_IDLE = constant(
-    "`actuation` is disabled in <flag>, so the cable does not pull; its tensions are "
-    "those that it would have"
-)
-_GROUP = constant(
-    "an end is in a group of `actuatorgroupdisable`, which MuJoCo does not heed for "
-    "plugins; the cable pulls all the same"
-)
-_NO_PASSIVE = constant(
-    "an open path pulls by passive forces; enable `spring` or `damper` in <flag>"
-)
 
 
 # The large functions are compiled once each and called by name; as Numba functions they
 # would be compiled again inside every callback that calls them.
 _REFUSED = types.int32(types.intp, types.int32)
-_PACK = types.int32(types.intp, types.intp, types.int32)
 _refused = types.ExternalFunction("cc_mujoco_refused", _REFUSED)
-_pack = types.ExternalFunction("cc_mujoco_pack", _PACK)
 _TURN = types.float64(types.intp, types.intp, types.int32)
 _WRAP = types.void(types.intp, types.intp, types.int32, types.intp)
 _limits = types.ExternalFunction("cc_mujoco_limits", _WRAP)
 _aim = types.ExternalFunction("cc_mujoco_aim", _WRAP)
 _CHECK = types.void(types.intp, types.intp, types.int32)
 _check = types.ExternalFunction("cc_mujoco_check", _CHECK)
-
-
-@internal
-def _up_to_date(block: int, model: int, instance: int) -> bool:
-    """Bring the packed parameters up to date with the configuration of the model.
-
-    They are unless a batch gives its simulations different models; then the text of the
-    configuration differs from the copy that was packed last.
-    """
-    attributes = fields.attributes(model, instance)
-    seen = text_at(block, load_word(block + SEGMENTS))
-    size = load_word(block + TEXT_SIZE)
-    i = 0
-    while i + 8 <= size and load_word(seen + i) == load_word(attributes + i):
-        i += 8
-    while i < size and load_byte(seen + i) == load_byte(attributes + i):
-        i += 1
-    if size > 0 and i == size:
-        return True
-    packed: bool = _pack(block, model, instance) == 1
-    return packed
-
-
-@internal
-def _bent_as_last(block: int) -> bool:
-    """Whether the path is now what it was at the last stage of RK4."""
-    n = load_word(block + SEGMENTS)
-    now, last = shape_at(block, n, 0), shape_at(block, n, 4)
-    return same_words(now, last, load_word(block + SHAPE) // 8)
-
-
-@internal
-def _no_passive(model: int) -> bool:
-    """Whether MuJoCo evaluates no passive forces."""
-    no_spring = fields.disabled(model, _NO_SPRING)
-    return no_spring and fields.disabled(model, _NO_DAMPER)
-
-
-@internal
-def _warn_once(model: int, instance: int, told: Bytes) -> None:
-    """Warn, once, of something about an instance."""
-    message = np.zeros(CAPACITY, np.uint8)
-    used = append(message, 0, _START)
-    used = quote(message, used, fields.plugin_name(model, instance))
-    used = append(message, used, _START_END)
-    used = append(message, used, told)
-    if not said_before(message, used, fields.signature(model)):
-        warn(message, used)
-
-
-@internal
-def _warn_jump(
-    model: int,
-    data: int,
-    instance: int,
-    state: int,
-    proximal: float,
-    distal: float,
-    shape: int,
-) -> None:
-    """Warn, once, if an end or the path has jumped from where it is in the state.
-
-    `shape` is the address of the path where it is now.
-    """
-    block = fields.block(data, instance)
-    if load_word(block + EXPLICIT) != 0:  # which joints that are led by hand need
-        return
-    n, tendon = load_word(block + SEGMENTS), load_word(block + ROUTE)
-    for what in range(3):
-        if what == jumps.PATH:
-            if not opens(block) or load_word(block + MOUTH) != 0:
-                continue
-            size = pieces.shape_size(n)
-            reference = floats(shape_at(block, n, REFERENCE), size)
-            moved = pieces.growth(floats(shape, size), reference, memory(state, n), n)
-            speed = fields.real(data, fields.TEN_VELOCITY, tendon)
-        else:
-            if load_word(block + TIED + 8 * what) != 0:
-                continue
-            moved = (distal if what else proximal) - load_real(state + 8 * what)
-            out = load_word(block + (DISTAL if what else PROXIMAL))
-            speed = fields.real(data, fields.VELOCITY, out)
-        if not jumps.jumped(model, speed, moved):
-            continue
-        message = np.zeros(CAPACITY, np.uint8)
-        used = append(message, 0, _START)
-        used = quote(message, used, fields.plugin_name(model, instance))
-        used = append(message, used, _START_END)
-        used = jumps.explain(message, used, what)
-        if not said_before(message, used, fields.signature(model)):
-            warn(message, jumps.add_size(message, used, moved))
-
-
-@internal
-def _open_refused(
-    message: Bytes, start: int, model: int, instance: int, tendon: int
-) -> tuple[int, int]:
-    """Why a cable cannot lie open along a tendon.
-
-    Returns:
-        The key that cannot be used or `VALID`, and the length of the message, in which
-        is what `config.explain` cannot tell.
-    """
-    if path.branches(model, tendon):
-        return config.PATH, start
-    attributes = fields.attributes(model, instance)
-    mouth = 0
-    if config.mixed(attributes):
-        route = config.value(attributes, config.ROUTE)
-        name = config.value(attributes, config.MOUTH)
-        mouth = ends.find_mouth(model, instance, tendon, route, name)
-        if mouth < 0:
-            return config.MOUTH, start
-    least = pieces.needed(model, tendon, mouth) + (1 if mouth > 0 else 0)
-    if config.segments(attributes) < max(least, 1):
-        used = append(message, start, _FEW)
-        return config.VALID, append_integer(message, used, max(least, 1))
-    if mouth == 0:
-        length = config.length(attributes)
-        true = fields.real(model, fields.TENDON_LENGTH0, tendon)
-        if abs(length - true) > _NEAR * true:
-            used = append(message, start, _LENGTH)
-            used = append_millimetres(message, used, true)
-            return config.VALID, append(message, used, _LENGTH_END)
-    if _no_passive(model):
-        return config.VALID, append(message, start, _NO_PASSIVE)
-    used = ends.explain_bypass(message, start, model, instance, tendon)
-    if used > start:
-        return config.VALID, used
-    return config.VALID, ends.explain_tied(message, start, model, instance, tendon)
-
-
-@internal
-def _follow_all(model: int, data: int, instance: int) -> None:
-    """Lead all open cables along their paths, so that their meshes are known."""
-    for other in range(fields.plugins(model)):
-        kind = fields.integer(model, fields.PLUGIN, other)
-        if kind == fields.integer(model, fields.PLUGIN, instance):
-            block = fields.block(data, other)
-            if block != 0 and opens(block):
-                follow(block, model, data, fields.state(model, data, other))
-
-
-@internal
-def _follow_others(model: int, data: int, instance: int, evaluation: int) -> None:
-    """Lead all open cables along their paths that were not in this evaluation."""
-    for other in range(fields.plugins(model)):
-        kind = fields.integer(model, fields.PLUGIN, other)
-        if kind == fields.integer(model, fields.PLUGIN, instance):
-            block = fields.block(data, other)
-            walked = block == 0 or load_word(block + WALKED) == evaluation
-            if not walked and opens(block):
-                follow(block, model, data, fields.state(model, data, other))
-                store_word(block + WALKED, evaluation)
-
-
-@internal
-def _inputs(block: int) -> tuple[float, float, tuple[float, float], float]:
-    """What the last evaluation was of: displacements, how far ends yield, and dt."""
-    at = block + INPUTS
-    yields = load_real(at + 16), load_real(at + 24)
-    return load_real(at), load_real(at + 8), yields, load_real(at + 32)
-
-
-@internal
-def _elapsed(model: int, data: int, committed: float) -> float:
-    """Time between the committed configuration and the present one [s].
-
-    One time step; under RK4, at the later stages, up to two.
-    """
-    step = fields.timestep(model)
-    if fields.integrator(model) != _RK4:
-        return step
-    halves = np.rint(2.0 * (fields.time(data) - committed) / step)
-    return 0.5 * halves * step if 2.0 <= halves <= 4.0 else step
-
-
-@internal
-def _evaluate(
-    block: int,
-    state: int,
-    u_proximal: float,
-    u_distal: float,
-    yield_proximal: float,
-    yield_distal: float,
-    dt: float,
-) -> bool:
-    """Evaluate from the committed state at address `state`, unless that is known.
-
-    The parameters must be up to date. Arguments as in `kernel.step` and
-    `kernel.expect_yielding`.
-
-    Returns:
-        Whether the new state, in the block, is finite.
-    """
-    n = load_word(block + SEGMENTS)
-    old = old_at(block, n)
-    size = kernel.state_size(n)
-    known = load_word(block + KNOWN) == 1
-    given = (u_proximal, u_distal, yield_proximal, yield_distal, dt)
-    for i in range(5):
-        before = load_word(block + INPUTS + 8 * i)
-        store_real(block + INPUTS + 8 * i, given[i])
-        known = known and before == load_word(block + INPUTS + 8 * i)
-    if known and same_words(old, state, size):
-        return True
-    copy_words(state, old, size)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
-    kernel.expect_yielding(prm, yield_proximal, yield_distal)
-    status = kernel.step(
-        prm, n, floats(old, size), kernel.POSITION, u_proximal, kernel.POSITION,
-        u_distal, dt, floats(new_at(block, n), size),
-        floats(work_at(block, n), kernel.work_size(n)),
-    )  # fmt: skip
-    store_word(block + KNOWN, 1 if status == kernel.OK else 0)
-    return status == kernel.OK
-
-
-@internal
-def _begin(
-    block: int,
-    model: int,
-    state: int,
-    proximal_length: float,
-    distal_length: float,
-    time: float,
-) -> None:
-    """Set the state at address `state` to rest with the lengths of both actuators [m].
-
-    The parameters must be up to date.
-    """
-    n = load_word(block + SEGMENTS)
-    kernel.initialize(
-        floats(parameters_at(block), kernel.parameter_size(n)),
-        n,
-        wound(model, block, proximal_length)[0],
-        distal_length,
-        floats(state, kernel.state_size(n)),
-    )
-    before = time - fields.timestep(model)
-    store_real(
-        committed_time(state, n), before if fields.integrator(model) == _RK4 else 0.0
-    )
-    if opens(block):
-        fill(memory(state, n), 0.0)
 
 
 def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
@@ -412,9 +152,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         """Whether the instance cannot be used; if so, MuJoCo has been told why."""
         _ = stamp
         message = np.zeros(CAPACITY, np.uint8)
-        used = append(message, 0, _START)
-        used = quote(message, used, fields.plugin_name(model, instance))
-        start = append(message, used, _START_END)
+        start = opening(message, model, instance)
         used = ends.explain(message, start, model, instance)
         attributes = fields.attributes(model, instance)
         if used == start:
@@ -435,7 +173,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 elif config.moves(attributes) and path.branches(model, tendon):
                     key = config.BEND
                 elif config.opens(attributes):
-                    key, used = _open_refused(message, start, model, instance, tendon)
+                    key, used = open_refused(message, start, model, instance, tendon)
             if key != config.VALID:
                 used = config.explain(message, start, attributes, key)
         if used > start:
@@ -454,7 +192,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     export("cc_mujoco_route", route.address)
 
-    @cfunc(_PACK, **options)
+    @cfunc(PACK, **options)
     def pack(block: int, model: int, instance: int) -> int:
         """Pack the parameters from the attribute block of the instance.
 
@@ -525,7 +263,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         """Wrap angles of the segments of an instance at the last position."""
         _ = stamp
         block = fields.block(data, instance)
-        if block == 0 or not _up_to_date(block, model, instance):
+        if block == 0 or not up_to_date(block, model, instance):
             return
         follow(block, model, data, fields.state(model, data, instance))
         n = load_word(block + SEGMENTS)
@@ -539,7 +277,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         """Compliance of the nodes of an instance [m/N], then its elastic energy [J]."""
         _ = stamp
         block = fields.block(data, instance)
-        if block == 0 or not _up_to_date(block, model, instance):
+        if block == 0 or not up_to_date(block, model, instance):
             return
         if opens(block) and load_word(block + REFERRED) == 0:
             refer(block, model, data)
@@ -556,7 +294,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     def limits(model: int, data: int, instance: int, out: int) -> None:
         """Longest stable time steps of an instance (3,) [s], to an address."""
         _ = stamp
-        _follow_all(model, data, instance)
+        follow_all(model, data, instance)
         steps.limits(model, data, instance, floats(out, 3))
 
     export("cc_mujoco_limits", limits.address)
@@ -569,7 +307,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         lead = fields.block(data, ahead.first(model, instance))
         area = lead + load_word(lead + AREA)
         if ahead.unknown(area):
-            _follow_others(model, data, instance, load_word(lead + EVALUATION))
+            follow_others(model, data, instance, load_word(lead + EVALUATION))
             ahead.foresee(model, data, kind, area)
         block = fields.block(data, instance)
         ahead.aim(model, data, block, kind, area, floats(out, 4))
@@ -584,9 +322,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         """
         _ = stamp
         message = np.zeros(CAPACITY, np.uint8)
-        used = append(message, 0, _START)
-        used = quote(message, used, fields.plugin_name(model, instance))
-        start = append(message, used, _START_END)
+        start = opening(message, model, instance)
         used = ends.explain(message, start, model, instance)
         block = fields.block(data, instance)
         if used == start and opens(block):
@@ -613,12 +349,12 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         """Lay the cable at rest, with its ends where they are at the last position."""
         _ = stamp
         block = fields.block(data, instance)
-        if block == 0 or not _up_to_date(block, model, instance):
+        if block == 0 or not up_to_date(block, model, instance):
             return
         proximal_length = displacement(data, block, PROXIMAL)
         distal_length = displacement(data, block, DISTAL)
         state = fields.state(model, data, instance)
-        _begin(block, model, state, proximal_length, distal_length, fields.time(data))
+        begin(block, model, state, proximal_length, distal_length, fields.time(data))
         if opens(block):
             n = load_word(block + SEGMENTS)
             follow(block, model, data, state)
@@ -669,7 +405,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             tendon = ends.find_route(model, instance, route)
             store_word(block + TIED, 1 if ends.tied(model, first, tendon) else 0)
             store_word(block + TIED + 8, 1 if ends.tied(model, second, tendon) else 0)
-        _pack(block, model, instance)
+        repack(block, model, instance)
         fields.set_block(data, instance, block)
         return 0
 
@@ -684,14 +420,14 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     @cfunc(types.void(address, address, address, integer), **options)
     def reset(model: int, state: int, block: int, instance: int) -> None:
         _ = stamp
-        if block == 0 or not _up_to_date(block, model, instance):
+        if block == 0 or not up_to_date(block, model, instance):
             return
         store_real(block + CHECKED, 0.0)
         # The pose `qpos0` may be another since.
         store_word(block + REFERRED, 0)
         proximal_length = rest_displacement(model, block, PROXIMAL)
         distal_length = rest_displacement(model, block, DISTAL)
-        _begin(block, model, state, proximal_length, distal_length, 0.0)
+        begin(block, model, state, proximal_length, distal_length, 0.0)
 
     @cfunc(types.void(address, address, integer, integer), **options)
     def compute(model: int, data: int, instance: int, capability: int) -> None:
@@ -705,17 +441,17 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         lead = fields.block(data, ahead.first(model, instance))
         if lead == block:
             ahead.forget(lead)
-        cut = opens(block) and _no_passive(model)
+        cut = opens(block) and no_passive(model)
         state = fields.state(model, data, instance)
         n = load_word(block + SEGMENTS)
-        fits = _up_to_date(block, model, instance)
+        fits = up_to_date(block, model, instance)
         u_proximal, lever = wound(model, block, displacement(data, block, PROXIMAL))
         u_distal = displacement(data, block, DISTAL)
         seen = u_proximal, u_distal
         yields = 0.0, 0.0
         dt = 0.0
         if fits:
-            dt = _elapsed(model, data, load_real(committed_time(state, n)))
+            dt = elapsed(model, data, load_real(committed_time(state, n)))
             evaluation = load_word(lead + EVALUATION)
             if load_word(block + WALKED) != evaluation:
                 follow(block, model, data, state)
@@ -727,20 +463,20 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             store_word(block + LOOKS, 1 if looks else 0)
             if looks and dt > fields.timestep(model):
                 # A later stage of RK4: as the first one.
-                u_proximal, u_distal, yields, dt = _inputs(block)
+                u_proximal, u_distal, yields, dt = inputs(block)
             elif looks:
                 aim = np.empty(4)
                 _aim(model, data, instance, aim.ctypes.data)
                 u_proximal, u_distal, yields = aim[0], aim[1], (aim[2], aim[3])
         store_word(block + WALKED, 0)
         if cut:
-            _warn_once(model, instance, _NO_PASSIVE)
+            warn_once(model, instance, NO_PASSIVE)
         store_real(block + SEEN, seen[0])
         store_real(block + SEEN + 8, seen[1])
         if (
             fits
             and not cut
-            and _evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt)
+            and evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt)
         ):
             tension = new_at(block, n) + 8 * kernel.STATE_HEADER
             proximal = max(load_real(tension), 0.0) * lever
@@ -752,7 +488,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         fields.set_force(data, load_word(block + DISTAL), -distal)
         if opens(block):
             pull(block, model, data)
-        if fields.integrator(model) == _RK4:
+        if fields.integrator(model) == RK4:
             stages = block + STAGES
             copy(stages + STAGE, stages, 3 * STAGE)
             store_real(stages + 3 * STAGE, seen[0])
@@ -768,26 +504,26 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     def advance(model: int, data: int, instance: int) -> None:
         _ = stamp
         block = fields.block(data, instance)
-        if block == 0 or not _up_to_date(block, model, instance):
+        if block == 0 or not up_to_date(block, model, instance):
             return
         state = fields.state(model, data, instance)
         n = load_word(block + SEGMENTS)
         u_proximal, _ = wound(model, block, displacement(data, block, PROXIMAL))
         u_distal = displacement(data, block, DISTAL)
-        if fields.integrator(model) != _RK4:  # where these are of its last stage
+        if fields.integrator(model) != RK4:  # where these are of its last stage
             now = shape_at(block, n, 0)
-            _warn_jump(model, data, instance, state, u_proximal, u_distal, now)
+            warn_jump(model, data, instance, state, u_proximal, u_distal, now)
         if ends.idle(model, instance):
-            _warn_once(model, instance, _GROUP)
+            warn_once(model, instance, GROUP)
         dt = fields.timestep(model)
         time = 0.0
         yields = 0.0, 0.0
         if fields.disabled(model, _NO_ACTUATION):
             # Nothing has evaluated the last position.
-            _warn_once(model, instance, _IDLE)
+            warn_once(model, instance, IDLE)
             follow(block, model, data, state)
         elif (
-            fields.integrator(model) != _RK4
+            fields.integrator(model) != RK4
             and load_real(block + SEEN) == u_proximal
             and load_real(block + SEEN + 8) == u_distal
         ):
@@ -798,7 +534,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             )
             yields = load_real(block + INPUTS + 16), load_real(block + INPUTS + 24)
         shape = shape_at(block, n, 0)
-        if fields.integrator(model) == _RK4:
+        if fields.integrator(model) == RK4:
             # A step makes four evaluations; the first of them is committed. With
             # actuation disabled there are none, and the last position counts.
             time = fields.time(data) - dt
@@ -806,20 +542,20 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             if (
                 load_real(stages + 3 * STAGE) == u_proximal
                 and load_real(stages + 3 * STAGE + 8) == u_distal
-                and _bent_as_last(block)
+                and bent_as_last(block)
             ):
                 u_proximal = load_real(stages)
                 u_distal = load_real(stages + 8)
                 first = shape_at(block, n, 1)
-                _warn_jump(model, data, instance, state, u_proximal, u_distal, first)
+                warn_jump(model, data, instance, state, u_proximal, u_distal, first)
                 dt = load_real(stages + 16)
                 time = load_real(stages + 24)
                 if load_word(block + LOOKS) == 1:
-                    u_proximal, u_distal, yields, dt = _inputs(block)
+                    u_proximal, u_distal, yields, dt = inputs(block)
                 if load_word(block + ROUTE) >= 0:
                     shape = first
                     lay(block, shape, state)
-        if _evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt):
+        if evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt):
             copy_words(new_at(block, n), state, kernel.state_size(n))
             store_real(committed_time(state, n), time)
             if opens(block):

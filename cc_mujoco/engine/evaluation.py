@@ -1,0 +1,190 @@
+"""One evaluation of a cable from its committed state, compiled."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.engine import fields
+from cc_mujoco.engine.block import (
+    INPUTS,
+    KNOWN,
+    SEGMENTS,
+    SHAPE,
+    TEXT_SIZE,
+    WALKED,
+    committed_time,
+    memory,
+    new_at,
+    old_at,
+    opens,
+    parameters_at,
+    shape_at,
+    text_at,
+    work_at,
+    wound,
+)
+from cc_mujoco.engine.leading import follow
+from cc_mujoco.engine.memory import (
+    copy_words,
+    fill,
+    floats,
+    internal,
+    load_byte,
+    load_real,
+    load_word,
+    same_words,
+    store_real,
+    store_word,
+    types,
+)
+from cc_mujoco.transmission import kernel
+
+RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+
+PACK = types.int32(types.intp, types.intp, types.int32)
+repack = types.ExternalFunction("cc_mujoco_pack", PACK)
+
+
+@internal
+def up_to_date(block: int, model: int, instance: int) -> bool:
+    """Bring the packed parameters up to date with the configuration of the model.
+
+    They are unless a batch gives its simulations different models; then the text of the
+    configuration differs from the copy that was packed last.
+    """
+    attributes = fields.attributes(model, instance)
+    seen = text_at(block, load_word(block + SEGMENTS))
+    size = load_word(block + TEXT_SIZE)
+    i = 0
+    while i + 8 <= size and load_word(seen + i) == load_word(attributes + i):
+        i += 8
+    while i < size and load_byte(seen + i) == load_byte(attributes + i):
+        i += 1
+    if size > 0 and i == size:
+        return True
+    packed: bool = repack(block, model, instance) == 1
+    return packed
+
+
+@internal
+def bent_as_last(block: int) -> bool:
+    """Whether the path is now what it was at the last stage of RK4."""
+    n = load_word(block + SEGMENTS)
+    now, last = shape_at(block, n, 0), shape_at(block, n, 4)
+    return same_words(now, last, load_word(block + SHAPE) // 8)
+
+
+@internal
+def elapsed(model: int, data: int, committed: float) -> float:
+    """Time between the committed configuration and the present one [s].
+
+    One time step; under RK4, at the later stages, up to two.
+    """
+    step = fields.timestep(model)
+    if fields.integrator(model) != RK4:
+        return step
+    halves = np.rint(2.0 * (fields.time(data) - committed) / step)
+    return 0.5 * halves * step if 2.0 <= halves <= 4.0 else step
+
+
+@internal
+def inputs(block: int) -> tuple[float, float, tuple[float, float], float]:
+    """What the last evaluation was of: displacements, how far ends yield, and dt."""
+    at = block + INPUTS
+    yields = load_real(at + 16), load_real(at + 24)
+    return load_real(at), load_real(at + 8), yields, load_real(at + 32)
+
+
+@internal
+def evaluate(
+    block: int,
+    state: int,
+    u_proximal: float,
+    u_distal: float,
+    yield_proximal: float,
+    yield_distal: float,
+    dt: float,
+) -> bool:
+    """Evaluate from the committed state at address `state`, unless that is known.
+
+    The parameters must be up to date. Arguments as in `kernel.step` and
+    `kernel.expect_yielding`.
+
+    Returns:
+        Whether the new state, in the block, is finite.
+    """
+    n = load_word(block + SEGMENTS)
+    old = old_at(block, n)
+    size = kernel.state_size(n)
+    known = load_word(block + KNOWN) == 1
+    given = (u_proximal, u_distal, yield_proximal, yield_distal, dt)
+    for i in range(5):
+        before = load_word(block + INPUTS + 8 * i)
+        store_real(block + INPUTS + 8 * i, given[i])
+        known = known and before == load_word(block + INPUTS + 8 * i)
+    if known and same_words(old, state, size):
+        return True
+    copy_words(state, old, size)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    kernel.expect_yielding(prm, yield_proximal, yield_distal)
+    status = kernel.step(
+        prm, n, floats(old, size), kernel.POSITION, u_proximal, kernel.POSITION,
+        u_distal, dt, floats(new_at(block, n), size),
+        floats(work_at(block, n), kernel.work_size(n)),
+    )  # fmt: skip
+    store_word(block + KNOWN, 1 if status == kernel.OK else 0)
+    return status == kernel.OK
+
+
+@internal
+def begin(
+    block: int,
+    model: int,
+    state: int,
+    proximal_length: float,
+    distal_length: float,
+    time: float,
+) -> None:
+    """Set the state at address `state` to rest with the lengths of both actuators [m].
+
+    The parameters must be up to date.
+    """
+    n = load_word(block + SEGMENTS)
+    kernel.initialize(
+        floats(parameters_at(block), kernel.parameter_size(n)),
+        n,
+        wound(model, block, proximal_length)[0],
+        distal_length,
+        floats(state, kernel.state_size(n)),
+    )
+    before = time - fields.timestep(model)
+    store_real(
+        committed_time(state, n), before if fields.integrator(model) == RK4 else 0.0
+    )
+    if opens(block):
+        fill(memory(state, n), 0.0)
+
+
+@internal
+def follow_all(model: int, data: int, instance: int) -> None:
+    """Lead all open cables along their paths, so that their meshes are known."""
+    for other in range(fields.plugins(model)):
+        kind = fields.integer(model, fields.PLUGIN, other)
+        if kind == fields.integer(model, fields.PLUGIN, instance):
+            block = fields.block(data, other)
+            if block != 0 and opens(block):
+                follow(block, model, data, fields.state(model, data, other))
+
+
+@internal
+def follow_others(model: int, data: int, instance: int, evaluation: int) -> None:
+    """Lead all open cables along their paths that were not in this evaluation."""
+    for other in range(fields.plugins(model)):
+        kind = fields.integer(model, fields.PLUGIN, other)
+        if kind == fields.integer(model, fields.PLUGIN, instance):
+            block = fields.block(data, other)
+            walked = block == 0 or load_word(block + WALKED) == evaluation
+            if not walked and opens(block):
+                follow(block, model, data, fields.state(model, data, other))
+                store_word(block + WALKED, evaluation)

@@ -24,6 +24,7 @@ from cc_mujoco.diagnosis.scene.repair import added
 from cc_mujoco.diagnosis.scene.requirements import require_repairable
 from cc_mujoco.diagnosis.verdict import Diagnosis
 from cc_mujoco.errors import CableError
+from cc_mujoco.estimation.least_squares import plain_algebra
 
 
 def diagnose(
@@ -100,4 +101,5 @@ def inferred(
             statement += f" The report lists {more} more."
         diagnosis = Diagnosis("fix-data", statement, problems=tuple(notes or said))
         return unanswered(diagnosis, bench), dataset
-    return reason(dataset, bench, notes, seed=seed, progress=progress), dataset
+    with plain_algebra():
+        return reason(dataset, bench, notes, seed=seed, progress=progress), dataset

@@ -26,6 +26,7 @@ from cc_mujoco.diagnosis.inference.testable import SEEN
 from cc_mujoco.diagnosis.scene.requirements import require_repairable
 from cc_mujoco.diagnosis.wording import number, plain
 from cc_mujoco.errors import CableError
+from cc_mujoco.estimation.least_squares import plain_algebra
 from cc_mujoco.files import (
     as_written,
     replacing_folder,
@@ -84,7 +85,8 @@ def plan(
         DatasetFile() if dataset_toml is None else read_dataset_file(Path(dataset_toml))
     )
     bench = bench.known(file.rig)
-    found = planned(bench, swing, speed, file.rig, _noise(file), ids)
+    with plain_algebra():
+        found = planned(bench, swing, speed, file.rig, _noise(file), ids)
     with replacing_folder(out) as place:
         for name, motion in zip(names, found.trials, strict=False):
             _write_motion(place / name, motion)

@@ -17,9 +17,10 @@ import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -227,6 +228,17 @@ def in_threads(
     if len(items) < 2 or THREADS < 2 or getattr(_HERE, "inside", False):
         return [function(item) for item in items]
     return list(_pool().map(function, items))
+
+
+def plain_algebra() -> AbstractContextManager[Any]:
+    """Context in which BLAS keeps to the thread that calls it, in the whole process.
+
+    The products here are long and narrow: BLAS's own threads gain nothing by them, and
+    would wait, busily, for the cores that `in_threads` has.
+    """
+    from threadpoolctl import threadpool_limits
+
+    return threadpool_limits(1, user_api="blas")
 
 
 _HERE = threading.local()

@@ -102,8 +102,6 @@ class _Window(NamedTuple):
 
 def _windows(trial: Trial) -> list[_Window]:
     """Stretches in which the motor moves."""
-    from scipy.signal import correlate
-
     motor = velocity(trial.motor_angle, trial.step, trial.segments)
     joint = velocity(trial.joint_angle, trial.step, trial.segments)
     usual = float(np.nanstd(motor))
@@ -119,11 +117,18 @@ def _windows(trial: Trial) -> list[_Window]:
             scale = math.sqrt(float((one @ one) * (other @ other)))
             if len(rows) <= 2 * reach or speed < 0.2 * usual or not scale > 0.0:
                 continue
-            match = correlate(other, one, mode="full", method="fft") / scale
-            match = match[len(rows) - 1 - reach : len(rows) + reach]
+            match = _correlation(other, one, reach) / scale
             sign = 1.0 if match.max() >= -match.min() else -1.0
             windows.append(_Window(trial.time[rows].mean(), speed, sign * match))
     return windows
+
+
+def _correlation(late: FloatArray, early: FloatArray, reach: int) -> FloatArray:
+    """Sums of products by the lag of the first, from -reach to reach."""
+    size = 1 << (2 * early.size).bit_length()
+    product = np.fft.rfft(late, size) * np.conj(np.fft.rfft(early, size))
+    found: FloatArray = np.fft.irfft(product, size)
+    return np.concatenate([found[-reach:], found[: reach + 1]])
 
 
 def _line(

@@ -80,11 +80,11 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
 
 def _scatter(values: FloatArray, step: float) -> Iterator[float]:
     """Standard deviations about short straight lines."""
-    from scipy.signal import detrend
-
     length = max(_SHORT, round(0.5 * HOLD / step))
+    place = np.arange(length) - 0.5 * (length - 1)
     for start in range(0, len(values) - length + 1, length):
-        rest = detrend(values[start : start + length])
+        part = values[start : start + length]
+        rest = part - part.mean() - place * float(place @ part / (place @ place))
         yield math.sqrt(float(rest @ rest) / (length - 2))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from cc_mujoco.diagnosis.data.channels import MOTOR_ANGLE
 from cc_mujoco.diagnosis.data.findings import Finding, error
 from cc_mujoco.diagnosis.data.trials import FloatArray, Trial
+from cc_mujoco.estimation.least_squares import autocorrelation
 
 _PERIODIC = 0.98  # correlation of a periodic motion with the next period
 _SAME = 0.03  # share of its spread by which a motion may differ from period to period
@@ -144,13 +145,11 @@ def periods(trial: Trial) -> Iterator[Pair]:
 
 def period(angle: FloatArray) -> float | None:
     """Period of a motion in samples, None if it is not periodic."""
-    from scipy.signal import correlate
-
     angle = angle - angle.mean()
     count = len(angle)
     if count < 40 or not angle.any():
         return None
-    shifted = correlate(angle, angle, mode="full", method="fft")[count - 1 :]
+    shifted = autocorrelation(angle)
     power = np.concatenate([[0.0], np.cumsum(angle**2)])
     lags = np.arange(int(count / 2.5))
     scale = np.sqrt(power[count - lags] * (power[count] - power[lags]))

@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.io import loadmat
-from scipy.io.matlab import MatlabFunction, MatlabOpaque, matfile_version
 
 from cc_mujoco.diagnosis.data.trials import FloatArray
 from cc_mujoco.errors import CableError
@@ -108,6 +106,8 @@ def _columns(
 @contextmanager
 def _arrays(path: Path) -> Iterator[dict[str, _Array]]:
     """Arrays of numbers in a file, by their paths."""
+    from scipy.io.matlab import matfile_version
+
     try:
         path.open("rb").close()  # the system's reason, where there is one
         if path.suffix.lower() != MATLAB or matfile_version(str(path))[0] == _V73:
@@ -143,6 +143,9 @@ def _h5py(path: Path) -> Any:
 
 def _of_matlab(path: Path) -> dict[str, _Array]:
     """Arrays of a MATLAB file of version 4 to 7.2; of structs, their fields."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatlabFunction, MatlabOpaque
+
     found: dict[str, _Array] = {}
     objects = []
 

@@ -38,18 +38,34 @@ def velocity(
     Returns:
         (samples,) [rad/s]; NaN outside the segments.
     """
-    from scipy.signal import savgol_filter
-
     speed = np.full(len(angle), np.nan)
     for part in [slice(0, len(angle))] if segments is None else segments:
         count = len(angle[part])
         window = max(_FEWEST, 2 * (round(span / step) // 2) + 1)
         window = min(window, 2 * ((count - 1) // 2) + 1)
         if window > _ORDER:
-            speed[part] = savgol_filter(
-                angle[part], window, _ORDER, deriv=1, delta=step, mode="interp"
-            )
+            speed[part] = _slopes(angle[part], window // 2) / step
     return speed
+
+
+def _slopes(values: FloatArray, half: int) -> FloatArray:
+    """Slope per sample of the parabola through `half` samples to either side.
+
+    Nearer to an end it is that of the last whole window (`savgol_filter` of
+    `scipy.signal`, a second to load, with mode "interp").
+    """
+    place = np.arange(-half, half + 1)
+    found = np.empty(len(values))
+    weights = place / float(place @ place)
+    found[half : len(values) - half] = np.correlate(values, weights, "valid")
+    powers = np.vander(place / half, _ORDER + 1, increasing=True)
+    for window, kept, inside in (
+        (slice(0, 2 * half + 1), slice(0, half), place[:half]),
+        (slice(-2 * half - 1, None), slice(len(values) - half, None), place[-half:]),
+    ):
+        _, slope, bend = np.linalg.lstsq(powers, values[window])[0]
+        found[kept] = (slope + 2.0 * bend * inside / half) / half
+    return found
 
 
 def velocity_noise(deviation: float, step: float, span: float = SPAN) -> float:

@@ -48,7 +48,7 @@ def doubtful(problem: Problem, x: FloatArray, spread: FloatArray) -> str | None:
         x: where it was fitted.
         spread: (parameters, parameters) covariance of the places.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     found = {}
     for name in problem.effects:
@@ -64,7 +64,7 @@ def doubtful(problem: Problem, x: FloatArray, spread: FloatArray) -> str | None:
             within = spread[np.ix_(shape, shape)]
             part = part - across @ np.linalg.solve(within, across.T)
         square = float(size @ np.linalg.solve(part, size))
-        found[name] = square / float(chi2.ppf(SURE, len(index) + len(shape)))
+        found[name] = square / float(chdtri(len(index) + len(shape), 1.0 - SURE))
     least = min(found, key=lambda name: found[name], default=None)
     return least if least is not None and found[least] < 1.0 else None
 

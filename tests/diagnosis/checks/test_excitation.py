@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import savgol_filter
 
 from cc_mujoco.diagnosis.checks.excitation import excitation, turns
 from cc_mujoco.diagnosis.data.smoothing import velocity, velocity_noise
@@ -116,6 +117,14 @@ def test_speed_of_a_parabola_is_exact_up_to_the_ends(
     time = step * np.arange(300)
     speed = velocity(a * time + b * time**2, step)
     assert speed == pytest.approx(a + 2.0 * b * time, abs=1e-6)
+
+
+@given(samples=st.integers(5, 200), seed=st.integers(0, 99))
+def test_speed_is_that_of_a_savitzky_golay_filter(samples: int, seed: int) -> None:
+    angle = np.cumsum(np.random.default_rng(seed).standard_normal(samples))
+    window = min(11, samples - 1 + samples % 2)
+    expected = savgol_filter(angle, window, 2, deriv=1, delta=0.005, mode="interp")
+    assert velocity(angle, 0.005) == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 def test_speed_does_not_lag_and_stays_inside_its_segment() -> None:

@@ -46,7 +46,7 @@ def add_friction(
     *,
     motor: tuple[Any, float] | None = None,
     joint: tuple[Any, float] | None = None,
-    friction: float,
+    friction: float | None = None,
     segments: int | None = None,
     **parameters: Any,
 ) -> None:
@@ -64,7 +64,8 @@ def add_friction(
             the radius of its drum [m]; by default the tendon is tied to its first site.
         joint: joint that winds up the other end likewise; by default the tendon is
             tied to its last site.
-        friction: coefficient mu of Coulomb friction at every site and geom.
+        friction: coefficient mu of Coulomb friction at every site and geom; must be
+            given, since a tendon has none of its own.
         segments: friction elements; by default one for a site and four for a geom.
         parameters: other parameters of the cable, by name, see `Cable`; unless given
             they are those of `Cable()`.
@@ -79,6 +80,11 @@ def add_friction(
         raise CableError(
             "spec must be an MjSpec, as of mujoco.MjSpec.from_file, not "
             f"{type(spec).__name__}."
+        )
+    if friction is None:
+        raise CableError(
+            "add_friction needs friction=, the coefficient of friction wherever the "
+            "tendon bends, e.g. friction=0.1."
         )
     for name, end in (("motor", motor), ("joint", joint)):
         paired = isinstance(end, tuple) and len(end) == 2

@@ -140,6 +140,8 @@ def test_what_cannot_be_is_refused_in_one_sentence() -> None:
             cc_mujoco.add_friction(spec_of(), "cord", friction=0.1, motor=motor)
     with pytest.raises(CableError, match=r"spec must be an MjSpec.* not str"):
         cc_mujoco.add_friction(wrong, "cord", friction=0.1)
+    with pytest.raises(CableError, match="add_friction needs friction="):
+        cc_mujoco.add_friction(spec_of(), "cord")
     with pytest.raises(CableError, match="cable parameter 'mu'"):
         cc_mujoco.add_friction(spec_of(), "cord", friction=0.1, mu=0.2)
 

@@ -8,6 +8,7 @@ for bit.
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -33,8 +34,24 @@ EFFORT = 0.05
 WORST = 10.0
 """Most that an error of torque costs [1/s]."""
 
-REWARDS = ("reward_tracking", "reward_effort")
+REWARDS = ("reward_tracking", "reward_effort", "reward_smoothness")
 """Keys of the terms of the reward in `info`; the reward is their sum."""
+
+
+def refuse(unknown: Mapping[str, Any], env: type) -> None:
+    """Say of arguments that an environment does not have which there are.
+
+    Args:
+        unknown: What was given beside its arguments, by name.
+        env: Its class.
+
+    Raises:
+        CableError: If anything was.
+    """
+    for name in unknown:
+        parameters = inspect.signature(env).parameters.values()
+        there = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD]
+        raise CableError.unknown("argument", name, there)
 
 
 class Exo:
@@ -53,6 +70,7 @@ class Exo:
         history: int = 0,
         memory: bool = False,
         randomise: Mapping[str, Any] | None = None,
+        smoothness: float = 0.0,
     ) -> None:
         """Load the scene and work out the spaces.
 
@@ -70,6 +88,7 @@ class Exo:
             history: Earlier frames in an observation; see `Observed`.
             memory: Whether plays are observed; see `Observed`.
             randomise: From what plants are drawn; see `Ranges`.
+            smoothness: Reward lost by a change of the action by 1.
 
         Raises:
             CableError: If an argument cannot be used.
@@ -85,6 +104,8 @@ class Exo:
             raise CableError(f"wearer must be a Wearer or None, not {wearer!r}.")
         if not (isinstance(frame_skip, int) and frame_skip >= 1):
             raise CableError(f"frame_skip must be an integer >= 1, not {frame_skip!r}.")
+        number("smoothness", smoothness, 0.0, 1e3, "")
+        self.smoothness = float(smoothness)
         self.setup = setup
         self.device = Device(setup, wearer, model)
         self.task = find_task(task) if isinstance(task, str) else task
@@ -182,9 +203,17 @@ class Exo:
         columns["reference_angle_rad"] = marks.T[0]
         return columns
 
-    def effort(self, action: Any) -> Any:
-        """Reward of a control step for the effort of an action."""
-        return -EFFORT * self.period * action * action
+    def costs(self, action: Any, before: Any) -> tuple[Any, Any]:
+        """Rewards of a control step for the effort of an action and for its change.
+
+        Args:
+            action: Of one environment or of several, (n,).
+            before: That of the control step before; 0 at the start of an episode.
+        """
+        return (
+            -EFFORT * self.period * action * action,
+            -self.smoothness * np.abs(action - before),
+        )
 
     def beyond(self, marks: Array) -> str:
         """One sentence if the task asks for what the motor cannot give, else nothing.

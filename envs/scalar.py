@@ -20,7 +20,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
 
 from .device import physics_of
-from .exo import REWARDS, Exo
+from .exo import REWARDS, Exo, refuse
 from .picture import Camera, Film, check_mode
 from .plant import Plant
 from .script import Script
@@ -53,17 +53,21 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
 
     ## Reward
 
-    `reward = reward_tracking + reward_effort`, both in `info`, at most 0. Per second,
-    whatever the control period:
+    `reward = reward_tracking + reward_effort + reward_smoothness`, all in `info`, at
+    most 0. Per second, whatever the control period:
 
     - `reward_tracking` is \(-\min(|\tau_j - \tau_d| / \tau_1, 10)\) with the torque of
       the cables on the joint \(\tau_j\), the desired torque \(\tau_d\) and the error
       \(\tau_1\) that costs 1 per second, which the device sets;
-    - `reward_effort` is \(-0.05\,a^2\) with the clipped action \(a\).
+    - `reward_effort` is \(-0.05\,a^2\) with the clipped action \(a\);
+    - `reward_smoothness` is \(-s\,\sum|a_k - a_{k-1}|\) over the control steps of
+      that second, with the argument `smoothness` for \(s\), 0 by default, and
+      \(a_{-1} = 0\): how far the action goes to and fro, which is long where it
+      chatters and short where it follows a motion.
 
-    So an episode of T seconds has a return between -10.05 T and 0; the controller
-    `none`, which knows no friction, has -0.4 T to -3 T where the devices are as they
-    are made.
+    With the default, an episode of T seconds has a return between -10.05 T and 0; the
+    controller `none`, which knows no friction, has -0.4 T to -3 T where the devices are
+    as they are made.
 
     ## Info
 
@@ -116,6 +120,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
     | `history` | 0 | earlier frames and actions in an observation |
     | `memory` | `False` | whether plays are observed |
     | `randomise` | `None` | ranges of what differs from episode to episode |
+    | `smoothness` | 0 | reward lost by a change of the action by 1 |
 
     Names are those of `cc_mujoco.human`: `TRAJECTORIES`, scaled down where they go
     further than the device lets them, and `TASKS`. The wearer's command changes with
@@ -138,10 +143,13 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         history: int = 0,
         memory: bool = False,
         randomise: Mapping[str, Any] | None = None,
+        smoothness: float = 0.0,
+        **unknown: Any,
     ) -> None:
         """Load the scene; arguments as the subclasses document them."""
+        refuse(unknown, ExoEnv)
         given = trajectory, task, duration, frame_skip, wearer
-        more = hold, history, memory, randomise
+        more = hold, history, memory, randomise, smoothness
         EzPickle.__init__(self, *given, render_mode, model, *more)
         check_mode(render_mode, self.metadata["render_modes"])
         if model is not None:
@@ -158,6 +166,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         self._sensors = LateSensors(1, width, self.SETUP.sensing.torque_noise)
         self._sight = Sight(self.exo.observed, 1)
         self._sample = 0
+        self._action = 0.0
         self._script: Script | None = None
         self.plant: Plant = self.exo.plants.nominal
         """What this episode is played on."""
@@ -189,6 +198,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         mujoco.mj_copyData(twin.data, twin.model, self.data)
         twin._script = self._script  # nobody writes to it
         twin._sample, twin.spec = self._sample, self.spec
+        twin._action = self._action
         twin._sensors = copy.deepcopy(self._sensors, memo)
         twin._sight = copy.deepcopy(self._sight, memo)
         twin._film = copy.copy(self._film)
@@ -226,13 +236,14 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         self._script = script = exo.author.write(self.np_random)
         self._sensors.begin(0, self.plant, exo.samples, self.np_random)
         self._sample = 0
+        self._action = 0.0
         self._film.cut()
         exo.device.start(self.data, script.angles, script.commands[0])
         marks = script.marks[0]
         measured, columns, _ = exo.feel(self._physics, marks)
         self._sight.begin(self._sensors.first(measured[None]))
         told = exo.told(self._physics, columns, 0, marks)
-        return self._sight.observation()[0], _numbers(told, (0.0, 0.0))
+        return self._sight.observation()[0], _numbers(told, (0.0, 0.0, 0.0))
 
     def step(
         self, action: NDArray[np.float32]
@@ -265,10 +276,11 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
             if diverged:
                 break
         told = exo.told(self._physics, columns, self._sample, marks)
-        terms = tracking, exo.effort(normalised)
+        terms = tracking, *exo.costs(normalised, self._action)
+        self._action = float(normalised)
         return (
             self._sight.observation()[0],
-            float(terms[0] + terms[1]),
+            float(terms[0] + terms[1] + terms[2]),
             diverged,
             self._sample >= exo.samples,
             _numbers(told, terms),
@@ -303,7 +315,7 @@ def _equal(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
     return np.array_equal(*found)
 
 
-def _numbers(columns: dict[str, Any], terms: tuple[Any, Any]) -> dict[str, Any]:
+def _numbers(columns: dict[str, Any], terms: tuple[Any, ...]) -> dict[str, Any]:
     """A fresh `info`: floats, and arrays that nobody else holds."""
     columns |= zip(REWARDS, terms, strict=True)
     return {

@@ -24,7 +24,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
 
 from .device import VARIED, Array, Physics, load, physics_of
-from .exo import REWARDS, Exo
+from .exo import REWARDS, Exo, refuse
 from .picture import Camera, Film, check_mode
 from .plant import Plant
 from .script import Scripts
@@ -66,6 +66,8 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         history: int = 0,
         memory: bool = False,
         randomise: Mapping[str, Any] | None = None,
+        smoothness: float = 0.0,
+        **unknown: Any,
     ) -> None:
         """Load the scene.
 
@@ -87,12 +89,15 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             history: See there.
             memory: See there.
             randomise: See there.
+            smoothness: See there.
+            unknown: Nothing; what else is given is refused.
 
         Raises:
             CableError: If an argument cannot be used.
         """
+        refuse(unknown, ExoVectorEnv)
         given = trajectory, task, duration, frame_skip, wearer
-        more = hold, history, memory, randomise
+        more = hold, history, memory, randomise, smoothness
         how = render_mode, max_episode_steps, threads, autoreset_mode
         EzPickle.__init__(self, num_envs, *given, *how, *more)
         try:
@@ -142,6 +147,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         self._sensors = LateSensors(num_envs, exo.observed.frame, noise)
         self._sight = Sight(exo.observed, num_envs)
         self._samples = np.zeros(num_envs, dtype=np.intp)
+        self._actions = np.zeros(num_envs)
         self._over = np.ones(num_envs, dtype=np.bool_)
         self._started = False
         self._camera: Camera | None = None
@@ -193,7 +199,8 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         self._started = True
         observation, columns = self._sight.observation(), self._told()
         nothing = np.zeros(self.num_envs)
-        return observation, self._info(columns, (nothing, nothing), masked)
+        terms = nothing, nothing, nothing
+        return observation, self._info(columns, terms, masked)
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
         """Environments that a reset is to begin."""
@@ -233,16 +240,17 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         normalised = exo.normalised(actions, ~fresh)
         self._sight.act(normalised)
         tracking = self._advance(normalised, ~fresh)
+        terms = tracking, *exo.costs(normalised, self._actions)
+        self._actions = normalised
         if fresh.any():
             self._begin(np.flatnonzero(fresh), None)
         observation, columns = self._sight.observation(), self._told()
-        terms = tracking, exo.effort(normalised)
         for term in terms:
             term[fresh] = 0.0
         terminated = self.batch.warning[:, :, 1].any(axis=1)
         truncated = self._samples >= self._last
         self._over = terminated | truncated
-        reward = terms[0] + terms[1]
+        reward = terms[0] + terms[1] + terms[2]
         info: dict[str, Any] = {}
         if self.mode is AutoresetMode.SAME_STEP and self._over.any():
             over, self._over = self._over, np.zeros_like(self._over)
@@ -296,7 +304,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         self,
         observation: Singles,
         columns: dict[str, Any],
-        terms: tuple[Array, Array],
+        terms: tuple[Array, ...],
         over: NDArray[np.bool_],
     ) -> dict[str, Any]:
         """What `info` says of episodes that ended, where the step begins the next."""
@@ -349,6 +357,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             mujoco.mj_getState(self.model, data, self.batch.state[row], _STATE)
             self._physics.take(physics_of(data), row)
         self._samples[rows] = 0
+        self._actions[rows] = 0.0
         self._marks = self._scripts.marks(self._samples)
         measured, self._columns, _ = exo.feel(self._physics, self._marks)
         read = self._sensors.first(measured[rows], rows)

@@ -133,6 +133,7 @@ def test_info_is_a_fresh_log_row_of_floats_and_own_arrays(name: str) -> None:
         assert {column.name for column in columns} | {
             "reward_tracking",
             "reward_effort",
+            "reward_smoothness",
         } == row.keys()
         for column in columns:
             value = row[column.name]
@@ -182,16 +183,23 @@ def test_a_taut_ankle_cable_pulls_into_plantarflexion() -> None:
     assert info["joint_torque_nm"] < -20.0
 
 
-@pytest.mark.parametrize("frame_skip", [2, 6])
-def test_rewards_are_the_documented_sum_per_second(frame_skip: int) -> None:
+@pytest.mark.parametrize(("frame_skip", "smoothness"), [(2, 0.0), (6, 0.25)])
+def test_rewards_are_the_documented_sum_per_second(
+    frame_skip: int, smoothness: float
+) -> None:
     for device in DEVICES.values():
         scale = device.torque_scale
         assert (
             f"an error of {scale:g} Nm costs 1 per second"
             in getattr(envs, device.environment.split("/")[1].split("-")[0]).__doc__
         )
-        env = gymnasium.make(device.environment, duration=0.2, frame_skip=frame_skip)
-        period = 0.0005 * frame_skip
+        env = gymnasium.make(
+            device.environment,
+            duration=0.2,
+            frame_skip=frame_skip,
+            smoothness=smoothness,
+        )
+        period, before = 0.0005 * frame_skip, 0.0
         env.reset(seed=0)
         for action in (-3.0, -0.4, 0.0, 0.7):
             _, reward, _, _, info = env.step(np.full(1, action, np.float32))
@@ -200,7 +208,39 @@ def test_rewards_are_the_documented_sum_per_second(frame_skip: int) -> None:
             tracking = -period * min(error / scale, 10.0)
             assert info["reward_tracking"] == pytest.approx(tracking)
             assert info["reward_effort"] == pytest.approx(-period * 0.05 * used**2)
-            assert reward == info["reward_tracking"] + info["reward_effort"]
+            change = -smoothness * abs(used - before)
+            assert info["reward_smoothness"] == pytest.approx(change)
+            terms = [info[f"reward_{n}"] for n in ("tracking", "effort", "smoothness")]
+            assert reward == terms[0] + terms[1] + terms[2]
+            before = used
+
+
+def test_the_first_change_of_an_episode_is_from_nothing() -> None:
+    env = gymnasium.make(WRIST, duration=0.1, smoothness=1.0)
+    for _ in range(2):
+        env.reset(seed=0)
+        for change in (0.5, 0.0):
+            *_, info = env.step(np.full(1, 0.5, np.float32))
+            assert info["reward_smoothness"] == -change
+
+
+@pytest.mark.parametrize("vector", [False, True])
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"foo": 1}, "unknown argument 'foo': Available: .*smoothness, task"),
+        ({"durration": 1.0}, "did you mean 'duration'"),
+        ({"smoothness": -1.0}, "smoothness must be a number in"),
+    ],
+)
+def test_arguments_that_are_none_are_one_sentence(
+    vector: bool, given: Any, message: str
+) -> None:
+    with pytest.raises(CableError, match=message) as raised:
+        gymnasium.make_vec(WRIST, 2, **given) if vector else gymnasium.make(
+            WRIST, **given
+        )
+    assert str(raised.value).endswith(".")
 
 
 def test_a_frame_is_what_the_documentation_says(name: str) -> None:
@@ -337,6 +377,7 @@ def test_pickled_environments_continue_the_line(name: str) -> None:
 @pytest.mark.parametrize("nominal", [False, True])
 def test_a_copy_goes_on_from_the_same_step_to_the_bit(name: str, nominal: bool) -> None:
     make: dict[str, Any] = {"duration": 0.2, "trajectory": "multisine", "hold": 2}
+    make["smoothness"] = 0.1
     ranges = {
         "friction": (0.02, 0.1),
         "wearer": (0.8, 1.2),

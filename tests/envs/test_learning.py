@@ -36,6 +36,7 @@ ALL: dict[str, Any] = {
     "history": 2,
     "memory": True,
     "randomise": RANDOMISED,
+    "smoothness": 0.02,
 }
 
 

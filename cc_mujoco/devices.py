@@ -27,7 +27,7 @@ class Setup:
     meaning: str
     """What it is, in a line."""
     joint: str
-    """Joint that the cables drive and the wearer moves through actuator `wearer`."""
+    """Joint that the cables drive and the wearer moves through `mover`."""
     reach: float
     """Largest angle of named trajectories [rad]; leaves room before the stops."""
     torque_scale: float
@@ -57,6 +57,8 @@ class Setup:
     """The same at the joint; 0 where a lever is in its place, which keeps its own."""
     lever: tuple[str, ...] = ()
     """Sites that move with the lever: the two ends of the free rope at the joint."""
+    mover: str = "wearer"
+    """Actuator by which the wearer moves the joint, as a spring and a damper."""
     companions: Mapping[str, str] = field(default_factory=dict)
     """Other joints that the wearer moves, and the actuators that do so."""
     helpers: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -6,6 +6,7 @@ both give the same bits, because the arithmetic is elementwise.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import mujoco
@@ -81,11 +82,11 @@ class Device:
         if model is None:
             model = load(setup)
         self.model = model
-        mover = model.actuator("wearer")
+        mover = model.actuator(setup.mover)
         self._mover = mover
         if wearer is not None:
             _write_wearer(mover, wearer)
-        movers = ["wearer", *setup.companions.values()]
+        movers = [setup.mover, *setup.companions.values()]
         self.wearers = [_wearer(model, name) for name in movers]
         """Impedances at the joint and at its companions."""
         motor = model.actuator("motor")
@@ -128,15 +129,23 @@ class Device:
 
     @property
     def joint_range(self) -> tuple[float, float]:
-        """Stops of the joint [rad]."""
-        low, high = self.model.joint(self.setup.joint).range
+        """Stops of the joint [rad], infinite where it has none."""
+        joint = self.model.joint(self.setup.joint)
+        if not self.model.jnt_limited[joint.id]:
+            return -math.inf, math.inf
+        low, high = joint.range
         return float(low), float(high)
 
     def observed(self, period: float) -> Observed:
         """A frame of what the device measures once a period [s]."""
         units = self.setup.units
         return Observed(
-            self.setup.scene, tuple(units), tuple(units.values()), self.ratio, period
+            self.setup.scene,
+            tuple(units),
+            tuple(units.values()),
+            self.ratio,
+            period,
+            self.torque_limit,
         )
 
     def become(self, plant: Plant) -> None:

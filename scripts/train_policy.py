@@ -1,8 +1,9 @@
-"""Train policies on the wrist handle with Stable-Baselines3, and keep how they learnt.
+"""Train policies on a device with Stable-Baselines3, and keep how they learnt.
 
     pip install 'cc_mujoco[policy]'
     python scripts/train_policy.py --algorithm ppo --seeds 5 --out runs/ppo
     python scripts/train_policy.py --fixed --out runs/fixed
+    python scripts/train_policy.py --scene finger --smoothness 0.01 --out runs/finger
     cc-mujoco benchmark --scene wrist --controllers pi runs/ppo/0.safetensors
 
 For every seed `--out` gets the policy N.safetensors and its learning curve N.csv:
@@ -10,42 +11,119 @@ steps, seconds of processor, and the mean return per second of simulated time of
 episodes since the last row, with the noise of exploration. All environments draw
 cables, wearer, delay and noise anew in every episode, from ranges that most of the
 benchmark lies in; with --fixed there is one cable, a liner of ordinary friction.
+With --smoothness a change of the action by 1 costs as much.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import functools
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 
 import cc_mujoco  # noqa: F401, registers the environments
-from cc_mujoco.human import Spring, Transparent
+from cc_mujoco.assets import scene_path
+from cc_mujoco.devices import DEVICES, Setup
+from cc_mujoco.engine import from_mjcf
+from cc_mujoco.envs.vector import ExoVectorEnv
+from cc_mujoco.human import TASKS, Hold, Spring, Task, Transparent, Wearer
+from cc_mujoco.sensing import Sensing
+from cc_mujoco.transmission.parameters import PATHS
 
-ENVIRONMENT = "cc_mujoco/WristHandle-v1"
-PLAYED = (("multisine", Spring(2.5), 3), ("reversals", Transparent(), 1))
-"""Trajectories and tasks of the training, and how many parts of the environments."""
+BENCH = Setup(
+    scene="bench",
+    environment="",
+    meaning="two Bowden cables between a motor and a joint that a hand holds",
+    joint="joint",
+    reach=0.5,
+    torque_scale=1.0,
+    units={
+        "motor_angle_rad": 0.02,
+        "motor_velocity_rad_s": 2.0,
+        "joint_angle_rad": 0.5,
+        "joint_velocity_rad_s": 2.0,
+        "joint_torque_nm": 1.0,
+        "desired_torque_nm": 1.0,
+    },
+    sensing=Sensing(torque_noise=0.025, tension_noise=0.3),
+    pull_pull=True,
+    trajectory="multisine",
+    task="transparent",
+    safe_torque=10.0,
+    strength=2000.0,
+    diameter=1.5e-3,
+    motor_pulley=3e-4,
+    mover="load",
+)
+"""The bench of the diagnosis study, which has no environment of its own, with a hand
+for a wearer; noise is that of the study's torque sensor."""
+HAND = Wearer(40.0, 1.0)
+"""What `wearer` is a multiple of at the bench."""
+
+
+class Bench(ExoVectorEnv):
+    """Many benches; samples of 1 ms are ten steps of its scene."""
+
+    SETUP = BENCH
+
+
+@dataclass(frozen=True)
+class Sines(Task):
+    """Torque that runs by itself, and a spring."""
+
+    sizes: tuple[float, ...]
+    """Of the sines [Nm]."""
+    lines: tuple[float, ...]
+    """Periods of each in one of the phase."""
+    shifts: tuple[float, ...]
+    """Phase of each [rad]."""
+    stiffness: float
+    """Torque over angle [Nm/rad], of either sign."""
+
+    def torque(self, angle: Any, velocity: Any, phase: Any) -> Any:
+        """Desired torque [Nm]; see `Task.torque`."""
+        found = self.stiffness * angle
+        for size, line, shift in zip(self.sizes, self.lines, self.shifts, strict=True):
+            found = found + size * np.sin(2.0 * np.pi * line * phase + shift)
+        return found
+
+
+PLAYED: dict[str, tuple[tuple[str, Task, int], ...]] = {
+    "wrist": (("multisine", Spring(2.5), 3), ("reversals", Transparent(), 1)),
+    "ankle": (("walk", TASKS["assist"], 3), ("reversals", Hold(-15.0), 1)),
+    "finger": (("multisine", TASKS["hold"], 1), ("reach", TASKS["hold"], 1)),
+    "exosuit": (("walk", TASKS["swing"], 1),),
+    "bench": tuple(
+        ("multisine", Sines((1.4, 0.8), lines, shifts, stiffness), 1)
+        for lines, shifts, stiffness in (
+            ((3.0, 11.0), (0.0, 1.0), 1.0),
+            ((4.0, 9.0), (2.0, 4.0), -3.0),
+            ((6.0, 13.0), (4.0, 0.0), 2.0),
+            ((2.0, 7.0), (5.0, 3.0), -1.0),
+        )
+    ),
+}
+"""By scene, trajectories and tasks of the training, and how many parts of the
+environments."""
 OBSERVED: dict[str, Any] = {"hold": 5, "history": 4, "memory": True}
-RANDOMISED = {
-    "friction": (0.04, 0.23),
-    "break_away": (1.0, 3.2),
-    "axial_stiffness": (2800.0, 5200.0),
-    "pretension": (5.0, 15.0),
-    "wrap": (5.0, 9.5),
-    "wearer": (0.25, 4.0),
-    "delay": (0, 5),
-    "noise": (0.0, 3.0),
+LINERS = {"friction": (0.04, 0.23), "break_away": (1.0, 3.2)}
+SPREAD = {
+    "axial_stiffness": (0.7, 1.3),
+    "pretension": (0.5, 1.5),
+    "wrap": (0.7, 1.33),
 }
-FIXED = {
-    "friction": (0.1, 0.1),
-    "break_away": (1.5, 1.5),
-    "delay": (1, 1),
-    "noise": (1.0, 1.0),
-}
+"""Over what the scene has; the wrap of what lies in a conduit all the way."""
+OTHERS = {"wearer": (0.25, 4.0), "delay": (0, 5), "noise": (0.0, 3.0)}
+FIXED = {"delay": (1, 1), "noise": (1.0, 1.0)}
+ORDINARY = {"friction": (0.1, 0.1), "break_away": (1.5, 1.5)}
+"""What one cable is; at the bench that of its scene."""
 
 COMMON: dict[str, Any] = {"policy": "MlpPolicy", "device": "cpu"}
 ALGORITHMS: dict[str, dict[str, Any]] = {
@@ -58,39 +136,61 @@ ALGORITHMS: dict[str, dict[str, Any]] = {
         "learning_rate": lambda left: 1e-3 * left + 1e-5,
         "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.0},
     },
+    # A step of the optimiser lasts as long as some fifty of an environment: one for
+    # all steps of the vector environment, and the larger for that.
     "sac": {
-        "learning_rate": lambda left: 1e-3 * left + 1e-5,
+        "learning_rate": lambda left: 3e-3 * left + 1e-5,
         "gamma": 0.95,
-        "batch_size": 512,
+        "batch_size": 256,
         "buffer_size": 300_000,
         "learning_starts": 5000,
         "train_freq": 1,
-        "gradient_steps": 4,
-        "tau": 0.01,
+        "gradient_steps": 1,
+        "tau": 0.03,
         "target_entropy": -2.0,
         "policy_kwargs": {"net_arch": [64, 64]},
     },
 }
+ENVIRONMENTS = {"ppo": 64, "sac": 128}
+"""How many are trained on together unless told otherwise."""
 
 
-def make(
-    count: int, seconds: float, ranges: dict[str, tuple[float, float]]
-) -> list[Any]:
-    """The vector environments of the training, as many single ones together."""
-    parts = sum(part for *_, part in PLAYED)
+def randomised(scene: str) -> dict[str, tuple[float, float]]:
+    """From what plants of a device are drawn."""
+    cables = from_mjcf(mujoco.MjModel.from_xml_path(str(scene_path(scene))))
+    ranges: dict[str, tuple[float, float]] = dict(LINERS)
+    for key, (low, high) in SPREAD.items():
+        for name, cable in cables.items():
+            if key != "wrap" or cable.path == PATHS[0]:
+                ends = (f"{end * getattr(cable, key):.6g}" for end in (low, high))
+                least, most = map(float, ends)
+                ranges[f"{name}.{key}"] = least, most
+    return ranges | OTHERS
+
+
+def make(options: argparse.Namespace) -> list[Any]:
+    """The vector environments of the training."""
+    scene, played = options.scene, PLAYED[options.scene]
+    given: dict[str, Any] = {
+        "duration": options.seconds,
+        "threads": 1,
+        "autoreset_mode": "SameStep",
+        "smoothness": options.smoothness,
+        **OBSERVED,
+    }
+    make_vec: Any = Bench
+    if scene == BENCH.scene:
+        given |= {"frame_skip": 10, "wearer": HAND}
+        given["randomise"] = FIXED if options.fixed else randomised(scene)
+    else:
+        make_vec = functools.partial(gymnasium.make_vec, DEVICES[scene].environment)
+        given["randomise"] = FIXED | ORDINARY if options.fixed else randomised(scene)
+    parts = sum(part for *_, part in played)
     return [
-        gymnasium.make_vec(
-            ENVIRONMENT,
-            count * part // parts,
-            trajectory=trajectory,
-            task=task,
-            duration=seconds,
-            threads=1,
-            autoreset_mode="SameStep",
-            randomise=ranges,
-            **OBSERVED,
+        make_vec(
+            options.envs * part // parts, trajectory=trajectory, task=task, **given
         )
-        for trajectory, task, part in PLAYED
+        for trajectory, task, part in played
     ]
 
 
@@ -118,8 +218,7 @@ def train(seed: int, options: argparse.Namespace) -> None:
 
     # Sums of a thread each depend on how many there are; one gives one policy.
     torch.set_num_threads(1)
-    ranges = FIXED if options.fixed else RANDOMISED
-    envs = make(options.envs, options.seconds, ranges)
+    envs = make(options)
     bare = bare_rate(envs)
     env = VecNormalize(VecMonitor(StableBaselines(*envs)), gamma=0.95)
 
@@ -163,15 +262,18 @@ def train(seed: int, options: argparse.Namespace) -> None:
 def main() -> None:
     """Train and save."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--scene", choices=PLAYED, default="wrist")
     parser.add_argument("--algorithm", choices=ALGORITHMS, default="ppo")
     parser.add_argument("--steps", type=int, default=250_000)
-    parser.add_argument("--envs", type=int, default=64)
+    parser.add_argument("--envs", type=int, help="by default as many as suit it")
     parser.add_argument("--seconds", type=float, default=3.0, help="of an episode")
+    parser.add_argument("--smoothness", type=float, default=0.0)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--seeds", type=int, default=1, help="how many")
     parser.add_argument("--fixed", action="store_true", help="one cable only")
     parser.add_argument("--out", type=Path, default=Path("runs", "policy"))
     arguments = parser.parse_args()
+    arguments.envs = arguments.envs or ENVIRONMENTS[arguments.algorithm]
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     for seed in seeds:
         if (there := arguments.out / f"{seed}.safetensors").exists():  # hours, perhaps

@@ -62,6 +62,8 @@ class Observed:
     """Motor angle per joint angle of an unstretched cable, signed [-]."""
     period: float
     """Time between two samples of the sensors [s]."""
+    torque: float
+    """Torque of the motor at an action of 1 [Nm]."""
     hold: int = 1
     """Samples for which an action is held."""
     history: int = 0
@@ -84,6 +86,7 @@ class Observed:
         if not isinstance(self.memory, bool):
             raise CableError(f"memory must be True or False, not {self.memory!r}.")
         parameter(self, "period", 1e-7, 1e3, "s")
+        parameter(self, "torque", 1e-9, 1e9, "Nm")
         if len(self.columns) < 6 or len(self.columns) != len(self.units):
             raise CableError(
                 "Observed needs a unit for each column, and at least six columns."

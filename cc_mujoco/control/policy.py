@@ -174,7 +174,8 @@ class Policy(Controller):
                 self._shares[row] = np.float32(self._network(rows[row]))
             sight.act(self._shares, due)
         self._samples += 1
-        torque = self._shares * self.drive.high
+        # In newton metres, whatever the motor of this drive is limited to.
+        torque = self._shares * self._observed.torque
         return self.limited(torque if seen.ndim == 2 else float(torque[0]))
 
 

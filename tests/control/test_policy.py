@@ -25,7 +25,7 @@ from cc_mujoco.sensing import MEASURED
 IDS = [device.environment for device in DEVICES.values()]
 WRIST = DEVICES["wrist"].environment
 UNITS = (0.02, 2.0, 0.5, 2.0, 1.0, 1.0)
-OBSERVED = Observed("wrist", MEASURED[:6], UNITS, 5.2, 1e-3, 2, 3, True)
+OBSERVED = Observed("wrist", MEASURED[:6], UNITS, 5.2, 1e-3, 1.0, 2, 3, True)
 DRIVE = Drive(5.2, -1.0, 1.0, 1e-3, observed=OBSERVED)
 
 
@@ -94,6 +94,21 @@ def test_one_of_many_is_played_as_if_it_were_alone(tmp_path: Path) -> None:
             assert law.torque(one) == found[row]
 
 
+def test_a_motor_that_is_limited_gives_less_and_not_a_share_of_less(
+    tmp_path: Path,
+) -> None:
+    name, random = written(tmp_path, OBSERVED), np.random.default_rng(0)
+    full = controller(name, DRIVE)
+    limited = controller(name, Drive(5.2, -0.4, 0.4, 1e-3, observed=OBSERVED))
+    clipped = 0
+    for _ in range(20):
+        seen = {column: float(random.normal()) for column in MEASURED}
+        own = full.torque(seen)
+        assert limited.torque(seen) == min(max(own, -0.4), 0.4)
+        clipped += abs(own) > 0.4
+    assert 0 < clipped < 20
+
+
 def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
     name = written(tmp_path, OBSERVED, squashed=False)
     found, observed = read_policy(name)
@@ -144,7 +159,7 @@ def test_a_policy_for_other_samples_or_no_environment_is_refused(
 
 
 def test_a_network_that_does_not_fit_is_refused(tmp_path: Path) -> None:
-    small = Observed("wrist", MEASURED[:6], UNITS, 5.2, 1e-3)
+    small = Observed("wrist", MEASURED[:6], UNITS, 5.2, 1e-3, 1.0)
     with pytest.raises(CableError, match=r"for 33 numbers, but 6 are observed"):
         write_policy(tmp_path / "p.safetensors", network(OBSERVED), small)
     one, two = np.ones((1, 2)), np.ones((2, 3))

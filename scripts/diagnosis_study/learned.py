@@ -1,0 +1,189 @@
+"""Do policies that learnt on a simulated bench play rigs that it does not know?
+
+    python scripts/train_policy.py --scene bench --algorithm sac --out runs/bench
+    python scripts/train_policy.py --scene bench --algorithm sac --fixed --out runs/one
+    python scripts/diagnosis_study/learned.py --out runs/learned \
+        --controllers pi stiction predictive runs/bench/0.safetensors runs/one/0...
+
+Rigs by other equations (`driven.py`), each off the scene by a few percent, hide one
+effect each at the amount that is typical of it in the study. A controller that knows
+only the scene `bench`, or learnt on it, plays the task of `closed_loop.py` (two sines
+of torque while a hand swings the joint loosely) as it does there, policies once in the
+period of their training. Errors are of the torque that the joint truly got; chatter is
+the RMS of the motor's torque less its mean over 50 ms. Tasks that are done are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from closed_loop import FRICTION, LIMITS, PERIOD, SECONDS, SETTLED, task
+from driven import Array, Bench, Lockstep
+from tqdm import tqdm
+
+from cc_mujoco.control import Controller, controller, read_policy
+from cc_mujoco.errors import CableError
+from cc_mujoco.files import replacing
+from cc_mujoco.hardware import Loop, Watchdog, drive_of
+from cc_mujoco.markdown import table
+from rig.makes import MAKES
+from rig.nominal import Rig, make_rig
+
+NOISE = 0.025
+"""Of the joint's torque sensor, as its data sheet has it [Nm]."""
+EFFECTS = (
+    "none", FRICTION, "viscous_friction", "load_independent_friction",
+    "stribeck_friction", "presliding", "asymmetric_friction", "end_compliance",
+    "configuration_dependent_wrap", "friction_drift",
+)  # fmt: skip
+MORE = 1.4
+"""What friction is multiplied by where that is what is hidden."""
+KEPT, TABLE = "cases.jsonl", "table.md"
+
+
+class Rows:
+    """Keeps what the motor was told."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self.torques: list[float] = []
+
+    def row(self, seen: Any, before: float, *others: float) -> None:
+        """See `Rows` of the loop; the second of the others is the command."""
+        self.torques.append(others[1])
+
+
+def built(effect: str, seed: int) -> tuple[Rig, dict[str, float]]:
+    """A rig, and what it hides."""
+    rig = make_rig(seed, make="guides")
+    if effect == FRICTION:
+        both = {n: MORE * getattr(rig, n) for n in ("friction_a", "friction_b")}
+        return dataclasses.replace(rig, **both), {}
+    if effect == "none":
+        return rig, {}
+    return rig, {effect: MAKES[rig.make].effects[effect].typical}
+
+
+def law_of(name: str) -> Controller:
+    """A controller by name, or a policy that learnt on the bench by its file."""
+    drive = drive_of("bench", Path(), PERIOD, LIMITS.torque)
+    drive = dataclasses.replace(drive, torque_noise=NOISE)
+    if Path(name).suffix == ".safetensors":
+        observed = read_policy(name)[1]
+        if observed.device != "bench":
+            raise CableError(
+                f"policy {name!r} learnt on the device {observed.device}, not on the "
+                "bench: python scripts/train_policy.py --scene bench."
+            )
+        drive = dataclasses.replace(drive, observed=observed, period=observed.period)
+    return controller(name, drive)
+
+
+def played(name: str, effect: str, seed: int) -> dict[str, Any]:
+    """Play the task; RMS error and chatter [Nm], and how it ended."""
+    desired, swing = task()
+    law = law_of(name)
+    period = law.drive.period
+    bench = Bench(*built(effect, seed), period)
+    lockstep, rows = Lockstep(bench, seed, swing), Rows()
+    loop = Loop(lockstep, law, desired, LIMITS, Watchdog(), clock=lockstep, log=rows)
+    outcome = loop.run(SECONDS)
+    whole = outcome.code == 0
+    true = np.array(lockstep.torques[1 : 1 + round(SECONDS / period)])
+    now = period * np.arange(true.size)
+    off = true - np.interp(now, desired.times, desired.torques)
+    return {
+        "controller": name,
+        "effect": effect,
+        "seed": seed,
+        "rms": rms(off[now > SETTLED]) if whole else math.nan,
+        "chatter": chatter(np.array(rows.torques), period) if whole else math.nan,
+        "outcome": outcome.sentence,
+    }
+
+
+def rms(values: Array) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def chatter(torques: Array, period: float) -> float:
+    """RMS of what is less than its mean over 50 ms, once settled."""
+    width = round(0.05 / period)
+    mean = np.convolve(torques, np.ones(width) / width, "same")
+    begin, end = round(SETTLED / period), round(SECONDS / period) - width
+    return rms((torques - mean)[begin:end])
+
+
+def told(records: list[Mapping[str, Any]], names: list[str]) -> str:
+    """Means over seeds as a Markdown table [mNm], one row for what is hidden."""
+    effects = list(dict.fromkeys(r["effect"] for r in records))
+    rows = [
+        (effect.replace("_", " "), *(cell(records, n, "rms", effect) for n in names))
+        for effect in effects
+    ]
+    for key, what in (("rms", "mean"), ("chatter", "chatter")):
+        rows.append((what, *(cell(records, name, key) for name in names)))
+    short = [
+        f"{Path(n).parent.name}/{Path(n).stem}" if "/" in n else f"`{n}`" for n in names
+    ]
+    return table(("hidden", *short), rows)
+
+
+def cell(
+    records: list[Mapping[str, Any]], name: str, key: str, effect: str | None = None
+) -> str:
+    """Mean of what finished [mNm], and how many did not."""
+    mine = [r for r in records if r["controller"] == name]
+    found = [1e3 * r[key] for r in mine if effect in (None, r["effect"])]
+    there = [x for x in found if math.isfinite(x)]
+    mean = f"{np.mean(there):.0f}" if there else "-"
+    lost = len(found) - len(there)
+    return f"{mean} ({lost} of {len(found)} stopped)" if lost else mean
+
+
+def main() -> None:
+    """Play what is missing; write the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--controllers", nargs="+", required=True)
+    parser.add_argument("--effects", nargs="+", choices=EFFECTS, default=[*EFFECTS])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])
+    parser.add_argument("--out", type=Path, default=Path("runs", "learned"))
+    given = parser.parse_args()
+    try:
+        for name in given.controllers:
+            law_of(name)
+    except CableError as error:
+        parser.error(str(error))
+    given.out.mkdir(parents=True, exist_ok=True)
+    kept = given.out / KEPT
+    records: list[Mapping[str, Any]] = []
+    if kept.exists():
+        records = [json.loads(line) for line in kept.read_text().splitlines()]
+    done = {(r["controller"], r["effect"], r["seed"]) for r in records}
+    cases = [
+        case
+        for seed in given.seeds
+        for effect in given.effects
+        for name in given.controllers
+        if (case := (name, effect, seed)) not in done
+    ]
+    for case in tqdm(cases, unit="task"):
+        record = played(*case)
+        records.append(record)
+        with kept.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(record) + "\n")
+    with replacing(given.out / TABLE) as partial:
+        partial.write_text(told(records, given.controllers), encoding="utf-8")
+    print(told(records, given.controllers))
+
+
+if __name__ == "__main__":
+    main()

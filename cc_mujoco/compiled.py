@@ -38,8 +38,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 _CALLS = {
     "transmission": ("transmission",),
     "engine": ("transmission", "engine"),
-    "control": ("transmission", "engine", "control"),
-    "export": ("transmission", "engine", "control", "export"),
+    "estimation": ("transmission", "estimation"),
+    "control": ("transmission", "engine", "estimation", "control"),
+    "export": ("transmission", "engine", "estimation", "control", "export"),
     "predecessors": ("transmission", "engine", "predecessors"),
     "reproduce/experiments": ("transmission", "engine", "reproduce/experiments"),
 }

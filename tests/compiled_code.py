@@ -11,6 +11,9 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 HERE = Path(__file__).parent
 STUDY = HERE.parent / "scripts" / "diagnosis_study"
@@ -59,10 +62,12 @@ def _laws() -> None:
         PassiveDistributed,
         Spring,
     )
+    from cc_mujoco.sensing import TENSIONS, Sensing
     from control.devices import cable, pull_pull
 
-    drive = dataclasses.replace(pull_pull(), inertia=1e-4)
-    seen = dict.fromkeys(
+    known = dataclasses.replace(pull_pull(), inertia=1e-4)
+    drive = Sensing(torque_noise=0.01, tension_noise=0.1).equip(known)
+    seen: dict[str, Any] = dict.fromkeys(
         (
             "motor_angle_rad",
             "motor_velocity_rad_s",
@@ -73,6 +78,7 @@ def _laws() -> None:
         ),
         0.0,
     )
+    seen[TENSIONS] = np.full((2, 3), 10.0)
     for name in EXPORTED:
         controller(name, drive).torque(seen)
     for kind in (

@@ -235,8 +235,8 @@ def test_sentences_where_only_ascii_can_be_shown() -> None:
         ([*EXPORT, "--scene", "wrsit", "--controller", "pi"], "did you mean 'wrist'"),
         ([*EXPORT, "--scene", "wrist", "--controller", "pid"], "did you mean 'pi'"),
         (
-            [*EXPORT, "--scene", "wrist", "--controller", "adaptive"],
-            "'adaptive' cannot be exported",
+            [*EXPORT, "--scene", "wrist", "--controller", "disturbance"],
+            "'disturbance' cannot be exported",
         ),
         (
             "export --scene wrist --controller pi --out x --target arm7".split(),

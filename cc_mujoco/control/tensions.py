@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,19 +11,17 @@ from numpy.typing import NDArray
 
 from cc_mujoco.checks import number
 from cc_mujoco.compiled import FloatArray
+from cc_mujoco.control import slopes
 from cc_mujoco.control.controller import wound
-from cc_mujoco.control.drive import Drive
+from cc_mujoco.control.drive import CableDrive, Drive
 from cc_mujoco.control.model import CableModel
 from cc_mujoco.control.predictive import PredictiveCompensation
 from cc_mujoco.control.proportional_integral import ProportionalIntegral
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.friction import FrictionEstimator
 from cc_mujoco.estimation.fusion import fuse, gains
+from cc_mujoco.estimation.slope import require_slope
 from cc_mujoco.sensing import TENSIONS
 from cc_mujoco.transmission.thesis_solver import Mesh
-
-SENSED_EVERY = 5
-"""Steps between two readings that the friction estimators take."""
 
 
 def _readings(observation: Mapping[str, Any]) -> NDArray[np.float64]:
@@ -130,75 +128,103 @@ class _Fused:
 class AdaptiveModel(PredictiveCompensation):
     """Predictive, with the friction of every cable from tension sensors along it.
 
-    A `FrictionEstimator` per cable learns from the sensors and from the model's
-    directions of slip; the model takes the estimate over (thesis 3.2.3). So friction
-    need not be told apart from all else that the motor feels.
+    Friction is the slope of the logarithm of tension against wrap angle where the model
+    says that a cable slips (`estimation.slope`); the model takes the estimate over
+    (thesis 3.2.3). So friction need not be told apart from all else that the motor
+    feels.
     """
 
     def __init__(self, drive: Drive, memory: float = 200.0, **settings: Any) -> None:
         """Prepare for the first episode.
 
         Args:
-            drive: The device, with cables and at least two sensors along each.
-            memory: Readings after which one has faded to 1/e; one in `SENSED_EVERY`
+            drive: The device, with cables and at least two sensors along each. Friction
+                that it believes to be none is 0.001.
+            memory: Readings after which one has faded to 1/e; one in `slopes.EVERY`
                 steps is read.
             **settings: See `PredictiveCompensation`; `learning` is 0.
 
         Raises:
-            CableError: As `PredictiveCompensation`, or if sensors are not known.
+            CableError: As `PredictiveCompensation`, if sensors are not known or not as
+                many along every cable, or as `estimation.slope.require_slope`.
         """
+        drive = dataclasses.replace(
+            drive,
+            cable_drives=tuple(
+                tuple(map(_that_rubs, row)) for row in drive.cable_drives
+            ),
+        )
         super().__init__(drive, **{**settings, "learning": 0.0})
         _require_sensors(drive, 2)
         number("memory", memory, 1.0, 1e9, "readings")
-        self._fading = memory
-        self._estimators: list[list[FrictionEstimator]] = []
-        self._calls: Any = 0
+        self.taps = slopes.taps(drive.sensors, drive.cables, memory)
+        """Where the sensors are, and what is known of them."""
+        sensors, longest = self.taps.noise.shape[1], int(self.model.segments.max())
+        self._sensed = slopes.room(sensors, longest)
+        self._estimates: FloatArray = np.zeros((0, len(drive.cables), slopes.KNOWN))
+        self._calls: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Return to the drive's friction; see `Controller.reset`."""
         super().reset(where)
-        self._calls = 0 if where is None else np.where(where, 0, self._calls)
         if where is None:
-            self._estimators = []
-        for row, estimators in enumerate(self._estimators):
-            if where is not None and where[row]:
-                for estimator in estimators:
-                    estimator.reset()
-
-    def rebend(self, angles: Sequence[FloatArray]) -> None:
-        """Take the path from sensors of bend, so that friction alone is estimated.
-
-        It counts from the first reading of the tension sensors on.
-        """
-        super().rebend(angles)
-        for estimators in self._estimators:
-            for estimator, angle in zip(estimators, angles, strict=True):
-                estimator.rebend(angle)
+            self._begin(0)
+        elif self._calls.size:
+            self._calls[where] = 0
+            self._estimates[where] = self._starts(self._calls.size)[where]
 
     def friction(self) -> NDArray[np.float64]:
         """Estimates of the friction coefficient (rows, cables); empty at the start."""
-        return np.array([[e.friction for e in row] for row in self._estimators])
+        return self._estimates[:, :, slopes.VALUE].copy()
 
     def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
         """What the drive's friction is to be multiplied by (rows, cables)."""
-        told = _readings(observation)
-        rows, model = range(told.shape[0]), self.model
-        if not self._estimators:
-            self._estimators = [self._row(row) for row in rows]
-        due = np.broadcast_to(self._calls % SENSED_EVERY == 0, told.shape[0])
-        self._calls = self._calls + 1
-        for k in range(told.shape[1]) if due.any() else ():
-            slip = model.slip(k)
-            for row in np.flatnonzero(due & slip.any(axis=1)):
-                self._estimators[row][k].update(told[row, k], slip[row])
-        believed = [[one.cable.friction for one in model.cable_drives(r)] for r in rows]
-        factor: NDArray[np.float64] = np.maximum(self.friction(), 1e-3) / believed
+        told = np.ascontiguousarray(_readings(observation))
+        expected = (self.model.joint.size, *self.taps.noise.shape)
+        if told.shape != expected or not np.all(np.isfinite(told)):
+            raise CableError(
+                f"{TENSIONS} must be finite numbers of shape {expected[1:]} for every "
+                f"device, not {told.tolist()}."
+            )
+        if self._calls.size != told.shape[0]:
+            self._begin(told.shape[0])
+        model = self.model
+        slopes.learn_all(
+            model.packed,
+            model.segments,
+            model.state,
+            self.taps,
+            told,
+            self._calls,
+            self._estimates,
+            self._sensed,
+        )
+        factor: NDArray[np.float64] = slopes.believed(
+            self.friction(), self._starts(told.shape[0])[:, :, slopes.VALUE]
+        )
         return factor
 
-    def _row(self, row: int) -> list[FrictionEstimator]:
-        return [
-            FrictionEstimator(cable_drive.cable, sensors, memory=self._fading)
-            for cable_drive, sensors in zip(
-                self.model.cable_drives(row), self.drive.sensors, strict=True
-            )
-        ]
+    def _begin(self, rows: int) -> None:
+        self._calls = np.zeros(rows, dtype=np.int64)
+        self._estimates = self._starts(rows)
+
+    def _starts(self, rows: int) -> FloatArray:
+        """What is known of every cable before anything is read."""
+        found = np.zeros((rows, self.model.segments.size, slopes.KNOWN))
+        for row in range(rows):
+            for k, one in enumerate(self.model.cable_drives(row)):
+                slopes.start(found[row, k], one.cable.friction)
+        return found
+
+
+def _that_rubs(one: CableDrive) -> CableDrive:
+    """A cable whose friction a factor can change, and of which a slope tells it."""
+    cable = one.cable
+    require_slope(cable)
+    if cable.friction >= slopes.LEAST:
+        return one
+    still = cable.static_friction
+    changes = {"static_friction": max(still, slopes.LEAST)} if still > 0.0 else {}
+    return dataclasses.replace(
+        one, cable=cable.replace(friction=slopes.LEAST, **changes)
+    )

@@ -23,7 +23,12 @@ from numpy.typing import ArrayLike
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import Track, checked_sample, rows, wrap_angles
-from cc_mujoco.estimation.slope import SlopeEstimator, SlopeFit, require_slope
+from cc_mujoco.estimation.slope import (
+    SlopeEstimator,
+    SlopeFit,
+    require_apart,
+    require_slope,
+)
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.parameters import PARAMETERS, Cable
 
@@ -64,11 +69,7 @@ class FrictionEstimator(SlopeEstimator):
         if not (np.isfinite(guess) and guess >= 0.0):
             raise CableError(f"start is {start!r}; friction must be 0 or more")
         angle = wrap_angles(cable)
-        if len(set(sensors.nodes)) > 1 and np.ptp(angle[sensors.on(cable)]) == 0.0:
-            raise CableError(
-                "the conduit is straight between the sensors; friction shows only "
-                "where it bends"
-            )
+        require_apart(cable, sensors)
         fit = RecursiveLeastSquares([guess], [spread], memory, [drift])
         super().__init__(SlopeFit(cable, sensors, angle[:, None], fit, memory))
         self._segments = cable.segments

@@ -25,11 +25,48 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco.compiled import FloatArray
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.errors import CableError
 
 _NOTHING = 1e-9
 """Share of the largest information below which a direction counts as silent."""
+
+
+VALUE, SPREAD, LEARNT, LAGGING = range(4)
+"""Of one parameter: the estimate, the variance of its error, the information of the
+data, and the covariance of the error with the rate of drift."""
+
+
+@compiled
+def follow(
+    known: FloatArray,
+    least: float,
+    fading: float,
+    rate: float,
+    information: float,
+    target: float,
+) -> None:
+    """Take the equations of a sample of one parameter; see `RecursiveLeastSquares`.
+
+    Args:
+        known: see `VALUE` (4,); moved on.
+        least: information of the start.
+        fading: share of the information of the data that a sample takes away.
+        rate: variance of the rate of drift, per sample.
+        information: of the sample, noise 1.
+        target: likewise.
+    """
+    learnt = known[LEARNT]
+    learnt += information - fading * learnt * learnt / (least + learnt)
+    gain = 1.0 / (least + learnt)
+    known[LEARNT] = learnt
+    known[VALUE] += gain * (target - information * known[VALUE])
+    kept = 1.0 - gain * information
+    # The truth has moved on by its rate; then Joseph's form, right for any gain.
+    lagging = known[LAGGING]
+    ahead = known[SPREAD] - 2.0 * lagging + rate
+    known[LAGGING] = kept * (lagging - rate)
+    known[SPREAD] = kept * ahead * kept + gain * information * gain
 
 
 class RecursiveLeastSquares:
@@ -98,6 +135,9 @@ class RecursiveLeastSquares:
             information: :math:`\Phi^T \Phi` (p, p).
             target: :math:`\Phi^T y` (p,).
         """
+        if self.value.size == 1:
+            self._update_one(float(information[0, 0]), float(target[0]))
+            return
         size, axes = np.linalg.eigh(information)
         told = axes[:, size > _NOTHING * max(float(size[-1]), 0.0)]
         if told.shape[1] == 0 or not size[-1] > 0.0:
@@ -114,3 +154,13 @@ class RecursiveLeastSquares:
         ahead = self.covariance - cross - cross.T + self._rate
         self._with_rate = kept @ (cross - self._rate)
         self.covariance = kept @ ahead @ kept.T + gain @ information @ gain
+
+    def _update_one(self, information: float, target: float) -> None:
+        if not information > 0.0:
+            return
+        parts = self.value, self.covariance, self._learnt, self._with_rate
+        known = np.array([part.item() for part in parts])
+        least, rate = self._least.item(), self._rate.item()
+        follow(known, least, self._fading, rate, information, target)
+        self.value = known[:1].copy()
+        self.covariance, self._learnt, self._with_rate = known[1:].reshape(3, 1, 1)

@@ -24,16 +24,15 @@ four times its noise is left out too.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco.compiled import FloatArray
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
-from cc_mujoco.estimation.samples import checked_noise, checked_sample
+from cc_mujoco.estimation.samples import checked_noise, checked_sample, wrap_angles
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.parameter import Term
 from cc_mujoco.transmission.parameters import Cable
@@ -53,6 +52,23 @@ class Run(NamedTuple):
     sign: float
 
 
+@compiled
+def _next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
+    """First and last node of the run that begins with segment `at`, and its end.
+
+    The first is not before the last where the segments are at rest, or all beside a
+    change of direction.
+    """
+    end = at + 1
+    while end < sign.size and sign[end] == sign[at]:
+        end += 1
+    if sign[at] == 0.0:
+        return at, at, end
+    begin = at + 1 if at > 0 and sign[at - 1] == -sign[at] else at
+    last = end - 1 if end < sign.size and sign[end] == -sign[at] else end
+    return begin, last, end
+
+
 def moving_runs(direction: ArrayLike) -> Iterator[Run]:
     """Parts of a cable in which the capstan law holds with one sign.
 
@@ -60,15 +76,142 @@ def moving_runs(direction: ArrayLike) -> Iterator[Run]:
         direction: slip of every segment, -1, 0 or 1, (n,).
     """
     sign = np.sign(np.asarray(direction, dtype=float))
-    edges = [0, *(np.flatnonzero(np.diff(sign)) + 1).tolist(), sign.size]
-    for first, last in pairwise(edges):
-        slip_direction = float(sign[first])
-        if slip_direction == 0.0:
-            continue
-        begin = first + int(first > 0 and sign[first - 1] == -slip_direction)
-        end = last - int(last < sign.size and sign[last] == -slip_direction)
-        if begin < end:
-            yield Run(begin, end, slip_direction)
+    at = 0
+    while at < sign.size:
+        first, last, end = _next_run(sign, at)
+        if first < last:
+            yield Run(first, last, float(sign[at]))
+        at = end
+
+
+class Room(NamedTuple):
+    """Room to compute the equations of an instant in, and what they come to.
+
+    Attributes:
+        rows: (m, p).
+        right: (m,).
+        clear: tensions over their noise (m,).
+        information: out, of all equations, noise 1, (p, p).
+        target: out (p,).
+    """
+
+    rows: FloatArray
+    right: FloatArray
+    clear: FloatArray
+    information: FloatArray
+    target: FloatArray
+
+
+def room(sensors: int, parameters: int) -> Room:
+    """Room for so many sensors and parameters."""
+    return Room(
+        np.empty((sensors, parameters)),
+        np.empty(sensors),
+        np.empty(sensors),
+        np.empty((parameters, parameters)),
+        np.empty(parameters),
+    )
+
+
+@compiled
+def equations(
+    design: FloatArray,
+    nodes: NDArray[np.int64],
+    noise: FloatArray,
+    value: FloatArray,
+    reading: FloatArray,
+    sign: FloatArray,
+    room: Room,
+) -> tuple[float, int]:
+    """Information of the readings of one instant, free of the levels.
+
+    Args:
+        design: rows of the sensors (m, p), see `SlopeFit`.
+        nodes: of the sensors (m,).
+        noise: of the sensors (m,) [N].
+        value: the parameters as they are known (p,).
+        reading: of every sensor (m,) [N].
+        sign: direction of slip of every segment, -1, 0 or 1, (n,).
+        room: scratch; information and target are out.
+
+    Returns:
+        Sum of the squares of all right sides, and how many are independent.
+    """
+    room.information[:] = 0.0
+    room.target[:] = 0.0
+    power, count, at = 0.0, 0, 0
+    while at < sign.size:
+        first, last, end = _next_run(sign, at)
+        if first < last:
+            left = _equations(
+                first, last, sign[at], design, nodes, noise, value, reading, room
+            )
+            for i in range(left):
+                power += room.right[i] ** 2
+                for j in range(value.size):
+                    room.target[j] += room.rows[i, j] * room.right[i]
+                    for k in range(value.size):
+                        room.information[j, k] += room.rows[i, j] * room.rows[i, k]
+            count += max(left - 1, 0)
+        at = end
+    return power, count
+
+
+@compiled
+def _equations(
+    first: int,
+    last: int,
+    sign: float,
+    design: FloatArray,
+    nodes: NDArray[np.int64],
+    noise: FloatArray,
+    value: FloatArray,
+    reading: FloatArray,
+    room: Room,
+) -> int:
+    """Rows and right sides of one moving part; how many, 0 where they tell nothing."""
+    rows, right, clear = room.rows, room.right, room.clear
+    count, most = 0, -np.inf
+    for j in range(nodes.size):  # logarithm of the profile, for a start
+        if first <= nodes[j] <= last:
+            right[j] = 0.0
+            for k in range(value.size):
+                right[j] += sign * design[j, k] * value[k]
+            most = max(most, right[j])
+            count += 1
+    if count < 2:
+        return 0
+    told, squares = 0.0, 0.0
+    for j in range(nodes.size):
+        if first <= nodes[j] <= last:
+            clear[j] = np.exp(right[j] - most) / noise[j]
+            told += clear[j] * (reading[j] / noise[j])
+            squares += clear[j] ** 2
+    level, left, total = told / squares, 0, 0.0
+    for j in range(nodes.size):
+        if first <= nodes[j] <= last:
+            size = level * clear[j]  # T over its noise
+            if size >= CLEAR and reading[j] > _FREAK * size * noise[j]:
+                clear[left] = size
+                right[left] = np.log(reading[j]) + 0.5 / size**2
+                for k in range(value.size):
+                    rows[left, k] = sign * design[j, k]
+                total += size**2
+                left += 1
+    if left < 2:
+        return 0
+    for k in range(value.size):
+        mean = 0.0
+        for i in range(left):
+            mean += clear[i] ** 2 * rows[i, k]
+        for i in range(left):
+            rows[i, k] = clear[i] * (rows[i, k] - mean / total)
+    mean = 0.0
+    for i in range(left):
+        mean += clear[i] ** 2 * right[i]
+    for i in range(left):
+        right[i] = clear[i] * (right[i] - mean / total)
+    return left
 
 
 def require_slope(cable: Cable) -> None:
@@ -81,11 +224,34 @@ def require_slope(cable: Cable) -> None:
             anything but time.
     """
     cable.require_terms(
-        _has_slope, "the slope of the logarithm of tension is not that of friction then"
+        has_slope, "the slope of the logarithm of tension is not that of friction then"
     )
 
 
-def _has_slope(term: Term) -> bool:
+def require_apart(cable: Cable, sensors: Sensors) -> None:
+    """Refuse sensors between which friction does not show.
+
+    Raises:
+        CableError: fewer than two, one off the cable, or no bend between them.
+    """
+    _require_two(sensors)
+    if np.ptp(wrap_angles(cable)[sensors.on(cable)]) == 0.0:
+        raise CableError(
+            "the conduit is straight between the sensors; friction shows only where it "
+            "bends"
+        )
+
+
+def _require_two(sensors: Sensors) -> None:
+    if len(set(sensors.nodes)) < 2:
+        raise CableError(
+            f"sensors are at nodes {list(sensors.nodes)}; a slope takes at least two "
+            "different ones"
+        )
+
+
+def has_slope(term: Term) -> bool:
+    """Whether the logarithm of tension has the slope s mu/R with this term on."""
     if term.acts_on == "coefficient":
         return set(term.depends_on) <= {"time"}
     return term.acts_on != "drag"
@@ -120,15 +286,11 @@ class SlopeFit:
             CableError: fewer than two sensors, one off the cable, or as
                 `require_slope`.
         """
-        if len(set(sensors.nodes)) < 2:
-            raise CableError(
-                f"sensors are at nodes {list(sensors.nodes)}; a slope takes at least "
-                "two different ones"
-            )
+        _require_two(sensors)
         require_slope(cable)
         self.fit = fit
         self._segments = cable.segments
-        self._nodes: NDArray[np.intp] = sensors.on(cable)
+        self._nodes = sensors.on(cable).astype(np.int64)
         self.noise = np.array(sensors.deviation)
         self.lay(design)
         self._fading = float(np.exp(-1.0 / memory))
@@ -136,7 +298,8 @@ class SlopeFit:
 
     def lay(self, design: FloatArray) -> None:
         """Take another path: the design from now on (n + 1, p)."""
-        self._design = design[self._nodes]
+        self._design = np.ascontiguousarray(design[self._nodes], dtype=float)
+        self._room = room(*self._design.shape)
 
     def reset(self) -> None:
         """Return to the start; the noise stays."""
@@ -180,17 +343,11 @@ class SlopeFit:
         told, slip_direction = checked_sample(
             reading, direction, self._nodes.size, self._segments
         )
-        width = self._design.shape[1]
-        information, target = np.zeros((width, width)), np.zeros(width)
-        power, count = 0.0, 0
-        for run in moving_runs(slip_direction):
-            found = self._equations(run, told)
-            if found is not None:
-                rows, right = found
-                information += rows.T @ rows
-                target += rows.T @ right
-                power += float(right @ right)
-                count += right.size - 1
+        own, value = self._room, self.fit.value
+        power, count = equations(
+            self._design, self._nodes, self._noise, value, told, slip_direction, own
+        )
+        information, target = own.information, own.target
         if count == 0 or not np.any(information):
             return
         self.fit.update(information, target)
@@ -198,30 +355,6 @@ class SlopeFit:
         squares = power + float(value @ (information @ value - 2.0 * target))
         self._squares = self._fading * self._squares + max(squares, 0.0)
         self._count = self._fading * self._count + count
-
-    def _equations(
-        self, run: Run, reading: FloatArray
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """Rows and right sides of one moving part, noise 1, free of the level."""
-        inside = np.flatnonzero((self._nodes >= run.first) & (self._nodes <= run.last))
-        if inside.size < 2:
-            return None
-        rows = run.sign * self._design[inside]
-        told, noise = reading[inside], self._noise[inside]
-        log_profile = rows @ self.fit.value
-        profile = np.exp(log_profile - np.max(log_profile)) / noise
-        level = float(profile @ (told / noise)) / float(profile @ profile)
-        clear = level * profile  # T over its noise
-        good = (clear >= CLEAR) & (told > _FREAK * clear * noise)
-        if np.count_nonzero(good) < 2:
-            return None
-        clear = clear[good]
-        weight = clear**2
-        right = np.log(told[good]) + 0.5 / weight
-        rows = rows[good]
-        total = float(np.sum(weight))
-        rows = clear[:, None] * (rows - weight @ rows / total)
-        return rows, clear * (right - float(weight @ right) / total)
 
 
 class SlopeEstimator:

@@ -78,7 +78,7 @@ at: Any = _moved
 
 
 @internal
-def _admitted(first: int, end: int, parameters: Any, least: Any, most: Any) -> int:
+def admitted(first: int, end: int, parameters: Any, least: Any, most: Any) -> int:
     """1 + the index of a parameter that is out of its range; 0 if there is none."""
     for i in range(first, end):
         if not least[i] <= parameters[i] <= most[i]:
@@ -107,7 +107,7 @@ def wrong_motor(
         low: place of the least torque.
         high: place of the greatest.
     """
-    wrong = _admitted(0, count, parameters, least, most)
+    wrong = admitted(0, count, parameters, least, most)
     if wrong != 0:
         return wrong
     if parameters[ratio] == 0.0:
@@ -136,7 +136,7 @@ def wrong_cables(shape: Any, parameters: Any, least: Any, most: Any, first: int)
     cables, count = shape[0], first
     for k in range(cables):
         count += 2 + SCALARS + 2 * shape[1 + cables + k]
-    wrong = _admitted(first, count, parameters, least, most)
+    wrong = admitted(first, count, parameters, least, most)
     if wrong != 0:
         return wrong
     for k in range(cables):

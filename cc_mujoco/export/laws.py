@@ -17,6 +17,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control import (
     CONTROLLERS,
+    AdaptiveModel,
     CableDrive,
     Controller,
     Drive,
@@ -25,14 +26,17 @@ from cc_mujoco.control import (
     PredictiveCompensation,
     ProportionalIntegral,
     StictionCompensation,
+    slopes,
 )
 from cc_mujoco.control.laws import GAINS, SEEN
 from cc_mujoco.control.predictive import SEEN as READ
 from cc_mujoco.control.tuning import TUNING
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.export import entries, predictive
+from cc_mujoco.estimation.slope import has_slope
+from cc_mujoco.export import adaptive, entries, predictive
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import Parameter
+from cc_mujoco.transmission.parameters import TERMS
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,15 @@ class Law:
     gains: tuple[Parameter, ...] = GAINS
     seen: tuple[str, ...] = SEEN
     """What it reads."""
+    needs_slope: bool = False
+    """Whether its cables may only have terms of friction that `estimation.slope` has.
+    """
 
 
+_PLANNED = frozenset(
+    "period span rotor_0 rotor_1 motion_0 motion_1 motion_2 forgetting leak "
+    "late".split()
+)
 _SENSE = frozenset({"preview", "tolerance"})
 _FEEDBACK = Law(
     entries.set_gains,
@@ -71,12 +82,19 @@ LAWS: dict[type[Controller], Law] = {
         predictive.set_plan,
         predictive.step_plan,
         True,
-        fixed=frozenset(
-            "period span rotor_0 rotor_1 motion_0 motion_1 motion_2 forgetting leak "
-            "late".split()
-        ),
+        fixed=_PLANNED,
         gains=TUNING,
         seen=READ,
+    ),
+    AdaptiveModel: Law(
+        adaptive.set_sensed,
+        adaptive.step_sensed,
+        True,
+        unread=frozenset({"learning"}),
+        fixed=_PLANNED | {"learning"},
+        gains=TUNING,
+        seen=READ,
+        needs_slope=True,
     ),
 }
 """Controllers whose step is a compiled function, hence can be exported."""
@@ -111,6 +129,8 @@ class Plan:
     plans: tuple[FloatArray, ...] = ()
     """Of a controller that plans: gains of the plans (delays, knots, 2 + knots) and of
     the unexplained torque (delays,)."""
+    taps: slopes.Taps | None = None
+    """Tension sensors, of a controller that reads them."""
 
     @classmethod
     def of(cls, name: str, drive: Drive, cables: tuple[str, ...]) -> Plan:
@@ -133,7 +153,7 @@ class Plan:
             )
         made: Any = kind(drive)
         law = LAWS[kind]
-        known = drive.cables if law.has_model else ()
+        known = made.drive.cables if law.has_model else ()
         planned = isinstance(made, PredictiveCompensation)
         given = made.tuning if planned else made.gains
         rows = tuple(zip(map(_identifier, cables), known, strict=False))
@@ -141,7 +161,11 @@ class Plan:
             _of_gain(gain, float(getattr(given, gain.name)), law) for gain in law.gains
         ]
         for cable, own in rows:
-            fields += _of_cable(cable, own)
+            fields += _of_cable(cable, own, law)
+        taps = made.taps if isinstance(made, AdaptiveModel) else None
+        if taps is not None:
+            names = [cable for cable, _ in rows]
+            fields += _of_sensors(names, taps)
         if len({field.name.upper() for field in fields}) < len(fields):
             raise CableError(
                 f"cables {', '.join(cables)} have the same name in C; rename one."
@@ -153,20 +177,42 @@ class Plan:
             tuple(own.cable.segments for _, own in rows),
             tuple(len(own.cable.conduit) for _, own in rows),
             (made.tables.gains, made.tables.unexplained) if planned else (),
+            taps,
+        )
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """What it reads."""
+        return (*self.law.seen, *(name for name, _, _ in self.tapped))
+
+    @property
+    def tapped(self) -> tuple[tuple[str, str, int], ...]:
+        """Of every tension sensor: name of its reading, cable and node."""
+        if self.taps is None:
+            return ()
+        return tuple(
+            (f"tension_{cable}_{place}_n", cable, node)
+            for cable, nodes in zip(self.cables, self.taps.nodes.tolist(), strict=True)
+            for place, node in enumerate(nodes)
         )
 
     @property
     def shape(self) -> tuple[int, ...]:
         """What the compiled functions are told: see `entries`."""
         told = (len(self.cables), *self.segments, *self.sections)
-        return (*told, *self.plans[0].shape[:2]) if self.plans else told
+        if self.plans:
+            told = *told, *self.plans[0].shape[:2]
+        if self.taps is not None:
+            nodes = self.taps.nodes
+            told = *told, nodes.shape[1], *nodes.ravel().tolist()
+        return told
 
     @property
     def tables(self) -> tuple[float, ...]:
         """Numbers that no parameter changes: see `entries`."""
-        return tuple(
-            float(number) for table in self.plans for number in np.ravel(table)
-        )
+        tables = [number for table in self.plans for number in np.ravel(table)]
+        fading = [] if self.taps is None else [self.taps.fading]
+        return tuple(map(float, [*tables, *fading]))
 
     def values(self) -> FloatArray:
         """The parameters, in order."""
@@ -178,11 +224,13 @@ class Plan:
         longest = max(self.segments, default=0)
         if self.plans:
             delays, knots = self.plans[0].shape[:2]
-            return tuple(
-                predictive.places(
-                    len(self.cables), longest, sum(self.sections), delays, knots
-                )
+            cables = len(self.cables)
+            *places, end = predictive.places(
+                cables, longest, sum(self.sections), delays, knots
             )
+            if self.taps is not None:
+                end += adaptive.room(cables, longest, self.taps.nodes.shape[1])
+            return *places, end
         return tuple(entries.places(len(self.cables), longest))
 
     @property
@@ -211,7 +259,27 @@ def _of_gain(gain: Parameter, value: float, law: Law) -> Field:
     return Field(gain.name, gain.unit, low, high, value, meaning)
 
 
-def _of_cable(name: str, own: CableDrive) -> Iterator[Field]:
+def _of_sensors(cables: list[str], taps: slopes.Taps) -> Iterator[Field]:
+    least = math.nextafter(0.0, 1.0)
+    for cable, nodes, noise in zip(
+        cables, taps.nodes.tolist(), taps.noise.tolist(), strict=True
+    ):
+        for place, (node, deviation) in enumerate(zip(nodes, noise, strict=True)):
+            yield Field(
+                f"{cable}_sensor_{place}_deviation", "N", least, 1e9, deviation,
+                f"standard deviation of the tension sensor at node {node}",
+            )  # fmt: skip
+
+
+def _without_slope(own: CableDrive) -> set[str]:
+    """Parameters that must stay as they are, or tension would have another slope."""
+    found = {name for name, term in TERMS.items() if not has_slope(term)}
+    constant = {TERMS[name].constant_without for name in found & set(own.cable.terms)}
+    return found | constant - {""}
+
+
+def _of_cable(name: str, own: CableDrive, law: Law) -> Iterator[Field]:
+    still = _without_slope(own) if law.needs_slope else set()
     most, least = 1e6, math.nextafter(0.0, 1.0)
     for side, value in (("proximal", own.proximal), ("distal", own.distal)):
         end = "motor" if side == "proximal" else "joint"
@@ -223,9 +291,13 @@ def _of_cable(name: str, own: CableDrive) -> Iterator[Field]:
         low, high = _bounds(parameter)
         if own.cable.path == "open" and parameter.name.startswith("seal_"):
             high = 0.0
+        if law.needs_slope and parameter.name == "friction":
+            low = slopes.LEAST
+        meaning = parameter.meaning
+        if parameter.name in still:
+            low, high, meaning = value, value, meaning + "; fixed by the export"
         yield Field(
-            f"{name}_{parameter.name}", parameter.unit, low, high, value,
-            parameter.meaning,
+            f"{name}_{parameter.name}", parameter.unit, low, high, value, meaning,
         )  # fmt: skip
     for i, section in enumerate(own.cable.conduit):
         yield Field(

@@ -24,10 +24,12 @@ from cc_mujoco.transmission import kernel, stepper
 from cc_mujoco.transmission.packing import SCALARS
 
 _TUNE = entries.FREE
-_COUNT = len(tuning.TUNING)
-_GIVEN = _TUNE + _COUNT + 1
+COUNT = len(tuning.TUNING)
+"""Parameters before those of the cables."""
+_GIVEN = _TUNE + COUNT + 1
 _ARMS = _GIVEN + 1
-_READ = len(SEEN)
+READ = len(SEEN)
+"""Numbers that are read."""
 
 
 @compiled
@@ -56,27 +58,47 @@ def places(
 
 
 @internal
-def _places(shape: Any) -> tuple[int, int, int, int, int, int]:
-    cables, longest, sections = shape[0], 0, 0
+def longest(shape: Any) -> tuple[int, int]:
+    """Segments of the longest cable, and sections of all of them."""
+    cables, most, sections = shape[0], 0, 0
     for k in range(cables):
-        longest = max(longest, shape[1 + k])
+        most = max(most, shape[1 + k])
         sections += shape[1 + cables + k]
-    return places(
-        cables, longest, sections, shape[1 + 2 * cables], shape[2 + 2 * cables]
-    )
+    return most, sections
+
+
+@internal
+def placed(shape: Any) -> tuple[int, int, int, int, int, int]:
+    """Where numbers stand in the memory; see `places`."""
+    cables = shape[0]
+    most, sections = longest(shape)
+    return places(cables, most, sections, shape[1 + 2 * cables], shape[2 + 2 * cables])
+
+
+@internal
+def learned(shape: Any) -> int:
+    """Place of what friction is to be multiplied by, until there is a plan."""
+    cables = shape[0]
+    kept, knots = planning.FRICTION + cables, shape[2 + 2 * cables]
+    return placed(shape)[0] + SCALARS + 2 * knots + kept
+
+
+@internal
+def given_cable(shape: Any, cable: int) -> int:
+    """Place of the scalars of a cable as they were given; its sections are behind."""
+    cables = shape[0]
+    given = _ARMS + 3 * cables
+    for k in range(cable):
+        given += SCALARS + 2 * shape[1 + cables + k]
+    return int(given)
 
 
 @internal
 def _pack(memory: Any, shape: Any, cable: int, factor: float) -> None:
     """Pack a cable with a multiple of the friction that was given for it."""
-    cables = shape[0]
-    given, longest = _ARMS + 3 * cables, 0
-    for k in range(cables):
-        longest = max(longest, shape[1 + k])
-    for k in range(cable):
-        given += SCALARS + 2 * shape[1 + cables + k]
-    scratch, packed, _, _, _, _ = _places(shape)
-    size = kernel.parameter_size(longest)
+    cables, given = shape[0], given_cable(shape, cable)
+    scratch, packed, _, _, _, _ = placed(shape)
+    size = kernel.parameter_size(longest(shape)[0])
     pack(
         carray(at(memory, given), SCALARS),
         carray(at(memory, given + SCALARS), (shape[1 + cables + cable], 2)),
@@ -87,23 +109,36 @@ def _pack(memory: Any, shape: Any, cable: int, factor: float) -> None:
     )
 
 
+@internal
+def wrong_plan(shape: Any, parameters: Any, least: Any, most: Any) -> int:
+    """1 + the index of a parameter that cannot be; 0 if there is none."""
+    wrong = entries.wrong_motor(
+        parameters, least, most, COUNT, tuning.RATIO, tuning.LOW, tuning.HIGH
+    )
+    if wrong != 0:
+        return wrong
+    return entries.wrong_cables(shape, parameters, least, most, COUNT)
+
+
 def set_plan(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -> int:
     """Take the tuning and the cables.
 
     Returns:
         0, or 1 + the index of a parameter that cannot be; then nothing is taken.
     """
-    wrong = entries.wrong_motor(
-        parameters, least, most, _COUNT, tuning.RATIO, tuning.LOW, tuning.HIGH
-    )
+    wrong = wrong_plan(shape, parameters, least, most)
     if wrong == 0:
-        wrong = entries.wrong_cables(shape, parameters, least, most, _COUNT)
-    if wrong != 0:
-        return wrong
-    for i in range(_COUNT):
+        take_plan(memory, shape, parameters)
+    return wrong
+
+
+@internal
+def take_plan(memory: Any, shape: Any, parameters: Any) -> None:
+    """Take parameters that can be."""
+    for i in range(COUNT):
         memory[_TUNE + i] = parameters[i]
     cables = shape[0]
-    first, kept = _COUNT, _ARMS + 3 * cables
+    first, kept = COUNT, _ARMS + 3 * cables
     for k in range(cables):
         memory[_ARMS + k] = parameters[first]
         memory[_ARMS + cables + k] = parameters[first + 1]
@@ -112,20 +147,34 @@ def set_plan(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) ->
             memory[kept + i] = parameters[first + 2 + i]
         first, kept = first + 2 + count, kept + count
     memory[_GIVEN] = 1.0
-    return 0
 
 
 def step_plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     """Motor torque of the next step [Nm], or no number where a reading is none."""
-    if not entries.measured(readings, _READ):
+    if not entries.measured(readings, READ):
         return np.nan
-    cables, longest, sections = shape[0], 0, 0
-    for k in range(cables):
-        longest = max(longest, shape[1 + k])
-        sections += shape[1 + cables + k]
+    cables = shape[0]
+    _, sections = longest(shape)
+    law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
+    kept = carray(at(memory, law), planning.FRICTION + cables)
+    if memory[entries.FRESH] != 0.0:
+        kept[:] = 0.0
+    planning.learned(kept, carray(at(memory, learned(shape)), cables))
+    return plan(memory, shape, tables, readings)
+
+
+@internal
+def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
+    """Motor torque of the next step [Nm].
+
+    Where `learned` says, the memory has what the friction of every cable is to be
+    multiplied by.
+    """
+    cables = shape[0]
+    most, sections = longest(shape)
     delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
-    scratch, packed, first, after, work, end = _places(shape)
-    size, width = kernel.parameter_size(longest), kernel.state_size(longest)
+    scratch, packed, first, after, work, end = placed(shape)
+    size, width = kernel.parameter_size(most), kernel.state_size(most)
     kept, states = planning.FRICTION + cables, (cables, width)
     law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
     device = planning.Device(
@@ -139,18 +188,17 @@ def step_plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     n = carray(at(shape, 1), cables)
     prm = carray(at(memory, packed), (cables, size))
     model = stepper.Cables(prm, n, arm, arm, distal)
-    free = scratch + SCALARS + 2 * knots + kept
+    free = learned(shape)
     is_fresh = memory[entries.FRESH] != 0.0
     factors = carray(at(memory, _ARMS + 2 * cables), cables)
-    learned = carray(at(memory, free), cables)  # until there is a plan
+    found = carray(at(memory, free), cables)
     if is_fresh:
         device.memory[:] = 0.0
         device.applied[:] = 0.0
         factors[:] = 1.0
-    planning.learned(device.memory, learned)
     for k in range(cables):
-        if has_changed(learned[k], factors[k]):
-            factors[k] = learned[k]
+        if has_changed(found[k], factors[k]):
+            factors[k] = found[k]
             _pack(memory, shape, k, factors[k])
         elif is_fresh or memory[_GIVEN] != 0.0:
             _pack(memory, shape, k, factors[k])
@@ -174,9 +222,9 @@ def step_plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     told = planning.Tables(
         carray(tables, (delays, knots, 2 + knots)),
         carray(at(tables, plans), delays),
-        carray(at(memory, _TUNE), _COUNT + 1),
+        carray(at(memory, _TUNE), COUNT + 1),
     )
     return planning.act(
         model, state, carray(at(memory, entries.JOINT), 1), device,
-        carray(readings, _READ), told, room,
+        carray(readings, READ), told, room,
     )  # fmt: skip

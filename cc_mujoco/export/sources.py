@@ -31,9 +31,12 @@ def header(plan: Plan, what: str) -> str:
         plan: What is exported.
         what: Of which controller, for what scene and machine.
     """
-    readings = "\n".join(
-        f"    double {name}; /* {_READINGS[name]} */" for name in plan.law.seen
-    )
+    told = [(name, _READINGS[name]) for name in plan.law.seen]
+    told += [
+        (name, f"tension of {cable} at node {node}, from its sensor [N]")
+        for name, cable, node in plan.tapped
+    ]
+    readings = "\n".join(f"    double {name}; /* {what} */" for name, what in told)
     indices = "\n".join(
         f"    CC_{field.name.upper()}, /* {_described(field.meaning, field.unit)}, "
         f"{_span(field.low, field.high)} */"
@@ -193,7 +196,7 @@ def _literal(value: float) -> str:
 
 def example(plan: Plan) -> str:
     """A program that reads measurements and writes torques."""
-    seen = plan.law.seen
+    seen = plan.seen
     names = ",".join(seen)
     numbers = ",".join("%lf" for _ in seen)
     arguments = ", ".join(f"&r.{name}" for name in seen)
@@ -211,7 +214,7 @@ static cc_controller controller;
 
 int main(void)
 {{
-    char line[512];
+    char line[{max(512, 40 * len(seen))}];
     int end = 0;
     cc_readings r;
     int wrong = cc_controller_init(&controller, cc_controller_parameters);

@@ -73,7 +73,7 @@ def believed(drive: Drive, changes: dict[str, float]) -> Drive:
 
 def readings(env: Any, drive: Drive, name: str, duration: float) -> np.ndarray:
     """What a controller reads in an episode (steps, what it reads)."""
-    names = Plan.of(name, drive, env.exo.device.driven).law.seen
+    names = Plan.of(name, drive, env.exo.device.driven).seen
     law = controller(name, drive)
     _, info = env.reset(seed=1)
     law.reset()

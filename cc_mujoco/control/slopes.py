@@ -1,0 +1,180 @@
+"""Friction of every cable from tension sensors along it, compiled: `estimation.slope`.
+
+    taps = slopes.taps(drive.sensors, drive.cables, memory=200.0)
+    slopes.learn(prm, n, state, taps, told, known, room)    # known[:, VALUE]
+
+What is known of the friction of a cable is what `estimation.recursive.follow` keeps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.control.drive import CableDrive
+from cc_mujoco.errors import CableError
+from cc_mujoco.estimation import recursive, slope
+from cc_mujoco.sensing import Sensors
+from cc_mujoco.transmission.packing import segment_angles, slips
+from cc_mujoco.transmission.stepper import Counts
+
+EVERY = 5
+"""Steps between two readings that are taken."""
+LEAST = 1e-3
+"""Friction coefficient that is at least believed."""
+DOUBT = 0.2
+"""Standard deviation of the friction coefficient that is believed at first."""
+
+KNOWN, VALUE = 4, recursive.VALUE
+"""Numbers that are known of the friction of a cable; place of its coefficient."""
+
+
+class Taps(NamedTuple):
+    """Tension sensors along all cables, as many along each.
+
+    Attributes:
+        nodes: (cables, sensors).
+        noise: standard deviations (cables, sensors) [N].
+        fading: share of what is known that a reading takes away.
+    """
+
+    nodes: NDArray[np.int64]
+    noise: FloatArray
+    fading: float
+
+
+class Room(NamedTuple):
+    """Room to compute in; nothing is kept in it.
+
+    Attributes:
+        sign: (segments of the longest cable,).
+        design: (sensors, 1).
+        equations: of one parameter.
+    """
+
+    sign: FloatArray
+    design: FloatArray
+    equations: slope.Room
+
+
+def taps(
+    sensors: Sequence[Sensors], cables: Sequence[CableDrive], memory: float
+) -> Taps:
+    """Sensors along the cables of a device.
+
+    Args:
+        sensors: Of every cable.
+        cables: All of them.
+        memory: Readings after which one has faded to 1/e.
+
+    Raises:
+        CableError: They are not as many along every cable, or cannot tell.
+    """
+    if len({len(own.nodes) for own in sensors}) > 1:
+        raise CableError(
+            "Drive.sensors must be as many along every cable, not "
+            f"{', '.join(str(len(own.nodes)) for own in sensors)}."
+        )
+    for own, one in zip(sensors, cables, strict=True):
+        slope.require_apart(one.cable, own)
+    return Taps(
+        np.array([own.nodes for own in sensors], dtype=np.int64),
+        np.array([own.deviation for own in sensors]),
+        1.0 - math.exp(-1.0 / memory),
+    )
+
+
+def room(sensors: int, longest: int) -> Room:
+    """Room for so many sensors along a cable and segments of the longest."""
+    return Room(np.empty(longest), np.empty((sensors, 1)), slope.room(sensors, 1))
+
+
+@compiled
+def start(known: FloatArray, friction: float) -> None:
+    """What is known before anything is read (KNOWN,)."""
+    known[:] = 0.0
+    known[recursive.VALUE] = friction
+    known[recursive.SPREAD] = DOUBT * DOUBT
+
+
+@compiled
+def believed(found: Any, friction: Any) -> Any:
+    """What a friction coefficient is to be multiplied by; numbers or arrays."""
+    return np.maximum(found, LEAST) / friction
+
+
+@compiled
+def learn(
+    prm: FloatArray,
+    n: Counts,
+    state: FloatArray,
+    taps: Taps,
+    told: FloatArray,
+    known: FloatArray,
+    room: Room,
+) -> None:
+    """Take the readings of one instant of one device.
+
+    Args:
+        prm: packed parameters (cables, numbers).
+        n: segments of every cable.
+        state: of the model (cables, numbers).
+        taps: see there.
+        told: tensions (cables, sensors) [N].
+        known: moved on (cables, KNOWN).
+        room: scratch.
+    """
+    sensors = taps.noise.shape[1]
+    for k in range(n.size):
+        angles, slip = segment_angles(prm[k], n[k]), slips(state[k], n[k])
+        sign = room.sign[: n[k]]
+        for i in range(n[k]):
+            sign[i] = np.sign(slip[i])
+        for j in range(sensors):
+            room.design[j, 0] = 0.0
+            for i in range(taps.nodes[k, j]):
+                room.design[j, 0] += angles[i]
+        _, count = slope.equations(
+            room.design, taps.nodes[k], taps.noise[k], known[k, VALUE : VALUE + 1],
+            told[k], sign, room.equations,
+        )  # fmt: skip
+        information = room.equations.information[0, 0]
+        if count > 0 and information > 0.0:
+            recursive.follow(
+                known[k], 1.0 / (DOUBT * DOUBT), taps.fading, 0.0, information,
+                room.equations.target[0],
+            )  # fmt: skip
+
+
+@compiled
+def learn_all(
+    prm: FloatArray,
+    n: Counts,
+    states: FloatArray,
+    taps: Taps,
+    told: FloatArray,
+    calls: NDArray[np.int64],
+    known: FloatArray,
+    room: Room,
+) -> None:
+    """Take the readings of every device whose turn it is; see `learn`.
+
+    Args:
+        prm: (rows, cables, numbers).
+        n: segments of every cable.
+        states: (rows, cables, numbers).
+        taps: of all.
+        told: (rows, cables, sensors) [N].
+        calls: of this function since an episode began (rows,); counted.
+        known: moved on (rows, cables, KNOWN).
+        room: scratch.
+    """
+    for row in range(calls.size):
+        if calls[row] % EVERY == 0:
+            learn(prm[row], n, states[row], taps, told[row], known[row], room)
+        calls[row] += 1

@@ -19,7 +19,7 @@ from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.inference.reason import Progress, reason, unanswered
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.intake import load
-from cc_mujoco.diagnosis.report.output import require_ours, write
+from cc_mujoco.diagnosis.report.output import prepare, require_ours, write
 from cc_mujoco.diagnosis.scene.repair import added
 from cc_mujoco.diagnosis.scene.requirements import require_repairable
 from cc_mujoco.diagnosis.verdict import Diagnosis
@@ -56,6 +56,7 @@ def diagnose(
     bench = Bench.of(Path(scene))
     given = [Path(path) for path in data]
     require_ours(Path(out), Path(scene), given)
+    prepare()
     result, dataset = inferred(
         given, bench, dataset_toml=dataset_toml, seed=seed, progress=progress
     )

@@ -28,10 +28,13 @@ from cc_mujoco.transmission.parameters import PARAMETERS, Cable
 Counts = NDArray[np.int64]
 
 STEPS = 200
-"""Most evaluations of a balance; some ten are usual."""
+"""Most evaluations of a balance; some five are usual."""
 
 TOLERANCE = 1e-12
 """Of a balance of torques, relative to what the tensions make."""
+
+_FURTHER = 10.0
+"""Most by which a step towards a balance is longer than the one before it."""
 
 _NAMES = [parameter.name for parameter in PARAMETERS]
 _E, _PHASE, _OVALITY, _SECOND = (
@@ -193,8 +196,9 @@ def balance(
     """Step all cables with the angle of one side given and the load of the other.
 
     The torque at the motor grows with its angle and that at the joint falls with it,
-    piecewise smoothly: bracket from where the side was, then regula falsi with the
-    Illinois rule. A single cable cannot push; asked to, it goes slack.
+    piecewise smoothly: secants from where the side was until they bracket it, then
+    regula falsi with the Illinois rule. A single cable cannot push; asked to, it goes
+    slack.
 
     Args:
         cables: of the transmission.
@@ -233,6 +237,7 @@ def balance(
     for k in range(cables.n.size):
         stiffest += arm[k] ** 2 * node_stiffness(cables.prm[k], cables.n[k])[0]
     at, reach = min(max(start, load.low), load.high), 0.0
+    before, f_before = at, 0.0
     low, high, f_low, f_high = at, at, 0.0, 0.0
     has_low, has_high = False, False
     side = 0
@@ -265,9 +270,16 @@ def balance(
             if at <= low or at >= high:
                 at = 0.5 * (low + high)
         else:
-            # No cable is stiffer than at its end, so the first step falls short.
-            reach = max(3.0 * reach, abs(error) / stiffest)
+            # No cable is stiffer than at its end, so the first step falls short. The
+            # next go where the last two points tell, not too far where one is slack.
+            ahead = _FURTHER * reach
+            if reach > 0.0 and (error - f_before) * (at - before) > 0.0:
+                ahead = min(ahead, abs(error * (at - before) / (error - f_before)))
+            reach = max(ahead, abs(error) / stiffest)
+            before, f_before = at, error
             at = at - reach if error > 0.0 else at + reach
             at = min(max(at, load.low), load.high)
+            if at == before:
+                break
             side = 0
     return at

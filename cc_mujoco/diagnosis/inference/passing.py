@@ -16,8 +16,8 @@ _EDGE = 9
 def low_passed(signals: FloatArray, band: float, rate: float) -> FloatArray:
     """Zero-phase low-pass of signals (..., samples): Butterworth's, there and back.
 
-    As `filtfilt` of `scipy.signal` with `butter(2, band)`, to rounding; that module takes
-    a second to load and calls of it take longer than the filter.
+    As `filtfilt` of `scipy.signal` with `butter(2, band)`, to rounding; that module
+    takes a second to load, and a call of it longer than the filter.
     """
     if band >= 0.45 * rate:
         return signals

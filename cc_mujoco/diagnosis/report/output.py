@@ -6,9 +6,12 @@ import json
 import os
 import platform
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import mujoco
@@ -37,6 +40,11 @@ from cc_mujoco.files import replacing_folder
 SCENE = "scene.xml"
 SOMETIMES = (SCENE, "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
 """Files that only some verdicts come with."""
+_DRAWN_WITH = (
+    "matplotlib.backends.backend_agg",
+    "cc_mujoco.diagnosis.report.recording",
+    "scipy.cluster.hierarchy",
+)
 TITLES = {name: effect.title for name, effect in EFFECTS.items()}
 
 
@@ -79,6 +87,17 @@ def _provenance(folder: Path) -> Mapping[str, Any] | None:
         return dict(found["provenance"]) if "verdict" in found else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def prepare() -> None:
+    """Load what `write` draws with, in a thread of its own beside what computes."""
+
+    def load() -> None:
+        for name in _DRAWN_WITH:
+            with suppress(Exception):  # told where it is used
+                import_module(name)
+
+    Thread(target=load).start()
 
 
 def write(

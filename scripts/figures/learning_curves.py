@@ -43,7 +43,7 @@ def main() -> None:
             title="Return while learning, exploration included",
             xlabel="steps of 5 ms [thousand]",
             ylabel="return per second",
-            ylim=(-0.8, 0.0),
+            ylim=(-1.7, 0.0),
         )
         axes.legend(loc="lower right")
         save(options.out, drawing)

@@ -42,6 +42,7 @@ _CALLS = {
     "control": ("transmission", "engine", "estimation", "control"),
     "export": ("transmission", "engine", "estimation", "control", "export"),
     "predecessors": ("transmission", "engine", "predecessors"),
+    "whatif/inner": ("transmission", "engine", "control", "whatif/inner"),
     "reproduce/experiments": ("transmission", "engine", "reproduce/experiments"),
 }
 """Parts of the package that are compiled, and those whose code is in theirs."""

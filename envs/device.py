@@ -55,6 +55,20 @@ class Physics(NamedTuple):
             getattr(self, name)[row] = getattr(other, name)
 
 
+class Places(NamedTuple):
+    """Where motor, joint and wearer are in the arrays of a simulation."""
+
+    motor_q: int
+    """Of the motor in `qpos`."""
+    motor_v: int
+    """Of its velocity and torques, in `qvel` and `qfrc_actuator`."""
+    joint_q: int
+    joint_v: int
+    motor_out: int
+    """Of the motor in `actuator_force`."""
+    wearer_out: int
+
+
 _RESULTS = Physics._fields[3:]
 """What a step leaves behind and no state has."""
 
@@ -99,13 +113,16 @@ class Device:
         """Control of the motor at an action of 1."""
         self.torque_limit = float(self.motor_scale * motor.gear[0])
         """Torque of the motor at an action of 1 [Nm]."""
-        self._motor_gear = float(motor.gear[0])
-        self._motor_out = int(model.actuator_outadr[motor.id])
-        self._wearer_out = int(model.actuator_outadr[mover.id])
-        self._motor_q = int(model.joint("motor").qposadr[0])
-        self._motor_v = int(model.joint("motor").dofadr[0])
-        self._joint_q = int(model.joint(setup.joint).qposadr[0])
-        self._joint_v = int(model.joint(setup.joint).dofadr[0])
+        self.motor_gear = float(motor.gear[0])
+        turning, joint = model.joint("motor"), model.joint(setup.joint)
+        self.places = Places(
+            motor_q=int(turning.qposadr[0]),
+            motor_v=int(turning.dofadr[0]),
+            joint_q=int(joint.qposadr[0]),
+            joint_v=int(joint.dofadr[0]),
+            motor_out=int(model.actuator_outadr[motor.id]),
+            wearer_out=int(model.actuator_outadr[mover.id]),
+        )
         self._companions_q = [
             int(model.joint(name).qposadr[0]) for name in setup.companions
         ]
@@ -196,9 +213,9 @@ class Device:
             period,
             pulls,
             (cable_drives,),
-            inertia=float(self.model.dof_M0[self._motor_v]),
-            damping=float(self.model.dof_damping[self._motor_v]),
-            joint_inertia=float(self.model.dof_M0[self._joint_v]),
+            inertia=float(self.model.dof_M0[self.places.motor_v]),
+            damping=float(self.model.dof_damping[self.places.motor_v]),
+            joint_inertia=float(self.model.dof_M0[self.places.joint_v]),
             crossed=self.winding.others(self.model) if self.winding else (),
             observed=self.observed(period),
         )
@@ -217,13 +234,13 @@ class Device:
         """
         model = self.model
         mujoco.mj_resetData(model, data)
-        data.qpos[self._joint_q] = angles[0]
+        data.qpos[self.places.joint_q] = angles[0]
         data.qpos[self._companions_q] = angles[1:]
         data.ctrl[self.script_controls] = commands
         mujoco.mj_fwdPosition(model, data)
         proximal, distal = self._ends[0]
         payed_out = data.actuator_length[distal] - model.actuator_length0[distal]
-        data.qpos[self._motor_q] += payed_out / model.actuator_gear[proximal, 0]
+        data.qpos[self.places.motor_q] += payed_out / model.actuator_gear[proximal, 0]
         engine.settle(model, data)
 
     def read_cables(self, physics: Physics) -> dict[str, Any]:
@@ -254,12 +271,12 @@ class Device:
         """
         qpos, qvel = physics.qpos.T, physics.qvel.T
         force = physics.actuator_force.T
-        wearer = force[self._wearer_out]
+        wearer = force[self.places.wearer_out]
         # Cables on open paths pull by passive forces, beside those of the joints.
-        joint, passive = self._joint_v, physics.qfrc_passive.T
+        joint, passive = self.places.joint_v, physics.qfrc_passive.T
         own = physics.qfrc_spring.T[joint] + physics.qfrc_damper.T[joint]
         pieces = passive[joint] - own
-        angle, velocity = qpos[self._joint_q], qvel[joint]
+        angle, velocity = qpos[self.places.joint_q], qvel[joint]
         winding = winding or self.winding
         wound = winding and winding.read(physics)
         if wound is None:
@@ -267,9 +284,9 @@ class Device:
                 zip(WINDING, (angle, velocity, 0.0 * angle + 1.0), strict=True)
             )
         return {
-            "motor_angle_rad": qpos[self._motor_q],
-            "motor_velocity_rad_s": qvel[self._motor_v],
-            "motor_torque_nm": force[self._motor_out] * self._motor_gear,
+            "motor_angle_rad": qpos[self.places.motor_q],
+            "motor_velocity_rad_s": qvel[self.places.motor_v],
+            "motor_torque_nm": force[self.places.motor_out] * self.motor_gear,
             "joint_angle_rad": angle,
             "joint_velocity_rad_s": velocity,
             **wound,
@@ -284,7 +301,7 @@ class Device:
     def _arms(self) -> list[float]:
         """Displacement of every distal end per joint angle, neutral pose [m/rad]."""
         data = mujoco.MjData(self.model)
-        data.qvel[self._joint_v] = 1.0
+        data.qvel[self.places.joint_v] = 1.0
         mujoco.mj_fwdPosition(self.model, data)
         mujoco.mj_fwdVelocity(self.model, data)
         return [float(data.actuator_velocity[distal]) for _, distal in self._ends]

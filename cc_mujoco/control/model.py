@@ -78,7 +78,7 @@ class CableModel:
         self._size = kernel.parameter_size(most), kernel.state_size(most)
         self.work = np.empty(kernel.work_size(most))
         self.scratch = np.empty((3, len(cables)))
-        self._new = np.zeros((len(cables), self._size[1]))
+        self.new = np.zeros((len(cables), self._size[1]))
         self._asked = np.empty(len(PARAMETERS))
         self._angles: list[FloatArray] = []
         self._allocate(len(drive.cable_drives))
@@ -116,7 +116,7 @@ class CableModel:
             self.gain,
             self.arm,
             self.drive.period,
-            self._new,
+            self.new,
             self.work,
         )
 

@@ -40,6 +40,7 @@ _NPLUGIN = _model("nplugin")
 _NACTUATOR = _model("nactuator")
 _NTENDON = _model("ntendon")
 _NEQ = _model("neq")
+_NUSERDATA = _model("nuserdata")
 _NAMES = _model("names")
 _PLUGIN_NAME = _model("name_pluginadr")
 _ACTUATOR_NAME = _model("name_actuatoradr")
@@ -49,7 +50,7 @@ _TENDON_NAME = _model("name_tendonadr")
 _PLUGIN_ATTR = _model("plugin_attr")
 _PLUGIN_ATTRADR = _model("plugin_attradr")
 _PLUGIN_STATEADR = _model("plugin_stateadr")
-_PLUGIN_STATE = _data("plugin_state")
+PLUGIN_STATE = _data("plugin_state")
 _PLUGIN_DATA = _data("plugin_data")
 _TIME = _data("time")
 
@@ -147,7 +148,12 @@ MOMENT = _data("actuator_moment")
 MOMENT_ROWNNZ = _data("moment_rownnz")
 MOMENT_ROWADR = _data("moment_rowadr")
 MOMENT_COLIND = _data("moment_colind")
-_FORCE = _data("actuator_force")
+VELOCITIES = _data("qvel")
+ACTUATION = _data("qfrc_actuator")
+SPRING = _data("qfrc_spring")
+DAMPER = _data("qfrc_damper")
+USERDATA = _data("userdata")
+FORCE = _data("actuator_force")
 
 
 @internal
@@ -171,7 +177,7 @@ def byte(struct: int, field: int, index: int) -> int:
 @internal
 def set_force(data: int, output: int, force: float) -> None:
     """Set an element of `actuator_force`."""
-    store_real(load_word(data + _FORCE) + 8 * output, force)
+    store_real(load_word(data + FORCE) + 8 * output, force)
 
 
 @internal
@@ -265,6 +271,12 @@ def equalities(model: int) -> int:
 
 
 @internal
+def has_userdata(model: int) -> bool:
+    """Whether a simulation has numbers that belong to its user."""
+    return load_word(model + _NUSERDATA) > 0
+
+
+@internal
 def _name(model: int, field: int, index: int) -> Bytes:
     return text(load_word(model + _NAMES) + integer(model, field, index))
 
@@ -302,7 +314,7 @@ def geom_name(model: int, geom: int) -> Bytes:
 @internal
 def force(data: int, output: int) -> float:
     """An element of `actuator_force`."""
-    return real(data, _FORCE, output)
+    return real(data, FORCE, output)
 
 
 @internal
@@ -315,7 +327,7 @@ def attributes(model: int, instance: int) -> int:
 def state(model: int, data: int, instance: int) -> int:
     """Address of the state of a plugin instance."""
     start = integer(model, _PLUGIN_STATEADR, instance)
-    return load_word(data + _PLUGIN_STATE) + 8 * start
+    return load_word(data + PLUGIN_STATE) + 8 * start
 
 
 @internal

@@ -61,6 +61,7 @@ def _type(node: Any) -> Any:
 _PROBE = """
 <mujoco>
   <option timestep="0.0123" integrator="RK4"/>
+  <size nuserdata="3"/>
   <extension>
     <plugin plugin="mujoco.pid">
       <instance name="p"><config key="kp" value="1"/></instance>
@@ -106,7 +107,7 @@ _DATA_ARRAYS = (
     "actuator_length", "actuator_force", "actuator_moment", "moment_rownnz",
     "moment_rowadr", "moment_colind", "ten_J", "efc_type", "efc_id", "efc_J",
     "efc_J_rownnz", "efc_J_rowadr", "efc_J_colind", "efc_frictionloss", "efc_D",
-    "efc_aref",
+    "efc_aref", "qfrc_actuator", "qfrc_spring", "qfrc_damper", "userdata",
 )  # fmt: skip
 
 
@@ -139,6 +140,7 @@ def verify() -> None:
         "neq",
         "nplugin",
         "npluginstate",
+        "nuserdata",
     ):
         seen[name], true[name] = getattr(m, name), getattr(model, name)
     seen["nefc"], true["nefc"] = d.nefc, data.nefc

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import mujoco
 from mujoco.introspect.enums import ENUMS
@@ -77,15 +79,32 @@ def register() -> None:
         callbacks = compile_callbacks(stamp, cache=True)
     except RuntimeError:  # Numba finds no folder for its cache.
         callbacks = compile_callbacks(stamp, cache=False)
+    add(PLUGIN, callbacks, KEYS, _ACTUATOR | _PASSIVE)
+
+
+def add(
+    name: str,
+    callbacks: Mapping[str, Any],
+    keys: Sequence[str] = (),
+    capabilities: int = 0,
+) -> None:
+    """Hand a plugin over to MuJoCo.
+
+    Args:
+        name: of the plugin, which MuJoCo must not have yet.
+        callbacks: compiled, by their names in `mjpPlugin`.
+        keys: of its configuration.
+        capabilities: what it is, `mjtPluginCapabilityBit`.
+    """
     plugin = _Plugin()
     LIBRARY.mjp_defaultPlugin(ctypes.byref(plugin))
-    plugin.name = PLUGIN.encode()
-    plugin.nattribute = len(KEYS)
-    plugin.attributes = (ctypes.c_char_p * len(KEYS))(*(k.encode() for k in KEYS))
-    plugin.capabilityflags = _ACTUATOR | _PASSIVE
+    plugin.name = name.encode()
+    plugin.nattribute = len(keys)
+    plugin.attributes = (ctypes.c_char_p * len(keys))(*(k.encode() for k in keys))
+    plugin.capabilityflags = capabilities
     plugin.needstage = int(mujoco.mjtStage.mjSTAGE_ACC)
-    for name, callback in callbacks.items():
-        setattr(plugin, name, callback.address)
+    for which, callback in callbacks.items():
+        setattr(plugin, which, callback.address)
     # MuJoCo keeps the addresses for the life of the process, whatever happens to this
     # module; so must what they point to.
     ctypes.pythonapi.Py_IncRef(ctypes.py_object((plugin, callbacks)))

@@ -16,8 +16,9 @@ class Paced(Task):
     it is between heel strike, toe-off and the next heel strike.
     """
 
+    of_phase = True
     base: Task
-    """At the speed of the measured walk."""
+    """Of the phase alone, at the speed of the measured walk."""
     pace: Pace
     """The walk."""
     share: float = 1.0

@@ -36,6 +36,7 @@ class Profile(Task):
     2 % of its peak (RMS over the stride).
     """
 
+    of_phase = True
     onset: float = 30.5
     """Where the torque begins [% of the stride]."""
     peak_time: float = 53.4
@@ -86,6 +87,8 @@ class Profile(Task):
 
 class Profiles(Task):
     """A profile for each of n devices, with the same bits as each by itself."""
+
+    of_phase = True
 
     def __init__(self, profiles: Sequence[Profile]) -> None:
         """Put profiles together, in the order of the devices."""

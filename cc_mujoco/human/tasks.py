@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,9 @@ Real = TypeVar("Real", float, NDArray[np.float64])
 
 class Task(ABC):
     """A virtual environment; subclasses are frozen dataclasses of its parameters."""
+
+    of_phase: ClassVar[bool] = False
+    """Whether its torque follows from the phase alone."""
 
     @abstractmethod
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
@@ -90,6 +93,8 @@ class Spring(Task):
 class Transparent(Task):
     """Nothing: the device should not be felt."""
 
+    of_phase = True
+
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Zero [Nm]; see `Task.torque`."""
         # Adding 0.0 turns -0.0 into 0.0.
@@ -104,6 +109,7 @@ class Assist(Task):
     dorsiflexion positive. The shape is `gait.assistance`.
     """
 
+    of_phase = True
     peak: float = 30.0
     """Largest torque [Nm]; about a quarter of the biological moment of that walk."""
 
@@ -125,6 +131,7 @@ class Swing(Task):
     moment does, and ends as the leg swings; peak and timing are assumed.
     """
 
+    of_phase = True
     peak: float = 10.0
     """Largest torque [Nm]; about a seventh of the biological moment."""
     middle: float = 0.58
@@ -149,6 +156,7 @@ class Swing(Task):
 class Hold(Task):
     """A constant torque, as of a fingertip that presses on something."""
 
+    of_phase = True
     pull: float = -0.15
     """Torque [Nm]; by default 2.7 N at 55 mm from a knuckle, in extension."""
 

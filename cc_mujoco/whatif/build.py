@@ -27,6 +27,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif import gait
+from cc_mujoco.whatif.inner.plugin import attend
 from cc_mujoco.whatif.materials import ENDS, MATERIALS, Material
 from cc_mujoco.whatif.motors import MOTORS, Motor
 from cc_mujoco.whatif.variables import Value, read_design
@@ -75,6 +76,8 @@ class Builder:
         """
         spec = self._base(design, whole).copy()
         self._apply(spec, design, whole)
+        if not whole:  # at last, as a copy loses what no element refers to
+            attend(spec)
         return spec.compile()
 
     def xml(self, design: Mapping[str, Value]) -> str:

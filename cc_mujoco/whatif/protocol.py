@@ -80,6 +80,7 @@ class Hold(Trajectory):
 class Swing(Task):
     """A desired torque that swings as a sine, `SWINGS` times."""
 
+    of_phase = True
     amplitude: float
     """Signed [Nm]."""
     bias: float
@@ -96,6 +97,7 @@ class Swing(Task):
 class Chirp(Task):
     """A desired torque whose frequency grows exponentially with the phase."""
 
+    of_phase = True
     amplitude: float
     """Signed [Nm]."""
     bias: float

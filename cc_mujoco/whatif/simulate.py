@@ -19,6 +19,7 @@ from gymnasium.utils import seeding
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
+from cc_mujoco.control import Drive, controller
 from cc_mujoco.devices import Setup
 from cc_mujoco.engine import Reader, cables, untimed
 from cc_mujoco.envs.device import Device, Physics, physics_of
@@ -28,6 +29,7 @@ from cc_mujoco.envs.winding import Winding
 from cc_mujoco.episode import Columns, Trace, no_torque, run
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.sensing import PERFECT, Measuring
+from cc_mujoco.whatif.inner.players import Players, asked_by, law_of
 from cc_mujoco.whatif.laws import Laws, Unpowered
 from cc_mujoco.workers import Tick
 
@@ -130,10 +132,16 @@ def play(
     script = exo.author.write(rng)
     devices = [exo.device, *(episode.device(model) for model in models[1:])]
     drives = [PERFECT.equip(device.drive(exo.period)) for device in devices]
-    name = episode.controller
+    name, driven = episode.controller, exo.device.driven
+    ratio = np.array([1.0 / drive.ratio for drive in drives])
+    players = _players(name, drives, devices, exo, script)
+    if players is not None:
+        failed = _play_inside(players, exo, devices, script, threads, name or "", tick)
+        columns = players.columns() | _scripted(script, exo, len(devices))
+        tick(1.0)
+        return Rollout(columns, ratio, driven, failed)
     law = Unpowered(drives[0]) if name is None else Laws(name, drives)
     fleet = Fleet(exo, devices, (script,), threads, name or "")
-    driven = exo.device.driven
     measuring = Measuring(PERFECT, drives[0], driven, episode.seed, exo.steps)
     trace = Trace(KEPT, exo.steps, fleet.going)
 
@@ -147,17 +155,96 @@ def play(
     while trace.columns:  # what is turned is let go, so that memory holds it once
         name, kept = trace.columns.popitem()
         columns[name] = np.ascontiguousarray(np.moveaxis(kept, 0, -1))
-    shape = (len(devices), exo.steps + 1)
+    columns |= _scripted(script, exo, len(devices))
+    tick(1.0)
+    return Rollout(columns, ratio, driven, tuple(fleet.failed))
+
+
+def _scripted(script: Script, exo: Exo, count: int) -> dict[str, Array]:
+    """Columns that are the same for all designs, (n, T)."""
+    shape = (count, exo.steps + 1)
     time = np.arange(exo.steps + 1) * exo.period
-    reference = np.ascontiguousarray(script.marks[:, 0])
-    columns["time_s"] = np.broadcast_to(time, shape)
-    columns["reference_angle_rad"] = np.broadcast_to(reference, shape)
-    for place, name in enumerate(("phase_sine", "phase_cosine"), 2):
+    columns = {"time_s": np.broadcast_to(time, shape)}
+    names = {"reference_angle_rad": 0, "phase_sine": 2, "phase_cosine": 3}
+    for name, place in names.items():
         mark = np.ascontiguousarray(script.marks[:, place])
         columns[name] = np.broadcast_to(mark, shape)
-    tick(1.0)
-    ratio = np.array([1.0 / drive.ratio for drive in drives])
-    return Rollout(columns, ratio, driven, tuple(fleet.failed))
+    return columns
+
+
+def _players(
+    name: str | None,
+    drives: Sequence[Drive],
+    devices: Sequence[Device],
+    exo: Exo,
+    script: Script,
+) -> Players | None:
+    """What plays inside MuJoCo's steps; None where Python alone knows how."""
+    laws = [None if name is None else controller(name, drive) for drive in drives[:1]]
+    if asked_by(exo.task) is None or law_of(laws[0]) is None:
+        return None
+    if name is not None:
+        laws += [controller(name, drive) for drive in drives[1:]]
+    else:
+        laws *= len(drives)
+    return Players(devices, laws, exo.task, script, exo.steps, exo.frame_skip)
+
+
+def _play_inside(
+    players: Players,
+    exo: Exo,
+    devices: Sequence[Device],
+    script: Script,
+    threads: int,
+    name: str,
+    tick: Tick,
+) -> tuple[str, ...]:
+    """Play the episodes of `players`; return why designs failed."""
+    count, skip = len(devices), exo.frame_skip
+    models = [device.model for device in devices]
+    batch = Batch(models[0], count, threads, persistent=True)
+    batch.set_models(models)
+    for row, device in enumerate(devices):
+        data = mujoco.MjData(device.model)
+        device.start(data, script.angles, script.commands[0])
+        players.begin(row, data, device.model)
+        mujoco.mj_getState(device.model, data, batch.state[row], _STATE)
+    failed = [""] * count
+    going = np.ones(count, dtype=np.bool_)
+    attended = batch.bind("userdata")[:, 0]
+    for step in range(0, exo.steps, TICK_STEPS):
+        refused = [row for row in np.flatnonzero(going) if players.refused(row)]
+        for row in refused:
+            failed[row] = no_torque(name, players.at(row) * exo.period)
+            players.forget(row, players.at(row) + 1)
+        going[refused] = False
+        tick(step / exo.steps)
+        if not going.any():
+            break
+        last = min(step + TICK_STEPS, exo.steps)
+        with untimed(), contextlib.suppress(SimulationError):
+            batch.rollout(
+                (last - step) * skip, record=(), ids=None if going.all() else going
+            )
+        fell = batch.warning[:, :, 1].any(axis=1) | (batch.status != 0)
+        for row in np.flatnonzero(fell & going):
+            # What MuJoCo resets is attended no more, and what raised is as it was.
+            over = last == exo.steps and players.at(row) == last
+            counted = batch.status[row] == 0 and (over or attended[row] != 0.0)
+            first = players.failed_at(row, counted)
+            failed[row] = why_failed(batch, row, first * exo.period)
+            players.forget(row, first)
+        going &= ~fell
+    return tuple(failed)
+
+
+def why_failed(batch: Batch, row: int, time: float) -> str:
+    """What is said of a simulation that ended with a warning or an error at a time."""
+    if error := batch.error(int(row)):
+        return f"MuJoCo raised at {time:.3f} s: {error}"
+    first = int(np.flatnonzero(batch.warning[row, :, 1])[0])
+    kind = mujoco.mjtWarning(first).name
+    return f"the simulation diverged at {time:.3f} s ({kind})"
 
 
 class Fleet:
@@ -277,9 +364,4 @@ class Fleet:
     def _note(self, fell: NDArray[np.bool_], time: float) -> None:
         self.going &= ~fell
         for row in np.flatnonzero(fell):
-            if error := self._batch.error(int(row)):
-                self.failed[row] = f"MuJoCo raised at {time:.3f} s: {error}"
-            else:
-                first = int(np.flatnonzero(self._batch.warning[row, :, 1])[0])
-                kind = mujoco.mjtWarning(first).name
-                self.failed[row] = f"the simulation diverged at {time:.3f} s ({kind})"
+            self.failed[row] = why_failed(self._batch, row, time)

@@ -17,6 +17,8 @@ from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission import packing as at
 from cc_mujoco.transmission.stepper import Counts
 
+SCRATCH = 6
+"""Rows of the scratch, of a number for each cable, that these functions take."""
 _PRETENSION = law.INDEX["pretension"]
 _ASYMMETRY = law.INDEX["friction_asymmetry"]
 _AGEING = law.INDEX["ageing_friction"]
@@ -47,6 +49,11 @@ def _friction(
         ends: place of its distal end [m].
     """
     values, length = at.scalars(prm), at.contact_length(prm, n)[j]
+    if prm[at.CONSTANT_COULOMB] != 0.0:
+        # What else would be taken for every segment anew: exponentials.
+        growth = at.constant_growth(prm, n)[j]
+        constant_drag = law.drag(values, length, growth, j, n)
+        return growth, constant_drag, at.constant_hold(prm, n)[j]
     node, slip = at.tensions(state, n), at.slips(state, n)[j]
     angle = at.segment_angles(prm, n)[j] * law.wrap_factor(
         values, state[at.TRAVEL], ends - length, ends, prm[at.LENGTH]
@@ -101,8 +108,7 @@ def _shared(
     slip_direction: FloatArray,
     joint_velocity: float,
     desired: float,
-    share: FloatArray,
-    taut: FloatArray,
+    scratch: FloatArray,
 ) -> None:
     """Distal tension of every cable that together make the joint torque [N].
 
@@ -114,33 +120,31 @@ def _shared(
         slip_direction: direction in which each cable slips.
         joint_velocity: at which the cables have to follow [rad/s].
         desired: joint torque [Nm].
-        share: out.
-        taut: scratch, which cables are.
+        scratch: see `SCRATCH`; out, its first row. The third is left alone.
     """
+    share, taut = scratch[0], scratch[1]
+    rest, unit, none = scratch[3], scratch[4], scratch[5]
     if n.size == 1:
         share[0] = max(-desired / distal[0], 0.0)
         return
     taut[:] = 1.0
+    for k in range(n.size):
+        rest[k], unit[k], none[k] = _stretches(
+            prm[k], n[k], state[k], slip_direction[k], distal[k] * joint_velocity
+        )
     for _ in range(n.size):
         # Torque = -sum f_i (s_i0 + f_i g) / unit_i of the cables that are taut.
         constant, slope = 0.0, 0.0
         for k in range(n.size):
             if taut[k] != 0.0:
-                rest, unit, none = _stretches(
-                    prm[k], n[k], state[k], slip_direction[k],
-                    distal[k] * joint_velocity,
-                )  # fmt: skip
-                constant -= distal[k] * (rest - none) / unit
-                slope -= distal[k] ** 2 / unit
+                constant -= distal[k] * (rest[k] - none[k]) / unit[k]
+                slope -= distal[k] ** 2 / unit[k]
         if slope == 0.0:
             break
         angle = (desired - constant) / slope
         again = False
         for k in range(n.size):
-            rest, unit, none = _stretches(
-                prm[k], n[k], state[k], slip_direction[k], distal[k] * joint_velocity
-            )
-            tension = (rest - none + distal[k] * angle) / unit
+            tension = (rest[k] - none[k] + distal[k] * angle) / unit[k]
             share[k] = max(tension, 0.0) if taut[k] != 0.0 else 0.0
             if taut[k] != 0.0 and tension < 0.0:
                 taut[k], again = 0.0, True
@@ -173,16 +177,13 @@ def dynamic(
         gain: proximal per distal tension at that time (cables,).
         joint_velocity: at which the cables have to follow [rad/s].
         desired: joint torque [Nm].
-        scratch: (3, cables).
+        scratch: (SCRATCH, cables).
 
     Returns:
         Motor torque [Nm].
     """
     share = scratch[0]
-    _shared(
-        prm, n, distal, state, slip_direction, joint_velocity, desired, share,
-        scratch[1],
-    )  # fmt: skip
+    _shared(prm, n, distal, state, slip_direction, joint_velocity, desired, scratch)
     torque = 0.0
     for k in range(n.size):
         torque -= arm[k] * gain[k] * share[k]
@@ -216,7 +217,7 @@ def whole(
         slip_direction: sense in which the motor shall turn, 1, -1 or 0 for as it is.
         joint_velocity: at which the cables have to follow [rad/s].
         desired: joint torque [Nm].
-        scratch: (3, cables).
+        scratch: (SCRATCH, cables).
 
     Returns:
         Motor torque [Nm].
@@ -224,7 +225,7 @@ def whole(
     share, senses = scratch[0], scratch[2]
     for k in range(n.size):
         senses[k] = np.sign(arm[k]) * slip_direction
-    _shared(prm, n, distal, state, senses, joint_velocity, desired, share, scratch[1])
+    _shared(prm, n, distal, state, senses, joint_velocity, desired, scratch)
     torque = 0.0
     for k in range(n.size):
         tension = share[k]

@@ -193,7 +193,7 @@ def model_based(
         disturbance: motor torque to be added [Nm].
         memory: of the law.
         seen: what is measured.
-        scratch: (3, cables).
+        scratch: (compensation.SCRATCH, cables).
     """
     feedforward = compensation.dynamic(
         prm, n, arm, distal, state, slip_direction, gain, seen[JOINT_VELOCITY],

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.control.compensation import SCRATCH
 from cc_mujoco.control.drive import CableDrive, Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import PARAMETERS, kernel, stepper
@@ -77,7 +78,7 @@ class CableModel:
         most = int(self.segments.max())
         self._size = kernel.parameter_size(most), kernel.state_size(most)
         self.work = np.empty(kernel.work_size(most))
-        self.scratch = np.empty((3, len(cables)))
+        self.scratch = np.empty((SCRATCH, len(cables)))
         self.new = np.zeros((len(cables), self._size[1]))
         self._asked = np.empty(len(PARAMETERS))
         self._angles: list[FloatArray] = []

@@ -19,6 +19,7 @@ from numba.extending import intrinsic
 
 from cc_mujoco.compiled import FloatArray, compiled, internal, types
 from cc_mujoco.control import laws
+from cc_mujoco.control.compensation import SCRATCH
 from cc_mujoco.control.model import follow, stiffness
 from cc_mujoco.transmission import friction, kernel, stepper
 from cc_mujoco.transmission.packing import SCALARS
@@ -57,7 +58,7 @@ def places(cables: int, most: int) -> tuple[int, int, int, int, int, int]:
         are.
     """
     scratch = _CABLES + _ROWS * cables
-    packed = scratch + 3 * cables
+    packed = scratch + SCRATCH * cables
     state = packed + cables * kernel.parameter_size(most)
     new = state + cables * kernel.state_size(most)
     work = new + cables * kernel.state_size(most)
@@ -244,7 +245,7 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
     arm = carray(at(memory, _CABLES + 2 * count), count)
     direction = carray(at(memory, _CABLES + 3 * count), count)
     gain = carray(at(memory, _CABLES + 4 * count), count)
-    room = carray(at(memory, scratch), (3, count))
+    room = carray(at(memory, scratch), (SCRATCH, count))
     prm = carray(at(memory, packed), (count, size))
     state = carray(at(memory, first), (count, width))
     new = carray(at(memory, after), (count, width))

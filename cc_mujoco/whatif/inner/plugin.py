@@ -16,6 +16,7 @@ from numba import cfunc
 
 from cc_mujoco.compiled import FloatArray, internal, types
 from cc_mujoco.control import laws
+from cc_mujoco.control.compensation import SCRATCH
 from cc_mujoco.control.model import follow
 from cc_mujoco.engine import fields
 from cc_mujoco.engine.memory import (
@@ -133,7 +134,7 @@ def _torque(record: int, seen: FloatArray) -> float:
         _told(record, _JOINT, 1),
         _told(record, _WORK, load_word(record + _WORK_SIZE)),
     )
-    scratch = _told(record, _SCRATCH, 3 * count).reshape(3, count)
+    scratch = _told(record, _SCRATCH, SCRATCH * count).reshape(SCRATCH, count)
     stiffness = load_real(load_word(record + _NUMBERS) + _CABLE_STIFFNESS)
     cables = stepper.Cables(prm, n, proximal, proximal, distal)
     joint[0] = follow(

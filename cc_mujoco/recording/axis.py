@@ -1,10 +1,11 @@
-"""How far the axis of a plot reaches in a Rerun recording."""
+"""Plots of a Rerun recording: how far their axes reach, and room for their legends."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
@@ -12,6 +13,60 @@ Array = NDArray[np.float64]
 
 START = 0.3
 """What belongs to the start of a trial or an episode [s]."""
+LEGEND = 0.35
+"""Room for a legend, before the curves, over the time that they take."""
+RIM = 0.02
+"""The same behind them, for the last number of the axis."""
+
+
+def plot(
+    origin: str,
+    name: str,
+    time: Array,
+    lines: Iterable[Array],
+    *,
+    contents: Sequence[str] = (),
+    reach: tuple[float, float] | None = None,
+    room: float = LEGEND,
+) -> rrb.TimeSeriesView:
+    """Show lines over the whole of their time, with the legend before them.
+
+    Args:
+        origin: Path of what is shown.
+        name: Title.
+        time: Of the samples, rising [s], (T,).
+        lines: Values, each (T,).
+        contents: Paths of what is shown, all below the origin unless given.
+        reach: Low and high end of the axis; see `axis` unless given.
+        room: See `LEGEND`; less where the plot is as wide as the window.
+    """
+    fixed = reach and rrb.ScalarAxis(range=reach, zoom_lock=False)
+    return rrb.TimeSeriesView(
+        origin=origin,
+        contents=list(contents) or "$origin/**",
+        name=name,
+        axis_x=time_axis(time, room),
+        axis_y=fixed or axis(time, lines),
+        plot_legend=rrb.Corner2D.LeftTop,
+    )
+
+
+def time_axis(time: Array, room: float = LEGEND) -> rrb.TimeAxis | None:
+    """An axis over the whole time and a legend before it.
+
+    Args:
+        time: Of the samples, rising [s], (T,).
+        room: See `LEGEND`.
+
+    Returns:
+        The axis, or None if no time passes.
+    """
+    start, end = float(time[0]), float(time[-1])
+    if not end > start:
+        return None
+    begin, finish = start - room * (end - start), end + RIM * (end - start)
+    ends = (rr.TimeRangeBoundary.absolute(seconds=each) for each in (begin, finish))
+    return rrb.TimeAxis(view_range=rr.TimeRange(*ends))
 
 
 def axis(time: Array, lines: Iterable[Array]) -> rrb.ScalarAxis | None:

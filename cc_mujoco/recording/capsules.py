@@ -17,7 +17,7 @@ from cc_mujoco import engine
 from cc_mujoco.recording.conduit3d import (
     conduit_shares,
     fine_shares,
-    node_shares,
+    part_tensions,
     resample,
     tension_colors,
 )
@@ -77,8 +77,7 @@ class Capsules:
             points = resample(engine.route(self._model, data, cable), fine)
             shown = np.zeros(len(points) - 1)
             if tensions is not None:
-                middle, tension = 0.5 * (fine[:-1] + fine[1:]), tensions[cable]
-                shown = np.interp(middle, node_shares(shares, tension.size), tension)
+                shown = part_tensions(shares, fine, tensions[cable])
             colors = tension_colors(shown, self.highest).astype(np.float32)
             colors *= SHADE / 255.0
             colors[:, 3] = 1.0

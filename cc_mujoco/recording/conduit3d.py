@@ -54,6 +54,23 @@ def fine_shares(shares: Array) -> Array:
     return shares if shares.size > PIECES else np.linspace(0.0, 1.0, PIECES + 1)
 
 
+def part_tensions(shares: Array, fine: Array, tension: Array) -> Array:
+    """Return the tension of each part of a line.
+
+    Args:
+        shares: Of `conduit_shares`.
+        fine: Where the parts end, as shares of the route (P,).
+        tension: At the nodes (..., n) [N].
+
+    Returns:
+        Tensions (..., P-1) [N].
+    """
+    nodes, middle = node_shares(shares, tension.shape[-1]), 0.5 * (fine[:-1] + fine[1:])
+    low = np.clip(np.searchsorted(nodes, middle) - 1, 0, nodes.size - 2)
+    share = np.clip((middle - nodes[low]) / (nodes[low + 1] - nodes[low]), 0.0, 1.0)
+    return np.asarray((1.0 - share) * tension[..., low] + share * tension[..., low + 1])
+
+
 def conduit_points(
     model: mujoco.MjModel, cable: str, qpos: Array, shares: Array
 ) -> Array:
@@ -120,8 +137,7 @@ def log_conduit(
         cable: Name of the cable.
         time: Times of the frames (T,), s.
         points: Ends of the parts of the line (T, P, 3), m.
-        tension: Tensions (T, P), where its parts lie between nodes, or of its parts
-            (T, P-1), N.
+        tension: Tensions of its parts (T, P-1), N.
         highest: Tension of the brightest colour, N.
         radius: Radius of the line, m.
     """
@@ -129,8 +145,6 @@ def log_conduit(
     index = [rr.TimeColumn(TIMELINE, duration=time)]
     frames, count = len(time), points.shape[1] - 1
     segments = np.stack([points[:, :-1], points[:, 1:]], axis=2).astype(np.float32)
-    if tension.shape[1] > count:
-        tension = 0.5 * (tension[:, :-1] + tension[:, 1:])
     colors = tension_colors(tension, highest).reshape(-1, 4)
     colored = rr.LineStrips3D.columns(colors=colors).partition([count] * frames)
     rec.log(path, rr.LineStrips3D.from_fields(radii=[radius]), static=True)

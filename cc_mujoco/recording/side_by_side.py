@@ -14,17 +14,12 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from cc_mujoco.figures import figure, style
-from cc_mujoco.recording.axis import limits
+from cc_mujoco.recording.axis import limits, plot
 from cc_mujoco.recording.branch import Branch
+from cc_mujoco.recording.layout import JOINT, scene_view, values
 from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.panels import highest_tension, tensions
-from cc_mujoco.recording.rerun_file import (
-    log_episode,
-    recording,
-    recording_id,
-    scene_view,
-    series,
-)
+from cc_mujoco.recording.rerun_file import log_episode, recording, recording_id
 from cc_mujoco.recording.scene3d import TIMELINE
 from cc_mujoco.recording.summary import draw_loop
 
@@ -127,27 +122,21 @@ def _root(episode: Episode) -> str:
 
 
 def _blueprint(episodes: Sequence[Episode]) -> rrb.Blueprint:
-    def plots(origin: str, title: str) -> rrb.Horizontal:
-        reach = common(
-            (
-                episode.log["time_s"],
-                [
-                    values
-                    for path, values, _ in series(episode.log)
-                    if path[0] == origin
-                ],
-            )
-            for episode in episodes
-        )
-        axis = rrb.ScalarAxis(range=reach, zoom_lock=False)
+    def plots(title: str, origin: str, paths: Sequence[str] = ()) -> rrb.Horizontal:
+        drawn = [values(episode.log, origin, paths) for episode in episodes]
+        times = [episode.log["time_s"] for episode in episodes]
+        reach = common(zip(times, drawn, strict=True))
         return rrb.Horizontal(
             *(
-                rrb.TimeSeriesView(
-                    origin=f"{_root(episode)}/{origin}",
-                    name=f"{episode.name}: {title}",
-                    axis_y=axis,
+                plot(
+                    f"{_root(episode)}/{origin}",
+                    f"{episode.name}: {title}",
+                    time,
+                    shown,
+                    contents=[f"{_root(episode)}/{path}" for path in paths],
+                    reach=reach,
                 )
-                for episode in episodes
+                for episode, time, shown in zip(episodes, times, drawn, strict=True)
             )
         )
 
@@ -157,8 +146,8 @@ def _blueprint(episodes: Sequence[Episode]) -> rrb.Blueprint:
     ]
     together = rrb.Vertical(
         rrb.Horizontal(*scenes),
-        plots("torque", "torque [N m]"),
-        plots("tension", "tension at the ends [N]"),
+        plots("joint torque [N m]", "torque", JOINT),
+        plots("tension at the ends [N]", "tension"),
         row_shares=[3, 2, 2],
         name="Side by side",
     )

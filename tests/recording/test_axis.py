@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rerun.blueprint import ScalarAxis
+from rerun.blueprint import Corner2D, ScalarAxis
 
-from cc_mujoco.recording.axis import axis
+from cc_mujoco.recording.axis import axis, plot, time_axis
 
 TIME = np.linspace(5.0, 8.0, 3001)
 
@@ -28,3 +28,15 @@ def test_all_else_is_left_to_the_viewer() -> None:
     assert axis(TIME, [np.where(TIME < 5.1, 50.0, 0.0)]) is None  # nothing else
     assert axis(TIME, [np.full_like(TIME, np.nan)]) is None
     assert axis(TIME[:50], [calm[:50]]) is None
+
+
+def test_a_legend_stands_before_all_curves_that_are_seen_to_their_end() -> None:
+    view = plot("/torque", "Torque", TIME, [np.sin(TIME)], room=0.5)
+    assert view.properties["PlotLegend"].corner.as_arrow_array().to_pylist() == [
+        Corner2D.LeftTop.value
+    ]
+    (reach,) = view.properties["TimeAxis"].view_range.as_arrow_array().to_pylist()
+    begin, end = reach["start"] * 1e-9, reach["end"] * 1e-9
+    assert begin == pytest.approx(TIME[0] - 0.5 * (TIME[-1] - TIME[0]))
+    assert TIME[-1] < end < TIME[-1] + 0.5
+    assert time_axis(TIME[:1]) is None

@@ -31,11 +31,14 @@ from cc_mujoco.diagnosis.wording import (
 )
 from cc_mujoco.diagnosis.wording import share as share_of
 from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, PINK
-from cc_mujoco.recording.axis import axis
+from cc_mujoco.recording.axis import plot
 from cc_mujoco.recording.rerun_file import recording
 
 TIMELINE = "trial_time"
 """Time since the start of a trial; trials share it."""
+
+LEGEND = 0.12
+"""Room for it, before the curves, over the time that they take."""
 
 LOOKS = {"measured": (GREY, 2.5), "before": (ORANGE, 1.5), "after": (BLUE, 1.5)}
 
@@ -171,9 +174,7 @@ def _blueprint(evidence: Evidence) -> rrb.Blueprint:
 def _trial_tab(trace: Trace) -> rrb.Vertical:
     def view(part: str, name: str, *lines: FloatArray) -> rrb.TimeSeriesView:
         origin = rr.new_entity_path(["trials", trace.trial, part])
-        return rrb.TimeSeriesView(
-            origin=origin, name=name, axis_y=axis(trace.time, lines)
-        )
+        return plot(origin, name, trace.time, lines, room=LEGEND)
 
     views = []
     for name, measured in trace.measured.items():

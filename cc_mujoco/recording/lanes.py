@@ -1,0 +1,72 @@
+"""What the ends of cables do, as lanes of a timeline in a Rerun recording."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from cc_mujoco.recording.branch import Branch
+from cc_mujoco.recording.log import EpisodeLog
+from cc_mujoco.recording.scene3d import TIMELINE
+from cc_mujoco.recording.series import ORANGE, PURPLE, SKY
+
+STATES = {
+    "stuck": 0x5F5F5FFF,
+    "slips to joint": ORANGE,
+    "slips to motor": SKY,
+    "slack": 0xE0E0E0FF,
+    "to and fro": PURPLE,
+}
+"""What an end of a cable does, and the colour of its lane in the timeline."""
+SLACK, TO_AND_FRO = 3, 4
+BRIEF, IN_A_ROW = 0.03, 4
+"""So many states of less than this [s], one after another, are to and fro: a motor that
+shakes with its sensors' noise makes thousands, of which a lane would show none."""
+
+
+def log_lanes(rec: Branch, log: EpisodeLog) -> None:
+    """Log what each end of each cable does, whenever that changes."""
+    time = log["time_s"]
+    names = np.array(list(STATES))
+    look = rr.StateConfiguration(
+        values=list(STATES),
+        labels=list(STATES),
+        colors=np.array(list(STATES.values()), dtype=np.uint32),
+    )
+    for cable in log.cables:
+        slip = log[f"slip_{cable}_direction"]
+        for end, place, segment in (("motor", "proximal", 0), ("joint", "distal", -1)):
+            slack = log[f"tension_{cable}_{place}_n"] <= 0
+            # Directions 0, 1 and -1 are positions 0, 1 and 2 in STATES.
+            state = np.where(slack, SLACK, slip[:, segment] % 3)
+            changed, state = changes(time, state)
+            path = rr.new_entity_path(["slip", cable, f"{end}_end"])
+            rec.log(path, look, static=True)
+            rec.send_columns(
+                path,
+                [rr.TimeColumn(TIMELINE, duration=time[changed])],
+                [*rr.StateChange.columns(state=names[state].tolist())],
+            )
+
+
+def changes(
+    time: NDArray[np.float64], state: NDArray[np.integer]
+) -> tuple[NDArray[np.intp], NDArray[np.integer]]:
+    """Samples at which a state begins, and which.
+
+    Args:
+        time: Of the samples, rising [s], (T,).
+        state: Position in `STATES` of each, (T,).
+    """
+    begun = np.flatnonzero(np.diff(state, prepend=-1))
+    lasts = np.diff(time[begun], append=time[-1])
+    brief = np.concatenate([[False], lasts < BRIEF, [False]])
+    edges = np.flatnonzero(np.diff(brief)).reshape(-1, 2)
+    found = state[begun]
+    kept = np.ones(len(begun), dtype=bool)
+    for first, last in edges.tolist():
+        if last - first >= IN_A_ROW:
+            found[first] = TO_AND_FRO
+            kept[first + 1 : last] = False
+    return begun[kept], found[kept]

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import Cable, Section, Transmission, replay, stepper
@@ -228,3 +229,29 @@ def test_a_single_stop_holds_the_side_that_one_cable_pulls():
     found = stepper.balance(cables, state, True, 1.0, 0.0, stop, 1e-3, new, work)
     assert found == stop.high
     assert stepper.torque(cables, new, True, 1.0)[0] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("distal", "stiffness"), [(False, 0.0), (True, 0.0), (True, 0.4), (True, 50.0)]
+)
+@pytest.mark.parametrize("torque", [0.0, 0.02, -0.5, 3.0])
+def test_a_balance_is_where_the_torques_cross(
+    distal: bool, stiffness: float, torque: float
+) -> None:
+    cables = stepper.between((CABLE, CABLE), (-0.03, 0.03), (-0.05, 0.05))
+    state = stepper.at_rest(cables, 0.0, 0.0)
+    new, work = state.copy(), stepper.scratch(cables)
+    stepper.move(cables, state, 0.2, 0.1, 1e-3, new, work)
+    state[:] = new
+
+    def error(angle: float) -> float:
+        motor, joint = (0.3, angle) if distal else (angle, 0.1)
+        stepper.move(cables, state, motor, joint, 1e-3, new, work)
+        found, _ = stepper.torque(cables, new, distal, motor)
+        return float(found - torque - stiffness * angle)
+
+    load = stepper.FREE._replace(torque=torque, stiffness=stiffness)
+    fixed, start = (0.3, 0.1) if distal else (0.1, 0.2)
+    found = stepper.balance(cables, state, distal, fixed, start, load, 1e-3, new, work)
+    crossing = brentq(error, -9.0, 9.0, xtol=1e-15, rtol=1e-14)
+    assert found == pytest.approx(crossing, abs=1e-9)

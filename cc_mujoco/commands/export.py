@@ -21,7 +21,7 @@ class Export:
     scene: Annotated[str, tyro.conf.arg(metavar="SCENE")]
     """The device whose cables the controller knows."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")]
-    """What drives the motor: pi, feedback, model, stiction or predictive."""
+    """What drives the motor: pi, feedback, model, stiction, predictive or adaptive."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder to write to."""
     target: Annotated[str, tyro.conf.arg(metavar="MACHINE")] = "host"

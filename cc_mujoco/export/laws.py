@@ -34,6 +34,7 @@ from cc_mujoco.control.tuning import TUNING
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.estimation.slope import has_slope
 from cc_mujoco.export import adaptive, entries, predictive
+from cc_mujoco.identity import is_outside
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import Parameter
 from cc_mujoco.transmission.parameters import TERMS
@@ -145,6 +146,11 @@ class Plan:
             CableError: There is no such controller, it cannot be exported, or it needs
                 cables and there are none.
         """
+        if is_outside(name):
+            raise CableError(
+                f"controller {name!r} cannot be exported, for neither a policy nor "
+                f"code from outside is compiled; {', '.join(EXPORTED)} can be."
+            )
         kind = look_up("controller", name, CONTROLLERS)
         if kind not in LAWS:
             raise CableError(

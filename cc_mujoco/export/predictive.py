@@ -80,7 +80,7 @@ def learned(shape: Any) -> int:
     """Place of what friction is to be multiplied by, until there is a plan."""
     cables = shape[0]
     kept, knots = planning.FRICTION + cables, shape[2 + 2 * cables]
-    return placed(shape)[0] + SCALARS + 2 * knots + kept
+    return int(placed(shape)[0] + SCALARS + 2 * knots + kept)
 
 
 @internal

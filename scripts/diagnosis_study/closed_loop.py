@@ -8,6 +8,11 @@ log, in lockstep. Then the same loop plays trials, the rich motions of `rig`, by
 servo that plays those of a plan; `cc-mujoco diagnose` names by their logs what is
 missing, and the scene that it wrote goes into the controller, which plays the task
 again. Errors are of the torque that the joint truly got. Cases that are done are kept.
+
+What a task costs whatever is hidden, by turns of the backlash and noise of the sensors,
+is played too: on the same rig with nothing hidden, by a controller whose model has the
+constants of that very rig. What an error has beyond this floor, in squares, is what the
+effect, and what is wrong with the mended model, come to. `--floors` plays these alone.
 """
 
 from __future__ import annotations
@@ -29,7 +34,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.control import controller
+from cc_mujoco.control import CableDrive, Drive, controller
 from cc_mujoco.diagnosis.diagnose import diagnose
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing, require_ours
@@ -67,7 +72,9 @@ EFFECTS = (
     "configuration_dependent_wrap", "friction_drift", "dwell_dependent_stiction",
     "cable_stiffening", "end_compliance", "joint_inertia", "motor_inertia", "none",
 )  # fmt: skip
-KEPT, TABLE = "cases.jsonl", "table.md"
+KEPT, TABLE, FLOORS = "cases.jsonl", "table.md", "floors.json"
+Floors = dict[str, dict[str, float]]
+"""Errors with nothing hidden and a true model [Nm], by controller, seed and kind."""
 
 
 def task() -> tuple[Course, Swing]:
@@ -102,9 +109,13 @@ class Case:
 
     def error(self, law: str, scene: str, run: str) -> dict[str, Any]:
         """RMS error of the joint's true torque in the task [Nm], and how it ended."""
+        drive = drive_of(scene, self.folder, PERIOD, LIMITS.torque)
+        return self.played(law, drive, run)
+
+    def played(self, law: str, drive: Drive, run: str) -> dict[str, Any]:
+        """The same with a controller that believes in a drive."""
         desired, swing = task()
         bench = Bench(self.rig, self.hidden, PERIOD)
-        drive = drive_of(scene, self.folder, PERIOD, LIMITS.torque)
         lockstep = Lockstep(bench, self.seed, swing)
         log = Log(self.folder / run, {"controller": law}, 200)
         loop = Loop(
@@ -153,6 +164,48 @@ class Case:
         rotor = f"[rig]\nrotor_inertia = {drive.inertia:g}\n\n"
         facts = rotor + facts_of("rich", self.seed)
         (data / "dataset.toml").write_text(facts, encoding="utf-8")
+
+
+def true_drive(rig: Rig, drive: Drive) -> Drive:
+    """The drive of the bench with the constants of a rig in which nothing is hidden."""
+    cables = []
+    for one, friction in zip(
+        drive.cables, (rig.friction_a, rig.friction_b), strict=True
+    ):
+        cable = one.cable.replace(
+            conduit=((rig.length, rig.length / rig.wrap),),
+            axial_stiffness=rig.axial_stiffness,
+            pretension=rig.pretension,
+            friction=friction,
+        )
+        motor, joint = (
+            math.copysign(size, arm)
+            for size, arm in (
+                (rig.motor_radius, one.proximal), (rig.joint_radius, one.distal),
+            )
+        )  # fmt: skip
+        cables.append(CableDrive(cable, motor, joint))
+    return dataclasses.replace(
+        drive,
+        ratio=rig.joint_radius / rig.motor_radius,
+        cable_drives=(tuple(cables),),
+        inertia=rig.rotor_inertia,
+        joint_inertia=rig.joint_inertia,
+    )
+
+
+def floor(law: str, seed: int, folder: Path) -> dict[str, float]:
+    """Errors with nothing hidden and a true model [Nm]."""
+    shutil.rmtree(folder, ignore_errors=True)
+    case = Case("none", seed, 0.0, folder)
+    drive = drive_of("bench", folder, PERIOD, LIMITS.torque)
+    found = case.played(law, true_drive(case.rig, drive), law)
+    return {key: found[key] for key in ("rms", "between")}
+
+
+def beyond(error: float, floor: float) -> float:
+    """What an error has beyond a floor, in squares; 0 at the floor or below."""
+    return math.sqrt(max(error**2 - floor**2, 0.0))
 
 
 def between(log: Path) -> float:
@@ -215,13 +268,13 @@ def run(
     return record
 
 
-def told(records: list[Mapping[str, Any]]) -> str:
+def told(records: list[Mapping[str, Any]], floors: Floors) -> str:
     """The cases as a Markdown table."""
     rows = []
     for r in records:
         for law, before in r["before"].items():
-            after = r["after"][law]
-            pairs = [(1e3 * before[k], 1e3 * after[k]) for k in ("rms", "between")]
+            after, own = r["after"][law], floors[f"{law}-{r['seed']}"]
+            old, new = (beyond(each["rms"], own["rms"]) for each in (before, after))
             said = ", ".join(r["named"]) or "-"
             rows.append(
                 (
@@ -230,20 +283,26 @@ def told(records: list[Mapping[str, Any]]) -> str:
                     str(r["seed"]),
                     f"{r['verdict']}: {said}",
                     law,
-                    *(
-                        f"{old:.0f} to {new:.0f} ({old / new:.1f})"
-                        for old, new in pairs
-                    ),
+                    _fall(before["rms"], after["rms"]),
+                    f"{1e3 * own['rms']:.0f}",
+                    _fall(old, new),
+                    _fall(before["between"], after["between"]),
                 )
             )
     head = (
         "hidden", "R", "seed", "verdict", "controller", "error [mNm] (better by)",
-        "the same between turns",
+        "floor", "beyond the floor", "error between turns",
     )  # fmt: skip
     return table(head, rows)
 
 
-def counted(records: list[Mapping[str, Any]]) -> str:
+def _fall(old: float, new: float) -> str:
+    """Two errors [Nm] in mNm, and how often the second goes into the first."""
+    better = f" ({old / new:.1f})" if new else ""
+    return f"{1e3 * old:.0f} to {1e3 * new:.0f}{better}"
+
+
+def counted(records: list[Mapping[str, Any]], floors: Floors) -> str:
     """What the table comes to, in lines."""
     hidden = [r for r in records if r["effect"] not in ("none", FRICTION)]
     right = [r for r in hidden if [r["effect"]] == r["named"] and not r["ties"]]
@@ -260,6 +319,19 @@ def counted(records: list[Mapping[str, Any]]) -> str:
                 f"{law}: the {what} falls in {sum(x > 1.0 for x in ratios)} of "
                 f"{len(ratios)}, by {np.median(ratios):.1f} in the median."
             )
+        falls = [
+            (r["before"][law]["rms"], r["after"][law]["rms"], own["rms"])
+            for r in records
+            for own in [floors[f"{law}-{r['seed']}"]]
+        ]
+        reached = sum(
+            beyond(before, least) >= 3.0 * beyond(after, least) and after < before
+            for before, after, least in falls
+        )
+        lines.append(
+            f"{law}: what is beyond the floor falls to a third or less in {reached} of "
+            f"{len(falls)}."
+        )
     return "\n".join(lines)
 
 
@@ -278,14 +350,29 @@ def main() -> None:
     parser.add_argument("--strength", type=float, default=4.0, help="R of an effect")
     parser.add_argument("--controllers", nargs="+", default=["stiction"])
     parser.add_argument("--out", type=Path, default=Path("runs", "closed_loop"))
+    parser.add_argument("--floors", action="store_true", help="play the floors alone")
     given = parser.parse_args()
-    kept = given.out / KEPT
+    kept, floored = given.out / KEPT, given.out / FLOORS
+    ours = KEPT, TABLE, FLOORS
     try:
-        require_ours(given.out, (KEPT, TABLE), lambda _: bool(read(kept)))
+        require_ours(
+            given.out, ours, lambda _: bool(read(kept) or read_floors(floored))
+        )
     except CableError as error:
         parser.error(str(error))
     given.out.mkdir(parents=True, exist_ok=True)
     records = read(kept)
+    floors = read_floors(floored)
+    pairs = {(law, seed) for law in given.controllers for seed in given.seeds}
+    pairs |= {(law, r["seed"]) for r in records for law in r["before"]}
+    for law, seed in sorted(pairs):
+        if f"{law}-{seed}" not in floors:
+            floors[f"{law}-{seed}"] = floor(law, seed, given.out / f"floor-{seed}")
+            with replacing(floored) as partial:
+                partial.write_text(json.dumps(floors), encoding="utf-8")
+    if given.floors:
+        print(json.dumps(floors, indent=1))
+        return
     done = {(r["effect"], r["seed"], r["strength"]) for r in records}
     cases = [
         (name, seed, given.strength)
@@ -300,8 +387,17 @@ def main() -> None:
         with kept.open("a", encoding="utf-8") as file:
             file.write(json.dumps(found) + "\n")
         with replacing(given.out / TABLE) as partial:
-            partial.write_text(told(records), encoding="utf-8")
-    print(told(records), counted(records), sep="\n\n")
+            partial.write_text(told(records, floors), encoding="utf-8")
+    print(told(records, floors), counted(records, floors), sep="\n\n")
+
+
+def read_floors(path: Path) -> Floors:
+    """Floors that an earlier run played; none if the file is no such run's."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def read(kept: Path) -> list[Mapping[str, Any]]:

@@ -263,6 +263,40 @@ def test_what_it_needs_to_know_is_asked_for() -> None:
         AdaptiveModel(known)
     sensors = (Sensors((0, 10), (0.1, 0.1)),) * 2
     assert AdaptiveModel(dataclasses.replace(known, sensors=sensors))
+    unlike = sensors[0], Sensors((0, 5, 10), (0.1, 0.1, 0.1))
+    with pytest.raises(CableError, match="as many along every cable, not 2, 3"):
+        AdaptiveModel(dataclasses.replace(known, sensors=unlike))
+
+
+def test_a_cable_that_is_believed_not_to_rub_is_learned_too() -> None:
+    """A factor of nothing is no number: the torque was none from there on."""
+    found = scores_of_belief(friction=0.0, duration=1.3)
+    assert np.isfinite(found)
+    assert found < 0.5
+
+
+def scores_of_belief(friction: float, duration: float) -> float:
+    """RMS error of `adaptive` at the wrist over that of `none` [-]."""
+    short = dataclasses.replace(WRIST["ordinary-rough"], duration=duration)
+    made = stage([Cell(short, "adaptive", seeds=(0,))])
+    rows = tuple(
+        tuple(
+            dataclasses.replace(one, cable=one.cable.replace(
+                friction=friction, static_friction=0.0
+            ))
+            for one in row
+        )
+        for row in made.drive.cable_drives
+    )  # fmt: skip
+    law = AdaptiveModel(dataclasses.replace(made.drive, cable_drives=rows))
+    off: list[float] = []
+
+    def watch(step: int, columns: Any, torque: Any) -> None:
+        off.append(columns["joint_torque_nm"][0] - columns["desired_torque_nm"][0])
+
+    run(made.fleet, law, watch, measure=made.sensors.measure)
+    error = float(np.sqrt(np.mean(np.square(off[500:]))))
+    return error / scores("none", short, duration)["rms_error"]
 
 
 def test_sensors_tell_a_drive_how_late_and_noisy_they_are() -> None:

@@ -168,6 +168,23 @@ def test_silent_direction_is_not_forgotten() -> None:
     assert (fit.value[1], fit.deviation[1]) == pytest.approx(before)
 
 
+def test_one_parameter_is_followed_as_one_of_two() -> None:
+    """It has a recursion of its own, without matrices, which runs in C too."""
+    random = np.random.default_rng(8)
+    alone = RecursiveLeastSquares([0.3], [0.2], 50.0, [1e-3])
+    beside = RecursiveLeastSquares([0.3, 1.0], [0.2, 1.0], 50.0, [1e-3, 0.0])
+    for size, told in zip(
+        random.uniform(0.0, 40.0, 200), random.normal(8.0, 3.0, 200), strict=True
+    ):
+        alone.update(np.array([[size]]), np.array([told]))
+        beside.update(np.diag([size, 0.0]), np.array([told, 0.0]))
+        assert alone.value[0] == pytest.approx(beside.value[0], rel=1e-10)
+        assert alone.deviation[0] == pytest.approx(beside.deviation[0], rel=1e-8)
+    before = alone.value[0]
+    alone.update(np.zeros((1, 1)), np.zeros(1))
+    assert alone.value[0] == before
+
+
 def steps(law: SlopeLaw, run: Run, slip_direction: int) -> np.ndarray:
     """What the law adds to mu_0 in every sample of mass motion this way."""
     whole = np.all(run.direction == slip_direction, axis=1)

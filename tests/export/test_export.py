@@ -620,11 +620,58 @@ def test_what_cannot_be_exported_is_one_sentence() -> None:
     for name, says in (
         ("disturbance", "'disturbance' cannot be exported"),
         ("stction", "did you mean 'stiction'"),
+        ("runs/ppo/0.safetensors", "neither a policy nor code from outside"),
+        ("mine:law", "neither a policy nor code from outside"),
     ):
         with pytest.raises(CableError, match=says):
             Plan.of(name, env.drive, cables)
     with pytest.raises(CableError, match="needs to know the cables"):
         Plan.of("model", Drive(5.0, -1.0, 1.0, 1e-3), ())
+
+
+@needs_compiler
+def test_what_a_slope_of_tension_rests_on_cannot_be_exchanged(made: Made) -> None:
+    """Of viscous friction the estimates of friction would be wrong without a word."""
+    folder, plan = made("wrist", "adaptive")
+    exported = Library(folder, plan)
+    names = [field.name for field in plan.fields]
+    for name, value in (
+        ("flexor_viscous_friction", 5.0),
+        ("extensor_grease_drag", 1.0),
+        ("extensor_friction", 0.0),
+        ("learning", 5.0),
+        ("flexor_sensor_1_deviation", 0.0),
+    ):
+        changed = exported.parameters.copy()
+        changed[names.index(name)] = value
+        assert exported.take(changed) == names.index(name) + 1
+    changed = exported.parameters.copy()
+    changed[names.index("flexor_friction_drift")] = 0.1
+    assert exported.take(changed) == 0
+    row = tuple(
+        dataclasses.replace(one, cable=one.cable.replace(viscous_friction=5.0))
+        for one in device("wrist").drive.cables
+    )
+    drive = dataclasses.replace(device("wrist").drive, cable_drives=(row,))
+    with pytest.raises(CableError, match="the slope of the logarithm of tension"):
+        Plan.of("adaptive", drive, device("wrist").exo.device.driven)
+
+
+@needs_compiler
+@pytest.mark.parametrize("place", [4, 7])
+def test_a_tension_that_is_no_number_gives_none_and_changes_nothing(
+    place: int, made: Made
+) -> None:
+    readings, torques = episode("wrist", "adaptive")
+    exported = Library(*made("wrist", "adaptive"))
+    exported.take(exported.parameters)
+    exported.torques(readings[:20])
+    lost = readings[20].copy()
+    lost[place] = np.nan
+    before = exported.memory.tobytes()
+    assert np.isnan(exported.step(lost))
+    assert exported.memory.tobytes() == before
+    assert exported.step(readings[20]) == torques[20]
 
 
 def test_a_machine_that_llvm_does_not_know_is_one_sentence(tmp_path: Path) -> None:

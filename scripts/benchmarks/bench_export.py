@@ -27,6 +27,7 @@ from cc_mujoco.control import Drive, controller
 from cc_mujoco.control.controller import wound
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.export import EXPORTED, TARGETS, Plan, write
+from cc_mujoco.sensing import TENSIONS
 
 PROGRAM = """#define _POSIX_C_SOURCE 199309L
 #include <stdio.h>
@@ -73,7 +74,7 @@ def believed(drive: Drive, changes: dict[str, float]) -> Drive:
 
 def readings(env: Any, drive: Drive, name: str, duration: float) -> np.ndarray:
     """What a controller reads in an episode (steps, what it reads)."""
-    names = Plan.of(name, drive, env.exo.device.driven).seen
+    plan = Plan.of(name, drive, env.exo.device.driven)
     law = controller(name, drive)
     _, info = env.reset(seed=1)
     law.reset()
@@ -83,7 +84,14 @@ def readings(env: Any, drive: Drive, name: str, duration: float) -> np.ndarray:
         noise = random.normal() * env.drive.torque_noise
         seen = {**info, "joint_torque_nm": info["joint_torque_nm"] + noise}
         told = wound(seen, drive)
-        rows.append([float(told[key]) for key in names])
+        rows.append([float(told[key]) for key in plan.law.seen])
+        if plan.taps is not None:
+            tensions = [
+                max(float(info[f"tension_{cable}_nodes_n"][node]), 0.0)
+                for _, cable, node in plan.tapped
+            ]
+            rows[-1] += tensions
+            seen[TENSIONS] = np.reshape(tensions, plan.taps.nodes.shape)
         *_, info = env.step(env.action(law.torque(seen)))
     return np.array(rows)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import closed_loop
 import numpy as np
 import pytest
-from rig.nominal import make_rig
 
 from cc_mujoco.hardware import drive_of
+from rig.nominal import make_rig
 
 SECONDS = 5.0
 

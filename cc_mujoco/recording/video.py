@@ -28,6 +28,9 @@ from cc_mujoco.recording.strips import SCENE, SIZE, Strips
 CODEC = "libx264"
 LOOKS = {"preset": "veryfast", "crf": "20", "threads": "1"}
 """How it is encoded: fast, with lines and letters still sharp; beside the drawing."""
+PIXELS = "yuv420p"
+"""Which every player knows. The size stays, so that nothing is lost where colours are
+taken from every other pixel without a filter, in two thirds of the time."""
 CONTAINER = {"movflags": "+faststart"}
 """The index in front, so that a page can show it while it arrives."""
 AIMED_AT = 40
@@ -79,11 +82,12 @@ def write_video(
     ):
         stream = film.add_stream(CODEC, rate=RATE, options=LOOKS)
         stream.height, stream.width = SIZE
-        stream.pix_fmt = "yuv420p"
+        stream.pix_fmt = PIXELS
 
         def encode(number: int, exposure: Exposure, time: float) -> None:
             scene = stage.develop(exposure)
             frame = av.VideoFrame.from_ndarray(strips.frame(scene, time), "rgb24")
+            frame = frame.reformat(format=PIXELS, interpolation="POINT")
             frame.pts, frame.time_base = number, Fraction(1, RATE)
             film.mux(stream.encode(frame))
 

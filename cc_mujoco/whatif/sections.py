@@ -151,8 +151,57 @@ def header(found: Finding) -> Html:
         title,
         paragraph(lead, kind="lead"),
         paragraph(f"It gives {gives}.", kind="lead"),
+        _at_once(found),
         *asked,
     )
+
+
+def _at_once(found: Finding) -> Html:
+    """How sure that is and what to do next, for who reads no further."""
+    row, edges = found.best, at_ends(found)
+    assert row is not None
+    show = element("code", f"cc-mujoco whatif-show STUDY {row['design']}")
+    following = ["see it at work with ", show]
+    if edges:
+        names = listed([plain(name) for name, _ in edges])
+        following = [
+            f"vary {names} further, as the best lies at an end; and ",
+            *following,
+        ]
+    return element(
+        "ul",
+        element("li", element("b", "How sure: "), as_good(found), "."),
+        element("li", element("b", "What next: "), *following, "."),
+    )
+
+
+def as_good(found: Finding) -> str:
+    """How many other designs are about as good as the best, if there is one."""
+    first = int(found.order[0])
+    good = ~np.isnan(found.cost).any(axis=1)
+    span = np.ptp(found.cost[good], axis=0)
+    near = good & (found.cost <= found.cost[first] + NEAR * span).all(axis=1)
+    others = int(near.sum()) - 1
+    many = f"{others} other designs are" if others != 1 else "1 other design is"
+    meaning = (
+        "what they have in common matters, not the last digit of the best"
+        if others
+        else "it stands alone, so small differences from it cost something"
+    )
+    within = f"within {NEAR:.0%} of the range of every objective"
+    return f"{many} as good to {within}: {meaning}"
+
+
+def at_ends(found: Finding) -> list[tuple[str, str]]:
+    """Variables of which the best design has the last value tried, and which end."""
+    row = found.best
+    if row is None:
+        return []
+    return [
+        (name, end)
+        for name in found.varied
+        if (end := _end(found.plan.ranges[name], row[name]))
+    ]
 
 
 def judged(plan: Plan) -> str:
@@ -218,24 +267,8 @@ def confidence(
         return None
     said = []
     first = int(found.order[0])
-    good = ~np.isnan(found.cost).any(axis=1)
-    span = np.ptp(found.cost[good], axis=0)
-    near = good & (found.cost <= found.cost[first] + NEAR * span).all(axis=1)
-    others = int(near.sum()) - 1
-    many = f"{others} other designs are" if others != 1 else "1 other design is"
-    said.append(
-        f"{many} as good to within {NEAR:.0%} of the range of every objective"
-        + (
-            ": what they have in common matters, not the last digit of the best."
-            if others
-            else ": it stands alone, so small differences from it cost something."
-        )
-    )
-    edges = [
-        f"{plain(name)} at the {end} end"
-        for name in found.varied
-        if (end := _end(found.plan.ranges[name], row[name]))
-    ]
+    said.append(f"{as_good(found)}.")
+    edges = [f"{plain(name)} at the {end} end" for name, end in at_ends(found)]
     if edges:
         said.append(
             f"It has {listed(edges)} of what was tried; a wider range may hold "

@@ -21,6 +21,7 @@ from cc_mujoco.whatif.sections import (
     controllers,
     failures,
     fixed,
+    header,
     slack,
 )
 
@@ -120,6 +121,19 @@ def test_a_best_design_at_the_end_of_a_range_is_said_to_be(
     found, _ = finding(errors, [1.0] * 4, goals=GOALS[:1])
     text = said(confidence(found))
     assert ends in text and ("wider range" in text) == bool(ends)
+    top = said(header(found))
+    assert ("vary friction and pretension further" in top) == bool(ends)
+
+
+def test_the_first_screen_says_how_sure_it_is_and_what_is_next() -> None:
+    errors = [1.0, 1.01, 3.0, 4.0]
+    top = said(header(finding(errors, [1.0] * 4, goals=GOALS[:1])[0]))
+    top = " ".join(top.split())
+    assert "How sure: 1 other design is as good to within 5%" in top
+    assert "What next: " in top
+    assert "cc-mujoco whatif-show STUDY 0" in top
+    alone = said(header(finding([1.0, 2.0, 3.0, 4.0], [1.0] * 4, goals=GOALS[:1])[0]))
+    assert "0 other designs" in alone and "stands alone" in alone
 
 
 def test_a_better_neighbour_is_said_to_be_one() -> None:

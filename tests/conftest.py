@@ -36,6 +36,7 @@ LONG = (
     "test_predictive.py",
     "test_learning.py",
     "test_web_page.py",
+    "test_page_in_browser.py",
     "test_compare.py",
     "test_environments.py",
     "test_thesis_case.py",

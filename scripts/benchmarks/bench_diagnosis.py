@@ -53,6 +53,7 @@ STAGES = {
     "numerics": ("baseline.numerics",),
     "screen": ("search.screen",),
     "refits": ("search.search", "reason.search"),
+    "parts of the data": ("reason.agreement",),
     "fit to all": ("reason.fit",),
     "held out": ("reason.predicted",),
     "odd trial": ("reason.odd_trial",),

@@ -3,7 +3,7 @@
     python scripts/diagnosis_study/diagnose_benchmark.py --strength 2 4 --out runs/b
 
 Rigs, motions and sensors come from `rig`, which shares no code with the package;
-`--make guides` are rigs by other equations.
+`--make guides` and `--make elements` are rigs by other equations.
 Every case is generated, written to files, diagnosed from these as the command does, and
 only then compared with its label. Studies draw from disjoint seeds: `development` and
 `calibration` were used to set thresholds, `final` only to measure, once; what that
@@ -32,6 +32,7 @@ import numpy as np
 from diagnose_table import LAST, STUDIES, summary
 from tqdm import tqdm
 
+from cc_mujoco.diagnosis.inference.folds import BLOCK
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing, require_ours
 
@@ -84,25 +85,27 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     from cc_mujoco.diagnosis.inference.gap import overall
     from rig.dataset import make_dataset
     from rig.generate import facts_of, write_data
+    from rig.makes import MAKES
     from rig.nominal import NOMINAL, make_rig
     from rig.strength import calibrate, measure
 
     seed = case["seed"]
     rig = make_rig(seed, make=case["make"])
+    trials = MAKES[rig.make].trials(rig)
     amounts = {
-        name: calibrate(rig, name, case["strength"], "rich", seed)
+        name: calibrate(rig, name, case["strength"], trials, seed)
         for name in case["hidden"]
     }
-    reached = measure(rig, amounts, "rich", seed).refit if amounts else 0.0
+    reached = measure(rig, amounts, trials, seed).refit if amounts else 0.0
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "data"
         write_data(
-            data, make_dataset(rig, amounts, "rich", seed), facts_of("rich", seed)
+            data, make_dataset(rig, amounts, trials, seed), facts_of(trials, seed)
         )
         begin = time.perf_counter()
         result, _ = inferred([data], Bench.of(scene_path("bench")))
         seconds = time.perf_counter() - begin
-        record = {**case, "amounts": amounts, "reached": reached}
+        record = {**case, "amounts": amounts, "reached": reached, "trials": trials}
         record["settled"] = settled(case, amounts, result, Path(folder) / "more")
     found = result.diagnosis
     if naive and result.baseline_fit is not None:
@@ -119,6 +122,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     return {
         **record,
         "misfit": misfit(result),
+        "off": off(result),
         **said(found),
         "said": found.statement,
         "gap": {
@@ -149,8 +153,9 @@ def settled(
     from cc_mujoco.diagnosis.inference.motions import DT
     from rig.dataset import clean_dataset, make_dataset
     from rig.generate import facts_of, write_data
+    from rig.makes import MAKES
     from rig.nominal import NOMINAL, make_rig
-    from rig.sensors import BASIC, logged
+    from rig.sensors import BASIC
     from rig.trials import asked
 
     proposed = result.diagnosis.next_experiment
@@ -175,12 +180,14 @@ def settled(
     )
     seed = case["seed"]
     rig = make_rig(seed, make=case["make"])
-    data = make_dataset(rig, amounts, "rich", seed)
+    make = MAKES[rig.make]
+    trials = make.trials(rig)
+    data = make_dataset(rig, amounts, trials, seed)
     (more,) = clean_dataset(rig, amounts, [trial], seed)
-    data.append(logged(more, BASIC, [seed, rig.seed, len(data)]))
+    data.append(make.logger.logged(more, rig, BASIC, [seed, rig.seed, len(data)]))
     tension = NOMINAL["pretension_n"] * motion.pretension
     told = f"[trials.trial_{len(data) - 1:02d}]\npretension = {tension:g}\n"
-    write_data(folder, data, f"{facts_of('rich', seed)}\n{told}")
+    write_data(folder, data, f"{facts_of(trials, seed)}\n{told}")
     again, _ = inferred([folder], Bench.of(scene_path("bench")))
     return {"experiment": motion.description, **said(again.diagnosis)}
 
@@ -200,6 +207,29 @@ def misfit(result: Result) -> float:
     """RMS held-out error of the tuned baseline over the floor; NaN without one."""
     baseline_fit = result.baseline_fit
     return baseline_fit.crossed.misfit if baseline_fit else float("nan")
+
+
+def off(result: Result) -> dict[str, list[list[float]]]:
+    """Squared held-out error of the tuned baseline over the floor.
+
+    By trial: its mean in every second or so, (blocks, channels).
+    """
+    if result.baseline_fit is None:
+        return {}
+    crossed = result.baseline_fit.crossed
+    found: dict[str, list[list[float]]] = {}
+    for record, errors in zip(
+        crossed.problem.plant.records, crossed.errors, strict=True
+    ):
+        size = max(2, round(BLOCK / record.dt))
+        squares = crossed.problem.inflation**2 * errors**2
+        for first in range(0, squares.shape[1], size):
+            block = squares[:, first : first + size]
+            block = block[:, np.isfinite(block[0])]
+            if block.shape[1] > size // 4:
+                mean = block.mean(axis=1).round(3).tolist()
+                found.setdefault(record.trial, []).append(mean)
+    return found
 
 
 def guesses(baseline_fit: BaselineFit, methods: Sequence[str]) -> dict[str, Any]:
@@ -232,7 +262,10 @@ def main() -> None:
     )
     parser.add_argument("--only", nargs="+", default=[], help="ids")
     parser.add_argument(
-        "--make", choices=("bristles", "guides"), default="bristles", help="of the rigs"
+        "--make",
+        choices=("bristles", "guides", "elements"),
+        default="bristles",
+        help="of the rigs",
     )
     parser.add_argument(
         "--naive",

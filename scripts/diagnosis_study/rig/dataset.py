@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rig.effects import Truth
 from rig.makes import MAKES
 from rig.nominal import Rig
-from rig.sensors import BASIC, CHANNELS, Chain, logged, sampled
+from rig.sensors import BASIC, CHANNELS
 from rig.trials import SETS, Trial
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ def truth_of(rig: Rig, effects: Mapping[str, float], seed: int, **mesh: int) -> 
         mesh: of its make's `plant_of`.
     """
     make = MAKES[rig.make]
-    truth = Truth(make.plant_of(rig, **mesh), Chain())
+    truth = Truth(make.plant_of(rig, **mesh), make.logger.chain_of(rig))
     for name, amount in effects.items():
         if amount != 0.0:
             rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
@@ -66,6 +66,7 @@ def clean_dataset(
 ) -> list[Array]:
     """What a logger without noise would store: (samples, names) per trial."""
     truth = truth_of(rig, effects, seed)
+    sampled = MAKES[rig.make].logger.sampled
     return [sampled(run(truth, rig, t), rig, truth.chain, names) for t in trials]
 
 
@@ -82,7 +83,7 @@ def make_dataset(
     Args:
         rig: the rig, see `make_rig`.
         effects: amount by id, see `MAKES`; empty hides nothing.
-        trials: `rich`, `ramps` or `human`.
+        trials: see `trials.SETS`.
         seed: of motions, noise and what effects draw; not of the rig.
         tensions: whether the four end tensions are recorded too.
 
@@ -91,6 +92,8 @@ def make_dataset(
     """
     names = tuple(CHANNELS) if tensions else BASIC
     clean = clean_dataset(rig, effects, make_trials(trials, seed), seed, names)
+    logged = MAKES[rig.make].logger.logged
     return [
-        logged(signals, names, [seed, rig.seed, k]) for k, signals in enumerate(clean)
+        logged(signals, rig, names, [seed, rig.seed, k])
+        for k, signals in enumerate(clean)
     ]

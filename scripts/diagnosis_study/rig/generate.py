@@ -35,7 +35,7 @@ from rig.trials import SETS
 
 Array = NDArray[np.float64]
 
-FORMATS = {"time_s": "%.3f", "rad": "%.6f", "nm": "%.3f", "n": "%.1f", "a": "%.4f"}
+FORMATS = {"time_s": "%.5f", "rad": "%.6f", "nm": "%.3f", "n": "%.1f", "a": "%.4f"}
 
 
 def _format(column: str) -> str:

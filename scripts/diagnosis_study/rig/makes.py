@@ -1,15 +1,35 @@
-"""The makes of rigs: other equations for the same bench, motions and sensors."""
+"""The makes of rigs: other equations, and other sensors, for the same bench."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from rig import effects, kernel, plant
+from rig import effects, kernel, plant, sensors
+from rig.elements import effects as of_elements
+from rig.elements import instruments
+from rig.elements import kernel as elements
+from rig.elements import plant as meshed
 from rig.guides import effects as guided
 from rig.guides import kernel as guides
 from rig.guides import plant as through_guides
 from rig.nominal import Rig
+
+
+class Logger(NamedTuple):
+    """How what happens in a rig becomes what is stored.
+
+    Attributes:
+        chain_of: what the sensors of a rig are like when nothing is hidden.
+        channels: of the logger of a rig.
+        sampled: see `sensors.sampled`.
+        logged: (clean, rig, names, key) -> columns, see `sensors.logged`.
+    """
+
+    chain_of: Callable[[Rig], Any]
+    channels: Callable[[Rig], Mapping[str, sensors.Channel]]
+    sampled: Callable[..., Any]
+    logged: Callable[..., dict[str, Any]]
 
 
 class Make(NamedTuple):
@@ -21,6 +41,8 @@ class Make(NamedTuple):
         effects: what can be hidden, by id.
         named: ids that a library can be expected to know.
         unknown: those that it cannot.
+        logger: its sensors.
+        trials: the set of trials that a study of this rig records.
     """
 
     plant_of: Callable[[Rig], Any]
@@ -28,12 +50,31 @@ class Make(NamedTuple):
     effects: Mapping[str, effects.Effect]
     named: tuple[str, ...]
     unknown: tuple[str, ...]
+    logger: Logger
+    trials: Callable[[Rig], str]
 
 
 def _with_bristles(p: plant.Plant, *given: Any) -> Any:
     """Shorter steps where impacts or falling friction make motion touchy."""
     *motion, refine = given
     return kernel.integrate(p, *motion, refine * (2 if p.backlash or p.stribeck else 1))
+
+
+_USUAL = Logger(
+    lambda _rig: sensors.Chain(),
+    lambda _rig: sensors.CHANNELS,
+    sensors.sampled,
+    lambda clean, _rig, names, key: sensors.logged(clean, names, key),
+)
+
+
+def _rich(_rig: Rig) -> str:
+    return "rich"
+
+
+def _slow_where_coarse(rig: Rig) -> str:
+    """Where encoders are coarse, trials with what is hard for them."""
+    return "restful" if instruments.chain_of(rig).coarse else "rich"
 
 
 MAKES = {
@@ -43,6 +84,8 @@ MAKES = {
         effects.EFFECTS,
         tuple(effects.NAMED),
         tuple(effects.UNKNOWN),
+        _USUAL,
+        _rich,
     ),
     "guides": Make(
         through_guides.plant_of,
@@ -50,5 +93,21 @@ MAKES = {
         guided.EFFECTS,
         tuple(guided.NAMED),
         tuple(guided.UNKNOWN),
+        _USUAL,
+        _rich,
+    ),
+    "elements": Make(
+        meshed.plant_of,
+        elements.integrate,
+        of_elements.EFFECTS,
+        tuple(of_elements.NAMED),
+        tuple(of_elements.UNKNOWN),
+        Logger(
+            instruments.chain_of,
+            instruments.channels,
+            instruments.sampled,
+            instruments.logged,
+        ),
+        _slow_where_coarse,
     ),
 }

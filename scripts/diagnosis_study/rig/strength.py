@@ -24,17 +24,21 @@ from rig.dataset import make_trials, run, truth_of
 from rig.effects import Truth
 from rig.makes import MAKES
 from rig.nominal import Rig
-from rig.sensors import CHANNELS, SAMPLE_RATE, sampled
+from rig.sensors import SAMPLE_RATE
 
 Array = NDArray[np.float64]
 
 RESPONSES = ("motor_torque", "joint_angle", "joint_torque")
 """Channels whose change counts."""
-_FLOORS = np.array([CHANNELS[name].floor for name in RESPONSES])
 _TOLERANCE = 0.05
 _ATTEMPTS = 6
 
-LOOKED_AT = {"rich": (0, 2, 3, 5, 6), "ramps": (0, 3, 5), "human": (0, 1, 3)}
+LOOKED_AT = {
+    "rich": (0, 2, 3, 5, 6),
+    "restful": (0, 2, 3, 5, 6),
+    "ramps": (0, 3, 5),
+    "human": (0, 1, 3),
+}
 """Trials that stand for their set, which is quicker."""
 
 
@@ -86,8 +90,10 @@ def _simulated(
 
 def _responses(rig: Rig, truth: Truth, records: list[Array]) -> Array:
     """What the sensors make of records, over their noise floors, (samples, 3)."""
-    seen = [sampled(record, rig, truth.chain, RESPONSES) for record in records]
-    return np.asarray(np.concatenate(seen) / _FLOORS)
+    logger = MAKES[rig.make].logger
+    floors = np.array([logger.channels(rig)[name].floor for name in RESPONSES])
+    seen = [logger.sampled(record, rig, truth.chain, RESPONSES) for record in records]
+    return np.asarray(np.concatenate(seen) / floors)
 
 
 @lru_cache(maxsize=2)

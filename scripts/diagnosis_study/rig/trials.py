@@ -159,5 +159,27 @@ def human(rng: Generator) -> list[Trial]:
     return [*out, again]
 
 
-SETS = {"rich": rich, "ramps": ramps, "human": human}
+def restful(rng: Generator) -> list[Trial]:
+    """The rich ones with long rests and slow creep instead of quick moves.
+
+    The hand lies still in the rests; between them the motor creeps by a hundredth of a
+    radian in a second, down to what an encoder hardly shows.
+    """
+    trials = rich(rng)
+    zero = np.zeros_like(go.TIME)
+    rests = np.array([1.6, 0.4, 2.6, 0.8])
+    reach = go.minimum_jerk(rng, 1.0, rests)
+    corners = np.array([0.0, 0.3, 2.3, 2.6, 4.6, 5.0, 7.0, 7.4, 8.0])
+    way = rng.uniform(0.7, 1.3, 8) * [0.3, 0.02, 0.25, 0.04, -0.6, -0.01, -0.3, -0.08]
+    creeping = go.via(corners, np.concatenate([[0.0], np.cumsum(way)]))
+    moved = {
+        2: _trial(rng, "minimum jerk with long rests", "human", reach, zero, HUMAN),
+        4: _trial(rng, "slow creep", "spring", creeping, zero, SPRING),
+        7: _trial(rng, "minimum jerk with long rests", "human", reach, zero, HUMAN,
+                  repeat_of=2),
+    }  # fmt: skip
+    return [moved.get(k, trial) for k, trial in enumerate(trials)]
+
+
+SETS = {"rich": rich, "restful": restful, "ramps": ramps, "human": human}
 """Sets of trials by name: functions of a generator of random numbers."""

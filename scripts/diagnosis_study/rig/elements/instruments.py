@@ -1,0 +1,173 @@
+"""The logger of a rig of finite elements, and what its sensors cannot do.
+
+Each rig has about half of it, drawn from its seed and no effect, within what a careful
+experimenter lives with: encoders that are not on their axes, torque sensors behind a
+slow filter, time stamps that jitter. Every other rig has coarse encoders, 13 bits at
+the joint and 15 at the motor, that round and have no noise.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import bessel, butter, lfilter, sosfilt
+
+from rig.kernel import COLUMNS, RECORD_TIME
+from rig.motions import LEAD
+from rig.nominal import Rig
+from rig.sensors import CHANNELS, CUTOFF, SAMPLE_RATE, Channel
+
+Array = NDArray[np.float64]
+
+COARSE = {"motor_angle": 15, "joint_angle": 13}
+"""Bits of coarse encoders."""
+_SAMPLE_CLOCK = 1e-5
+"""To which a moment is stamped [s]."""
+
+
+class Chain(NamedTuple):
+    """What the sensors make of what happens, off at 0; SI and radians."""
+
+    # --- what this rig has, whatever is hidden ------------------------------------
+    coarse: bool = False
+    motor_offcentre: float = 0.0
+    """Error of the motor's encoder, once a turn [rad]."""
+    motor_phase: float = 0.0
+    joint_offcentre: float = 0.0
+    """The same at the joint."""
+    joint_phase: float = 0.0
+    slow: float = 0.0
+    """Time constant of the filter of both torque sensors [s]."""
+    jitter: float = 0.0
+    """Of the moments at which is sampled [s]; they are stamped."""
+
+    # --- what may be hidden -------------------------------------------------------
+    gain: float = 0.0
+    """Excess gain of the joint's torque sensor; two thirds of it the other way."""
+    offset: float = 0.0
+    """Of the joint's torque sensor, which warms up during a trial [Nm]."""
+    delay: float = 0.0
+    """Group delay of a Bessel filter of both channels of the joint [s]."""
+    cubic: float = 0.0
+    """What the joint's torque sensor lacks at 5 Nm, by the cube of torque [Nm]."""
+    pressed: float = 0.0
+    """Torque that the mean pull of both cables fakes at the joint, over its arm."""
+
+
+def chain_of(rig: Rig) -> Chain:
+    """What the sensors of a rig are like when nothing is hidden."""
+    random = np.random.default_rng([rig.seed, 0x105])
+    has = random.random(4) < 0.5
+    size = random.uniform([2e-5, 5e-5, 3e-4, 2e-5], [8e-5, 2e-4, 8e-4, 1.5e-4])
+    phases = random.uniform(-math.pi, math.pi, 2)
+    motor, joint, slow, jitter = np.where(has, size, 0.0).tolist()
+    return Chain(rig.seed % 2 == 1, motor, phases[0], joint, phases[1], slow, jitter)
+
+
+def channels(rig: Rig) -> dict[str, Channel]:
+    """The channels of this rig's logger."""
+    if not chain_of(rig).coarse:
+        return CHANNELS
+    rounded = {
+        name: Channel(CHANNELS[name].column, 0.0, 2.0 * math.pi / 2**bits, at_joint)
+        for (name, bits), at_joint in zip(COARSE.items(), (False, True), strict=True)
+    }
+    return CHANNELS | rounded
+
+
+def _moments(rig: Rig, chain: Chain, count: int) -> Array:
+    """When is sampled [s]."""
+    even = np.arange(count) / SAMPLE_RATE
+    if chain.jitter == 0.0:
+        return even
+    random = np.random.default_rng([rig.seed, 0x717])
+    apart = chain.jitter * np.clip(random.standard_normal(count), -3.0, 3.0)
+    apart[0] = abs(apart[0])
+    return np.asarray(np.round((even + apart) / _SAMPLE_CLOCK) * _SAMPLE_CLOCK)
+
+
+def _filtered(numerator: Array, denominator: Array, signal: Array) -> Array:
+    """A filter of gain 1 that starts settled."""
+    out = lfilter(numerator, denominator, signal - signal[0])
+    return np.asarray(out + signal[0])
+
+
+def _one_pole(seconds: float, signal: Array) -> Array:
+    share = RECORD_TIME / (seconds + RECORD_TIME)
+    return _filtered(np.array([share]), np.array([1.0, share - 1.0]), signal)
+
+
+def _shown(records: Array, name: str, chain: Chain) -> Array:
+    """A channel as its sensor gives it to the logger."""
+    signal = records[:, COLUMNS.index(name)]
+    if name == "motor_angle" and chain.motor_offcentre:
+        signal = signal + chain.motor_offcentre * np.sin(signal - chain.motor_phase)
+    if name == "joint_angle" and chain.joint_offcentre:
+        signal = signal + chain.joint_offcentre * np.sin(signal - chain.joint_phase)
+    if name == "joint_torque":
+        signal = _twisted(records, signal, chain)
+    if chain.slow and name in ("motor_torque", "joint_torque"):
+        signal = _one_pole(chain.slow, signal)
+    if chain.delay and name in ("joint_angle", "joint_torque"):
+        corner = 1.0 / (2.0 * math.pi * chain.delay)
+        poles = bessel(2, corner, fs=1.0 / RECORD_TIME, norm="delay")
+        signal = _filtered(*poles, signal)
+    return np.asarray(signal)
+
+
+def _twisted(records: Array, torque: Array, chain: Chain) -> Array:
+    """The joint's torque sensor with all that may be wrong with it."""
+    out = torque
+    if chain.gain:
+        out = out + chain.gain * np.where(torque > 0.0, torque, torque / 1.5)
+    if chain.cubic:
+        out = out - chain.cubic * (torque / 5.0) ** 3
+    if chain.offset:
+        time = np.arange(torque.size) * RECORD_TIME
+        out = out + chain.offset * (1.0 + 0.1 * (time / 8.0 - 0.5))
+    if chain.pressed:
+        a, b = (records[:, COLUMNS.index(f"tension_{cable}_distal")] for cable in "ab")
+        out = out + chain.pressed * (0.5 * (a + b) - 80.0)
+    return np.asarray(out)
+
+
+def sampled(records: Array, rig: Rig, chain: Chain, names: tuple[str, ...]) -> Array:
+    """What a noise-free logger with endless resolution stores, (samples, names)."""
+    sos = butter(2, CUTOFF, fs=1.0 / RECORD_TIME, output="sos")
+    recorded = records.shape[0] * RECORD_TIME - LEAD
+    moments = LEAD + _moments(rig, chain, round(recorded * SAMPLE_RATE))
+    middle = (np.arange(records.shape[0]) + 0.5) * RECORD_TIME
+    out = np.empty((moments.size, len(names)))
+    for j, name in enumerate(names):
+        shown = _shown(records, name, chain)
+        smooth = sosfilt(sos, shown - shown[0]) + shown[0]
+        late = rig.joint_clock_offset if CHANNELS[name].at_joint else 0.0
+        offset = getattr(rig, f"{name}_offset", 0.0)
+        out[:, j] = np.interp(moments + late, middle, smooth) + offset
+    return out
+
+
+def logged(
+    clean: Array, rig: Rig, names: tuple[str, ...], key: list[int]
+) -> dict[str, Array]:
+    """Noise and resolution added, under the names that the files use.
+
+    Args:
+        clean: (samples, names), see `sampled`.
+        rig: whose logger it is.
+        names: of the channels.
+        key: what the noise depends on; every channel adds its own number.
+    """
+    columns = {"time_s": _moments(rig, chain_of(rig), clean.shape[0])}
+    order = list(CHANNELS)
+    for j, name in enumerate(names):
+        channel = channels(rig)[name]
+        random = np.random.default_rng([*key, order.index(name)])
+        noisy = clean[:, j] + channel.noise * random.standard_normal(clean.shape[0])
+        columns[channel.column] = (
+            np.round(noisy / channel.resolution) * channel.resolution
+        )
+    return columns

@@ -158,6 +158,9 @@ DEVIATIONS = {
 half in a training as long as these, and what it makes of torque at the joint must be of
 the size of the errors that matter: an action of 1 is 5 Nm at the wrist and 240 Nm at
 the ankle."""
+TAUT = {"ankle": 0.02, "exosuit": 0.03}
+"""Action that PPO begins with where a drum pays out many turns: a cable that hangs
+slack, as without it, tells nothing of what the motor does."""
 ENVIRONMENTS = {"ppo": 64, "sac": 128}
 """How many are trained on together unless told otherwise."""
 
@@ -259,6 +262,10 @@ def train(seed: int, options: argparse.Namespace) -> None:
         begin = {"log_std_init": DEVIATIONS[options.scene]}
         chosen["policy_kwargs"] = chosen["policy_kwargs"] | begin
     model = kind(env=env, seed=seed, **COMMON, **chosen)
+    if options.algorithm == "ppo":
+        torch.nn.init.constant_(
+            model.policy.action_net.bias, TAUT.get(options.scene, 0)
+        )
     start = time.process_time()
     model.learn(options.steps, callback=Curve())
     rate = options.steps / (time.process_time() - start)

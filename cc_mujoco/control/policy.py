@@ -139,6 +139,7 @@ class Policy(Controller):
                     f"policy {name!r} was trained {what} {its}, not {here}."
                 )
         self._observed = observed
+        self._whole = own.torque
         self._sight: Sight | None = None
         self._fresh = np.zeros(0, dtype=np.bool_)
         self._samples = np.zeros(0, dtype=np.intp)
@@ -174,8 +175,8 @@ class Policy(Controller):
                 self._shares[row] = np.float32(self._network(rows[row]))
             sight.act(self._shares, due)
         self._samples += 1
-        # In newton metres, whatever the motor of this drive is limited to.
-        torque = self._shares * self._observed.torque
+        # Of the device's motor, whatever this drive limits it to.
+        torque = self._shares * self._whole
         return self.limited(torque if seen.ndim == 2 else float(torque[0]))
 
 

@@ -1,0 +1,45 @@
+"""What `scripts/train_policy.py` trains on."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+import pytest
+import train_policy
+
+from cc_mujoco.devices import DEVICES
+
+
+def made(scene: str, fixed: bool) -> list[Any]:
+    """Its environments, few and short."""
+    options = {"envs": 4, "seconds": 0.01, "fixed": fixed, "smoothness": 0.01}
+    return train_policy.make(argparse.Namespace(scene=scene, **options))
+
+
+@pytest.mark.parametrize("scene", train_policy.PLAYED)
+def test_plants_are_drawn_around_those_of_the_scene_or_are_one(scene: str) -> None:
+    for fixed in (False, True):
+        for env in made(scene, fixed):
+            env.reset(seed=0)
+            *_, rewards, _, _, _ = env.step(np.full((env.num_envs, 1), 0.1, np.float32))
+            assert np.isfinite(rewards).all()
+            nominal = env.exo.plants.nominal.cables
+            for plant in env.plants:
+                for name, cable in plant.cables.items():
+                    ratio = cable.axial_stiffness / nominal[name].axial_stiffness
+                    assert 0.7 <= ratio <= 1.3
+                    assert (ratio == 1.0) == fixed
+
+
+def test_every_device_and_the_bench_can_be_trained_on() -> None:
+    assert {*DEVICES, train_policy.BENCH.scene} == set(train_policy.PLAYED)
+    assert set(train_policy.DEVIATIONS) == set(train_policy.PLAYED)
+
+
+def test_the_bench_has_the_motor_and_the_hand_of_its_scene() -> None:
+    device = made("bench", True)[0].exo.device
+    assert (device.ratio, device.torque_limit) == (pytest.approx(1.0), 10.0)
+    assert device.wearers[0] == train_policy.HAND
+    assert device.joint_range == (-np.inf, np.inf)

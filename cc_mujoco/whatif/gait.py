@@ -9,6 +9,7 @@ A design or a case that says nothing of either plays what the study plays, bit f
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Collection, Mapping, Sequence
 
 from cc_mujoco.devices import Setup
@@ -23,6 +24,8 @@ from cc_mujoco.whatif.variables import Value
 SPEED = "gait_speed"
 PROFILE = ("onset", "peak_time", "peak_torque", "fall")
 """Fields of `human.Profile`, and variables."""
+SHORTEST = 0.1
+"""Of rise and fall of a profile, see there [% of the stride]."""
 WALK, ASSIST = "walk", "assist"
 """Trajectory whose speed is varied, and task whose profile is."""
 
@@ -120,6 +123,54 @@ def trajectory_of(
 ) -> str | Trajectory:
     """How the wearer of a design moves."""
     return Walk.at(pace_of(design).speed) if SPEED in design else trajectory
+
+
+def fitted(
+    design: Mapping[str, Value],
+    ranges: Mapping[str, tuple[float, float, bool]],
+    cases: Sequence[Mapping[str, Value]] = ({},),
+) -> dict[str, Value]:
+    """A design whose profile ends with the stance at the latest and rises before.
+
+    How late a peak may be depends on the least fall, how long a fall on the peak, and
+    how late an onset, too. What a sampler draws in ranges that know nothing of it is
+    taken for the place in the range that is left, so that all of them are possible and
+    the longest fall is an edge, not a slope across two variables.
+
+    Args:
+        design: As it was drawn.
+        ranges: Ends of the variables that are drawn between them, and whether on a
+            logarithmic scale.
+        cases: What differs from case to case; the profile has to fit into the shortest
+            stance.
+    """
+    found = dict(design)
+    if not any(name in design for name in PROFILE):
+        return found
+    toe_off = min(100.0 * pace_of({**design, **case}).toe_off for case in cases)
+    least = ranges["fall"][0] if "fall" in ranges else design.get("fall", SHORTEST)
+    peak = float(design.get("peak_time", Profile.peak_time))
+    if "peak_time" in ranges:
+        found["peak_time"] = peak = _squeezed(
+            peak, *ranges["peak_time"], toe_off - float(least)
+        )
+    for name, most in (("fall", toe_off - peak), ("onset", peak - SHORTEST)):
+        if name in ranges:
+            found[name] = _squeezed(float(design[name]), *ranges[name], most)
+    return found
+
+
+def _squeezed(value: float, low: float, high: float, log: bool, most: float) -> float:
+    """The place in low...most that a value has in low...high."""
+    most *= 1.0 - 1e-12  # rounding must not take a sum beyond its limit
+    if most >= high:
+        return value
+    if most <= low:
+        return low
+    if log:
+        share = math.log(value / low) / math.log(high / low)
+        return min(low * math.pow(most / low, share), most)
+    return min(low + (value - low) * (most - low) / (high - low), most)
 
 
 def tasks_of(designs: Sequence[Mapping[str, Value]], task: str | Task) -> str | Task:

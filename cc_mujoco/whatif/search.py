@@ -25,6 +25,8 @@ import pyarrow as pa
 from cc_mujoco.checks import listed, named
 from cc_mujoco.errors import CableError
 from cc_mujoco.identity import told
+from cc_mujoco.whatif import gait
+from cc_mujoco.whatif.across import plant
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import Given, Range, read_range, require_count
 from cc_mujoco.whatif.evaluate import Design, Result, Trial
@@ -246,7 +248,7 @@ def search(
         done = len(plan.designs)
         count = min(GENERATION, evaluations - done)
         asked = [study.ask(space) for _ in range(count)]
-        designs = [_design(plan.ranges, one.params) for one in asked]
+        designs = [_design(plan, one.params) for one in asked]
         plan, refused = _grown(plan, builder, designs)
         store.plan = plan
         for number, result in refused.items():
@@ -297,12 +299,21 @@ def _distribution(optuna: Any, values: Range) -> Any:
     return kinds.IntDistribution(0, len(values.levels) - 1)
 
 
-def _design(ranges: Mapping[str, Range], asked: Mapping[str, Any]) -> Design:
+def _design(plan: Plan, asked: Mapping[str, Any]) -> Design:
+    """A design from what the sampler asked for.
+
+    What decides before any simulation whether a design can be is no concern of the
+    sampler's: see `gait.fitted`.
+    """
     found: Design = {}
-    for name, values in ranges.items():
+    between: dict[str, tuple[float, float, bool]] = {}
+    for name, values in plan.ranges.items():
         one = asked[name]
         found[name] = sorted(values.levels)[one] if isinstance(one, int) else one
-    return found
+        if values.ends is not None and not values.levels:
+            between[name] = (*values.ends, values.log)
+    cases = [plant(case) for case in plan.protocol.across.cases]
+    return gait.fitted(found, between, cases)
 
 
 def _grown(

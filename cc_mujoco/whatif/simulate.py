@@ -213,7 +213,7 @@ def _play_inside(
     going = np.ones(count, dtype=np.bool_)
     attended = batch.bind("userdata")[:, 0]
     for step in range(0, exo.steps, TICK_STEPS):
-        refused = [row for row in np.flatnonzero(going) if players.refused(row)]
+        refused = [n for n in np.flatnonzero(going).tolist() if players.refused(n)]
         for row in refused:
             failed[row] = no_torque(name, players.at(row) * exo.period)
             players.forget(row, players.at(row) + 1)
@@ -227,7 +227,7 @@ def _play_inside(
                 (last - step) * skip, record=(), ids=None if going.all() else going
             )
         fell = batch.warning[:, :, 1].any(axis=1) | (batch.status != 0)
-        for row in np.flatnonzero(fell & going):
+        for row in np.flatnonzero(fell & going).tolist():
             # What MuJoCo resets is attended no more, and what raised is as it was.
             over = last == exo.steps and players.at(row) == last
             counted = batch.status[row] == 0 and (over or attended[row] != 0.0)
@@ -363,5 +363,5 @@ class Fleet:
 
     def _note(self, fell: NDArray[np.bool_], time: float) -> None:
         self.going &= ~fell
-        for row in np.flatnonzero(fell):
+        for row in np.flatnonzero(fell).tolist():
             self.failed[row] = why_failed(self._batch, row, time)

@@ -3,8 +3,11 @@
     python scripts/benchmarks/bench_whatif.py
 
 The batch and the loop play the same designs by turns in one process, so that what else
-the machine does falls on both. Prints the ratio of their speeds, designs per second,
-and the time that 10,000 designs would take; bare times are of this machine only.
+the machine does falls on both, and MuJoCo's own `Batch` steps the same bare models with
+the torques that the controllers gave, in one call: what a study takes beyond that is
+overhead. Prints ratios of speeds, designs per second, the time that 10,000 designs
+would take, and the overhead as a share of processor time; bare times are of this
+machine only.
 """
 
 from __future__ import annotations
@@ -16,13 +19,18 @@ from functools import partial
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
+from mujoco.batch import Batch
 
 from cc_mujoco.control import controller
+from cc_mujoco.engine import untimed
 from cc_mujoco.episode import Single, run
 from cc_mujoco.sensing import PERFECT, Measuring
 from cc_mujoco.whatif import Plan, carry_out, make_plan
 from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.evaluate import episodes
+from cc_mujoco.whatif.simulate import play
 
 EPISODE = (
     "efficiency",
@@ -36,6 +44,8 @@ EPISODE = (
 )
 """Metrics that need the episode alone."""
 
+SAMPLE = 32
+"""Designs that `Batch` steps."""
 LOOPED = 2
 """Designs of a turn of the loop."""
 
@@ -48,40 +58,87 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=10.0)
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--controllers", nargs="+", default=["pi"])
+    parser.add_argument("--steps", type=float, nargs="+", default=[5e-4, 1e-3])
     parser.add_argument("--everything", action="store_true", help="all metrics")
     arguments = parser.parse_args()
-    for step in (5e-4, 1e-3):
-        plan = make_plan(
-            arguments.scene,
-            {"friction": "0.05:0.2", "loops": "0.5:3", "pretension": "5:40"},
-            sampling="lhs",
-            samples=arguments.designs,
-            controllers=["pi"],
-            duration=arguments.duration,
-            timestep=step,
-            metrics=() if arguments.everything else EPISODE,
-        )
+    for step in arguments.steps:
+        for law in arguments.controllers:
+            measure(arguments, step, law)
+
+
+def measure(arguments: argparse.Namespace, step: float, law: str) -> None:
+    """Print a table for a time step and a controller."""
+    ranges = {"friction": "0.05:0.2", "loops": "0.5:3", "pretension": "5:40"}
+    if arguments.scene != "wrist":
+        del ranges["loops"]
+    plan = make_plan(
+        arguments.scene,
+        ranges,
+        sampling="lhs",
+        samples=arguments.designs,
+        controllers=[law],
+        duration=arguments.duration,
+        timestep=step,
+        metrics=() if arguments.everything else EPISODE,
+    )
+    print(
+        f"{arguments.scene}, {law}, {arguments.designs} designs of "
+        f"{arguments.duration:g} s, control at 1 kHz, physics at {1e-3 / step:g} kHz"
+    )
+    count, sample = len(plan.designs), min(SAMPLE, len(plan.designs))
+    bare = physics(plan, sample)
+    turns: dict[str, tuple[int, Callable[[], object]]] = {
+        "loop": (LOOPED, partial(loop, plan)),
+        "Batch": (sample, bare),
+    }
+    for n in arguments.threads:
+        turns[f"{n} threads"] = count, partial(carry_out, plan, threads=n)
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in turns}
+    for _ in range(arguments.rounds):
+        for name, (number, turn) in turns.items():
+            found[name].append(rates(number, turn))
+    base, raw = np.array(found["loop"]), np.array(found["Batch"])[:, 1]
+    for name, measured in found.items():
+        wall, processor = np.median(measured, axis=0)
+        ratio = np.median(np.array(measured) / base, axis=0)
+        share = 1.0 - np.median(np.array(measured)[:, 1] / raw)
         print(
-            f"{arguments.scene}, {arguments.designs} designs of "
-            f"{arguments.duration:g} s, control at 1 kHz, physics at {1e-3 / step:g} "
-            "kHz"
+            f"  {name:10} {wall:7.2f} designs/s ({ratio[0]:5.1f} times the loop), "
+            f"{processor:7.2f} per processor second ({ratio[1]:5.1f} times), "
+            f"10,000 designs in {10_000 / wall / 60:.1f} min, overhead {share:4.0%}",
+            flush=True,
         )
-        found: dict[str, list[tuple[float, float]]] = {"loop": []}
-        found |= {f"{threads} threads": [] for threads in arguments.threads}
-        for _ in range(arguments.rounds):
-            found["loop"].append(rates(LOOPED, lambda p=plan: loop(p)))
-            for n in arguments.threads:
-                batch = partial(carry_out, plan, threads=n)
-                found[f"{n} threads"].append(rates(len(plan.designs), batch))
-        base = np.array(found["loop"])
-        for name, measured in found.items():
-            wall, processor = np.median(measured, axis=0)
-            ratio = np.median(np.array(measured) / base, axis=0)
-            print(
-                f"  {name:10} {wall:7.2f} designs/s ({ratio[0]:5.1f} times the loop), "
-                f"{processor:7.2f} per processor second ({ratio[1]:5.1f} times), "
-                f"10,000 designs in {10_000 / wall / 60:.1f} min"
-            )
+
+
+def physics(plan: Plan, count: int) -> Callable[[], object]:
+    """What steps the first designs of a plan, as they were driven, and no more."""
+    protocol = plan.protocol
+    builder = Builder(protocol.scene, protocol.timestep)
+    models = [builder.model(design) for design in plan.designs[:count]]
+    _, _, episode = episodes(protocol, builder)[0]
+    exo = episode.exo(models[0])
+    script = exo.author.write(np.random.default_rng(0))
+    torque = play(episode, models).columns["motor_torque_nm"][:, 1:]
+    batch = Batch(models[0], count, 1, persistent=True)
+    batch.set_models(models)
+    integration = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+    for row, model in enumerate(models):
+        device, data = episode.device(model), mujoco.MjData(model)
+        device.start(data, script.angles, script.commands[0])
+        mujoco.mj_getState(model, data, batch.state[row], integration)
+    start, steps = batch.state.copy(), exo.steps * exo.frame_skip
+    control = np.zeros((count, steps, models[0].nu))
+    driven = np.repeat(torque / exo.device.motor_gear, exo.frame_skip, axis=1)
+    control[:, :, exo.device.motor_control] = driven
+    control[:, :, exo.device.script_controls] = script.commands[:steps]
+
+    def step() -> None:
+        batch.state[:] = start
+        with untimed():
+            batch.rollout(steps, control, record=())
+
+    return step
 
 
 def rates(count: int, play: Callable[[], object]) -> tuple[float, float]:

@@ -312,3 +312,51 @@ def test_a_worker_is_no_scheduler(cluster: Cluster, refusal: Asked) -> None:
     with cluster.client() as client:
         (address,) = client.nthreads()
     assert "no Dask scheduler but a Worker" in refusal(address)
+
+
+def test_a_scheduler_that_dies_is_one_sentence_and_a_new_one_goes_on(
+    tmp_path: Path,
+) -> None:
+    plan = _plan()
+    first, second = (tmp_path / name for name in ("first", "second"))
+    clusters: list[Cluster] = []
+
+    def begin(folder: Path) -> str:
+        folder.mkdir()
+        clusters.append(Cluster(folder))
+        clusters[-1].work(HOME)
+        return clusters[-1].address
+
+    def kill(done: float) -> None:
+        if done:
+            clusters[0].processes[0].kill()
+
+    try:
+        address = begin(first)
+        with pytest.raises(ValueError, match="gave up a piece of the work") as told:
+            carry_out(plan, tmp_path / "s", scheduler=address, progress=kill)
+        assert "\n" not in str(told.value) and address in str(told.value)
+        kept = len(list((tmp_path / "s" / "parts").iterdir()))
+        assert 0 < kept < len(plan.batches)
+        table = carry_out(plan, tmp_path / "s", scheduler=begin(second))
+    finally:
+        for each in clusters:
+            each.stop(0)
+    assert table.equals(carry_out(plan))
+
+
+def test_a_worker_that_lags_behind_is_waited_for_and_the_others_go_on(
+    tmp_path: Path, cluster: Cluster
+) -> None:
+    cluster.work(HOME)
+    plan, reached = _plan(), []
+
+    def lag(done: float) -> None:
+        reached.append(done)
+        if done and len(reached) == 2:
+            slow = cluster.processes[-1]
+            slow.send_signal(signal.SIGSTOP)
+            threading.Timer(6.0, slow.send_signal, (signal.SIGCONT,)).start()
+
+    table = carry_out(plan, tmp_path / "s", scheduler=cluster.address, progress=lag)
+    assert table.equals(carry_out(plan))

@@ -17,7 +17,7 @@ from cc_mujoco.human import Pace, Profile, Walk
 from cc_mujoco.human.gait import ANKLE_MOMENT
 from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
 from cc_mujoco.whatif import METRICS, make_plan, optimise, study
-from cc_mujoco.whatif.gait import profile_of
+from cc_mujoco.whatif.gait import fitted, profile_of
 from cc_mujoco.whatif.metrics import measure_episode
 from cc_mujoco.whatif.show import show
 from cc_mujoco.whatif.strides import NAMES, measure_strides
@@ -110,16 +110,44 @@ def test_a_later_peak_helps_the_push_off_more() -> None:
     assert late > early >= 0.0
 
 
-def test_a_search_finds_its_way_past_profiles_that_cannot_be() -> None:
+def test_a_search_tries_no_profile_that_outlasts_the_stance() -> None:
     pytest.importorskip("optuna")
-    vary = {"peak_time": "45:60", "fall": "5:20", "peak_torque": "10:30"}
+    vary = {"onset": "10:60", "peak_time": "45:64", "fall": "5:20:log"}
     table = optimise("ankle", vary, ["wearer_work"], ["swing_torque<=8"],
-                     evaluations=4, **STRIDE)  # fmt: skip
-    failed = table["failed"].to_pylist()
-    for row, why in enumerate(failed):
-        ends = table["peak_time"][row].as_py() + table["fall"][row].as_py()
-        assert (why is not None) == (ends > 66.0)
-        assert why is None or why.startswith("impossible: the torque ends at")
+                     evaluations=6, **STRIDE)  # fmt: skip
+    assert table["failed"].to_pylist() == 6 * [None]
+
+
+@given(
+    speed=st.floats(SLOWEST, FASTEST),
+    shares=st.tuples(*(3 * [st.floats(0.0, 1.0)])),
+    log=st.booleans(),
+)
+def test_what_a_search_draws_becomes_a_profile_that_can_be(
+    speed: float, shares: tuple[float, float, float], log: bool
+) -> None:
+    ends = {"onset": (5.0, 70.0), "peak_time": (30.0, 90.0), "fall": (2.0, 40.0)}
+    ranges = {name: (*pair, log) for name, pair in ends.items()}
+    drawn = {
+        name: low + share * (high - low)
+        for (name, (low, high)), share in zip(ends.items(), shares, strict=True)
+    }
+    cases = [{"gait_speed": speed}, {"gait_speed": 1.0}]
+    design = fitted(drawn, ranges, cases)
+    for case in cases:
+        profile = profile_of({**design, **case})
+        assert profile is not None and profile.end <= profile.toe_off
+    for name, (low, high) in ends.items():
+        assert low <= float(design[name]) <= high
+
+
+def test_a_profile_that_may_be_anywhere_is_as_it_was_drawn() -> None:
+    ranges = {"peak_time": (40.0, 55.0, False), "fall": (3.0, 8.0, False)}
+    drawn = {"peak_time": 51.0, "fall": 7.0}
+    assert fitted(drawn, ranges) == drawn
+    assert fitted({"friction": 0.1}, {"friction": (0.0, 1.0, False)}) == {
+        "friction": 0.1
+    }
 
 
 @given(

@@ -197,7 +197,7 @@ class Players:
         if law is None:
             return
         law.reset()
-        self._hold(law)  # it owns the arrays below
+        self._held.append(law)  # it owns the arrays below
         if isinstance(law, ProportionalIntegral):
             gains = self._hold(law.gains.packed)
             words[Word.MEMORY] = law.memory(1).ctypes.data

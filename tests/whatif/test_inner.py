@@ -1,0 +1,165 @@
+"""Episodes inside MuJoCo's steps: the same bits as step by step from Python."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cc_mujoco.control import Controller
+from cc_mujoco.control.controllers import CONTROLLERS
+from cc_mujoco.control.proportional_integral import ProportionalIntegral
+from cc_mujoco.human import TASKS, Spring, Tunnel
+from cc_mujoco.whatif import gait, make_plan, simulate
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.designs import Given
+from cc_mujoco.whatif.evaluate import episodes
+from cc_mujoco.whatif.inner.players import asked_by, law_of
+from cc_mujoco.whatif.simulate import Rollout, play
+
+INSIDE = ("none", "feedback", "pi", "model", "stiction")
+VARY: dict[str, dict[str, Given]] = {
+    "wrist": {"friction": [0.05, 0.2], "motor_torque": [0.05, 1.0]},
+    "ankle": {"joint_radius": [0.1, 0.13], "static_friction": [0.0, 0.1]},
+    "finger": {"friction": [0.05, 0.2]},
+    "exosuit": {"pretension": [10.0, 20.0]},
+}
+
+
+def both_ways(
+    monkeypatch: pytest.MonkeyPatch,
+    scene: str,
+    vary: dict[str, Given],
+    law: str,
+    tests: tuple[str, ...] = ("episode",),
+    **given: Any,
+) -> list[tuple[Rollout, Rollout]]:
+    """Every episode of a study, played inside the steps and from Python."""
+    given = {"duration": 0.12, "trajectory": None, **given}
+    plan = make_plan(scene, vary, controllers=[law], **given)
+    builder = Builder(scene, plan.protocol.timestep)
+    models = [builder.model(design) for design in plan.designs]
+    pairs = []
+    for test, _, episode in episodes(plan.protocol, builder, None, plan.designs[0]):
+        if test not in tests:
+            continue
+        if test == "episode":
+            task = gait.tasks_of(plan.designs, episode.task)
+            episode = dataclasses.replace(episode, task=task)
+        inside = play(episode, models)
+        with monkeypatch.context() as patch:
+            patch.setattr(simulate, "_players", lambda *given: None)
+            pairs.append((inside, play(episode, models)))
+    assert pairs
+    return pairs
+
+
+def assert_same(one: Rollout, other: Rollout) -> None:
+    assert one.failed == other.failed and one.driven == other.driven
+    assert np.array_equal(one.ratio, other.ratio)
+    assert one.columns.keys() == other.columns.keys()
+    for name, column in one.columns.items():
+        assert np.array_equal(column, other.columns[name], equal_nan=True), name
+
+
+@pytest.mark.parametrize("law", INSIDE)
+@pytest.mark.parametrize("scene", VARY)
+def test_an_episode_is_the_same_inside_the_steps(
+    scene: str, law: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for inside, outside in both_ways(monkeypatch, scene, VARY[scene], law):
+        assert_same(inside, outside)
+        assert np.ptp(inside.columns["joint_angle_rad"]) > 0.0
+
+
+def test_tests_of_the_hardware_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cc_mujoco.whatif.evaluate.SWING_TIME", 0.05)
+    monkeypatch.setattr("cc_mujoco.whatif.evaluate.CHIRP_TIME", 0.1)
+    tests = "backdrive", "backlash", "bandwidth"
+    vary: dict[str, Given] = {"friction": [0.05, 0.2]}
+    for pair in both_ways(monkeypatch, "wrist", vary, "model", tests):
+        assert_same(*pair)
+
+
+@pytest.mark.parametrize(
+    "vary", [{"onset": [20.0, 30.0]}, {"gait_speed": [1.4], "pretension": [10.0, 20.0]}]
+)
+def test_help_that_follows_the_walk_is_the_same(
+    vary: dict[str, Given], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for inside, outside in both_ways(monkeypatch, "ankle", vary, "pi", duration=0.9):
+        assert_same(inside, outside)
+        assert inside.columns["desired_torque_nm"].min() < -1.0
+
+
+@pytest.mark.parametrize("task", ["tunnel", "spring", "hold", "transparent"])
+def test_every_task_is_the_same(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pairs = both_ways(
+        monkeypatch, "wrist", {"friction": [0.05]}, "pi", task=task, trajectory="sine"
+    )
+    for pair in pairs:
+        assert_same(*pair)
+
+
+def test_a_design_that_diverges_is_told_at_the_same_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # A law that is unstable: it drives a light rotor harder the faster it turns.
+    class Wild(ProportionalIntegral):
+        def __init__(self, drive: Any) -> None:
+            super().__init__(drive, proportional=1e6, integral=1e6)
+
+    monkeypatch.setitem(CONTROLLERS, "wild", Wild)
+    monkeypatch.setattr(
+        "cc_mujoco.whatif.inner.players.LAWS",
+        {**_laws(), Wild: _laws()[ProportionalIntegral]},
+    )
+    vary: dict[str, Given] = {
+        "friction": [0.0, 0.1], "motor_torque": [1e6], "rotor_inertia": [1e-6],
+    }  # fmt: skip
+    for inside, outside in both_ways(monkeypatch, "wrist", vary, "wild", duration=0.4):
+        assert_same(inside, outside)
+        assert any("diverged at" in why for why in inside.failed)
+
+
+def test_a_torque_that_is_no_number_is_told_at_the_same_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Hollow(ProportionalIntegral):
+        def __init__(self, drive: Any) -> None:
+            super().__init__(drive)
+            self.proportional = float("inf")
+
+    monkeypatch.setitem(CONTROLLERS, "hollow", Hollow)
+    monkeypatch.setattr(
+        "cc_mujoco.whatif.inner.players.LAWS",
+        {**_laws(), Hollow: _laws()[ProportionalIntegral]},
+    )
+    pairs = both_ways(monkeypatch, "wrist", {"friction": [0.05, 0.2]}, "hollow")
+    for inside, outside in pairs:
+        assert_same(inside, outside)
+        assert all("gave no finite torque at" in why for why in inside.failed)
+
+
+def test_what_python_alone_knows_is_left_to_it() -> None:
+    class Steeper(Tunnel):
+        pass
+
+    class Other(Controller):
+        def reset(self, where: Any = None) -> None: ...
+
+        def torque(self, observation: Any) -> float:
+            return 0.0
+
+    assert asked_by(Steeper()) is None
+    assert asked_by(Spring(2.0)) is not None
+    assert all(asked_by(task) is not None for task in TASKS.values())
+    assert law_of(Other.__new__(Other)) is None
+
+
+def _laws() -> dict[Any, Any]:
+    from cc_mujoco.whatif.inner.players import LAWS
+
+    return dict(LAWS)

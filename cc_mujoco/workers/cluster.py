@@ -97,10 +97,11 @@ def run_on_cluster(
                     progress(float(done))
                     yield number, result
     except lost as error:
+        # Dask says more, in lines of its own, where it lost its scheduler.
+        why = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
         raise CableError(
-            f"the cluster at {scheduler} gave up a piece of the work: "
-            f"{str(error) or type(error).__name__}; the others are kept, and the same "
-            "command goes on."
+            f"the cluster at {scheduler} gave up a piece of the work: {why}; the "
+            "others are kept, and the same command goes on."
         ) from None
 
 

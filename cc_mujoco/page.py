@@ -198,6 +198,8 @@ code { font: .82rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace;
   nav { display: none; }
   h2, h3 { break-after: avoid; }
   figure, tr, li { break-inside: avoid; }
+  /* What is taller than a sheet would be cut in two. */
+  figure img { width: auto; max-height: 21cm; }
   .wide { overflow: visible; }
 }
 """).substitute(blue=BLUE, green=GREEN, grey=GREY, orange=ORANGE, pink=PINK, sky=SKY)

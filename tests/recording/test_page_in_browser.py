@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from cc_mujoco import page as html
 from cc_mujoco.assets import scene_path
 from cc_mujoco.recording.web_page import write_page
 
@@ -28,8 +29,8 @@ HARMLESS = re.compile(r"GPU stall due to ReadPixels|Canvas2D: Multiple readback"
 WIDE, HIGH = 1000, 700
 
 
-def shown(page: Path, folder: Path, address: str = "") -> tuple[Any, list[str]]:
-    """Picture of a page (height, width, 3), and what the console said."""
+def run(folder: Path, *words: str) -> str:
+    """What the browser said."""
     folder.mkdir()
     command = [
         str(BROWSER),
@@ -38,13 +39,22 @@ def shown(page: Path, folder: Path, address: str = "") -> tuple[Any, list[str]]:
         *("--disable-component-update", "--disable-sync", "--hide-scrollbars"),
         f"--user-data-dir={folder / 'profile'}",
         "--enable-logging=stderr",
+        *words,
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
+    return done.stderr
+
+
+def shown(page: Path, folder: Path, address: str = "") -> tuple[Any, list[str]]:
+    """Picture of a page (height, width, 3), and what the console said."""
+    stderr = run(
+        folder,
         f"--window-size={WIDE},{HIGH}",
         "--virtual-time-budget=20000",
         f"--screenshot={folder / 'shot.png'}",
         f"{page.as_uri()}{address}",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
-    said = [line for line in SAID.findall(done.stderr) if not HARMLESS.search(line)]
+    )
+    said = [line for line in SAID.findall(stderr) if not HARMLESS.search(line)]
     return matplotlib.image.imread(folder / "shot.png")[..., :3], said
 
 
@@ -68,6 +78,15 @@ def test_a_page_moves_with_its_time_and_the_console_is_silent(
     assert changed[100 : HIGH - 200, : WIDE // 2].mean() > 0.002
     assert changed[:, WIDE // 2 :].any()
     assert np.ptp(early[100 : HIGH - 200, : WIDE // 2]) > 0.5
+
+
+def test_a_tall_picture_is_printed_on_one_sheet(tmp_path: Path) -> None:
+    tall, page = tmp_path / "tall.png", tmp_path / "page.html"
+    matplotlib.image.imsave(tall, np.full((3000, 1000, 3), 0.5))
+    page.write_text(html.page("t", "named", html.picture(tall, "words")), "utf-8")
+    sheets = tmp_path / "sheets.pdf"
+    run(tmp_path / "print", f"--print-to-pdf={sheets}", page.as_uri())
+    assert len(re.findall(rb"/Type /Page\b", sheets.read_bytes())) == 1
 
 
 def test_a_page_that_cannot_be_shown_is_noticed(tmp_path: Path) -> None:

@@ -29,4 +29,7 @@ def test_the_demo_says_it_in_six_lines_and_leaves_picture_and_recording(
     assert len(told) == 6
     assert all("nan" not in line for line in told)
     assert picture.stat().st_size > 10_000
-    assert {"recording.rrd", "summary.png"} <= {p.name for p in record.iterdir()}
+    left = {p.name for p in record.iterdir()}
+    assert {"recording.rrd", "episode.html", "summary.png"} <= left
+    (closely,) = (line for line in done.stdout.splitlines() if "closely:" in line)
+    assert shutil.which(closely.split()[1])

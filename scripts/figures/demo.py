@@ -4,12 +4,14 @@
 
 The wearer sweeps the wrist handle, which is to feel like a spring. Draws what is
 desired and what arrives, and the flexor's tension at both ends, and says it in plain
-words. With --record the last of the three leaves recording, log, metrics and figure.
+words. With --record the last of the three leaves recording, page, log, metrics, figure.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
+import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +25,8 @@ from cc_mujoco.control import controller
 from cc_mujoco.figures import BLUE, DASH, GREY, ORANGE, figure, figure_path, save, style
 from cc_mujoco.human import Spring
 from cc_mujoco.recording import EpisodeLog, play, write_episode
-from cc_mujoco.recording.episode import require_ours
+from cc_mujoco.recording.episode import PAGE, require_ours
+from cc_mujoco.recording.web_page import require_page
 
 Array = NDArray[np.float64]
 
@@ -144,11 +147,12 @@ def main() -> None:
     out, record = arguments.out, arguments.record
     if record is not None:
         require_ours(record)
+        require_page()
     *others, last = LAWS
     found = {law: judged(episode(law, arguments.duration)[0]) for law in others}
     log, model = episode(last, arguments.duration)
     if record is not None:
-        write_episode(record, log, model)
+        write_episode(record, log, model, html=True)
     found[last] = judged(log)
     draw(found, out)
     print()
@@ -156,7 +160,15 @@ def main() -> None:
         print(f"- {sentence}")
     print(f"\nsee:        {out}")
     if record is not None:
-        print(f"open with:  rerun {record / 'recording.rrd'}   ({last})")
+        print(f"in motion:  {record / PAGE}, in any browser ({last})")
+        print(f"closely:    {_rerun()} {record / 'recording.rrd'}")
+
+
+def _rerun() -> str:
+    """The command, as it works where `.venv` is not active, too."""
+    return (
+        "rerun" if shutil.which("rerun") else str(Path(sys.executable).parent / "rerun")
+    )
 
 
 if __name__ == "__main__":

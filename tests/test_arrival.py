@@ -17,6 +17,11 @@ SCRIPTS = {
     "a part of MuJoCo": f"import cc_mujoco, mujoco.introspect, mujoco{LOADS}",
     "the engine first": f"import cc_mujoco.engine, mujoco{LOADS}",
     "the environments first": f"import cc_mujoco.envs, gymnasium; {KNOWS}",
+    "a diagnosis, and what takes long to load": (
+        "import sys, cc_mujoco.diagnosis.diagnose\n"
+        "slow = {'matplotlib', 'rerun', 'scipy.signal', 'scipy.stats'}\n"
+        "assert not slow & set(sys.modules)"
+    ),
     "nothing else": (
         "import sys, cc_mujoco\n"
         "assert not {'gymnasium', 'mujoco', 'numba', 'numpy'} & set(sys.modules)\n"

@@ -134,16 +134,17 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
 
 
 def _beyond(trial: Trial, bench: Bench) -> list[Finding]:
-    """Angles at which the lever of a scene is not known."""
-    if bench.lever is None:
+    """Angles at which the lever or the path of a scene is not known."""
+    if bench.lever is None and not bench.led:
         return []
-    low, high = bench.lever.joint[[0, -1]].tolist()
+    low, high = bench.span
     least, most = np.nanmin(trial.joint_angle), np.nanmax(trial.joint_angle)
     if low <= least and most <= high:
         return []
     told = (
         f"{trial.column(channels.JOINT_ANGLE)} goes from {least:.3g} to {most:.3g} "
-        f"rad, but the lever of the scene can be pulled from {low:.3g} to {high:.3g} "
+        f"rad, but the {'lever' if bench.lever else 'path'} of the scene is known from "
+        f"{low:.3g} to {high:.3g} "
         "rad, 0 being the scene's 0 and positive where the cable pulls; declare offset "
         f"and sign of [columns.{channels.JOINT_ANGLE}]."
     )

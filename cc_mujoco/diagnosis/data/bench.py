@@ -1,7 +1,7 @@
 """The rig as a scene describes it: cables, pulleys and the two joints they connect.
 
 bench = Bench.of("assets/bench.xml")
-bench.transmission.replay(dt, motor_angle=..., joint_angle=...)
+bench.replay(dt, motor_angle, joint_angle)
 """
 
 from __future__ import annotations
@@ -16,12 +16,24 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from cc_mujoco.diagnosis.data.lever import Lever, lever_of
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.led import (
+    OPEN,
+    Leading,
+    Scene,
+    courses,
+    leading,
+    require_led,
+    tied,
+    ties,
+)
+from cc_mujoco.diagnosis.data.lever import Lever, lever_of, swept
 from cc_mujoco.diagnosis.data.trials import Constant
 from cc_mujoco.engine import from_mjcf
 from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import Cable, Transmission
+from cc_mujoco.transmission import Cable, Driven, Transmission
+from cc_mujoco.transmission.led import Course, Led
 
 
 @dataclass(frozen=True)
@@ -38,6 +50,9 @@ class Bench:
         motor_radius: of the motor's pulley [m].
         joint_radius: of the joint's pulley, or arm of its lever at 0 [m].
         lever: that the cable pulls in place of a pulley, or None.
+        led: what the joint moves of the cables besides their ends.
+        span: angles of the joint between which the scene is known [rad].
+        drawn_radius: `joint_radius` as the scene has it [m].
         exit_angle: around the motor's pulley, from where the agonist leaves it to where
             the antagonist does [rad].
     """
@@ -52,18 +67,99 @@ class Bench:
     joint_radius: float
     lever: Lever | None = None
     exit_angle: float = math.pi
+    led: Leading = ""
+    span: tuple[float, float] = (-math.inf, math.inf)
+    drawn_radius: float = math.nan
 
     @property
     def transmission(self) -> Transmission:
         """The cables on their pulleys; of a lever, on the pulley that it is at 0."""
         return Transmission(self.cables, self.motor_radius, self.joint_radius)
 
+    @property
+    def tied(self) -> bool:
+        """Whether the end of an open path is where the cable pulls the joint."""
+        return self.led in OPEN and self.lever is not None
+
+    def courses(self, segments: int) -> tuple[Course, ...]:
+        """Paths of cables that the joint leads, in no fewer segments; none otherwise.
+
+        A path in the open needs a segment at each bend, which those of the scene are.
+        """
+        if not self.led:
+            return ()
+        sign = 1.0 if self.lever is None else self.lever.sign
+        scene = Scene(
+            str(self.path), self.sha256, self.names, self.joint, *self.span, sign
+        )
+        return courses(scene, max(segments, self.least_segments))
+
+    @property
+    def least_segments(self) -> int:
+        """Segments that the cables have at least: a path in the open needs its own."""
+        return max(c.segments for c in self.cables) if self.led in OPEN else 1
+
+    def turned(self, joint: FloatArray) -> FloatArray:
+        """Angle of a pulley that takes as much cable as the joint does (samples,)."""
+        return joint if self.lever is None else self.lever.turned(joint)
+
+    def following(self, joint: FloatArray) -> FloatArray:
+        """Angle of the motor at which the cables keep their length (samples,)."""
+        ratio = self.joint_radius / self.motor_radius
+        found: FloatArray = ratio * self.turned(joint)
+        return found
+
+    def carried(self, motor: FloatArray) -> FloatArray:
+        """Angle of the joint that the motor takes along at constant length (samples,).
+
+        At the ends of what the scene is known for it stays.
+        """
+        if self.lever is None:
+            found: FloatArray = self.motor_radius / self.joint_radius * motor
+            return found
+        known = self.lever.joint
+        found = np.interp(motor, self.following(known), known)
+        return found
+
+    def replay(
+        self, dt: float, motor_angle: FloatArray, joint_angle: FloatArray
+    ) -> Driven:
+        """Play both angles through the cables of the scene, from rest.
+
+        Args:
+            dt: time between samples [s].
+            motor_angle: (samples,) [rad].
+            joint_angle: (samples,) [rad].
+        """
+        own = self.courses(max(cable.segments for cable in self.cables))
+        if own:
+            drive = Led(self.cables, own, self.motor_radius)
+            return drive.replay(dt, motor_angle=motor_angle, joint_angle=joint_angle)
+        played = self.transmission.replay(
+            dt, motor_angle=motor_angle, joint_angle=self.turned(joint_angle)
+        )
+        if self.lever is None:
+            return played
+        share = self.lever.share(joint_angle)
+        return replace(
+            played, joint_angle=joint_angle, joint_torque=played.joint_torque * share
+        )
+
     def known(self, constants: Mapping[str, Constant]) -> Bench:
         """The bench with what the rig's file says in place of what the scene says.
 
         Args:
             constants: of `[rig]`, see `dataset_file.RIG`.
+
+        Raises:
+            CableError: a radius of the joint, where the scene's path has the arm.
         """
+        if self.tied and "joint_radius" in constants:
+            raise CableError(
+                "[rig] joint_radius is of a pulley, and in scene "
+                f"{self.path} the path of cable {self.names[0]} is the arm at joint "
+                f"{self.joint!r}; take it out, or correct the sites of that path"
+            )
         value = {name: constant.value for name, constant in constants.items()}
         of_cables = ("pretension", "axial_stiffness", "friction")
         cable = {name: value[name] for name in of_cables if name in value}
@@ -98,11 +194,30 @@ class Bench:
                 f"scene {path} has {len(cables)} cables; a diagnosis takes one cable "
                 f"or a pull-pull pair (plugin `{PLUGIN}`)"
             )
-        found = {name: _ends(spec, model, path, name) for name in cables}
+        found = {
+            name: _ends(spec, model, path, name, cable)
+            for name, cable in cables.items()
+        }
         levers = {name: found[name].lever for name in cables}
         # Positive motor rotation draws the agonist towards the motor: negative gear.
         order = sorted(found, key=lambda name: found[name][1])
         (motor, proximal, joint, distal, lever) = found[order[0]]
+        kinds = {leading(cable) for cable in cables.values()}
+        if len(kinds) > 1:
+            raise CableError(
+                f"scene {path}: its two cables are led unlike each other (`path` or "
+                "`bend`); a diagnosis takes a pull-pull pair of like cables"
+            )
+        (led,) = kinds
+        for name in order if led else ():
+            where = f"scene {path}: cable {name}"
+            require_led(model, name, found[name].joint, where)
+        segments = {cable.segments for cable in cables.values()}
+        if led and len(segments) > 1:
+            raise CableError(
+                f"scene {path}: its two cables have unlike `segments`; give them as "
+                "many each"
+            )
         if len(order) == 2 and any(levers.values()):
             raise CableError(
                 f"scene {path} has two cables, and {order[0] if lever else order[1]} "
@@ -138,6 +253,9 @@ class Bench:
             abs(proximal),
             abs(distal),
             lever,
+            led=led,
+            span=_span(model, joint, lever),
+            drawn_radius=abs(distal),
         )
 
 
@@ -151,7 +269,9 @@ class _Ends(NamedTuple):
     lever: Lever | None
 
 
-def _ends(spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str) -> _Ends:
+def _ends(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str, cable: Cable
+) -> _Ends:
     """What a cable connects."""
     ends: list[tuple[str, float]] = []
     lever = None
@@ -160,8 +280,11 @@ def _ends(spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str) -> 
             continue
         if ends and actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
             where = f"scene {path}: cable {name}"
-            gear = float(actuator.gear[0])
-            turned, arm, lever = lever_of(model, str(actuator.target), gear, where)
+            gear, tendon = float(actuator.gear[0]), str(actuator.target)
+            if ties(model, name, cable, tendon):
+                turned, arm, lever = tied(model, name, where)
+            else:
+                turned, arm, lever = lever_of(model, tendon, gear, where)
             ends.append((turned, -arm))
             continue
         joint = spec.joint(actuator.target)
@@ -175,6 +298,14 @@ def _ends(spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str) -> 
         ends.append((_driven(model, str(actuator.target)), float(actuator.gear[0])))
     (motor, proximal), (output, distal) = ends
     return _Ends(motor, proximal, output, distal, lever)
+
+
+def _span(
+    model: mujoco.MjModel, joint: str, lever: Lever | None
+) -> tuple[float, float]:
+    """Angles of the joint at which the scene is known, as the data count them [rad]."""
+    known = swept(model, joint) if lever is None else lever.joint
+    return float(known[0]), float(known[-1])
 
 
 def _driven(model: mujoco.MjModel, joint: str) -> str:

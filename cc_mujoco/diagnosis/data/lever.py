@@ -7,6 +7,7 @@ is a pulley that turns by another angle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -72,47 +73,82 @@ def lever_of(
     data = mujoco.MjData(model)
     dofs = _moved(model, data, row)
     names = [str(model.joint(int(model.dof_jntid[dof])).name) for dof in dofs]
-    if len(dofs) != 1:
-        told = f"moves with joints {', '.join(names)}" if names else "moves with none"
-        raise CableError(
-            f"{where} ends at tendon {tendon!r}, which {told}; a diagnosis takes a "
-            "cable that turns one hinge joint, by a pulley or a lever"
-        )
+    joint = only(model, names, f"{where} ends at tendon {tendon!r}, which")
     (dof,) = dofs
-    index = int(model.dof_jntid[dof])
-    if model.jnt_type[index] != mujoco.mjtJoint.mjJNT_HINGE:
-        raise CableError(f"{where} ends at joint {names[0]!r}, which is no hinge")
+    place = int(model.joint(joint).qposadr[0])
+    angles = swept(model, joint)
+    lengths, arms = np.empty((2, FINE))
+    for k, angle in enumerate(angles):
+        data.qpos[place] = angle
+        arms[k], lengths[k] = _tendon(model, data, row, dof)
+    data.qpos[place] = 0.0
+    arm, length = _tendon(model, data, row, dof)
+    radius, lever = shaped(
+        angles, gear * (lengths - length), gear * arms, gear * arm, where
+    )
+    return joint, radius, lever
+
+
+def only(model: mujoco.MjModel, moved: Sequence[str], what: str) -> str:
+    """The one hinge among the joints that move something.
+
+    Raises:
+        CableError: there is none, there are several, or it is no hinge.
+    """
+    if len(moved) != 1:
+        told = f"moves with joints {', '.join(moved)}" if moved else "moves with none"
+        raise CableError(
+            f"{what} {told}; a diagnosis takes a cable that turns one hinge joint, by "
+            "a pulley or a lever, and that no other joint moves"
+        )
+    if model.joint(moved[0]).type[0] != mujoco.mjtJoint.mjJNT_HINGE:
+        raise CableError(f"{what} moves with joint {moved[0]!r}, which is no hinge")
+    return moved[0]
+
+
+def swept(model: mujoco.MjModel, joint: str, count: int = FINE) -> FloatArray:
+    """Angles of the scene over the range of a joint, 0 included (count,) [rad]."""
+    index = model.joint(joint).id
     low, high = -_WIDEST, _WIDEST
     if model.jnt_limited[index]:
         low, high = model.jnt_range[index]
-    angles = np.linspace(min(low, 0.0), max(high, 0.0), FINE)
-    lengths, arms = np.empty((2, FINE))
-    for k, angle in enumerate(angles):
-        data.qpos[model.jnt_qposadr[index]] = angle
-        arms[k], lengths[k] = _tendon(model, data, row, dof)
-    at = int(np.argmin(np.abs(angles)))
-    data.qpos[model.jnt_qposadr[index]] = 0.0
-    arm, length = _tendon(model, data, row, dof)
-    radius = abs(gear * arm)
+    return np.linspace(min(low, 0.0), max(high, 0.0), count)
+
+
+def shaped(
+    angles: FloatArray, let: FloatArray, arms: FloatArray, arm: float, where: str
+) -> tuple[float, Lever]:
+    """The arm of a lever at 0 [m], and the lever around 0 where it is alive.
+
+    Args:
+        angles: (angles,) of the scene [rad].
+        let: (angles,) what the lever takes of the cable there, 0 at 0 [m].
+        arms: (angles,) its change with the angle [m/rad].
+        arm: the same at 0.
+        where: scene and cable, for a sentence.
+
+    Raises:
+        CableError: the lever is dead at 0.
+    """
+    radius = abs(arm)
     if radius == 0.0:
         raise CableError(
             f"{where} pulls along its lever at angle 0; it has no arm there"
         )
+    at, count = int(np.argmin(np.abs(angles))), angles.size
     alive = arms / arm > LEAST
     first = at - int(np.argmin(alive[at::-1])) + 1 if not alive[: at + 1].all() else 0
-    last = at + int(np.argmin(alive[at:])) if not alive[at:].all() else FINE
+    last = at + int(np.argmin(alive[at:])) if not alive[at:].all() else count
     kept = slice(first, last)
     # Where the cable is drawn in, the distal end moves towards the motor.
-    sign = -float(np.sign(gear * arm))
-    turned = -gear * (lengths[kept] - length) / radius
+    sign = -float(np.sign(arm))
     way = int(sign)
-    lever = Lever(
+    return radius, Lever(
         np.ascontiguousarray(sign * angles[kept][::way]),
-        np.ascontiguousarray(turned[::way]),
+        np.ascontiguousarray(-let[kept][::way] / radius),
         np.ascontiguousarray(arms[kept][::way] / arm),
         sign,
     )
-    return names[0], radius, lever
 
 
 def _tendon(

@@ -14,6 +14,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from cc_mujoco.diagnosis.data.instruments import Instrument, Instruments
+from cc_mujoco.diagnosis.data.led import Leading
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectParameter
 from cc_mujoco.page import listed
 
@@ -30,6 +31,8 @@ _SENSORS: dict[str, tuple[Instrument, ...]] = {
     "joint": ("torque sensor", "load cells"),
 }
 """What may be off or late, by the beginning of an effect's parameter."""
+_SEALS = ("seal_proximal", "seal_distal")
+"""Parameters that only a conduit has."""
 _ANTAGONIST = "antagonist"
 _OF_LOADS = ("joint_stiffness", "joint_inertia")
 """Effects that a declared load may have less of, as well as more."""
@@ -48,12 +51,16 @@ class Library(NamedTuple):
 
 
 @lru_cache
-def library(cables: int, instruments: Instruments) -> Library:
+def library(
+    cables: int, instruments: Instruments, led: Leading = "", tied: bool = False
+) -> Library:
     """The effects that a rig can show.
 
     Args:
         cables: their number.
         instruments: what its torques are known from.
+        led: what the joint moves of the cables, besides their ends.
+        tied: whether they end where their path in the open does.
     """
     sides: dict[str, Instrument | None] = dict(instruments._asdict())
 
@@ -61,6 +68,8 @@ def library(cables: int, instruments: Instruments) -> Library:
         for side, known in sides.items():
             if parameter.name.startswith(f"{side}_torque_"):
                 return known in _SENSORS[side]
+        if led == "open" and parameter.name in _SEALS:
+            return False
         return cables > 1 or _ANTAGONIST not in parameter.name
 
     effects, hidden = {}, {}
@@ -70,7 +79,9 @@ def library(cables: int, instruments: Instruments) -> Library:
         if name in _OF_LOADS and sides["joint"] == "known load":
             either = (-math.inf, math.inf)
             kept = tuple(parameter._replace(plausible=either) for parameter in kept)
-        if side and sides[side] not in shown:
+        if told := _led(name, led, tied):
+            hidden[name] = told
+        elif side and sides[side] not in shown:
             hidden[name] = _behind(side, sides[side], shown)
         elif not kept:
             hidden[name] = "no sensor of a torque is there that could be off"
@@ -82,6 +93,17 @@ def library(cables: int, instruments: Instruments) -> Library:
             )
             effects[name] = replace(effect, parameters=kept, starts=starts)
     return Library(effects, hidden)
+
+
+def _led(name: str, led: Leading, tied: bool) -> str:
+    """Why a cable that the joint leads cannot have an effect; "" where it can."""
+    if led and name == "backlash":
+        if tied:
+            return "the cable ends on the body that it turns, where nothing has play"
+        return "play is looked for where the joint moves the end of the cable alone"
+    if tied and name == "configuration_dependent_wrap":
+        return "the path in the scene says how much the cable bends at every angle"
+    return ""
 
 
 def _behind(side: str, known: Instrument | None, shown: tuple[Instrument, ...]) -> str:

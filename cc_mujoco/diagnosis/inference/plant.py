@@ -124,9 +124,10 @@ def tuned(
             Tuned("friction_balance", "1", 0.0, BALANCE_KNOWN, -10.0, 10.0, False, 1.0)
         )
     # A stiff cable shows the least error of the ratio, so one pulley is always unsure.
+    # Where the path is the arm at the joint it is the motor's.
     for name, given, otherwise in (
-        ("motor_radius", bench.motor_radius, 0.0),
-        ("joint_radius", bench.joint_radius, RATIO_KNOWN),
+        ("motor_radius", bench.motor_radius, RATIO_KNOWN if bench.tied else 0.0),
+        ("joint_radius", bench.joint_radius, 0.0 if bench.tied else RATIO_KNOWN),
     ):
         relative = unsure(name, given, otherwise)
         if relative > 0.0:
@@ -165,7 +166,9 @@ def _top_speed(records: Sequence[Record]) -> float:
 def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
     """Joint angle at which the motor at zero pulls neither way, roughly [rad]."""
     ratio = bench.motor_radius / bench.joint_radius
-    gaps = [np.median(ratio * r.motor_angle - r.joint_angle) for r in records]
+    gaps = [
+        np.median(ratio * r.motor_angle - bench.turned(r.joint_angle)) for r in records
+    ]
     return float(np.median(gaps))
 
 
@@ -192,7 +195,8 @@ class Plant:
     @property
     def library(self) -> Library:
         """The effects that can be seen."""
-        return library(len(self.bench.cables), self.instruments)
+        bench = self.bench
+        return library(len(bench.cables), self.instruments, bench.led, bench.tied)
 
     def simulate(
         self,
@@ -223,14 +227,17 @@ class Plant:
         self, values: Values, effects: Sequence[str], pretension: float | None = None
     ) -> Setting:
         """What the cables feel of these values, see `cables`."""
+        radii = self.radii(values)
         return Setting(
             self.cables(values, effects, pretension),
-            *self.radii(values),
+            *radii,
             values.get("backlash", 0.0) if "backlash" in effects else 0.0,
             values.get("clock_offset", 0.0) + values.get(JOINT_DELAY, 0.0),
             values.get("joint_angle_offset", 0.0),
             self.substeps,
             self.bench.lever,
+            self.bench.courses(self.segments),
+            radii[1] / self.bench.drawn_radius if self.bench.led else 1.0,
         )
 
     def cables(
@@ -255,7 +262,7 @@ class Plant:
                 ),
                 axial_stiffness=values.get("axial_stiffness", cable.axial_stiffness),
                 pretension=max(tension, 0.0),
-                segments=self.segments,
+                segments=max(self.segments, self.bench.least_segments),
                 static_friction=0.0,
             )
             for cable, side in zip(self.bench.cables, (balance, -balance), strict=False)

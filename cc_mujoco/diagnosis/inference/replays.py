@@ -7,6 +7,8 @@ what the cables get to feel, so candidates, folds and derivatives share it.
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
 from threading import Lock
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
@@ -16,7 +18,8 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.lever import Lever
 from cc_mujoco.diagnosis.inference.records import LEAD, RAMP, Record
-from cc_mujoco.transmission import Cable, Transmission
+from cc_mujoco.transmission import Cable, Driven, Transmission
+from cc_mujoco.transmission.led import Course, Led
 
 KEPT = 48
 """Replays of a record that are kept, those used last."""
@@ -34,6 +37,8 @@ class Setting(NamedTuple):
         offset: of the joint's angle [rad].
         substeps: simulation steps per sample.
         lever: in place of the joint's pulley, or None.
+        courses: of cables that the joint leads, see `Bench.courses`.
+        share: of the courses' distal displacements.
     """
 
     cables: tuple[Cable, ...]
@@ -44,6 +49,14 @@ class Setting(NamedTuple):
     offset: float
     substeps: int
     lever: Lever | None = None
+    courses: tuple[Course, ...] = ()
+    share: float = 1.0
+
+    def following(self, joint: FloatArray) -> FloatArray:
+        """Angle of the motor at which the cables keep their length (samples,)."""
+        turned = joint if self.lever is None else self.lever.turned(joint)
+        found: FloatArray = self.joint_radius / self.motor_radius * turned
+        return found
 
 
 class Played(NamedTuple):
@@ -86,31 +99,43 @@ def played(record: Record, setting: Setting) -> Played:
 
 def replay(record: Record, setting: Setting) -> Played:
     """Replay a record, whether or not it was done before."""
-    proximal, distal = setting.motor_radius, setting.joint_radius
-    drive = Transmission(setting.cables, proximal, distal, backlash=setting.backlash)
     joint = shifted(record.joint_angle, setting.late / record.dt) + setting.offset
-    lever = setting.lever
-    led_motor, led_joint = with_lead_in(
-        record.motor_angle,
-        joint if lever is None else lever.turned(joint),
-        distal / proximal,
-        setting.substeps,
+    angles = with_lead_in(
+        record.motor_angle, joint, setting.following, setting.substeps
     )
-    dt = record.dt / setting.substeps
-    torques = drive.replay(dt, motor_angle=led_motor, joint_angle=led_joint)
+    torques = _through(setting, record.dt / setting.substeps, *angles)
     keep = slice(LEAD * setting.substeps, None, setting.substeps)
     signs = np.array([1.0, -1.0])[: len(setting.cables)]
     return Played(
         joint - setting.offset,
         torques.motor_torque[keep].copy(),
-        torques.joint_torque[keep] * (1.0 if lever is None else lever.share(joint)),
+        torques.joint_torque[keep].copy(),
         signs @ torques.tension_proximal[:, keep],
         signs @ torques.tension_distal[:, keep],
     )
 
 
+def _through(
+    setting: Setting, dt: float, motor: FloatArray, joint: FloatArray
+) -> Driven:
+    """Both angles, of the joint itself, played through the cables."""
+    proximal, distal = setting.motor_radius, setting.joint_radius
+    if setting.courses:
+        drive = Led(setting.cables, setting.courses, proximal, setting.share)
+        return drive.replay(dt, motor_angle=motor, joint_angle=joint)
+    pulleys = Transmission(setting.cables, proximal, distal, backlash=setting.backlash)
+    lever = setting.lever
+    if lever is None:
+        return pulleys.replay(dt, motor_angle=motor, joint_angle=joint)
+    played = pulleys.replay(dt, motor_angle=motor, joint_angle=lever.turned(joint))
+    return replace(played, joint_torque=played.joint_torque * lever.share(joint))
+
+
 def with_lead_in(
-    motor: FloatArray, joint: FloatArray, ratio: float, substeps: int
+    motor: FloatArray,
+    joint: FloatArray,
+    following: Callable[[FloatArray], FloatArray],
+    substeps: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Both angles after a lead-in, refined to `substeps` per sample.
 
@@ -120,14 +145,15 @@ def with_lead_in(
     Args:
         motor: (samples,) [rad].
         joint: (samples,) [rad].
-        ratio: turns of the motor per turn of the joint.
+        following: angle of the motor at which the cables keep their length, by that
+            of the joint.
         substeps: of every sample.
     """
-    there = np.linspace(0.0, 1.0, RAMP + 1)[:-1] * joint[0]
-    rest = ratio * joint[0]
-    settling = np.linspace(rest, motor[0], RAMP + 1)[:-1]
-    led_motor = np.concatenate([ratio * there, settling, motor])
-    led_joint = np.concatenate([there, np.full(RAMP, joint[0]), joint])
+    there = np.linspace(0.0, 1.0, RAMP + 1) * joint[0]
+    along = following(there)
+    settling = np.linspace(along[-1], motor[0], RAMP + 1)[:-1]
+    led_motor = np.concatenate([along[:-1], settling, motor])
+    led_joint = np.concatenate([there[:-1], np.full(RAMP, joint[0]), joint])
     if substeps == 1:
         return led_motor, led_joint
     size = led_motor.size

@@ -29,6 +29,7 @@ from cc_mujoco.diagnosis.inference.replays import shifted
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.report.drawings import STEMS
 from cc_mujoco.diagnosis.report.report import write_report
+from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
 from cc_mujoco.diagnosis.scene.repair import repaired
 from cc_mujoco.diagnosis.scene.repair import write as write_scene
 from cc_mujoco.diagnosis.scene.rollout import rollout
@@ -36,6 +37,7 @@ from cc_mujoco.diagnosis.verdict import Diagnosis
 from cc_mujoco.diagnosis.wording import NO_SCENE
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing_folder
+from cc_mujoco.page import listed
 
 SCENE = "scene.xml"
 SOMETIMES = (SCENE, "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
@@ -167,22 +169,33 @@ def scene(result: Result, path: Path) -> list[str]:
             parameter.name: values.get(parameter.name, 0.0)
             for parameter in EFFECTS[name].parameters
         }
-        for name in problem.effects
+        for name in _writable(result)
     }
     write_scene(path, repaired(bench, cables, effects))
-    if bench.lever is not None:
-        return [
-            "scene.xml has the refitted cable on the lever as it was; it was not "
-            "compared with the replay."
-        ]
+    said = []
+    if left := [name for name in problem.effects if name not in effects]:
+        said.append(
+            f"scene.xml has not {listed(left)}, which is outside its cable: what pulls "
+            "at a lever is no sum of sensors; take the values from verdict.json."
+        )
     try:
         apart, size = compared(result, path)
     except CableError as error:
-        return [f"scene.xml is written, but cannot be compared: {error}."]
+        return [*said, f"scene.xml is written, but cannot be compared: {error}."]
     return [
+        *said,
         f"scene.xml, played by MuJoCo along the first seconds of {apart[0]}, differs "
-        f"from the replay by {apart[1]:.2g} Nm RMS, with torques of {size:.2g} Nm RMS."
+        f"from the replay by {apart[1]:.2g} Nm RMS, with torques of {size:.2g} Nm RMS.",
     ]
+
+
+def _writable(result: Result) -> list[str]:
+    """Effects that the scene can have: of a lever those in the cable."""
+    assert result.problem is not None
+    found = result.problem.effects
+    if result.bench.lever is None:
+        return list(found)
+    return [name for name in found if name not in REALISATIONS]
 
 
 def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
@@ -210,7 +223,7 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
     }
     # The sensors of a scene show both torques, whatever those of the rig do.
     whole = replace(problem.plant, instruments=TORQUE_SENSORS)
-    played: FloatArray = whole.simulate(quiet, problem.effects, only=(0,))[0]
+    played: FloatArray = whole.simulate(quiet, _writable(result), only=(0,))[0]
     edge = round(1.0 / record.band / record.dt)
     passed = low_passed(shown, record.band, 1.0 / record.dt)
     error = (passed - played[:, :short])[:, edge:-edge]

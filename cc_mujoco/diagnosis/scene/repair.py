@@ -23,7 +23,7 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.scene.instruments import instrument
 from cc_mujoco.diagnosis.scene.mechanical import Values, rim_stiffness
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
-from cc_mujoco.engine import to_mjcf
+from cc_mujoco.engine import step_limits, to_mjcf
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
 from cc_mujoco.transmission import Cable
@@ -60,6 +60,9 @@ def repaired(
         proximal = (bench.motor, sign * bench.motor_radius)
         distal = (bench.joint, sign * bench.joint_radius)
         to_mjcf(spec, name, cable, proximal, None if bench.lever else distal)
+    if bench.lever is not None and not bench.tied:
+        (_, end) = [a for a in spec.actuators if a.plugin.name == bench.names[0]]
+        end.gear[0] *= bench.joint_radius / bench.drawn_radius
     outside = [name for name in effects if name in REALISATIONS]
     if bench.lever is not None and outside:
         raise CableError(
@@ -137,6 +140,9 @@ def _text(spec: mujoco.MjSpec) -> str:
 def _largest_step(spec: mujoco.MjSpec, bench: Bench) -> float:
     """Half of the time step at which the cables' ends would be unstable [s]."""
     model = spec.compile()
+    if bench.tied:  # its pieces are the springs
+        limits = [min(step_limits(model)[name]) for name in bench.names]
+        return 0.5 * min(limits)
     limits = []
     for joint, radius in (
         (bench.motor, bench.motor_radius),

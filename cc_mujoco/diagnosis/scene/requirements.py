@@ -24,7 +24,6 @@ from cc_mujoco.diagnosis.scene.mechanical import Values
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
 from cc_mujoco.diagnosis.scene.repair import repaired, write
 from cc_mujoco.diagnosis.scene.rollout import rollout
-from cc_mujoco.engine import from_mjcf
 from cc_mujoco.errors import CableError
 from cc_mujoco.page import listed
 
@@ -45,8 +44,8 @@ def require_repairable(bench: Bench) -> None:
     """
     spec = mujoco.MjSpec.from_file(str(bench.path))
     _settings(spec, bench)
-    _ends(spec, bench)
     if bench.lever is not None:  # its repair is its cable's, and nothing is added
+        _played(bench.path, spec.option.timestep, bench)
         return
     plain = _rehearsed(bench, {})
     everything = {
@@ -68,7 +67,7 @@ def require_repairable(bench: Bench) -> None:
             raise CableError(
                 f"scene {bench.path} would not load again once it is written: {reason}"
             ) from None
-    _played(plain, bench)
+    _played(plain, plain.option.timestep, bench)
 
 
 def _rehearsed(bench: Bench, effects: Mapping[str, Values]) -> mujoco.MjSpec:
@@ -110,37 +109,25 @@ def _settings(spec: mujoco.MjSpec, bench: Bench) -> None:
             )
 
 
-def _ends(spec: mujoco.MjSpec, bench: Bench) -> None:
-    """What makes cables in MuJoCo differ from the cables of a replay."""
-    for name, cable in from_mjcf(spec).items():
-        for key, usual in (("bend", "fixed"), ("path", "guided")):
-            if getattr(cable, key) != usual:
-                raise CableError(
-                    f"scene {bench.path}: cable {name} has {key} = "
-                    f"{getattr(cable, key)}, and a diagnosis plays cables in a conduit "
-                    f"whose wrap stays that of `conduit` in every pose ({key} = "
-                    f"{usual})"
-                )
-
-
-def _played(plain: mujoco.MjSpec, bench: Bench) -> None:
+def _played(scene: mujoco.MjSpec | Path, step: float, bench: Bench) -> None:
     """Play a short motion through the scene and through its cables alone."""
-    step = plain.option.timestep
     count = min(max(round(_SECONDS / step), _STEPS[0]), _STEPS[1])
     phase = np.linspace(0.0, 4.0 * math.pi, count)
-    joint = _SWING * np.sin(phase)
-    ratio = bench.joint_radius / bench.motor_radius
-    motor = ratio * (joint + 0.1 * _SWING * np.sin(1.7 * phase))
-    shown = rollout(plain, step * np.arange(count), motor, joint)
-    alone = bench.transmission.replay(step, motor_angle=motor, joint_angle=joint)
+    swing = min(_SWING, 0.9 * min(-bench.span[0], bench.span[1]))
+    joint = swing * np.sin(phase)
+    wound = 0.1 * _SWING * bench.joint_radius / bench.motor_radius
+    motor = bench.following(joint) + wound * np.sin(1.7 * phase)
+    shown = rollout(scene, step * np.arange(count), motor, joint)
+    alone = bench.replay(step, motor, joint)
     for side, torque, own in zip(
         ("motor", "joint"), shown, (alone.motor_torque, alone.joint_torque), strict=True
     ):
         apart, most = np.abs(torque - own).max(), np.abs(own).max()
         if not apart <= _APART * most:
+            sums = "" if bench.lever else f", and other parts of the <tuple> {side}"
             raise CableError(
                 f"scene {bench.path}: played by MuJoCo, {side}_torque_nm differs from "
                 f"what its cables do alone by {apart:.2g} Nm, with torques of "
                 f"{most:.2g} Nm; take out of the scene whatever changes the cables' "
-                f"forces, and other parts of the <tuple> {side}_torque_nm"
+                f"forces{sums and sums + '_torque_nm'}"
             )

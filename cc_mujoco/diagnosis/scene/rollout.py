@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -27,6 +28,7 @@ from cc_mujoco.diagnosis.scene.instruments import (
     torque_weights,
     without_delay,
 )
+from cc_mujoco.engine import settle
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError
 
@@ -57,10 +59,10 @@ def rollout(
         scene: file, or specification with instruments.
         time: (samples,) evenly spaced [s]; what sensors that drift start from.
         motor_angle: (samples,) [rad].
-        joint_angle: (samples,) [rad].
-        lead_in: turns of the motor per turn of the joint, to come from rest in the
-            pose 0 to the first sample, see `replays.with_lead_in`; None begins there at
-            rest.
+        joint_angle: (samples,) [rad]; of a lever positive where the cable pulls.
+        lead_in: turns of the motor per turn of the joint (of a lever, per turn of the
+            pulley that it is at 0), to come from rest in the pose 0 to the first
+            sample, see `replays.with_lead_in`; None begins there at rest.
 
     Returns:
         Torque that the motor puts into its pulley, and torque that the transmission
@@ -74,24 +76,87 @@ def rollout(
     if lead_in is not None:
         step = (clock[-1] - clock[0]) / (clock.size - 1)
         before = clock[0] + step * np.arange(-LEAD, 0)
-        motor, joint = with_lead_in(angles[0], angles[1], lead_in, 1)
+        turned = _turned(scene)
+        motor, joint = with_lead_in(
+            angles[0], angles[1], lambda q: lead_in * turned(q), 1
+        )
         led_in = rollout(scene, np.concatenate([before, clock]), motor, joint)
         return led_in[0][LEAD:], led_in[1][LEAD:]
-    model = _model(scene)
+    model, bench = _model(scene)
+    view = _Sensors(model) if bench is None else _Forces(model, bench)
     dt = float(clock[-1] - clock[0]) / (clock.size - 1)
     longest = model.opt.timestep if model.nv > 2 else dt
     # A sensor cannot be late by less than a step.
     wanted = min([longest, *model.sensor_delay[model.sensor_delay > 0.0]])
     substeps = math.ceil(dt / max(wanted, min(dt, model.opt.timestep)) - 1e-6)
-    late = float(model.sensor_delay[angle_sensors(model)[0]])
-    shown = _play(model, clock[0], dt, substeps, angles, math.ceil(late / dt))
+    late = view.late
+    shown = _play(model, view, clock[0], dt, substeps, angles, math.ceil(late / dt))
     at = np.arange(shown.shape[1]) * dt
     motor, joint = (np.interp(at[: clock.size] + late, at, row) for row in shown)
     return motor, joint
 
 
+class _Sensors:
+    """What the instruments of a scene show.
+
+    Attributes:
+        joints: indices of the motor's and the joint's hinge.
+        sign: of the joint's angle in the scene over that in the data.
+        late: by how much the angles are shown late [s].
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        sensors = angle_sensors(model)
+        proximal, distal = (model.sensor_objid[sensor] for sensor in sensors)
+        self.joints = int(proximal), int(distal)
+        self.sign = 1.0
+        self.late = float(model.sensor_delay[sensors[0]])
+        self._weights = torque_weights(model)
+
+    def torques(self, data: mujoco.MjData) -> FloatArray:
+        """Motor and joint torque at the last evaluation (2,) [Nm]."""
+        found: FloatArray = self._weights @ data.sensordata
+        return found
+
+
+class _Forces(_Sensors):
+    """What one cable does to a motor and to a lever, whose torque no sensor shows.
+
+    That is what its ends pull, and the pieces of a path in the open, which are among
+    MuJoCo's passive forces.
+    """
+
+    def __init__(self, model: mujoco.MjModel, bench: Bench) -> None:
+        assert bench.lever is not None
+        joints = [model.joint(name) for name in (bench.motor, bench.joint)]
+        self.joints = int(joints[0].id), int(joints[1].id)
+        self.sign, self.late = bench.lever.sign, 0.0
+        self._dofs = [int(joint.dofadr[0]) for joint in joints]
+        self._signs = np.array([-1.0, self.sign])
+        instance = instances(model)[bench.names[0]]
+        self._ends = np.flatnonzero(model.actuator_plugin == instance)
+        self._moment = np.zeros((model.nu, model.nv))
+
+    def torques(self, data: mujoco.MjData) -> FloatArray:
+        """Motor and joint torque at the last evaluation (2,) [Nm]."""
+        mujoco.mju_sparse2dense(
+            self._moment,
+            data.actuator_moment,
+            data.moment_rownnz,
+            data.moment_rowadr,
+            data.moment_colind,
+        )
+        ends = self._moment[self._ends].T @ data.actuator_force[self._ends]
+        others = (
+            data.qfrc_spring + data.qfrc_damper + data.qfrc_gravcomp + data.qfrc_fluid
+        )
+        found: FloatArray = (ends + data.qfrc_passive - others)[self._dofs]
+        return self._signs * found
+
+
 def _play(
     model: mujoco.MjModel,
+    view: _Sensors,
     start: float,
     dt: float,
     substeps: int,
@@ -101,7 +166,8 @@ def _play(
     """Torques shown (2, samples + more); the last angles hold on for `more` samples."""
     model.opt.timestep = dt / substeps
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    joints = list(_driven(model))
+    joints = list(view.joints)
+    angles = angles * np.array([[1.0], [view.sign]])
     place, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     model.dof_armature[dof] += DRIVE
     # Where the ends of the cables look ahead follows from what MuJoCo knows of this.
@@ -116,8 +182,8 @@ def _play(
     )
     for signal in (velocity, drive):
         signal[(samples - 1) * substeps + 1 :] = 0.0
-    data = _at_rest(model, angles[0, 0], angles[1, 0], start)
-    rows = np.empty((samples + more, model.nsensordata))
+    data = _at_rest(model, view, angles[0, 0], angles[1, 0], start)
+    shown = np.empty((2, samples + more))
     qpos, qvel, applied = data.qpos, data.qvel, data.qfrc_applied
     for step in range(count):
         qpos[place] = position[step]
@@ -127,8 +193,7 @@ def _play(
             _remember(model, data)
         mujoco.mj_step(model, data)
         if step % substeps == 0:
-            rows[step // substeps] = data.sensordata
-    shown: FloatArray = torque_weights(model) @ rows.T
+            shown[:, step // substeps] = view.torques(data)
     if any(warning.number for warning in data.warning) or not np.isfinite(shown).all():
         raise CableError(
             f"the scene does not stay finite along this motion at a step of "
@@ -138,20 +203,25 @@ def _play(
 
 
 def _at_rest(
-    model: mujoco.MjModel, proximal: float, distal: float, start: float
+    model: mujoco.MjModel,
+    view: _Sensors,
+    proximal: float,
+    distal: float,
+    start: float,
 ) -> mujoco.MjData:
     """Both joints at these angles, cables in pretension, sensors that saw only that."""
-    motor, joint = _driven(model)
+    motor, joint = view.joints
     cables = list(instances(model).values())
     ends = np.flatnonzero(np.isin(model.actuator_plugin, cables))
     data = mujoco.MjData(model)
+    hinged = not isinstance(view, _Forces)
 
     def lay() -> None:
         data.qpos[model.jnt_qposadr[motor]] = proximal
         data.qpos[model.jnt_qposadr[joint]] = distal
         for target in model.actuator_trnid[ends, 0]:
             # A pulley of its own begins in the middle of its play.
-            if target not in (motor, joint):
+            if hinged and target not in (motor, joint):
                 data.qpos[model.jnt_qposadr[target]] = distal
 
     lay()
@@ -161,6 +231,8 @@ def _at_rest(
     model.actuator_length0[lengths] = data.actuator_length[lengths]
     mujoco.mj_resetData(model, data)
     lay()
+    if not hinged:
+        settle(model, data)
     data.time = start
     return data
 
@@ -184,28 +256,51 @@ def _refined(signal: FloatArray, substeps: int, count: int) -> FloatArray:
     return np.column_stack([np.interp(at, samples, row) for row in signal])
 
 
-def _driven(model: mujoco.MjModel) -> tuple[int, int]:
-    """Indices of the motor's and the joint's hinge."""
-    proximal, distal = (model.sensor_objid[sensor] for sensor in angle_sensors(model))
-    return int(proximal), int(distal)
+def _turned(
+    scene: str | os.PathLike[str] | mujoco.MjSpec,
+) -> Callable[[FloatArray], FloatArray]:
+    """Angle of the joint's pulley by that of the joint, which a lever changes."""
+    if isinstance(scene, mujoco.MjSpec) or instrumented(_spec(scene)):
+        return lambda joint: joint
+    return Bench.of(os.fspath(scene)).turned
 
 
-def _model(scene: str | os.PathLike[str] | mujoco.MjSpec) -> mujoco.MjModel:
-    """The scene with instruments, compiled; the scene itself stays as it is."""
+def _model(
+    scene: str | os.PathLike[str] | mujoco.MjSpec,
+) -> tuple[mujoco.MjModel, Bench | None]:
+    """The scene with instruments, compiled; the scene itself stays as it is.
+
+    Of a lever, which cannot have them, it is the scene as it is, and its bench.
+    """
     if isinstance(scene, mujoco.MjSpec):
-        return scene.copy().compile()
-    if not os.path.isfile(scene):
-        raise CableError(f"scene {scene} is no file; give an MJCF file")
+        return scene.copy().compile(), None
+    spec = _spec(scene)
     try:
-        spec = mujoco.MjSpec.from_file(os.fspath(scene))
-        if not instrumented(spec):
-            instrument(spec, Bench.of(os.fspath(scene)))
-        return spec.compile()
+        if instrumented(spec):
+            return spec.compile(), None
+        bench = Bench.of(os.fspath(scene))
+        if bench.lever is not None:
+            return spec.compile(), bench
+        instrument(spec, bench)
+        return spec.compile(), None
     except CableError:
         raise
     except ValueError as error:
-        reason = str(error).strip().splitlines()[0]
-        raise CableError(f"scene {scene} does not load: {reason}") from None
+        raise _unloadable(scene, error) from None
+
+
+def _spec(scene: str | os.PathLike[str]) -> mujoco.MjSpec:
+    if not os.path.isfile(scene):
+        raise CableError(f"scene {scene} is no file; give an MJCF file")
+    try:
+        return mujoco.MjSpec.from_file(os.fspath(scene))
+    except ValueError as error:
+        raise _unloadable(scene, error) from None
+
+
+def _unloadable(scene: str | os.PathLike[str], error: ValueError) -> CableError:
+    reason = str(error).strip().splitlines()[0]
+    return CableError(f"scene {scene} does not load: {reason}")
 
 
 def _motion(

@@ -101,20 +101,6 @@ def test_scenes_that_differ_in_style_show_the_same(
             "actuator 'agonist_distal' has a `forcerange`",
         ),
         (
-            ((r"(<config key=\"segments\")", r'<config key="bend" value="route"/>\1'),),
-            "has bend = route",
-        ),
-        (
-            (
-                (
-                    r"<config key=\"segments\" value=\"\d+\"/>",
-                    '<config key="path" value="open"/>'
-                    '<config key="segments" value="60"/>',
-                ),
-            ),
-            "has path = open",
-        ),
-        (
             ((r"</worldbody>", '<body name="joint_pulley"/></worldbody>'),),
             "has body 'joint_pulley', .* rename it",
         ),

@@ -1,0 +1,172 @@
+"""The path of a cable at every angle of one joint, as MuJoCo lays it.
+
+    course = course_of(model, "extensor", "finger", np.linspace(-0.9, 1.0, 2001))
+
+What the plugin finds of the path at these angles, with all other joints where they are
+in `qpos0`: wrap, contact and length of its pieces, for replays outside MuJoCo.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.engine import fields, pieces
+from cc_mujoco.engine.block import (
+    DISTAL,
+    GUIDED,
+    SEGMENTS,
+    displacement,
+    memory,
+    opens,
+    parameters_at,
+    shape_at,
+)
+from cc_mujoco.engine.leading import follow
+from cc_mujoco.engine.memory import assign, fill, floats, load_word
+from cc_mujoco.engine.mjcf import cable_of, instances
+from cc_mujoco.errors import CableError
+from cc_mujoco.transmission import kernel, packing
+from cc_mujoco.transmission.led import Course
+
+_STEP = 1e-3
+"""Turn by which a joint is tried [rad]."""
+_STILL = 1e-6
+"""What rounding changes of a path that a joint does not move, per radian."""
+
+
+def course_of(
+    model: mujoco.MjModel, cable: str, joint: str, angles: FloatArray
+) -> Course:
+    """What the path of a cable does with a joint.
+
+    Args:
+        model: with the cable.
+        cable: its name.
+        joint: a hinge; no other joint may move the path, see `movers`.
+        angles: (angles,) of the joint, by equal steps from 0 or below up [rad].
+
+    Raises:
+        CableError: the model has no such cable.
+    """
+    walk = _Walk(model, cable)
+    place = int(model.joint(joint).qposadr[0])
+    n, count = walk.wrap.size, angles.size
+    wrap, contact = np.empty((2, count, n))
+    gained, distal = np.empty((count, n + 1)), np.empty(count)
+    start = int(np.searchsorted(angles, 0.0))
+    pose = model.qpos0.copy()
+    for rows in (range(start, count), range(start - 1, -1, -1)):
+        pose[place] = 0.0
+        rest = walk.lay(pose)
+        total = np.zeros(n + 1)
+        for k in rows:
+            pose[place] = angles[k]
+            distal[k] = walk.lay(pose) - rest
+            total += walk.longer
+            wrap[k], contact[k], gained[k] = walk.wrap, walk.contact, total
+    length, guided = walk.mesh()
+    return Course(np.array(angles), wrap, contact, gained, distal, length, guided)
+
+
+def movers(model: mujoco.MjModel, cable: str, poses: int = 8) -> list[str]:
+    """Joints that move the path of a cable or its distal end, in any of some poses.
+
+    Raises:
+        CableError: the model has no such cable.
+    """
+    walk = _Walk(model, cable)
+    random = np.random.default_rng(0)
+    found: dict[str, None] = {}
+    for _ in range(poses):
+        pose = model.qpos0.copy()
+        mujoco.mj_integratePos(model, pose, random.uniform(-0.5, 0.5, model.nv), 1.0)
+        for dof in range(model.nv):
+            turn, moved = np.zeros(model.nv), pose.copy()
+            turn[dof] = _STEP
+            mujoco.mj_integratePos(model, moved, turn, 1.0)
+            before, wrap = walk.lay(pose), walk.wrap.copy()
+            after = walk.lay(moved)
+            parts = (walk.wrap - wrap, walk.longer, np.array([after - before]))
+            if max(float(np.abs(part).max()) for part in parts) > _STILL * _STEP:
+                found[str(model.joint(int(model.dof_jntid[dof])).name)] = None
+    return list(found)
+
+
+class _Walk:
+    """A simulation whose cable is led along its path, pose by pose.
+
+    Attributes:
+        wrap: of the segments in the last pose (n,) [rad].
+        contact: length over which they rub (n,) [m].
+        longer: what the path gained at every node since the pose before (n + 1,) [m].
+    """
+
+    def __init__(self, model: mujoco.MjModel, cable: str) -> None:
+        """Lay the cable in `qpos0`.
+
+        Raises:
+            CableError: the model has no such cable.
+        """
+        known = instances(model)
+        if cable not in known:
+            raise CableError.unknown("cable", cable, known)
+        self._model, self._data = model, mujoco.MjData(model)
+        self._instance = known[cable]
+        n = cable_of(model, self._instance, cable).segments
+        self.wrap, self.contact, self.longer = np.empty(n), np.empty(n), np.empty(n + 1)
+        self.lay(model.qpos0)
+
+    def lay(self, pose: FloatArray) -> float:
+        """Lead the cable along its path in a pose; displacement of its distal end."""
+        self._data.qpos[:] = pose
+        mujoco.mj_fwdPosition(self._model, self._data)
+        return float(
+            _lay(
+                self._model._address,
+                self._data._address,
+                self._instance,
+                self.wrap,
+                self.contact,
+                self.longer,
+            )
+        )
+
+    def mesh(self) -> tuple[FloatArray, int]:
+        """Length that the nodes of an open path stand for; segments in a conduit."""
+        length = np.empty(self.longer.size)
+        guided = int(_mesh(self._data._address, self._instance, length))
+        return (length if guided < self.wrap.size else np.empty(0)), guided
+
+
+@compiled
+def _lay(
+    model: int,
+    data: int,
+    instance: int,
+    wrap: FloatArray,
+    contact: FloatArray,
+    longer: FloatArray,
+) -> float:
+    block, state = fields.block(data, instance), fields.state(model, data, instance)
+    n = load_word(block + SEGMENTS)
+    follow(block, model, data, state)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    assign(wrap, packing.segment_angles(prm, n))
+    assign(contact, packing.contact_length(prm, n))
+    fill(longer, 0.0)
+    if opens(block):
+        assign(longer, packing.lengthening(prm, n))
+        shape = floats(shape_at(block, n, 0), pieces.shape_size(n))
+        pieces.remember(shape, n, memory(state, n))
+    return displacement(data, block, DISTAL)
+
+
+@compiled
+def _mesh(data: int, instance: int, length: FloatArray) -> int:
+    block = fields.block(data, instance)
+    n = load_word(block + SEGMENTS)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    assign(length, packing.node_length(prm, n))
+    return load_word(block + GUIDED)

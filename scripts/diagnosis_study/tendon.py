@@ -1,0 +1,204 @@
+"""What `cc-mujoco diagnose` says of a tendon in the open, the finger of the scenes.
+
+    python scripts/diagnosis_study/tendon.py --out runs/tendon
+
+Two rigs hide an effect each: one of closed forms that shares no code with the package
+(`rig/posts.py`), and the scene itself with the effect in it, played by MuJoCo at steps
+of 0.25 ms. Both are recorded at 500 Hz with noise and encoders. Cases that are done are
+kept; the table is printed as Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco import markdown
+from cc_mujoco.assets import scene_path
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.scene.repair import repaired
+from cc_mujoco.diagnosis.scene.rollout import rollout
+from rig.posts import Tendon, played
+
+Array = NDArray[np.float64]
+
+STEP, FINE = 0.002, 8
+DIGIT = 2.0 * np.pi / 2**17
+TORQUE = {"motor_torque_nm": 4e-4, "joint_torque_nm": 6e-4}
+"""Standard deviation of the noise [Nm]."""
+OTHERWISE: dict[str, float] = {
+    "friction": 0.22, "axial_stiffness": 1850.0, "pretension": 5.3,
+}  # fmt: skip
+"""What the rig is other than the scene says, for the baseline to tune."""
+HIDDEN: dict[str, dict[str, float]] = {
+    "none": {},
+    "more friction": {"friction": 0.32},
+    "viscous_friction": {"viscous_friction": 300.0},
+    "load_independent_friction": {"load_independent_friction": 30.0},
+    "end_compliance": {"end_compliance": 2e-5},
+    "torque_sensor_offset": {"joint_torque_bias": 0.02},
+}
+"""Cases; friction is the baseline's to tune, and no effect."""
+_KEYS = {
+    "axial_stiffness": "stiffness",
+    "load_independent_friction": "drag",
+    "viscous_friction": "viscosity",
+    "end_compliance": "compliance",
+}
+
+
+def motions(bench: Bench, seconds: float) -> list[tuple[str, float, Array, Array]]:
+    """Trials: notes, share of the pretension, angles of motor and joint [rad]."""
+    t = STEP * np.arange(round(seconds / STEP))
+    pull = 0.5 - 0.5 * np.cos(1.3 * t)
+    swept = 0.45 * np.sin(2.0 * np.pi * (0.15 * t + 0.12 * t**2))
+    slow = 0.5 * np.sin(1.7 * t)
+    ladder = 0.3 * np.interp(t % 4.0, [0, 1, 2, 2.4, 2.6, 4], [0, 1, 1, -1, -1, 0])
+    held = np.full(t.size, 0.2)
+    wound = 0.15 * (1.0 - np.cos(3.0 * t)) + 0.04 * np.sin(11.0 * t)
+    return [
+        ("swept", 1.0, bench.following(swept) + 0.2 * pull, swept),
+        ("slow", 1.0, bench.following(slow) + 0.3 * pull, slow),
+        ("stops", 1.0, bench.following(ladder) + 0.15 * pull, ladder),
+        ("held", 1.0, bench.following(held) + 0.12 + wound, held),
+        ("taut", 2.0, bench.following(slow) + 0.25 * pull, slow),
+        ("test", 1.0, bench.following(0.7 * slow) + 0.2 * pull**2, 0.7 * slow),
+    ]
+
+
+def shown(
+    rig: str, bench: Bench, hidden: Mapping[str, float], angles: tuple[Array, Array],
+    tension: float,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Torques of motor and joint that a rig shows at the samples."""
+    values = {**OTHERWISE, **hidden}
+    values["pretension"] *= tension
+    bias = values.pop("joint_torque_bias", 0.0)
+    at = np.arange(angles[0].size)
+    fine = np.arange(FINE * (at.size - 1) + 1) / FINE
+    motor, joint = (np.interp(fine, at, angle) for angle in angles)
+    # From rest in the pose 0, as any rig came to where a trial begins.
+    ramp = np.linspace(0.0, 1.0, 400)[:-1]
+    motor, joint = (np.concatenate([ramp * a[0], a]) for a in (motor, joint))
+    dt = STEP / FINE
+    if rig == "closed forms":
+        own = {_KEYS.get(name, name): value for name, value in values.items()}
+        torques = played(Tendon(**own), dt, motor, joint)
+    else:
+        cables = tuple(cable.replace(**values) for cable in bench.cables)
+        torques = rollout_of(bench, cables, dt, motor, joint)
+    kept = slice(ramp.size, None, FINE)
+    return torques[0][kept], torques[1][kept] + bias
+
+
+def rollout_of(
+    bench: Bench, cables: Any, dt: float, motor: Array, joint: Array
+) -> tuple[Array, Array]:
+    """Torques of the scene with other cables, by MuJoCo."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "scene.xml"
+        scene.write_text(repaired(bench, cables, {}).to_xml(), encoding="utf-8")
+        return rollout(scene, dt * np.arange(motor.size), motor, joint)
+
+
+def recorded(
+    rig: str, hidden: Mapping[str, float], seed: int, seconds: float = 8.0
+) -> Dataset:
+    """What a rig that hides something records of the motions."""
+    bench = Bench.of(scene_path("finger"))
+    random = np.random.default_rng(seed)
+    trials = []
+    for notes, tension, motor, joint in motions(bench, seconds):
+        torques = shown(rig, bench, hidden, (motor, joint), tension)
+        loud = [
+            torque + size * random.standard_normal(torque.size)
+            for torque, size in zip(torques, TORQUE.values(), strict=True)
+        ]
+        digits = [DIGIT * np.round(angle / DIGIT) for angle in (motor, joint)]
+        facts = Facts(
+            pretension=bench.cables[0].pretension * tension,
+            split="test" if notes == "test" else None,
+        )
+        trials.append(
+            Trial(
+                notes,
+                STEP * np.arange(motor.size),
+                digits[0],
+                loud[0],
+                digits[1],
+                loud[1],
+                (slice(0, motor.size),),
+                STEP,
+                facts=facts,
+                path=f"{notes}.csv",
+            )
+        )
+    noise = {name: Noise(size, 0.0, "declared") for name, size in TORQUE.items()}
+    for name in ("motor_angle_rad", "joint_angle_rad"):
+        noise[name] = Noise(DIGIT / np.sqrt(12.0), DIGIT, "declared")
+    return replace(Dataset(tuple(trials)), noise=noise)
+
+
+def diagnosed(rig: str, name: str, seed: int) -> dict[str, Any]:
+    """What is said of one case."""
+    data = recorded(rig, HIDDEN[name], seed)
+    bench = Bench.of(scene_path("finger"))
+    began = time.process_time()
+    found = reason(data, bench).diagnosis
+    gaps = {
+        c: (g.noise_floor, g.rmse_before, g.rmse_after) for c, g in found.gap.items()
+    }
+    return {
+        "verdict": found.verdict,
+        "named": [each.id for each in found.missing],
+        "refined": [e.id for e in found.effects if e.id not in
+                    {m.id for m in found.missing}],
+        "ties": [list(group) for group in found.ties],
+        "values": {
+            key: value.value
+            for each in found.effects
+            for key, value in each.parameters.items()
+        },
+        "baseline": {k: v.value for k, v in found.baseline.parameters.items()},
+        "gap": gaps,
+        "unseen": {each.id: each.reason for each in found.not_testable},
+        "statement": found.statement,
+        "seconds": time.process_time() - began,
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for name in HIDDEN:
+        for rig in ("closed forms", "MuJoCo"):
+            path = given.out / f"{name}, {rig}, {given.seed}.json"
+            if not path.exists():
+                path.write_text(json.dumps(diagnosed(rig, name, given.seed), indent=1))
+            case = json.loads(path.read_text())
+            said = ", ".join(case["named"]) or "-"
+            ties = "; ".join(" or ".join(group) for group in case["ties"]) or "-"
+            rows.append((name, rig, case["verdict"], said, ties))
+            print(*rows[-1], f"{case['seconds']:.0f} s", sep=" | ", flush=True)
+    print(markdown.table(("hidden", "rig", "verdict", "named", "ties"), rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""The finger's tendon is diagnosed, on a rig of closed forms and on MuJoCo's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tendon import HIDDEN, OTHERWISE, recorded
+
+from cc_mujoco.assets import scene_path
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.report.output import compared, scene
+
+FINGER = Bench.of(scene_path("finger"))
+FEW = ("viscous_friction", "end_compliance", "load_independent_friction")
+
+
+@pytest.mark.parametrize("name", ["none", "viscous_friction", "end_compliance"])
+@pytest.mark.parametrize("rig", ["closed forms", "MuJoCo"])
+def test_an_effect_in_the_tendon_is_named_and_repaired(
+    tmp_path: Path, rig: str, name: str
+) -> None:
+    data = recorded(rig, HIDDEN[name], 1, seconds=4.0)
+    result = reason(data, FINGER, ids=FEW)
+    found = result.diagnosis
+    wanted = [] if name == "none" else [name]
+    assert [each.id for each in found.missing] == wanted, found.statement
+    assert found.baseline.parameters["friction"].value == pytest.approx(
+        OTHERWISE["friction"], rel=0.02
+    )
+    assert "joint_radius" not in found.baseline.parameters
+    for effect in found.missing:
+        (value,) = effect.parameters.values()
+        assert value.value == pytest.approx(HIDDEN[name][name], rel=0.1)
+    if wanted:
+        assert all(gap.gap_closed > 0.9 for gap in found.gap.values())
+    path = tmp_path / "scene.xml"
+    scene(result, path)
+    (_, apart), size = compared(result, path)
+    assert apart < 2e-3 * size
+    assert Bench.of(path).cables[0].friction == pytest.approx(0.22, rel=0.02)
+
+
+def test_what_a_tied_tendon_cannot_have_is_told() -> None:
+    data = recorded("closed forms", {}, 2, seconds=3.0)
+    found = reason(data, FINGER, ids=FEW).diagnosis
+    told = {each.id: each.reason for each in found.not_testable}
+    assert "nothing has play" in told["backlash"]
+    assert "at every angle" in told["configuration_dependent_wrap"]
+    assert np.isfinite(found.gap["joint_torque_nm"].rmse_before)

@@ -14,12 +14,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, read_dataset_file
+from cc_mujoco.diagnosis.data.instruments import Instruments
+from cc_mujoco.diagnosis.data.torques import derived_noise, expected
 from cc_mujoco.diagnosis.data.trials import Noise
-from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
 from cc_mujoco.diagnosis.inference.motions import DT, Motion
 from cc_mujoco.diagnosis.inference.planning import CLEARLY, Plan, planned
 from cc_mujoco.diagnosis.inference.testable import SEEN
@@ -85,14 +88,22 @@ def plan(
         DatasetFile() if dataset_toml is None else read_dataset_file(Path(dataset_toml))
     )
     bench = bench.known(file.rig)
+    instruments = expected(file, bench)
+    if not instruments.rows:
+        raise CableError(
+            f"{dataset_toml} says that neither torque is measured and declares no load "
+            "in [rig]; a diagnosis compares at least one of the two"
+        )
+    noise = _noise(file)
+    noise |= derived_noise(noise, instruments, file.rig, bench)
     with plain_algebra():
-        found = planned(bench, swing, speed, file.rig, _noise(file), ids)
+        found = planned(bench, swing, speed, file.rig, noise, ids, instruments)
     with replacing_folder(out) as place:
         for name, motion in zip(names, found.trials, strict=False):
             _write_motion(place / name, motion)
         facts = _dataset(found, bench)
         (place / DATASET).write_text(facts, encoding="utf-8")
-        said = page(found, bench, swing, speed)
+        said = page(found, bench, swing, speed, instruments)
         mark = f"<!-- {as_written(place / DATASET)} -->"  # no browser shows it
         (place / PAGE).write_text(f"{said}\n{mark}\n", encoding="utf-8")
     for name in names[len(found.trials) :]:  # of an earlier, longer plan
@@ -127,16 +138,25 @@ def _require_possible(bench: Bench, reach: float) -> None:
             f"reach is {reach:g} rad, more than a turn of joint {bench.joint!r} to "
             f"either side; it must be at most {most:.3g}, in radians of the motor."
         )
+    if bench.lever is not None and reach > (most := _room(bench)):
+        raise CableError(
+            f"reach is {reach:g} rad, which takes joint {bench.joint!r} to where its "
+            f"lever is not known; it must be at most {most:.3g}, in radians of the "
+            "motor."
+        )
+
+
+def _room(bench: Bench) -> float:
+    """Angle of the motor that takes the joint to the nearer end of its range [rad]."""
+    return float(np.abs(bench.following(np.array(bench.span))).min())
 
 
 def _reach(bench: Bench) -> float:
     """What the range of the joint allows the motor to either side [rad]."""
     model = mujoco.MjModel.from_xml_path(str(bench.path))
-    joint = model.joint(bench.joint)
-    if not model.jnt_limited[joint.id]:
+    if bench.lever is None and not model.jnt_limited[model.joint(bench.joint).id]:
         return REACH
-    room = float(min(abs(end) for end in model.jnt_range[joint.id]))
-    return min(REACH, room * bench.joint_radius / bench.motor_radius) or REACH
+    return min(REACH, _room(bench)) or REACH
 
 
 def _noise(file: DatasetFile) -> dict[str, Noise]:
@@ -174,9 +194,20 @@ def _dataset(found: Plan, bench: Bench) -> str:
     return "\n".join(lines)
 
 
-def page(found: Plan, bench: Bench, swing: float, speed: float) -> str:
-    """The plan in words and two tables."""
-    motor, joint = (number(each) for each in found.noise)
+def page(
+    found: Plan, bench: Bench, swing: float, speed: float, instruments: Instruments
+) -> str:
+    """The plan in words and tables."""
+    known = [
+        f"the {side}'s torque from {instrument}, {number(found.noise[channel])} Nm of "
+        "noise"
+        if instrument
+        else f"the {side}'s torque not at all"
+        for side, channel, instrument in zip(
+            ("motor", "joint"), channels.TORQUES, instruments, strict=True
+        )
+    ]
+    unseen = table(("effect", "why not"), sorted(found.hidden.items()))
     trials = table(
         ("file", "what to do", "pretension [N]", "seconds"),
         [
@@ -194,8 +225,8 @@ def page(found: Plan, bench: Bench, swing: float, speed: float) -> str:
         [
             (
                 each.id,
-                f"{_size(each.id, each.least)}",
-                f"{_size(each.id, EFFECTS[each.id].parameters[0].typical)}",
+                f"{_size(found.sizes[each.id], each.least)}",
+                f"{_size(found.sizes[each.id], found.sizes[each.id].typical)}",
                 each.likest,
                 f"{each.apart:.0f} sd" + ("" if each.apart >= SEEN else " (tied)"),
             )
@@ -207,15 +238,15 @@ def page(found: Plan, bench: Bench, swing: float, speed: float) -> str:
             _TITLE,
             "",
             f"For {bench.path.name}: motor within {number(swing)} rad and "
-            f"{number(speed)} rad/s; noise of the torques {motor} and {joint} Nm.",
+            f"{number(speed)} rad/s; {known[0]}, {known[1]}.",
             "",
             trials,
             "",
             "Each file has the motor's angle to play, and the joint's as expected: "
             "hold it there where it is locked or against a spring, leave it free else. "
-            "Record both angles and torques at 200 Hz or more, call the recordings "
-            "`trial_01.csv` and so on, and put them and `dataset.toml` into a folder "
-            "of their own.",
+            "Record both angles and what tells the torques at 200 Hz or more, call the "
+            "recordings `trial_01.csv` and so on, and put them and `dataset.toml` into "
+            "a folder of their own.",
             "",
             "What these trials would resolve, in the scene as it is, once everything "
             "else is tuned. An effect shows from the size that is "
@@ -225,10 +256,14 @@ def page(found: Plan, bench: Bench, swing: float, speed: float) -> str:
             "",
             resolved,
             "",
+            *(
+                ("Not testable with these instruments:", "", unseen, "")
+                if found.hidden
+                else ()
+            ),
         ]
     )
 
 
-def _size(name: str, value: float) -> str:
-    first = EFFECTS[name].parameters[0]
+def _size(first: EffectParameter, value: float) -> str:
     return f"{plain(first.name)} {number(value)} {first.unit}".removesuffix(" 1")

@@ -10,6 +10,7 @@ import pytest
 from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
+from cc_mujoco.diagnosis.data.torques import expected
 from cc_mujoco.diagnosis.inference.motions import DT, motions
 from cc_mujoco.diagnosis.inference.planning import Plan
 from cc_mujoco.diagnosis.inference.testable import SEEN
@@ -93,3 +94,76 @@ def test_what_was_corrected_in_a_plan_is_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(CableError, match="was changed since it was written"):
         plan(scene_path("bench"), tmp_path, reach=0.8, ids=IDS[:2])
     assert facts.read_text(encoding="utf-8") == mine
+
+
+def told(folder: Path, text: str) -> Path:
+    path = folder / "known.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+NO_JOINT = "[columns.joint_torque_nm]\nmeasured = false\n"
+CELLS = "".join(
+    f"[columns.tension_{cable}_proximal_n]\nnoise = 0.1\n"
+    for cable in ("agonist", "antagonist")
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("", ("torque sensor", "torque sensor")),
+        (NO_JOINT, ("torque sensor", None)),
+        (CELLS, ("load cells", "torque sensor")),
+        (
+            CELLS + "[columns.motor_torque_nm]\nnoise = 0.1\n",
+            ("torque sensor", "torque sensor"),
+        ),
+        ("[rig]\ntorque_constant = 0.5\n", ("motor current", "torque sensor")),
+        (f"[rig]\nload_stiffness = 4.0\n{NO_JOINT}", ("torque sensor", "known load")),
+    ],
+)
+def test_instruments_are_expected_by_what_is_declared(
+    tmp_path: Path, text: str, wanted: tuple[str | None, str | None]
+) -> None:
+    file = read_dataset_file(told(tmp_path, text))
+    assert expected(file, Bench.of(scene_path("bench"))) == wanted
+
+
+@pytest.mark.parametrize(
+    ("text", "unseen", "said"),
+    [
+        (NO_JOINT, {"joint_gravity", "joint_stiffness"}, "joint's torque not at all"),
+        (CELLS, set(), "motor's torque from load cells, 0.00707 Nm of noise"),
+        (f"[rig]\nload_stiffness = 4.0\n{NO_JOINT}", set(), "from known load"),
+    ],
+)
+def test_a_plan_says_what_other_instruments_cannot_show(
+    tmp_path: Path, text: str, unseen: set[str], said: str
+) -> None:
+    file = told(tmp_path, text)
+    found = plan(scene_path("bench"), tmp_path / "out", dataset_toml=file, ids=IDS)
+    page = (tmp_path / "out" / PAGE).read_text(encoding="utf-8")
+    assert said in page
+    assert set(found.hidden) == unseen
+    assert {each.id for each in found.resolved} == set(IDS) - unseen
+    assert all(f"| {name} | " in page for name in unseen)
+    turns = all("turning its load" in motion.description for motion in found.trials)
+    assert turns is ("known load" in said)
+
+
+def test_no_torque_at_all_is_no_plan(tmp_path: Path) -> None:
+    file = told(tmp_path, f"{NO_JOINT}[columns.motor_torque_nm]\nmeasured = false\n")
+    with pytest.raises(CableError, match="neither torque is measured"):
+        plan(scene_path("bench"), tmp_path / "out", dataset_toml=file)
+
+
+def test_a_tendon_in_the_open_is_planned_within_its_range(tmp_path: Path) -> None:
+    bench = Bench.of(scene_path("finger"))
+    found = plan(bench.path, tmp_path / "out", ids=IDS[:2])
+    for motion in found.trials:
+        assert motion.joint.min() > bench.span[0]
+        assert motion.joint.max() < bench.span[1]
+    assert all(each.apart > SEEN for each in found.resolved)
+    with pytest.raises(CableError, match="its lever is not known"):
+        plan(bench.path, tmp_path / "far", reach=3.0)

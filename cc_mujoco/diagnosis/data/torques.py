@@ -67,6 +67,33 @@ def completed(
     return made, instruments, findings
 
 
+def expected(file: DatasetFile, bench: Bench) -> Instruments:
+    """What the torques will be known from, by what is declared before there are data.
+
+    A table of a torque's column means a sensor, tables of the load cells of all cables
+    at one end mean these, a torque constant a current, and a load in `[rig]` that load.
+    """
+    found: list[Instrument | None] = []
+    for torque, end in _ENDS.items():
+        measured = file.source(torque).measured
+        cells = all(
+            any(name in file.columns for name in names)
+            for names in _channels(end, bench)
+        )
+        motor = torque == channels.MOTOR_TORQUE
+        instrument: Instrument | None = "torque sensor" if measured else None
+        if torque in file.columns and measured:
+            instrument = "torque sensor"
+        elif cells:
+            instrument = "load cells"
+        elif motor and "torque_constant" in file.rig:
+            instrument = "motor current"
+        elif not motor and _loaded(file):
+            instrument = "known load"
+        found.append(instrument)
+    return Instruments(*found)
+
+
 def derived_noise(
     noise: Mapping[str, Noise],
     instruments: Instruments,
@@ -80,9 +107,11 @@ def derived_noise(
             parts = [noise[n] for n in noise if _is_end(n, _ENDS[torque])]
             size = _radius(torque, bench)
         elif instrument == "motor current":
-            parts = [noise[channels.MOTOR_CURRENT]]
+            parts = [noise[n] for n in noise if n == channels.MOTOR_CURRENT]
             size = _constant(constants)
         else:
+            continue
+        if not parts:  # nothing is declared yet
             continue
         found[torque] = Noise(
             size * float(np.sqrt(sum(part.deviation**2 for part in parts))),

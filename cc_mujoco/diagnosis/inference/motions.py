@@ -37,17 +37,20 @@ class Motion:
     pretension: float = 1.0
 
 
-def motions(bench: Bench, swing: float, rate: float) -> list[Motion]:
+def motions(
+    bench: Bench, swing: float, rate: float, load: float | None = None
+) -> list[Motion]:
     """Trials within these limits; one goes to twice the swing.
 
     Args:
         bench: the rig.
         swing: largest angle of the motor to either side [rad].
         rate: largest speed of the motor [rad/s].
+        load: stiffness of a known load that the joint turns in every trial [Nm/rad].
     """
     from scipy.ndimage import gaussian_filter1d
 
-    ratio = bench.motor_radius / bench.joint_radius
+    ratio, free = bench.motor_radius / bench.joint_radius, bench.carried
     wind = wind_up(bench)
     time = np.arange(0.0, SECONDS, DT)
 
@@ -72,24 +75,43 @@ def motions(bench: Bench, swing: float, rate: float) -> list[Motion]:
     )
     small = triangle(2.0 * wind, rate * 0.1)
     still = np.zeros(time.size)
+
+    def taut(motor: FloatArray) -> FloatArray:
+        """A motor that pulls a lone cable, which cannot push."""
+        if len(bench.cables) == 2:
+            return motor
+        found: FloatArray = 0.5 * (motor - motor.min())
+        return found
+
+    if load is not None:
+        stiffness = len(bench.cables) * cable.axial_stiffness / cable.length
+        kept = 1.0 / (1.0 + load / (stiffness * bench.joint_radius**2))
+        return [
+            Motion(f"joint turning its load, {how}", each, free(kept * each), share)
+            for how, each, share in (
+                ("triangles at five speeds", ladder, 1.0),
+                ("chirp from 0.1 to 3 Hz", chirp, 1.0),
+                ("moves with rests of 1, 3, 8 and 22 s", dwell, 1.0),
+                ("small reversals within the wind-up of the cable", small, 1.0),
+                ("slow triangle over the whole range, pretension halved", sweep, 0.5),
+            )
+        ]
     return [
         Motion(
             "joint free, triangles at five speeds from 2 % to 100 % of the fastest",
             ladder,
-            ladder * ratio,
+            free(ladder),
         ),
-        Motion("joint free, chirp from 0.1 to 3 Hz", chirp, chirp * ratio),
-        Motion(
-            "joint free, moves with rests of 1, 3, 8 and 22 s", dwell, dwell * ratio
-        ),
+        Motion("joint free, chirp from 0.1 to 3 Hz", chirp, free(chirp)),
+        Motion("joint free, moves with rests of 1, 3, 8 and 22 s", dwell, free(dwell)),
         Motion(
             "joint locked, slow triangles of the motor a few times its wind-up",
-            triangle(4.0 * wind, wind),
+            taut(triangle(4.0 * wind, wind)),
             still,
         ),
         Motion(
             "joint locked, small reversals of the motor within its wind-up",
-            small,
+            taut(small),
             still,
         ),
         Motion(
@@ -100,28 +122,28 @@ def motions(bench: Bench, swing: float, rate: float) -> list[Motion]:
         Motion(
             "joint free, slow triangle over the whole range, pretension halved",
             sweep,
-            sweep * ratio,
+            free(sweep),
             0.5,
         ),
         Motion(
             "joint free, slow triangle over twice the range, if the rig allows",
             triangle(2.0 * swing, rate * 0.2),
-            triangle(2.0 * swing, rate * 0.2) * ratio,
+            free(triangle(2.0 * swing, rate * 0.2)),
         ),
         Motion(
             "joint locked, slow triangles, pretension halved",
-            triangle(4.0 * wind, wind),
+            taut(triangle(4.0 * wind, wind)),
             still,
             0.5,
         ),
         Motion(
             "joint against a spring, triangles at five speeds",
             ladder,
-            give * ratio * ladder,
+            free(give * ladder),
         ),
         Motion(
             "joint against a spring, chirp from 0.1 to 3 Hz",
             chirp,
-            give * ratio * chirp,
+            free(give * chirp),
         ),
     ]

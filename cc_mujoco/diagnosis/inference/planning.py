@@ -17,10 +17,12 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
+from cc_mujoco.diagnosis.data.instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis.data.trials import Constant, Noise
-from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectParameter
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.jacobian import jacobian
+from cc_mujoco.diagnosis.inference.load import values_of
 from cc_mujoco.diagnosis.inference.motions import DT, Motion, motions
 from cc_mujoco.diagnosis.inference.plant import Plant, tuned
 from cc_mujoco.diagnosis.inference.records import BAND, Record
@@ -61,12 +63,16 @@ class Plan:
     Attributes:
         trials: in the order of what they add.
         resolved: by the trials together, the least certain effect first.
-        noise: standard deviation of both torques that was taken [Nm].
+        noise: standard deviation that was taken, by the torque that is compared [Nm].
+        hidden: effects that these instruments cannot show, and why.
+        sizes: the parameter by which the size of an effect is told.
     """
 
     trials: tuple[Motion, ...]
     resolved: tuple[Resolved, ...]
-    noise: tuple[float, float]
+    noise: Mapping[str, float]
+    hidden: Mapping[str, str]
+    sizes: Mapping[str, EffectParameter]
 
 
 def planned(
@@ -76,6 +82,7 @@ def planned(
     constants: Mapping[str, Constant],
     noise: Mapping[str, Noise],
     ids: Sequence[str] = tuple(EFFECTS),
+    instruments: Instruments = TORQUE_SENSORS,
 ) -> Plan:
     """The fewest trials of the catalogue that leave no effect untestable or tied.
 
@@ -86,18 +93,32 @@ def planned(
         constants: what is known of the rig.
         noise: of the channels where it is known.
         ids: effects to consider.
+        instruments: what the torques are to be known from.
     """
-    every = [m for m in motions(bench, swing, rate) if "twice" not in m.description]
-    records = tuple(_record(motion, bench) for motion in every)
-    plant = Plant(bench, records, SEGMENTS)
-    free = tuned(bench, records, constants)
+    load = None
+    if instruments.joint == "known load":
+        load = values_of(constants).get("load_stiffness", 0.0)
+    every = [
+        motion
+        for motion in motions(bench, swing, rate, load)
+        if "twice" not in motion.description
+    ]
+    rows = len(instruments.rows)
+    records = tuple(_record(motion, bench, rows) for motion in every)
+    plant = Plant(bench, records, SEGMENTS, 1, instruments, constants)
+    records = _measured(plant)
+    plant = plant.limited(records)
+    free = tuned(bench, records, constants, instruments)
+    library = plant.library
+    hidden = {name: library.hidden[name] for name in ids if name in library.hidden}
+    ids = [name for name in ids if name in library.effects]
     place = np.zeros(len(free))
     blank = Problem(plant, free, (), (), ())
     torques = plant.simulate(blank.values(place))
     whole = np.concatenate(torques, axis=1)
     sizes = [
         noise[name].deviation if name in noise else NOISE * float(np.std(row))
-        for name, row in zip(("motor_torque_nm", "joint_torque_nm"), whole, strict=True)
+        for name, row in zip(instruments.channels, whole, strict=True)
     ]
     floor = tuple(
         _floor(plant, blank, record, torque, np.array(sizes), noise)
@@ -115,15 +136,26 @@ def planned(
     grams, owners = _grams(problem, place, ids)
     chosen = _chosen(grams, owners, len(free))
     together = np.sum([grams[k] for k in chosen], axis=0)
-    resolved = _resolved(together, owners, len(free))
+    resolved = _resolved(together, owners, len(free), library.effects)
     return Plan(
         tuple(every[k] for k in chosen),
         tuple(sorted(resolved, key=lambda each: each.apart)),
-        (sizes[0], sizes[1]),
+        dict(zip(instruments.channels, sizes, strict=True)),
+        hidden,
+        {name: library.effects[name].parameters[0] for name in ids},
     )
 
 
-def _record(motion: Motion, bench: Bench) -> Record:
+def _measured(plant: Plant) -> tuple[Record, ...]:
+    """Records that hold what the scene says they will, for the scale of its tuning."""
+    shown = plant.simulate({})
+    return tuple(
+        replace(record, measured=torque)
+        for record, torque in zip(plant.records, shown, strict=True)
+    )
+
+
+def _record(motion: Motion, bench: Bench, rows: int) -> Record:
     size = min(motion.motor.size, motion.joint.size)
     return Record(
         trial=motion.description,
@@ -132,7 +164,7 @@ def _record(motion: Motion, bench: Bench) -> Record:
         time=DT * np.arange(size, dtype=np.float64),
         motor_angle=motion.motor[:size],
         joint_angle=motion.joint[:size],
-        measured=np.zeros((2, size)),
+        measured=np.zeros((rows, size)),
         band=BAND,
         counts=np.ones(size, dtype=bool),
         pretension=bench.cables[0].pretension * motion.pretension,
@@ -190,7 +222,8 @@ def _grams(
         columns.append(sign.changes)
         owners += [(sign.id, k) for k in range(sign.changes.shape[1])]
     table = np.concatenate(columns, axis=1)
-    ends = np.cumsum([0, *(2 * record.time.size for record in records)])
+    rows = len(problem.plant.instruments.rows)
+    ends = np.cumsum([0, *(rows * record.time.size for record in records)])
     grams = [
         table[first:end].T @ table[first:end] for first, end in itertools.pairwise(ends)
     ]
@@ -228,7 +261,10 @@ def _worth(gram: FloatArray, owners: Sequence[tuple[str, int]], base: int) -> fl
 
 
 def _resolved(
-    gram: FloatArray, owners: Sequence[tuple[str, int]], base: int
+    gram: FloatArray,
+    owners: Sequence[tuple[str, int]],
+    base: int,
+    effects: Mapping[str, Effect] = EFFECTS,
 ) -> list[Resolved]:
     known = gram[:base, :base]
     cross = gram[:base, base:]
@@ -249,7 +285,7 @@ def _resolved(
             if other != name
         }
         likest = max(alike, key=lambda other: alike[other])
-        first = EFFECTS[name].parameters[0]
+        first = effects[name].parameters[0]
         least = SEEN * first.typical / max(clarity, 1e-12)
         apart = clarity * float(np.sqrt(1.0 - alike[likest] ** 2))
         found.append(Resolved(name, clarity, least, likest, apart))

@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from cc_mujoco.diagnosis.checks.checks import check_bench
+from cc_mujoco.diagnosis.checks.stretch import check_lead
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.findings import errors
 from cc_mujoco.diagnosis.data.trials import Dataset
@@ -91,7 +92,8 @@ def inferred(
     require_repairable(bench)
     progress(0.0, "reading the data")
     dataset, findings = load(list(data), dataset_toml, bench)
-    findings += check_bench(dataset.trials, bench.known(dataset.constants))
+    known = bench.known(dataset.constants)
+    findings += check_bench(dataset.trials, known) + check_lead(dataset.trials, known)
     notes = [finding.statement for finding in findings]
     wrong = errors(findings)
     if wrong or not dataset.trials:

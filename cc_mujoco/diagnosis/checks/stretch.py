@@ -1,0 +1,88 @@
+"""Which side leads: a cable that pulls is longer, so that the motor is ahead.
+
+The motor turns further than the joint by what the cable stretches, and more the more
+it pulls, whatever its friction. Angles that say the opposite are those of the other
+side: where both pulleys are alike nothing else tells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
+from cc_mujoco.diagnosis.data.findings import Finding, error, warning
+from cc_mujoco.diagnosis.data.smoothing import velocity
+from cc_mujoco.diagnosis.data.trials import Trial
+
+_SURE = 0.6
+"""Correlation of lead and torque from which on it is no accident."""
+_FEWEST = 200
+
+
+def check_lead(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
+    """Find angles that are those of the other side.
+
+    Args:
+        trials: of one rig.
+        bench: of its scene.
+    """
+    found = [_lead(trial, bench) for trial in trials]
+    sure = [
+        (trial, lead)
+        for trial, lead in zip(trials, found, strict=True)
+        if abs(lead) > _SURE
+    ]
+    if not sure or any(lead > 0.0 for _, lead in sure):
+        return []
+    names = [sure[0][0].labels.get(name, name) for name in (MOTOR_ANGLE, JOINT_ANGLE)]
+    where = sure[0][0].path
+    if len(sure) > 1:
+        where += f" and {len(sure) - 1} more"
+    told = (
+        f"{where}: the joint leads the motor the more, the more torque passes, as no "
+        f"cable that stretches lets it; perhaps {names[0]} and {names[1]} are swapped."
+    )
+    certain = len(sure) > 1
+    return [(error if certain else warning)(told, "" if certain else sure[0][0].name)]
+
+
+def _lead(trial: Trial, bench: Bench) -> float:
+    """Correlation of the motor's lead with the torque that passes; 0 if unknown.
+
+    Clocks and offsets that differ make a lead as well, and are taken out. A wrong ratio
+    may, too: what counts is what is there with and without it.
+    """
+    if trial.motor_torque is None or trial.joint_torque is None:
+        return 0.0
+    parts = [p for p in trial.segments if p.stop - p.start >= _FEWEST]
+    if not parts:
+        return 0.0
+    used = np.concatenate([np.arange(p.start, p.stop) for p in parts])
+    along = bench.following(trial.joint_angle)[used]
+    lead = trial.motor_angle[used] - along
+    torque = np.zeros(used.size)
+    for shown in (trial.motor_torque[used], trial.joint_torque[used]):
+        torque += shown / max(float(np.std(shown)), 1e-300)
+    speed = velocity(trial.motor_angle, trial.step, trial.segments)[used]
+    usual = [speed] + [
+        ((used >= part.start) & (used < part.stop)).astype(np.float64) for part in parts
+    ]
+    fixed, free = _shared(lead, torque, usual), _shared(lead, torque, [*usual, along])
+    return min(fixed, free, key=abs) if fixed * free > 0.0 else 0.0
+
+
+def _shared(one: FloatArray, other: FloatArray, known: Sequence[FloatArray]) -> float:
+    """Correlation of two signals without what they have in common with others."""
+    axes, _ = np.linalg.qr(np.column_stack([k / max(_norm(k), 1e-300) for k in known]))
+    one, other = (signal - axes @ (axes.T @ signal) for signal in (one, other))
+    size = _norm(one) * _norm(other)
+    return float(one @ other) / size if size > 0.0 else 0.0
+
+
+def _norm(signal: FloatArray) -> float:
+    return math.sqrt(float(signal @ signal))

@@ -110,8 +110,11 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     found = result.diagnosis
     if naive and result.baseline_fit is not None:
         record["naive"] = guesses(result.baseline_fit, naive)
+    # A shaft that twists is soft in series with both cables.
+    shaft = getattr(MAKES[rig.make].plant_of(rig), "shaft", 0.0)
+    pair = 2.0 * rig.motor_radius**2 * rig.axial_stiffness / rig.length
     truth = {
-        "axial_stiffness": rig.axial_stiffness,
+        "axial_stiffness": rig.axial_stiffness / (1.0 + shaft * pair),
         "pretension": rig.pretension,
         # The scene's wrap is taken for granted, so friction is scaled by the rest.
         "friction": 0.5

@@ -158,7 +158,7 @@ DEVIATIONS = {
 half in a training as long as these, and what it makes of torque at the joint must be of
 the size of the errors that matter: an action of 1 is 5 Nm at the wrist and 240 Nm at
 the ankle."""
-TAUT = {"ankle": 0.02, "exosuit": 0.03}
+TAUT = {"ankle": 0.02, "exosuit": 0.06}
 """Action that PPO begins with where a drum pays out many turns: a cable that hangs
 slack, as without it, tells nothing of what the motor does."""
 ENVIRONMENTS = {"ppo": 64, "sac": 128}

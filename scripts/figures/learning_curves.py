@@ -26,7 +26,12 @@ def main() -> None:
         drawing = figure(7.0, 3.6)
         axes = drawing.add_subplot()
         for folder, color in zip(options.folders, COLORS, strict=False):
-            paths = sorted(folder.glob("*.csv"))
+            # A training that has just begun has a heading alone.
+            paths = [
+                path
+                for path in sorted(folder.glob("*.csv"))
+                if len(path.read_text(encoding="utf-8").splitlines()) > 2
+            ]
             if not paths:
                 parser.error(f"{folder} has no learning curve (*.csv).")
             ends = []

@@ -1,7 +1,7 @@
-"""What can be changed while an episode runs, and the keys that change it.
+"""What can be changed while an episode runs, and the keys and sliders that change it.
 
     knobs = Knobs(env.exo.device.cables, "pi")
-    knobs.press(UP)
+    knobs.press(UP)                    # or knobs.slide(0, 1.25)
     knobs.options()                    # {"flexor.friction": 0.2625, ...}
 
 Friction acts at once and pretension at the next start, as a cable is laid only there.
@@ -10,7 +10,9 @@ Controllers are not told of either: they know the device as the scene has it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.transmission import Cable
@@ -32,8 +34,17 @@ HELP = (
     ("space", "pause"),
     ("enter", "restart"),
     ("escape", "quit"),
+    ("panel Control", "sliders of the first three"),
 )
 """Keys and what they do, for the screen."""
+
+
+class Slider(NamedTuple):
+    """A knob that can be slid."""
+
+    name: str
+    low: float
+    high: float
 
 
 class Knobs:
@@ -53,7 +64,7 @@ class Knobs:
         own = () if controller in CONTROLLERS else (controller,)
         self._laws: tuple[str, ...] = (*own, *CONTROLLERS)
         self._law = self._laws.index(controller)
-        self._friction = self._pretension = 0
+        self._friction = self._pretension = 0.0
         self.paused = False
         """Whether the episode stands still."""
         self.restart = False
@@ -76,6 +87,37 @@ class Knobs:
             self.restart, self.paused = True, False
         elif key == ESCAPE:
             self.quit = True
+
+    @property
+    def sliders(self) -> tuple[Slider, ...]:
+        """Friction and pretension over those of the scene, and a controller's place."""
+        ends = STEP**-MOST, STEP**MOST
+        return (
+            Slider("friction", *ends),
+            Slider("pretension", *ends),
+            Slider("controller", 0.0, len(self._laws) - 1.0),
+        )
+
+    @property
+    def slides(self) -> tuple[float, ...]:
+        """Where the sliders are."""
+        return self.friction, self.pretension, float(self._law)
+
+    def slide(self, which: int, value: float) -> None:
+        """Take a slider's place; beyond its ends it stays there.
+
+        Args:
+            which: Of `sliders`.
+            value: Where it is.
+        """
+        _, low, high = self.sliders[which]
+        value = min(max(value, low), high)
+        if which == 0:
+            self._friction = math.log(value, STEP)
+        elif which == 1:
+            self._pretension = math.log(value, STEP)
+        else:
+            self._law = round(value)
 
     @property
     def controller(self) -> str:
@@ -113,5 +155,5 @@ class Knobs:
         return found
 
 
-def _within(steps: int) -> int:
-    return min(max(steps, -MOST), MOST)
+def _within(steps: float) -> float:
+    return min(max(steps, float(-MOST)), float(MOST))

@@ -1,4 +1,4 @@
-"""An episode in a window, in real time, with keys that change what is played.
+"""An episode in a window, in real time; keys and sliders change what is played.
 
     live(env, "pi", seed=0)
 
@@ -13,10 +13,12 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco import engine
+from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Controller, Drive, controller
 from cc_mujoco.control.external import blamed
 from cc_mujoco.episode import Columns, Single, run
@@ -25,6 +27,7 @@ from cc_mujoco.recording.caption import sentence, state
 from cc_mujoco.recording.knobs import HELP, Knobs
 from cc_mujoco.recording.pace import Pace
 from cc_mujoco.recording.screen import PERIOD, Frame, Screen, rounded
+from cc_mujoco.recording.sliders import Sliders
 from cc_mujoco.sensing import Measuring
 
 if TYPE_CHECKING:
@@ -59,7 +62,9 @@ def live(
     knobs = Knobs(cables, name)
     highest = rounded(max(cable.pretension for cable in cables.values()))
     model = inner.model
-    with screen(model, engine.cables(model), highest, knobs.press) as window:
+    spec = mujoco.MjSpec.from_file(str(scene_path(inner.exo.setup.scene)))
+    sliders = Sliders(knobs, spec)
+    with screen(model, engine.cables(model), highest, knobs.press, sliders) as window:
         show = Show(env, law, knobs, window, seed)
         while not show.ended:
             show.episode()

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.recording.capsules import Capsules
 from cc_mujoco.recording.scene3d import viewpoint
+from cc_mujoco.recording.sliders import Sliders
 
 Array = NDArray[np.float64]
 Rows = tuple[tuple[str, str], ...]
@@ -123,6 +124,7 @@ class Screen:
         cables: Iterable[str],
         highest: float,
         press: Callable[[int], object],
+        sliders: Sliders | None = None,
     ) -> None:
         """Open the window, as the first camera of the model sees it.
 
@@ -131,8 +133,10 @@ class Screen:
             cables: Names of cables; those with a route are coloured.
             highest: Tension of the brightest colour at first [N]; it rises with them.
             press: Called with each key, as GLFW numbers it, in the window's thread.
+            sliders: With their model, of the same scene, which is shown instead.
         """
-        self._model = shown = copy.copy(model)
+        self._model = shown = copy.copy(model) if sliders is None else sliders.model
+        self._sliders = sliders
         self._capsules = Capsules(shown, cables, highest)
         if shown.ncam:
             shown.vis.global_.fovy = shown.cam_fovy[0]
@@ -143,7 +147,7 @@ class Screen:
             self._data,
             key_callback=press,
             show_left_ui=False,
-            show_right_ui=False,
+            show_right_ui=sliders is not None,
         )
         self._windows = set(threading.enumerate()) - before
         with self._viewer.lock():
@@ -221,7 +225,11 @@ class Screen:
             scene.ngeom = 0
             self._capsules.add(scene, self._data, frame.tensions)
             self._mouse = copy.copy(viewer.perturb)
+            if self._sliders is not None:
+                self._sliders.write(self._data)
         viewer.sync()
+        if self._sliders is not None:
+            self._sliders.read(self._data)
         font = mujoco.mjtFont.mjFONT_NORMAL
         places = mujoco.mjtGridPos.mjGRID_TOPLEFT, mujoco.mjtGridPos.mjGRID_BOTTOMLEFT
         viewer.set_texts(

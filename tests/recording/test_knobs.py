@@ -145,3 +145,16 @@ def test_a_long_sentence_has_several_lines() -> None:
     assert sentence("") == ()
     lines = [line for _, line in sentence("a word " * 30)]
     assert len(lines) > 1 and max(map(len, lines)) <= WIDTH
+
+
+def test_a_slider_is_a_factor_and_stays_within_its_ends(knobs: Knobs) -> None:
+    knobs.slide(0, 2.0)
+    knobs.slide(1, 0.0)
+    assert knobs.friction == pytest.approx(2.0)
+    assert knobs.pretension == pytest.approx(STEP**-MOST)
+    knobs.press(keys.UP)
+    assert knobs.friction == pytest.approx(2.0 * STEP)
+    for place in range(len(CONTROLLERS)):
+        knobs.slide(2, place + 0.3)
+        assert knobs.slides[2] == place
+        assert knobs.controller == list(CONTROLLERS)[place]

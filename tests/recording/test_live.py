@@ -36,8 +36,11 @@ class Window:
         self.frames: list[Frame] = []
         self.press: Press = lambda key: None
 
-    def __call__(self, model: Any, cables: Any, highest: float, press: Press) -> Window:
+    def __call__(
+        self, model: Any, cables: Any, highest: float, press: Press, sliders: Any
+    ) -> Window:
         self.press = press
+        assert sliders.model.nq == model.nq
         assert 0.0 < highest < 1e3
         return self
 

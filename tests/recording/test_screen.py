@@ -21,7 +21,10 @@ from cc_mujoco import cli, engine
 from cc_mujoco.assets import scene_path
 from cc_mujoco.errors import CableError
 from cc_mujoco.recording import screen
+from cc_mujoco.recording.knobs import RIGHT, STEP, UP, Knobs
 from cc_mujoco.recording.screen import Frame, Screen, require_screen, rounded
+from cc_mujoco.recording.sliders import HIDDEN, Sliders
+from cc_mujoco.transmission import Cable
 
 CABLES = ("flexor", "extensor")
 TEXTS = (("left", "right"), ("below", "beside")), (("key", "meaning"),)
@@ -33,8 +36,8 @@ from cc_mujoco.recording import live, screen
 from cc_mujoco.recording.knobs import ESCAPE, UP
 
 class Watched(screen.Screen):
-    def __init__(self, model, cables, highest, press):
-        super().__init__(model, cables, highest, press)
+    def __init__(self, model, cables, highest, press, sliders):
+        super().__init__(model, cables, highest, press, sliders)
         def keys():
             while self.painted < 2:
                 time.sleep(0.02)
@@ -193,6 +196,36 @@ def test_it_looks_on_as_the_first_camera_does(
             eye = scene.camera[0]
             seen.append(np.concatenate([eye.forward, eye.up, [eye.frustum_top]]))
         assert seen[0] == pytest.approx(seen[1], abs=0.01)
+
+
+def test_sliders_turn_the_knobs_and_follow_the_keys(
+    model: mujoco.MjModel, opened: list[Viewer]
+) -> None:
+    knobs = Knobs({name: Cable() for name in CABLES}, "pi")
+    spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
+    sliders = Sliders(knobs, spec)
+    with Screen(model, CABLES, 10.0, knobs.press, sliders) as window:
+        viewer = opened[0]
+        assert viewer.how["show_right_ui"]
+        shown = viewer.model
+        groups = shown.actuator_group
+        names = [shown.actuator(i).name for i in np.flatnonzero(groups != HIDDEN)]
+        assert names == ["friction", "pretension", "controller"]
+        assert shown.nu == model.nu + 3
+        window.show(frame(model, 1.0))
+        until(lambda: window.painted > 0)
+        controls = viewer.data.ctrl
+        assert list(controls[-3:-1]) == [1.0, 1.0]
+        knobs.press(UP)
+        until(lambda: controls[-3] == STEP)
+        controls[-2:] = 2.0, 0.4
+        first = knobs.sliders[2].low
+        until(lambda: knobs.slides[2] == first)
+        assert knobs.slides == pytest.approx((STEP, 2.0, first))
+        assert controls[-1] == 0.4  # the slider stays under the mouse
+        knobs.press(RIGHT)
+        until(lambda: controls[-1] == first + 1.0)
+        assert controls[-3] == STEP
 
 
 @pytest.mark.parametrize(

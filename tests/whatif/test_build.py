@@ -15,6 +15,7 @@ import pytest
 
 from cc_mujoco import engine
 from cc_mujoco.bare import strip
+from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError
 from cc_mujoco.whatif import build
 from cc_mujoco.whatif.build import Builder
@@ -227,7 +228,7 @@ def test_only_the_pieces_of_an_open_path_limit_the_step() -> None:
 
 def _ends(model: mujoco.MjModel) -> list[tuple[int, int]]:
     found = []
-    for index in range(model.nplugin):
+    for index in instances(model).values():
         proximal, distal = np.flatnonzero(model.actuator_plugin == index)
         out = model.actuator_outadr
         found.append((int(out[proximal]), int(out[distal])))

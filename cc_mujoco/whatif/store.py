@@ -9,11 +9,13 @@ them (`identity`): what other code made is never taken for this study's.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -60,8 +62,9 @@ class Store:
         self.plan, self._folder = plan, folder
         """The study; that of a search grows."""
         self._makers = plan.made_by()
-        self._found: dict[int, list[Result]] = {}
-        self._designs: dict[int, list[str]] = {}
+        self._done: dict[int, tuple[int, bytes]] = {}
+        self._tables: dict[int, pa.Table] = {}
+        """Without a folder."""
         self.whole: pa.Table | None = None
         """The table of an earlier run that finished."""
         self.finished = 0
@@ -88,14 +91,13 @@ class Store:
                 if other := differences(seal(part), self._makers):
                     changed = other
                 else:
-                    results = _read_part(part, plan.protocol)
-                    self._found[int(path.stem)] = results
-                    self._designs[int(path.stem)] = part.column(_DESIGN).to_pylist()
-        if (folder / TABLE).exists() and (plan.search or not self._found):
+                    written = part.column(_DESIGN).to_pylist()
+                    self._done[int(path.stem)] = _told_apart(written)
+        if (folder / TABLE).exists() and (plan.search or not self._done):
             table = read_table(folder)
             other = differences(seal(table), self._makers)
             # Parts of this code beside a table of other code: it was asked for anew.
-            if not self._found:
+            if not self._done:
                 changed = changed or other
             if plan.search is None:
                 self.whole = table
@@ -113,7 +115,7 @@ class Store:
         """Designs that are done."""
         if self.whole is not None:
             return len(self.whole)
-        return sum(len(results) for results in self._found.values())
+        return sum(count for count, _ in self._done.values())
 
     def missing(self) -> list[int]:
         """Batches that are still to be done."""
@@ -123,7 +125,7 @@ class Store:
         return [
             n
             for n in range(len(self.plan.batches))
-            if self._designs.get(n) != self._written(n)
+            if self._done.get(n) != _told_apart(self._written(n))
         ]
 
     def _written(self, batch: int) -> list[str]:
@@ -132,15 +134,23 @@ class Store:
 
     def keep(self, batch: int, results: Sequence[Result]) -> None:
         """Keep the results of a batch."""
-        self._found[batch], self._designs[batch] = list(results), self._written(batch)
-        if self._folder is None:
-            return
-        parts = self._folder / PARTS
-        parts.mkdir(exist_ok=True)
+        written = self._written(batch)
         columns = _columns(results, self.plan.protocol)
-        columns[_DESIGN] = pa.array(self._designs[batch], pa.string())
-        with replacing(parts / f"{batch:06d}.parquet") as partial:
+        columns[_DESIGN] = pa.array(written, pa.string())
+        self._done[batch] = _told_apart(written)
+        if self._folder is None:
+            self._tables[batch] = pa.table(columns)
+            return
+        place = _part(self._folder, batch)
+        place.parent.mkdir(exist_ok=True)
+        with replacing(place) as partial:
             pq.write_table(sealed(pa.table(columns), self._makers), partial)
+
+    def _kept(self, batch: int) -> pa.Table:
+        """Results of a batch, from the folder, so that memory does not hold them."""
+        if self._folder is None:
+            return self._tables[batch]
+        return pq.read_table(_part(self._folder, batch))
 
     def table(self) -> pa.Table:
         """The table of all designs, in their order; `missing` must be empty."""
@@ -156,20 +166,33 @@ class Store:
 
     def results(self, first: int = 0) -> list[Result]:
         """Results of the designs from this one on; `missing` must be empty."""
-        rows: list[Result | None] = [None] * len(self.plan.designs)
+        rows: dict[int, Result] = {}
         for number, members in enumerate(self.plan.batches):
-            for index, result in zip(members, self._found[number], strict=True):
-                rows[index] = result
-        return [row for row in rows[first:] if row is not None]
+            if any(index >= first for index in members):
+                found = _read_part(self._kept(number), self.plan.protocol)
+                rows.update(zip(members, found, strict=True))
+        return [rows[i] for i in range(first, len(self.plan.designs)) if i in rows]
 
     def _join(self) -> pa.Table:
-        plan, results = self.plan, self.results()
-        columns: dict[str, pa.Array] = {"design": pa.array(range(len(results)))}
+        plan, batches = self.plan, self.plan.batches
+        parts = [
+            self._kept(number).drop_columns([_DESIGN]).replace_schema_metadata(None)
+            for number in range(len(batches))
+        ]
+        order = np.argsort([index for members in batches for index in members])
+        found = pa.concat_tables(parts).take(pa.array(order))
+        columns: dict[str, Any] = {"design": pa.array(range(len(found)))}
         for name in plan.ranges:
             columns[name] = pa.array([design[name] for design in plan.designs])
-        columns |= _columns(results, plan.protocol)
+        columns |= {name: found.column(name) for name in found.column_names}
         fields = [_field(name, a.type, plan.protocol) for name, a in columns.items()]
         return pa.Table.from_arrays(list(columns.values()), schema=pa.schema(fields))
+
+
+def _told_apart(written: Sequence[str]) -> tuple[int, bytes]:
+    """How many designs, and a digest of them."""
+    digest = hashlib.sha256("\n".join(written).encode())
+    return len(written), digest.digest()
 
 
 def require_ours(folder: Path, names: Iterable[str] = ()) -> None:
@@ -191,6 +214,10 @@ def _has_study(folder: Path) -> bool:
     except (OSError, ValueError):
         return False
     return isinstance(found, dict) and found.keys() >= {"protocol", "variables"}
+
+
+def _part(folder: Path, batch: int) -> Path:
+    return folder / PARTS / f"{batch:06d}.parquet"
 
 
 def _parts(folder: Path) -> list[Path]:

@@ -19,6 +19,8 @@ from cc_mujoco.errors import CableError
 
 KEY = b"cc_mujoco"
 """Of the metadata that mark a Parquet file as ours."""
+WRITTEN = ".written"
+"""By what the files of a folder are known again, see `sign`."""
 
 
 def require_ours(
@@ -81,6 +83,43 @@ def require_untouched(folder: Path, names: Iterable[str], told: str) -> None:
             raise CableError(
                 f"{path} was changed since it was written, and would be replaced; "
                 "name another folder to write to."
+            )
+
+
+def sign(folder: Path, names: Iterable[str]) -> None:
+    """Keep by what files are known again that were written to a folder.
+
+    Args:
+        folder: Where they are, and `WRITTEN` will be.
+        names: Those that may be there.
+    """
+    there = [folder / name for name in names if (folder / name).is_file()]
+    told = "".join(f"{as_written(path)}\n" for path in there)
+    with replacing(folder / WRITTEN) as partial:
+        partial.write_text(told, encoding="utf-8")
+
+
+def require_signed(folder: str | os.PathLike[str], names: Iterable[str]) -> None:
+    """See to it that nothing is replaced or deleted that is not as it was written.
+
+    Args:
+        folder: Where an earlier run may have left `WRITTEN`; one that was interrupted
+            has left none, and then nothing is looked at.
+        names: Files that may be replaced or deleted.
+
+    Raises:
+        CableError: If one was changed, or is another's.
+    """
+    try:
+        told = Path(folder, WRITTEN).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return
+    for name in names:
+        path = Path(folder, name)
+        if path.is_file() and as_written(path) not in told:
+            raise CableError(
+                f"{path} is not as an earlier run wrote it, and would be replaced or "
+                "deleted; name another folder to write to."
             )
 
 

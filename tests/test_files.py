@@ -18,6 +18,8 @@ from cc_mujoco.files import (
     replacing,
     replacing_folder,
     require_ours,
+    require_signed,
+    sign,
 )
 
 NAMES = ("log.parquet", "summary.png")
@@ -106,3 +108,16 @@ def test_a_full_disk_names_the_file_and_leaves_the_old_one(tmp_path: Path) -> No
     ):
         write(folder / "b")
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_file_that_is_not_as_it_was_written_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "table.md").write_text("one")
+    require_signed(tmp_path, ["table.md"])  # nobody says how it was written
+    sign(tmp_path, ["table.md", "plot.png"])
+    require_signed(tmp_path, ["table.md", "plot.png"])
+    (tmp_path / "plot.png").write_text("of another")
+    with pytest.raises(CableError, match=r"plot\.png is not as an earlier run wrote"):
+        require_signed(tmp_path, ["table.md", "plot.png"])
+    (tmp_path / "table.md").write_text("my notes")
+    with pytest.raises(CableError, match=r"table\.md is not as an earlier run wrote"):
+        require_signed(tmp_path, ["table.md"])

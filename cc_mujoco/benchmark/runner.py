@@ -23,7 +23,7 @@ from cc_mujoco.benchmark.references import REFERENCES, SCALE, require_free
 from cc_mujoco.benchmark.timing import Times, time_steps
 from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.files import is_marked, replacing
+from cc_mujoco.files import is_marked, replacing, require_signed
 from cc_mujoco.files import require_ours as require_ours_in
 from cc_mujoco.identity import differences, made_by, seal, sealed, told
 from cc_mujoco.workers import WORKER_TIMEOUT, Tick, run_here, run_on_cluster
@@ -160,6 +160,7 @@ def require_ours(plan: Plan, out: str | os.PathLike[str]) -> None:
         (TABLE, RESULTS, *pictures, *cells),
         lambda place: any(map(is_marked, (place / CELLS).glob("*.parquet"))),
     )
+    require_signed(out, (TABLE,))
 
 
 def run(

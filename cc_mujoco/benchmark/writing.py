@@ -10,7 +10,7 @@ from cc_mujoco.benchmark.report import BASELINE, markdown
 from cc_mujoco.benchmark.results import Results, write_results
 from cc_mujoco.benchmark.runner import FIGURES, RESULTS, TABLE, Plan
 from cc_mujoco.figures import save, style
-from cc_mujoco.files import replacing
+from cc_mujoco.files import WRITTEN, replacing, sign
 from cc_mujoco.identity import made_by
 
 
@@ -26,6 +26,7 @@ def write(
     makers = made_by(*plan.controllers)
     write_results(out / RESULTS, results, plan.suite, makers)
     text = markdown(results, baseline)
+    (out / WRITTEN).unlink(missing_ok=True)  # until all is written
     with replacing(out / TABLE) as partial:
         partial.write_text(text, encoding="utf-8")
     for scene in dict.fromkeys(cell.condition.scene for cell, _ in results):
@@ -33,4 +34,5 @@ def write(
             with style():
                 draw = getattr(drawing, stem)
                 save(out / f"{scene}-{stem}.png", draw(results, scene))
+    sign(out, [TABLE])
     return text

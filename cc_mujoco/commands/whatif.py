@@ -90,6 +90,7 @@ class WhatIf:
         """Run what is not done yet; print the best designs and where the rest is."""
         from tqdm import tqdm
 
+        from cc_mujoco.files import require_signed
         from cc_mujoco.whatif.around import around
         from cc_mujoco.whatif.halved import halved
         from cc_mujoco.whatif.pareto import within
@@ -103,6 +104,7 @@ class WhatIf:
         folder = self.out or Path("runs", f"whatif-{self.scene}")
         plan, objectives, limits = self._asked()
         require_ours(folder, FILES)
+        require_signed(folder, FILES)
         if self.around and not objectives:
             raise CableError("--around goes by an --objective, which is not given.")
         with tqdm(

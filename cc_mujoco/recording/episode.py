@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     import gymnasium
 
 LOG = "log.parquet"
-FILES = ("recording.rrd", LOG, "metrics.json", "summary.png")
+FILES = ("recording.rrd", LOG, "metrics.json", "summary.png", files.WRITTEN)
 """What `write_episode` leaves in its folder."""
+_CHANGED = ("recording.rrd", "metrics.json", "summary.png")
 VIDEO, PAGE = "video.mp4", "episode.html"
 """What it leaves there besides, if asked for."""
 
@@ -109,10 +110,11 @@ def require_ours(folder: str | os.PathLike[str]) -> None:
     """Find out, before an episode is played, whether its files may be written there.
 
     Raises:
-        CableError: If not; see `files.require_ours`.
+        CableError: If not; see `files.require_ours` and `files.require_signed`.
     """
     names = (*FILES, VIDEO, PAGE)
     files.require_ours(folder, names, lambda place: files.is_marked(place / LOG))
+    files.require_signed(folder, (*_CHANGED, VIDEO, PAGE))
 
 
 def write_episode(
@@ -164,6 +166,7 @@ def write_episode(
             from cc_mujoco.recording.web_page import write_page
 
             write_page(partial / PAGE, log, model, found)
+        files.sign(partial, [path.name for path in partial.iterdir()])
     for name, written in ((VIDEO, video), (PAGE, html)):
         old = Path(folder, name)
         if not written and old.exists():

@@ -22,8 +22,8 @@ from cc_mujoco.whatif.metrics import CHOSEN_BY
 from cc_mujoco.whatif.pareto import Limit, Objective, costs, order
 from cc_mujoco.whatif.plan import Plan, few
 
-MOST, ONE_IN = 6, 4
-"""Designs that are tried at most, and of how many one is."""
+LEAST, MOST, ONE_IN = 3, 6, 4
+"""Designs that are tried at least and at most, and of how many one is."""
 TOLERATED = 0.05
 """Change of a number that is not worth a word."""
 SMALL = 0.05
@@ -94,7 +94,7 @@ def halved(
     ranked = [int(i) for i in order(cost) if not np.isnan(cost[i]).any()]
     if not ranked:
         return None
-    count = min(MOST, math.ceil(len(ranked) / ONE_IN))
+    count = min(MOST, max(LEAST, math.ceil(len(ranked) / ONE_IN)), len(ranked))
     places = np.linspace(0, len(ranked) - 1, count).round().astype(int)
     best = int(order(costs(table, goals, limits))[0])
     tried = tuple(dict.fromkeys([best, *(ranked[place] for place in places)]))

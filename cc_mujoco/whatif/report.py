@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from cc_mujoco import identity
 from cc_mujoco.figures import save, style
-from cc_mujoco.files import replacing
+from cc_mujoco.files import WRITTEN, replacing, sign
 from cc_mujoco.markdown import table as table_of
 from cc_mujoco.page import Html, element, joined, page, paragraph, picture
 from cc_mujoco.whatif import sections
@@ -77,6 +77,7 @@ def write_report(
         if (one := sensitivity(plan, table, name)) is not None
     ]
     goals = goals_of(plan, table, objectives)
+    (folder / WRITTEN).unlink(missing_ok=True)  # until all is written
     cost = costs(table, goals, limits)
     best = pareto(cost)
     written = [folder / SOBOL, folder / EFFECTS]
@@ -112,6 +113,7 @@ def write_report(
     for name in FILES:  # of an earlier look at the table, by other objectives
         if folder / name not in files:
             (folder / name).unlink(missing_ok=True)
+    sign(folder, FILES)
     return files
 
 

@@ -306,10 +306,11 @@ def settled(half: Halved) -> str:
     step = f"half the time step, {1e3 * half.timestep:g} ms"
     if not half.unsettled:
         many = f"{len(half.designs)} designs from the best to the worst"
-        what = many if len(half.designs) > 1 else f"design {half.designs[0]}"
+        one = f"design {half.designs[0]} gives"
+        what = f"{many} give" if len(half.designs) > 1 else one
         most = half.changes[0]
         return (
-            f"At {step}, {what} give the same numbers to within {most.share:.1%} "
+            f"At {step}, {what} the same numbers to within {most.share:.1%} "
             f"({plain(most.metric)})."
         )
     told = [

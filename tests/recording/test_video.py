@@ -75,6 +75,10 @@ def test_play_leaves_30_frames_a_second_and_takes_an_old_video_away(
     assert told in capsys.readouterr().out.splitlines()
     assert cli.main(words) == 0
     assert "deleted" not in capsys.readouterr().out
+    (tmp_path / "here" / VIDEO).write_bytes(b"of my holidays")
+    assert cli.main(words) == 2
+    assert "video.mp4 is not as an earlier run wrote it" in capsys.readouterr().err
+    assert (tmp_path / "here" / VIDEO).read_bytes() == b"of my holidays"
 
 
 @pytest.mark.usefixtures("gl")

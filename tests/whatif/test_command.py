@@ -33,6 +33,7 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
     assert said.err == "" and "6 designs, 0 of which failed" in said.out
     out = tmp_path / "study"
     assert sorted(path.name for path in out.iterdir()) == [
+        ".written",
         "around.parquet",
         "effects.parquet",
         "effects.png",
@@ -138,3 +139,22 @@ def test_what_cannot_be_is_one_sentence(
     said = capsys.readouterr()
     assert wrong in said.err and said.err.count("\n") == 1
     assert not Path("runs").exists()
+
+
+def test_a_report_that_a_user_has_changed_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["whatif", "--scene", "wrist", "--duration", "0.1", "--out", "study"]
+    words += ["--vary", "friction=0.1,0.2", "--metric", "tracking_error"]
+    assert cli.main(words) == 0
+    assert "2 designs from the best to the worst give" in Path(
+        "study/ranking.md"
+    ).read_text(encoding="utf-8")
+    assert cli.main(words) == 0
+    capsys.readouterr()
+    Path("study/heatmaps.png").write_text("my own")
+    for more in ([], ["--again"]):
+        assert cli.main([*words, *more]) == 2
+        assert "heatmaps.png is not as an earlier run" in capsys.readouterr().err
+    assert Path("study/heatmaps.png").read_text() == "my own"

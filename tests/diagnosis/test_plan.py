@@ -167,3 +167,19 @@ def test_a_tendon_in_the_open_is_planned_within_its_range(tmp_path: Path) -> Non
     assert all(each.apart > SEEN for each in found.resolved)
     with pytest.raises(CableError, match="its lever is not known"):
         plan(bench.path, tmp_path / "far", reach=3.0)
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        (("tension_flexor_proximal_n",), "unknown load cell 'tension_flexor_proximal"),
+        (("tension_agonist_distal_n",), "tension_antagonist_distal_n as well"),
+    ],
+)
+def test_load_cells_that_make_no_torque_are_refused(
+    tmp_path: Path, cells: tuple[str, ...], said: str
+) -> None:
+    text = "".join(f"[columns.{name}]\nnoise = 0.05\n" for name in cells)
+    with pytest.raises(CableError, match=said):
+        plan(scene_path("bench"), tmp_path / "out", dataset_toml=told(tmp_path, text))
+    assert not (tmp_path / "out").exists()

@@ -18,6 +18,7 @@ from cc_mujoco.diagnosis.data.findings import Finding, error, errors, warning
 from cc_mujoco.diagnosis.data.instruments import Instrument, Instruments
 from cc_mujoco.diagnosis.data.smoothing import velocity
 from cc_mujoco.diagnosis.data.trials import Constant, FloatArray, Noise, Trial
+from cc_mujoco.errors import CableError
 
 _PULLS = 0.05
 """Share of its largest reading by which a load cell may show a push on average."""
@@ -72,14 +73,14 @@ def expected(file: DatasetFile, bench: Bench) -> Instruments:
 
     A table of a torque's column means a sensor, tables of the load cells of all cables
     at one end mean these, a torque constant a current, and a load in `[rig]` that load.
+
+    Raises:
+        CableError: cells are declared of no cable of the scene, or not of all.
     """
     found: list[Instrument | None] = []
     for torque, end in _ENDS.items():
         measured = file.source(torque).measured
-        cells = all(
-            any(name in file.columns for name in names)
-            for names in _channels(end, bench)
-        )
+        cells = _declared(file, end, bench)
         motor = torque == channels.MOTOR_TORQUE
         instrument: Instrument | None = "torque sensor" if measured else None
         if torque in file.columns and measured:
@@ -214,6 +215,23 @@ def _channels(end: str, bench: Bench) -> list[tuple[str, ...]]:
     """Names that the load cells of every cable may have, the agonist's first."""
     alone = (f"tension_{end}_n",) if len(bench.names) == 1 else ()
     return [(f"tension_{name}_{end}_n", *alone) for name in bench.names]
+
+
+def _declared(file: DatasetFile, end: str, bench: Bench) -> bool:
+    """Whether load cells of all cables at one end are declared."""
+    wanted = _channels(end, bench)
+    given = [name for name in file.columns if _is_end(name, end)]
+    for name in given:
+        if not any(name in names for names in wanted):
+            every = [one for names in wanted for one in names]
+            raise CableError.unknown("load cell", name, every)
+    lacking = [names[0] for names in wanted if not set(names) & set(given)]
+    if given and lacking:
+        raise CableError(
+            f"of the load cells at the {end} ends only {', '.join(given)} is declared; "
+            f"a torque takes those of all cables, {', '.join(lacking)} as well."
+        )
+    return bool(given)
 
 
 def _is_end(name: str, end: str) -> bool:

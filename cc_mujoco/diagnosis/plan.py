@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import math
 import os
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -94,6 +95,7 @@ def plan(
             f"{dataset_toml} says that neither torque is measured and declares no load "
             "in [rig]; a diagnosis compares at least one of the two"
         )
+    declared = "" if dataset_toml is None else _declared(Path(dataset_toml))
     noise = _noise(file)
     noise |= derived_noise(noise, instruments, file.rig, bench)
     with plain_algebra():
@@ -101,8 +103,9 @@ def plan(
     with replacing_folder(out) as place:
         for name, motion in zip(names, found.trials, strict=False):
             _write_motion(place / name, motion)
-        facts = _dataset(found, bench)
-        (place / DATASET).write_text(facts, encoding="utf-8")
+        (place / DATASET).write_text(
+            declared + _dataset(found, bench), encoding="utf-8"
+        )
         said = page(found, bench, swing, speed, instruments)
         mark = f"<!-- {as_written(place / DATASET)} -->"  # no browser shows it
         (place / PAGE).write_text(f"{said}\n{mark}\n", encoding="utf-8")
@@ -116,6 +119,21 @@ def _require_free(out: Path, names: Sequence[str]) -> None:
     page_now = _text(out / PAGE)
     require_ours(out, names, lambda _: page_now.startswith(_TITLE))
     require_untouched(out, [DATASET], page_now)
+
+
+def _declared(path: Path) -> str:
+    """What was declared for a plan, to go on with its trials.
+
+    Raises:
+        CableError: it speaks of trials, of which there are none before the plan.
+    """
+    text = path.read_text(encoding="utf-8")
+    if "trials" in tomllib.loads(text):
+        raise CableError(
+            f"{path} has [trials], and those of a plan are still to be recorded; leave "
+            "them out."
+        )
+    return f"{text.rstrip()}\n\n" if text.strip() else ""
 
 
 def _text(path: Path) -> str:

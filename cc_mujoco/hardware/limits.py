@@ -26,6 +26,9 @@ class Limits:
     """Least and greatest angle [rad]."""
     joint_torque: float = math.inf
     """That the transmission puts into the joint, either way [Nm]."""
+    tension: float = math.inf
+    """Anywhere in a cable, by what the model in the scene makes of the motor's angle
+    and the joint's torque [N]."""
     soft_start: float = 1.0
     """Time over which the share of the controller grows from 0 to 1 [s]."""
     stop_time: float = 0.1
@@ -47,10 +50,12 @@ class Limits:
                 f"not {self.joint_range!r}; {high:g} degrees are "
                 f"{math.radians(high):.3g} rad."
             )
-        if not self.joint_torque > 0.0:
-            raise CableError(
-                f"Limits.joint_torque must be above 0 Nm, not {self.joint_torque!r}."
-            )
+        for name, unit in (("joint_torque", "Nm"), ("tension", "N")):
+            if not getattr(self, name) > 0.0:
+                raise CableError(
+                    f"Limits.{name} must be above 0 {unit}, not "
+                    f"{getattr(self, name)!r}."
+                )
         parameter(self, "soft_start", 0.0, 600.0, "s")
         parameter(self, "stop_time", 0.0, 10.0, "s")
 

@@ -18,6 +18,7 @@ torque_rate = 40.0              # Nm/s
 motor_speed = 30.0              # rad/s
 joint_range = [-1.0, 1.0]       # rad
 joint_torque = 8.0              # Nm; no limit unless given
+tension = 200.0                 # N, by the scene's model; no limit unless given
 soft_start = 1.0                # s
 stop_time = 0.1                 # s
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from cc_mujoco.checks import parameter
 from cc_mujoco.control import Drive
+from cc_mujoco.control.model import CableModel
+from cc_mujoco.errors import CableError
 from cc_mujoco.hardware.limits import Limits
 from cc_mujoco.hardware.packet import Readings, Status
 
@@ -39,6 +41,24 @@ class Watchdog:
         parameter(self, "twist", 1e-6, 1e9, "rad")
 
 
+def strained(drive: Drive) -> CableModel:
+    """The model that tells tensions, compiled, so that no cycle waits for that.
+
+    Raises:
+        CableError: Other joints than the one that is measured wind the cable too.
+    """
+    if drive.crossed:
+        raise CableError(
+            "[limits] tension needs to know how joint "
+            f"{', '.join(drive.crossed)} winds the cable too, and a rig tells of one "
+            "joint; leave it out."
+        )
+    model = CableModel(drive)
+    model.follow([0.0], [0.0])
+    model.reset()
+    return model
+
+
 class Watch:
     """Looks at every cycle; what it returns is why to stop, in one sentence."""
 
@@ -49,8 +69,12 @@ class Watch:
             limits: Of what is measured.
             watchdog: How long something may be amiss.
             drive: Of the rig.
+
+        Raises:
+            CableError: Tension is limited, and the model cannot tell it.
         """
         self._limits, self._dog, self._drive = limits, watchdog, drive
+        self._cables = strained(drive) if math.isfinite(limits.tension) else None
         self._twist: float | None = None
         self._late = 0
         self._without = 0
@@ -91,6 +115,7 @@ class Watch:
             or self._impossible(found)
             or self._frozen(found, torque)
             or self._parted(found)
+            or self._torn(found)
         )
 
     def _of_rig(self, found: Readings) -> str | None:
@@ -174,6 +199,22 @@ class Watch:
                 return (
                     f"the encoder of the {names[one]} is frozen: that of the "
                     f"{names[other]} turned by {turned:.3g} rad at the joint."
+                )
+        return None
+
+    def _torn(self, found: Readings) -> str | None:
+        """Whether a cable carries more than it may, by the model."""
+        model = self._cables
+        if model is None:
+            return None
+        model.follow([found.motor_angle], [found.joint_torque])
+        for k in range(model.segments.size):
+            most = float(model.tension(k).max())
+            if most > self._limits.tension:
+                which = "the cable" if model.segments.size == 1 else f"cable {k + 1}"
+                return (
+                    f"{which} carries {most:.4g} N by the scene's model, beyond its "
+                    f"limit of {self._limits.tension:g}."
                 )
         return None
 

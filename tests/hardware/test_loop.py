@@ -4,16 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from itertools import pairwise
+from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cc_mujoco.control.model import CableModel
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Ending, Limiter, Limits, Readings, Status, Watchdog
+from cc_mujoco.hardware import (
+    Ending,
+    Limiter,
+    Limits,
+    Readings,
+    Status,
+    Watchdog,
+    drive_of,
+)  # fmt: skip
 from cc_mujoco.hardware.desired import constant
 from cc_mujoco.hardware.loop import ZEROS
+from cc_mujoco.hardware.watch import Watch
 from cc_mujoco.sensing import MEASURED
 from hardware.fakes import (
     LIMITS,
@@ -405,3 +418,42 @@ def test_a_log_that_cannot_be_written_ends_the_run(
 
     monkeypatch.setattr(Rows, "row", row)
     require_stopped(play(), "no space left on device")
+
+
+def test_a_cable_that_carries_too_much_by_the_model_ends_the_run() -> None:
+    drive = drive_of("bench", Path(), PERIOD, 2.0)
+    pretension = drive.cables[0].cable.pretension
+    twist = 0.1 * np.sin(np.linspace(0.0, np.pi, 200))
+
+    def said(limit: float) -> list[str]:
+        """Of a joint that is held while the motor turns to and fro."""
+        watch = Watch(dataclasses.replace(LIMITS, tension=limit), Watchdog(), drive)
+        model = CableModel(drive)
+        found = []
+        for k, angle in enumerate(twist.tolist()):
+            seen = Readings(PERIOD * k, angle, 0.0, 1e-9 * k, 0.0, 125.0 * angle)
+            model.follow([seen.motor_angle], [seen.joint_torque])
+            peaks.append(max(float(model.tension(c).max()) for c in range(2)))
+            if why := watch.reading(seen, 0.0):
+                found.append(why)
+        return found
+
+    peaks: list[float] = []
+    assert said(math.inf) == []
+    most = max(peaks)
+    assert most > pretension + 50.0
+    assert said(1.01 * most) == []
+    first, *_ = said(0.99 * most)
+    assert re.fullmatch(
+        r"cable [12] carries \S+ N by the scene's model, beyond its limit of \S+\.",
+        first,
+    )
+
+
+def test_the_tension_of_a_cable_that_another_joint_winds_is_not_limited() -> None:
+    drive = drive_of("exosuit", Path(), PERIOD, 2.0)
+    limits = dataclasses.replace(LIMITS, tension=100.0)
+    with pytest.raises(CableError, match=r"\[limits\] tension needs to know how joint"):
+        Watch(limits, Watchdog(), drive)
+    with pytest.raises(CableError, match="tension must be above 0 N, not 0"):
+        dataclasses.replace(LIMITS, tension=0.0)

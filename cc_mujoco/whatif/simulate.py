@@ -30,6 +30,7 @@ from cc_mujoco.episode import Columns, Trace, no_torque, run
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.sensing import PERFECT, Measuring
 from cc_mujoco.whatif.inner.players import Players, asked_by, law_of
+from cc_mujoco.whatif.inner.record import KEPT
 from cc_mujoco.whatif.laws import Laws, Unpowered
 from cc_mujoco.workers import Tick
 
@@ -38,19 +39,7 @@ Array = NDArray[np.float64]
 TICK_STEPS = 200
 """Control steps between two calls of a tick."""
 
-KEPT = (
-    "motor_angle_rad",
-    "motor_velocity_rad_s",
-    "motor_torque_nm",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-    "joint_torque_nm",
-    "wearer_torque_nm",
-    "desired_torque_nm",
-    "tension_n",
-    "dissipated_j",
-    "least_tension_n",
-)
+COLUMNS = (*KEPT, "tension_n", "dissipated_j", "least_tension_n")
 """Columns that change from step to step."""
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -143,7 +132,7 @@ def play(
     law = Unpowered(drives[0]) if name is None else Laws(name, drives)
     fleet = Fleet(exo, devices, (script,), threads, name or "")
     measuring = Measuring(PERFECT, drives[0], driven, episode.seed, exo.steps)
-    trace = Trace(KEPT, exo.steps, fleet.going)
+    trace = Trace(COLUMNS, exo.steps, fleet.going)
 
     def tell(step: int, _: Columns, __: object) -> None:
         if step % TICK_STEPS == 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,10 +65,13 @@ class Run:
         desired = settings.desired(duration)
 
         from cc_mujoco.control import PredictiveCompensation, controller
+        from cc_mujoco.devices import DEVICES
         from cc_mujoco.hardware import drive_of
         from cc_mujoco.hardware.desired import Course
+        from cc_mujoco.hardware.drives import require_told
 
         limits, period = settings.limits, settings.period
+        require_told(settings.scene, limits)
         drive = drive_of(settings.scene, self.rig.parent, period, limits.torque)
         if isinstance(desired, Course):
             desired.require_within(drive, limits)
@@ -77,6 +81,14 @@ class Run:
                 f"controller {self.controller!r} needs to know how joint "
                 f"{', '.join(drive.crossed)} winds the cable too, and a rig tells of "
                 "one joint; none, feedback and pi need not."
+            )
+        device = DEVICES.get(settings.scene)
+        if device is not None and device.lever and hasattr(law, "model"):
+            print(
+                "cc-mujoco: warning: the lever's arm changes with its angle, and this "
+                "controller takes it for a round pulley here: away from the neutral "
+                "pose its torque is off by as much.",
+                file=sys.stderr,
             )
         if isinstance(law, PredictiveCompensation):
             print(
@@ -105,6 +117,11 @@ class Run:
 
         settings = read_settings(self.rig)
         limits = settings.limits
+        if math.isfinite(limits.tension):
+            raise CableError(
+                "[limits] tension does not go with --plan, whose trials have "
+                "pretensions of their own; leave it out."
+            )
         wanted = self._wanted(planned(folder))
         for trial in wanted:
             require_free(self.out, trial.name)

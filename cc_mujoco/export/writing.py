@@ -12,9 +12,8 @@ from cc_mujoco.export.laws import Plan
 from cc_mujoco.export.machine import Target, emit
 
 HEADER, OBJECT = "cc_controller.h", "cc_controller.o"
-CHANGEABLE = ("cc_parameters.c", "cc_example.c", "CMakeLists.txt")
-"""Where a user may have begun work of his own."""
-FILES = (HEADER, OBJECT, *CHANGEABLE)
+TEXTS = ("cc_parameters.c", "cc_example.c", "CMakeLists.txt")
+FILES = (HEADER, OBJECT, *TEXTS, files.WRITTEN)
 """What a folder holds."""
 
 
@@ -26,7 +25,7 @@ def require_ours(folder: str | os.PathLike[str]) -> None:
     """
     told = _told(Path(folder))
     files.require_ours(folder, FILES, lambda _: told.startswith(sources.MARK))
-    files.require_untouched(Path(folder), CHANGEABLE, told)
+    files.require_signed(folder, (HEADER, OBJECT, *TEXTS))
 
 
 def _told(folder: Path) -> str:
@@ -65,12 +64,10 @@ def write(
         plan, target.bits, law.set_parameters.__name__, law.step.__name__
     )
     compiled = emit(target, assembly, functions.values())
-    changeable = sources.parameters(plan), sources.example(plan), sources.CMAKE
+    texts = sources.parameters(plan), sources.example(plan), sources.CMAKE
     with files.replacing_folder(folder) as partial:
         (partial / OBJECT).write_bytes(compiled)
-        known = ""
-        for name, text in zip(CHANGEABLE, changeable, strict=True):
+        names = HEADER, *TEXTS
+        for name, text in zip(names, (sources.header(plan, what), *texts), strict=True):
             (partial / name).write_text(text, encoding="utf-8", newline="\n")
-            known += f"/* {files.as_written(partial / name)} */\n"
-        header = sources.header(plan, what) + known
-        (partial / HEADER).write_text(header, encoding="utf-8", newline="\n")
+        files.sign(partial, [path.name for path in partial.iterdir()])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from cc_mujoco.control import CableDrive, Drive
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.errors import CableError
+from cc_mujoco.hardware.limits import Limits
 
 
 def drive_of(scene: str, folder: Path, period: float, torque: float) -> Drive:
@@ -44,6 +46,20 @@ def drive_of(scene: str, folder: Path, period: float, torque: float) -> Drive:
     return dataclasses.replace(
         drive, low=-torque, high=torque, period=period, sensors=(), delay=1
     )
+
+
+def require_told(scene: str, limits: Limits) -> None:
+    """See to it that a limit of the tension is one.
+
+    Raises:
+        CableError: The cable pulls a lever, whose arm changes with its angle.
+    """
+    if math.isfinite(limits.tension) and scene in DEVICES and DEVICES[scene].lever:
+        raise CableError(
+            f"[limits] tension cannot be kept with scene {scene}: its cable pulls a "
+            "lever, whose arm changes with the angle, and the model is of a round "
+            "pulley; leave it out."
+        )
 
 
 def bench_drive(path: Path, period: float) -> Drive:

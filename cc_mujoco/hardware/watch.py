@@ -41,12 +41,19 @@ class Watchdog:
         parameter(self, "twist", 1e-6, 1e9, "rad")
 
 
-def strained(drive: Drive) -> CableModel:
+def strained(drive: Drive, limit: float) -> CableModel:
     """The model that tells tensions, compiled, so that no cycle waits for that.
 
     Raises:
-        CableError: Other joints than the one that is measured wind the cable too.
+        CableError: Other joints than the one that is measured wind the cable too, or
+            the limit is within the pretension [N].
     """
+    most = max(each.cable.pretension for each in drive.cables)
+    if limit <= most:
+        raise CableError(
+            f"[limits] tension must be above the scene's pretension of {most:g} N, not "
+            f"{limit:g}."
+        )
     if drive.crossed:
         raise CableError(
             "[limits] tension needs to know how joint "
@@ -71,10 +78,12 @@ class Watch:
             drive: Of the rig.
 
         Raises:
-            CableError: Tension is limited, and the model cannot tell it.
+            CableError: Tension is limited, and the model cannot tell it, or the cables
+                have more to begin with.
         """
         self._limits, self._dog, self._drive = limits, watchdog, drive
-        self._cables = strained(drive) if math.isfinite(limits.tension) else None
+        limited = math.isfinite(limits.tension)
+        self._cables = strained(drive, limits.tension) if limited else None
         self._twist: float | None = None
         self._late = 0
         self._without = 0

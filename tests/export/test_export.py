@@ -27,6 +27,7 @@ from cc_mujoco.control.controller import wound
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORTED, FILES, TARGETS, Plan, Target, write
+from cc_mujoco.export.writing import HEADER, TEXTS
 from cc_mujoco.sensing import TENSIONS, WINDING
 from cc_mujoco.transmission.parameters import TERMS
 
@@ -214,14 +215,14 @@ def symbols(path: Path) -> tuple[set[str], set[str]]:
     )
 
 
-@pytest.mark.parametrize("name", ["cc_parameters.c", "cc_example.c", "CMakeLists.txt"])
+@pytest.mark.parametrize("name", [HEADER, *TEXTS])
 def test_what_a_user_changed_is_not_replaced(tmp_path: Path, name: str) -> None:
     plan, host = plan_of("wrist", "pi"), TARGETS["host"]
     for _ in range(2):  # an export that nobody touched is replaced
         write(tmp_path, plan, host, "a test")
     mine = (tmp_path / name).read_text(encoding="utf-8") + "\n"
     (tmp_path / name).write_text(mine, encoding="utf-8")
-    with pytest.raises(CableError, match=f"{name} was changed since it was written"):
+    with pytest.raises(CableError, match=f"{name} is not as an earlier run wrote it"):
         write(tmp_path, plan, host, "a test")
     assert (tmp_path / name).read_text(encoding="utf-8") == mine
 

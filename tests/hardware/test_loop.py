@@ -25,6 +25,7 @@ from cc_mujoco.hardware import (
     drive_of,
 )  # fmt: skip
 from cc_mujoco.hardware.desired import constant
+from cc_mujoco.hardware.drives import require_told
 from cc_mujoco.hardware.loop import ZEROS
 from cc_mujoco.hardware.watch import Watch
 from cc_mujoco.sensing import MEASURED
@@ -455,5 +456,11 @@ def test_the_tension_of_a_cable_that_another_joint_winds_is_not_limited() -> Non
     limits = dataclasses.replace(LIMITS, tension=100.0)
     with pytest.raises(CableError, match=r"\[limits\] tension needs to know how joint"):
         Watch(limits, Watchdog(), drive)
+    bench = drive_of("bench", Path(), PERIOD, 2.0)
+    with pytest.raises(CableError, match="above the scene's pretension of 80 N"):
+        Watch(dataclasses.replace(LIMITS, tension=80.0), Watchdog(), bench)
+    with pytest.raises(CableError, match="pulls a lever, whose arm changes"):
+        require_told("ankle", limits)
+    require_told("wrist", limits)
     with pytest.raises(CableError, match="tension must be above 0 N, not 0"):
         dataclasses.replace(LIMITS, tension=0.0)

@@ -11,23 +11,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from cc_mujoco.diagnosis.data import channels
+from cc_mujoco.diagnosis.data import cells, channels
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.dataset_file import LOAD, DatasetFile
 from cc_mujoco.diagnosis.data.findings import Finding, error, errors, warning
 from cc_mujoco.diagnosis.data.instruments import Instrument, Instruments
 from cc_mujoco.diagnosis.data.smoothing import velocity
 from cc_mujoco.diagnosis.data.trials import Constant, FloatArray, Noise, Trial
-from cc_mujoco.errors import CableError
 
-_PULLS = 0.05
-"""Share of its largest reading by which a load cell may show a push on average."""
 _WORDS: dict[Instrument, str] = {
     "load cells": "load cells",
     "motor current": "the motor's current",
     "known load": "a known load",
 }
-_ENDS = {channels.MOTOR_TORQUE: "proximal", channels.JOINT_TORQUE: "distal"}
 
 
 def completed(
@@ -50,7 +46,10 @@ def completed(
         instrument, told = _instrument(torque, trials, file, bench)
         findings += told
         if instrument == "load cells" and bench is not None:
-            made = [_pulled(trial, torque, bench) for trial in made]
+            made = [
+                _with(trial, torque, *cells.pull_torque(trial, torque, bench))
+                for trial in made
+            ]
         elif instrument == "motor current":
             made = [_driven(trial, file.rig) for trial in made]
         elif instrument != "torque sensor":
@@ -78,14 +77,14 @@ def expected(file: DatasetFile, bench: Bench) -> Instruments:
         CableError: cells are declared of no cable of the scene, or not of all.
     """
     found: list[Instrument | None] = []
-    for torque, end in _ENDS.items():
+    for torque, end in cells.ENDS.items():
         measured = file.source(torque).measured
-        cells = _declared(file, end, bench)
+        pulls = cells.declared(file, end, bench)
         motor = torque == channels.MOTOR_TORQUE
         instrument: Instrument | None = "torque sensor" if measured else None
         if torque in file.columns and measured:
             instrument = "torque sensor"
-        elif cells:
+        elif pulls:
             instrument = "load cells"
         elif motor and "torque_constant" in file.rig:
             instrument = "motor current"
@@ -105,8 +104,8 @@ def derived_noise(
     found: dict[str, Noise] = {}
     for torque, instrument in zip(channels.TORQUES, instruments, strict=True):
         if instrument == "load cells" and bench is not None:
-            parts = [noise[n] for n in noise if _is_end(n, _ENDS[torque])]
-            size = _radius(torque, bench)
+            parts = [noise[n] for n in noise if cells.is_end(n, cells.ENDS[torque])]
+            size = cells.radius(torque, bench)
         elif instrument == "motor current":
             parts = [noise[n] for n in noise if n == channels.MOTOR_CURRENT]
             size = _constant(constants)
@@ -131,10 +130,9 @@ def _instrument(
             return "known load", []
         return None, []
     if all(torque in trial.channels for trial in trials):
-        return "torque sensor", []
-    cells = [[n for n in t.tensions if _is_end(n, _ENDS[torque])] for t in trials]
-    if all(cells):
-        return _cells(torque, trials, cells, bench)
+        return "torque sensor", cells.beside(torque, trials, bench)
+    if all(cells.at_end(torque, trial) for trial in trials):
+        return cells.judged(torque, trials, bench)
     motor = torque == channels.MOTOR_TORQUE
     if motor and all(trial.motor_current is not None for trial in trials):
         if "torque_constant" in file.rig:
@@ -165,93 +163,6 @@ def _said(torque: str, instrument: Instrument | None, trials: Sequence[Trial]) -
 
 def _loaded(file: DatasetFile) -> bool:
     return any(name in file.rig for name in LOAD)
-
-
-def _cells(
-    torque: str,
-    trials: Sequence[Trial],
-    cells: Sequence[Sequence[str]],
-    bench: Bench | None,
-) -> tuple[Instrument | None, list[Finding]]:
-    """Load cells of all cables at one end, or what is wrong with them."""
-    first = trials[0]
-    if bench is None:
-        told = (
-            f"{first.column(cells[0][0])} is no {torque} without a scene, which has "
-            "the pulleys and knows which cable pulls which way."
-        )
-        return None, [warning(told, first.name, cells[0][0])]
-    wanted = _channels(_ENDS[torque], bench)
-    for trial, own in zip(trials, cells, strict=True):
-        missing = [names[0] for names in wanted if not set(names) & set(own)]
-        if missing:
-            strange = [n for n in own if not any(n in names for names in wanted)]
-            told = f"{trial.path} has no {missing[0]}"
-            if strange:
-                told += (
-                    f", only {', '.join(strange)}; call the cables as the scene does, "
-                    f"or say which is which: [columns.{missing[0]}] "
-                    f"name = '{trial.labels.get(strange[0], strange[0])}'."
-                )
-            else:
-                told += (
-                    "; one cable of a pair does not tell the torque of both: measure "
-                    f"the other one too, or declare [columns.{torque}] measured = "
-                    "false."
-                )
-            return None, [error(told, trial.name, missing[0])]
-        for name in own:
-            pull = trial.tensions[name]
-            if np.nanmean(pull) < -_PULLS * np.nanmax(np.abs(pull)):
-                told = (
-                    f"{trial.column(name)} is negative on average, and a cable cannot "
-                    f"push; declare [columns.{name}] sign = -1, or its offset."
-                )
-                return None, [error(told, trial.name, name)]
-    return "load cells", []
-
-
-def _channels(end: str, bench: Bench) -> list[tuple[str, ...]]:
-    """Names that the load cells of every cable may have, the agonist's first."""
-    alone = (f"tension_{end}_n",) if len(bench.names) == 1 else ()
-    return [(f"tension_{name}_{end}_n", *alone) for name in bench.names]
-
-
-def _declared(file: DatasetFile, end: str, bench: Bench) -> bool:
-    """Whether load cells of all cables at one end are declared."""
-    wanted = _channels(end, bench)
-    given = [name for name in file.columns if _is_end(name, end)]
-    for name in given:
-        if not any(name in names for names in wanted):
-            every = [one for names in wanted for one in names]
-            raise CableError.unknown("load cell", name, every)
-    lacking = [names[0] for names in wanted if not set(names) & set(given)]
-    if given and lacking:
-        raise CableError(
-            f"of the load cells at the {end} ends only {', '.join(given)} is declared; "
-            f"a torque takes those of all cables, {', '.join(lacking)} as well."
-        )
-    return bool(given)
-
-
-def _is_end(name: str, end: str) -> bool:
-    return channels.is_tension(name) and channels.cable_end(name)[1] == end
-
-
-def _radius(torque: str, bench: Bench) -> float:
-    motor = torque == channels.MOTOR_TORQUE
-    return bench.motor_radius if motor else bench.joint_radius
-
-
-def _pulled(trial: Trial, torque: str, bench: Bench) -> Trial:
-    """A trial with the torque of its load cells: what one pulls more than the other."""
-    names = [
-        next(name for name in known if name in trial.tensions)
-        for known in _channels(_ENDS[torque], bench)
-    ]
-    pulls = [trial.tensions[name] for name in names]
-    net = pulls[0] - pulls[1] if len(pulls) == 2 else pulls[0]
-    return _with(trial, torque, _radius(torque, bench) * net, names)
 
 
 def _constant(constants: Mapping[str, Constant]) -> float:

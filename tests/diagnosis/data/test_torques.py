@@ -88,6 +88,34 @@ def test_a_torque_sensor_goes_before_load_cells(tmp_path: Path, plain: Columns) 
     )
 
 
+@pytest.mark.parametrize(
+    ("gain", "told"),
+    [(1.0, "with which the load cells agree"), (0.8, "0.8 times its torque")],
+)
+def test_load_cells_beside_a_torque_sensor_are_held_against_it(
+    tmp_path: Path, plain: Columns, gain: float, told: str
+) -> None:
+    made = {**with_cells(plain), **plain}
+    for name in BENCH.names:
+        made[f"tension_{name}_distal_n"] = made[f"tension_{name}_distal_n"] * gain
+    _, findings = findings_of(tmp_path, made)
+    said = {f.channel: f.statement for f in findings if "load cells" in f.statement}
+    assert told in said["joint_torque_nm"]
+    assert "agree" in said["motor_torque_nm"]
+    assert "tension_agonist_distal_n" in said["joint_torque_nm"]
+
+
+def test_a_cell_of_one_cable_beside_a_torque_sensor_is_told(
+    tmp_path: Path, plain: Columns
+) -> None:
+    _, findings = findings_of(
+        tmp_path,
+        {**plain, "tension_agonist_proximal_n": 40.0 + 0.0 * plain["motor_torque_nm"]},
+    )
+    (told,) = [f.statement for f in findings if "load cells" in f.statement]
+    assert told.endswith("compares the latter, the load cells not.")
+
+
 def test_a_current_is_a_torque_by_constant_gear_and_efficiency(
     tmp_path: Path, plain: Columns
 ) -> None:

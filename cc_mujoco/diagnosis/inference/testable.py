@@ -30,6 +30,9 @@ FAR = 3.0
 """Standard deviations of what is known from which on a tuned parameter has strayed."""
 GUESSED = {"friction": 0.4, "axial_stiffness": 0.4}
 """Standard deviation of the logarithm of what a scene says and nobody has declared."""
+ZERO_KNOWN = 0.03
+"""Standard deviation of the joint's zero where the arm of the cable hangs on it [rad]:
+on a pulley any zero does."""
 CLEAR = 5.0
 """How much more clearly than it takes a hidden effect would show without tuning."""
 LARGEST = 30.0
@@ -74,6 +77,12 @@ REMEDY = {
     "joint_torque_late": "declare the delay of the joint's torque sensor",
 }
 """What tells a parameter of the baseline from the effects it can stand for."""
+
+ZERO_REMEDY = (
+    "the arm of the cable hangs on that angle, so let motor and joint read 0 where the "
+    "scene's are, and declare the offset of the column that does not"
+)
+"""What to do where the zero of a joint strayed that a cable pulls by a lever."""
 
 
 def independent(problem: Problem) -> float:
@@ -171,10 +180,14 @@ def strayed(
         known = parameter.prior
         if not math.isfinite(known) and name in GUESSED:
             known = GUESSED[name] / parameter.scale
+        home = 0.0  # place of what is given
+        if name == "joint_angle_offset" and problem.plant.bench.lever is not None:
+            known = ZERO_KNOWN / parameter.scale
+            home = -parameter.start / parameter.scale
         if name in (*OFFSETS, *CLOCKS) or not math.isfinite(known):
             continue
-        apart = abs(place) / known
-        given = parameter.start
+        apart = abs(place - home) / known
+        given = parameter.value(home)
         if apart < FAR or estimated[name].holds(given):
             continue
         others = [
@@ -184,15 +197,14 @@ def strayed(
         ]
         told = (
             f"{plain(name)} had to be tuned to {_value(parameter, place)}, where "
-            f"{_value(parameter, 0.0)} is given: either it is so"
+            f"{_value(parameter, home)} is given: either it is so"
         )
         if others:
             told += f", or these data hide {listed(others, 'or')}"
         else:
             told += ", or something that is not in the model looks like it"
-        found.append(
-            Strayed(name, given, estimated[name], apart, f"{told}; {REMEDY[name]}.")
-        )
+        remedy = ZERO_REMEDY if name == "joint_angle_offset" else REMEDY[name]
+        found.append(Strayed(name, given, estimated[name], apart, f"{told}; {remedy}."))
     return tuple(found)
 
 

@@ -226,6 +226,22 @@ def test_a_cable_to_a_lever_is_diagnosed(effects: Hidden, name: str) -> None:
         assert fitted.value == pytest.approx(effects[name][name], rel=0.05)
 
 
+def test_a_zero_of_the_joint_by_which_a_lever_has_another_arm_is_told() -> None:
+    data = walked({}, 1.5)
+    turned = replace(
+        data,
+        trials=tuple(
+            replace(trial, joint_angle=trial.joint_angle - 0.15)
+            for trial in data.trials
+        ),
+    )
+    (away,) = reason(turned, ANKLE, ids=("viscous_friction",)).diagnosis.strayed
+    assert away.parameter == "joint_angle_offset" and away.given == 0.0
+    assert away.tuned.value == pytest.approx(0.15, abs=0.02)
+    assert "the arm of the cable hangs on that angle" in away.statement
+    assert reason(data, ANKLE, ids=("viscous_friction",)).diagnosis.strayed == ()
+
+
 def test_what_was_found_in_the_cable_of_a_lever_is_written(tmp_path: Path) -> None:
     stiffer = tuple(cable.replace(friction=0.2) for cable in ANKLE.cables)
     write(tmp_path / "scene.xml", repaired(ANKLE, stiffer, {}))

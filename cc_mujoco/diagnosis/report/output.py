@@ -29,7 +29,7 @@ from cc_mujoco.diagnosis.inference.replays import shifted
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.report.drawings import STEMS
 from cc_mujoco.diagnosis.report.report import write_report
-from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
+from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, has
 from cc_mujoco.diagnosis.scene.repair import repaired
 from cc_mujoco.diagnosis.scene.repair import write as write_scene
 from cc_mujoco.diagnosis.scene.rollout import rollout
@@ -175,8 +175,8 @@ def scene(result: Result, path: Path) -> list[str]:
     said = []
     if left := [name for name in problem.effects if name not in effects]:
         said.append(
-            f"scene.xml has not {listed(left)}, which is outside its cable: what pulls "
-            "at a lever is no sum of sensors; take the values from verdict.json."
+            f"scene.xml has not {listed(left)}: what pulls at a lever is no sum of "
+            "sensors, and play takes a pulley; take the values from verdict.json."
         )
     try:
         apart, size = compared(result, path)
@@ -190,12 +190,9 @@ def scene(result: Result, path: Path) -> list[str]:
 
 
 def _writable(result: Result) -> list[str]:
-    """Effects that the scene can have: of a lever those in the cable."""
+    """Effects that the scene can have."""
     assert result.problem is not None
-    found = result.problem.effects
-    if result.bench.lever is None:
-        return list(found)
-    return [name for name in found if name not in REALISATIONS]
+    return [name for name in result.problem.effects if has(result.bench, name)]
 
 
 def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
@@ -223,7 +220,10 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
     }
     # The sensors of a scene show both torques, whatever those of the rig do.
     whole = replace(problem.plant, instruments=TORQUE_SENSORS)
-    played: FloatArray = whole.simulate(quiet, _writable(result), only=(0,))[0]
+    shows = _writable(result)
+    if result.bench.lever is not None:  # MuJoCo shows of it what the cable does
+        shows = [name for name in shows if name not in REALISATIONS]
+    played: FloatArray = whole.simulate(quiet, shows, only=(0,))[0]
     edge = round(1.0 / record.band / record.dt)
     passed = low_passed(shown, record.band, 1.0 / record.dt)
     error = (passed - played[:, :short])[:, edge:-edge]

@@ -117,14 +117,18 @@ def cogging(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     if cosine == sine == 0.0:
         return
     _wave(spec, "motor_cogging", bench.motor, order, -sine, -cosine)
-    add_part(spec, MOTOR_TORQUE, force_sensor(spec, "motor_cogging"), -1.0)
+    if bench.lever is None:
+        add_part(spec, MOTOR_TORQUE, force_sensor(spec, "motor_cogging"), -1.0)
 
 
 def gravity(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """Torque that the joint gets less: sine sin(q) + cosine cos(q)."""
     cosine, sine = values["gravity_cosine"], values["gravity_sine"]
+    if bench.lever is not None:
+        cosine *= bench.lever.sign  # angle and torque are both turned round
     _wave(spec, "joint_gravity", bench.joint, 1.0, -sine, -cosine)
-    add_part(spec, JOINT_TORQUE, force_sensor(spec, "joint_gravity"), 1.0)
+    if bench.lever is None:
+        add_part(spec, JOINT_TORQUE, force_sensor(spec, "joint_gravity"), 1.0)
 
 
 def _wave(
@@ -159,6 +163,8 @@ def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         )
     joint.stiffness[0] = total
     joint.springref = present * rest / total if rest != 0.0 else 0.0
+    if bench.lever is not None:
+        return
     angle = "joint_stiffness_angle"
     spec.add_sensor(
         name=angle,
@@ -171,21 +177,22 @@ def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
 
 def joint_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """Inertia between transmission and joint sensor."""
-    _inertia(spec, bench.joint, values["joint_inertia"], JOINT_TORQUE, -1.0)
+    inertia = values["joint_inertia"]
+    if _heavier(spec, bench.joint, inertia) and bench.lever is None:
+        _show_inertia(spec, bench.joint, inertia, JOINT_TORQUE, -1.0)
 
 
 def motor_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """Inertia between motor sensor and pulley."""
-    _inertia(spec, bench.motor, values["motor_inertia"], MOTOR_TORQUE, 1.0)
+    inertia = values["motor_inertia"]
+    if _heavier(spec, bench.motor, inertia) and bench.lever is None:
+        _show_inertia(spec, bench.motor, inertia, MOTOR_TORQUE, 1.0)
 
 
-def _inertia(
-    spec: mujoco.MjSpec, name: str, inertia: float, channel: str, sign: float
-) -> None:
-    """More armature of a joint, and the torque that accelerates it in a channel."""
+def _heavier(spec: mujoco.MjSpec, name: str, inertia: float) -> bool:
+    """Give a joint more armature; whether there is any to give."""
     if inertia == 0.0:
-        return
-    joint = spec.joint(name)
+        return False
     model = spec.compile()
     present = model.dof_M0[model.joint(name).dofadr[0]]
     if present + inertia <= 0.0:
@@ -193,7 +200,17 @@ def _inertia(
             f"joint {name!r} has an inertia of {present:.3g} kg m^2, so {inertia:.3g} "
             "cannot be added; give the scene's joint its whole inertia"
         )
-    joint.armature += inertia - PROBE_INERTIA
+    spec.joint(name).armature += inertia
+    return True
+
+
+def _show_inertia(
+    spec: mujoco.MjSpec, name: str, inertia: float, channel: str, sign: float
+) -> None:
+    """The torque that accelerates more armature, in a channel."""
+    joint = spec.joint(name)
+    model = spec.compile()
+    joint.armature -= PROBE_INERTIA
     # MuJoCo's sensors do not see armature; they see what turns a body that rides along.
     index = model.joint(name).id
     probe = joint.parent.add_body(

@@ -3,9 +3,10 @@
     REALISATIONS["joint_stiffness"].apply(spec, bench, {"joint_stiffness": 0.5})
 
 Every entry changes a scene so that it moves as the effect says, and so that the torques
-that `instruments.measured` reads show it. All of it is plain MJCF: actuators without
-input, hinges, tendons, springs, armature, sensors with delay. To add an effect, write
-its entry; entries are applied in the order of the table, mechanics before sensors.
+that `instruments.measured` reads show it; of a lever nothing shows them. All of it is
+plain MJCF: actuators without input, hinges, tendons, springs, armature, sensors with
+delay. To add an effect, write its entry; entries are applied in the order of the table,
+mechanics before sensors.
 """
 
 from __future__ import annotations
@@ -28,11 +29,14 @@ class Realisation:
         parameters: names of its values; 0 is off, and leaves the scene as it was.
         note: with what, and what a user of the scene should know.
         apply: changes a scene.
+        pulley: whether it takes a pulley, or torques that are sums of sensors, which a
+            joint with a lever has not.
     """
 
     parameters: tuple[str, ...]
     note: str
     apply: Callable[[mujoco.MjSpec, Bench, Values], None]
+    pulley: bool = True
 
 
 REALISATIONS: dict[str, Realisation] = {
@@ -40,6 +44,7 @@ REALISATIONS: dict[str, Realisation] = {
         ("joint_angle_offset",),
         "`ref` of the joint: where it is when the cables are at rest",
         sensing.angle_offset,
+        pulley=False,
     ),
     "backlash": Realisation(
         ("backlash",),
@@ -52,27 +57,32 @@ REALISATIONS: dict[str, Realisation] = {
         ("cogging_cosine", "cogging_sine", "cogging_order"),
         "the cogging torque of MuJoCo's DC motor, as an actuator without input",
         mechanical.cogging,
+        pulley=False,
     ),
     "joint_gravity": Realisation(
         ("gravity_sine", "gravity_cosine"),
         "the same with one period per turn: independent of the joint's axis in space "
         "and of the mass of the scene",
         mechanical.gravity,
+        pulley=False,
     ),
     "joint_stiffness": Realisation(
         ("joint_stiffness",),
         "stiffness of the joint, about 0",
         mechanical.stiffness,
+        pulley=False,
     ),
     "joint_inertia": Realisation(
         ("joint_inertia",),
         "armature of the joint; a weightless body that rides along shows it",
         mechanical.joint_inertia,
+        pulley=False,
     ),
     "motor_inertia": Realisation(
         ("motor_inertia",),
         "armature of the motor; a weightless body that rides along shows it",
         mechanical.motor_inertia,
+        pulley=False,
     ),
     "torque_sensor_gain": Realisation(
         ("motor_torque_gain", "joint_torque_gain"),
@@ -102,3 +112,9 @@ REALISATIONS: dict[str, Realisation] = {
     ),
 }
 """Every effect outside the cable, and the offsets that a baseline has tuned, by id."""
+
+
+def has(bench: Bench, name: str) -> bool:
+    """Whether a scene can have an effect; of a lever not all outside its cable."""
+    realisation = REALISATIONS.get(name)
+    return realisation is None or bench.lever is None or not realisation.pulley

@@ -22,7 +22,7 @@ import mujoco
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.scene.instruments import instrument
 from cc_mujoco.diagnosis.scene.mechanical import Values, rim_stiffness
-from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
+from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, has
 from cc_mujoco.engine import step_limits, to_mjcf
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
@@ -63,12 +63,11 @@ def repaired(
     if bench.lever is not None and not bench.tied:
         (_, end) = [a for a in spec.actuators if a.plugin.name == bench.names[0]]
         end.gear[0] *= bench.joint_radius / bench.drawn_radius
-    outside = [name for name in effects if name in REALISATIONS]
-    if bench.lever is not None and outside:
+    beyond = [name for name in effects if not has(bench, name)]
+    if beyond:
         raise CableError(
-            f"the scene {bench.path} has a lever, and what was found outside its cable "
-            f"({', '.join(outside)}) is added to scenes with pulleys only; take the "
-            "values from verdict.json"
+            f"the scene {bench.path} has a lever, and {', '.join(beyond)} can be added "
+            "to scenes with pulleys only; take the values from verdict.json"
         )
     try:
         spec.option.timestep = min(spec.option.timestep, _largest_step(spec, bench))

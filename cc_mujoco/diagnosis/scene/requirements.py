@@ -21,7 +21,7 @@ import numpy as np
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.scene.mechanical import Values
-from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
+from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, has
 from cc_mujoco.diagnosis.scene.repair import repaired, write
 from cc_mujoco.diagnosis.scene.rollout import rollout
 from cc_mujoco.errors import CableError
@@ -44,9 +44,6 @@ def require_repairable(bench: Bench) -> None:
     """
     spec = mujoco.MjSpec.from_file(str(bench.path))
     _settings(spec, bench)
-    if bench.lever is not None:  # its repair is its cable's, and nothing is added
-        _played(bench.path, spec.option.timestep, bench)
-        return
     plain = _rehearsed(bench, {})
     everything = {
         name: {
@@ -56,6 +53,7 @@ def require_repairable(bench: Bench) -> None:
             for parameter in realisation.parameters
         }
         for name, realisation in REALISATIONS.items()
+        if has(bench, name)
         for typical in [_typical(name)]
     }
     full = _rehearsed(bench, everything)
@@ -67,7 +65,8 @@ def require_repairable(bench: Bench) -> None:
             raise CableError(
                 f"scene {bench.path} would not load again once it is written: {reason}"
             ) from None
-    _played(plain, plain.option.timestep, bench)
+    # What a lever's cable does is looked up in its file.
+    _played(bench.path if bench.lever else plain, plain.option.timestep, bench)
 
 
 def _rehearsed(bench: Bench, effects: Mapping[str, Values]) -> mujoco.MjSpec:

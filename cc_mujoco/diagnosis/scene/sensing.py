@@ -30,7 +30,8 @@ CLOCK, ONE = "instrument_clock", "instrument_one"
 
 def angle_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """The cables are at rest where motor and joint, plus the offset, agree."""
-    offset = values["joint_angle_offset"]
+    sign = 1.0 if bench.lever is None else bench.lever.sign
+    offset = sign * values["joint_angle_offset"]
     # A specification keeps the unit of its file.
     unit = math.degrees(1.0) if spec.compiler.degree else 1.0
     spec.joint(bench.joint).ref -= offset * unit

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -249,7 +250,44 @@ def test_what_was_found_in_the_cable_of_a_lever_is_written(tmp_path: Path) -> No
     assert again.cables == stiffer
     assert again.joint_radius == pytest.approx(ANKLE.joint_radius, rel=1e-6)
     with pytest.raises(CableError, match="take the values from"):
-        repaired(ANKLE, stiffer, {"joint_stiffness": {"joint_stiffness": 1.0}})
+        repaired(ANKLE, stiffer, {"backlash": {"backlash": 0.02}})
+
+
+def test_what_was_found_outside_the_cable_of_a_lever_moves_its_scene() -> None:
+    """By the formulas of the effects, where positive is where the cable pulls."""
+    effects = {
+        "joint_stiffness": {"joint_stiffness": 3.0},
+        "joint_gravity": {"gravity_sine": 2.0, "gravity_cosine": 1.5},
+        "joint_inertia": {"joint_inertia": 0.02},
+        "motor_inertia": {"motor_inertia": 1e-3},
+        "motor_cogging": {
+            "cogging_cosine": 0.05, "cogging_sine": 0.02, "cogging_order": 6.0
+        },
+    }  # fmt: skip
+    stiffer = tuple(cable.replace(friction=0.2) for cable in ANKLE.cables)
+    plain = repaired(ANKLE, stiffer, {}).compile()
+    model = repaired(ANKLE, stiffer, effects).compile()
+    motor, joint, sign = 0.3, 0.2, ANKLE.lever.sign if ANKLE.lever else 1.0
+    forces = []
+    for each in (plain, model):
+        data = mujoco.MjData(each)
+        data.joint(ANKLE.motor).qpos[0] = motor
+        data.joint(ANKLE.joint).qpos[0] = sign * joint
+        mujoco.mj_forward(each, data)
+        net = data.qfrc_passive + data.qfrc_actuator
+        forces.append(
+            [net[each.joint(n).dofadr[0]] for n in (ANKLE.motor, ANKLE.joint)]
+        )
+    changed = np.array(forces[1]) - forces[0]
+    cogging = 0.05 * np.cos(6.0 * motor) + 0.02 * np.sin(6.0 * motor)
+    against = 3.0 * joint + 2.0 * np.sin(joint) + 1.5 * np.cos(joint)
+    assert changed == pytest.approx([-cogging, -sign * against], abs=1e-6)
+    heavier = [
+        model.dof_M0[model.joint(n).dofadr[0]] - plain.dof_M0[plain.joint(n).dofadr[0]]
+        for n in (ANKLE.motor, ANKLE.joint)
+    ]
+    assert heavier == pytest.approx([1e-3, 0.02])
+    assert not any(model.tuple(k).name for k in range(model.ntuple))
 
 
 def test_angles_beyond_the_lever_are_told() -> None:

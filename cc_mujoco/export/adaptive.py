@@ -70,7 +70,7 @@ def set_sensed(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) 
 
 
 def step_sensed(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
-    """Motor torque of the next step [Nm], or no number where a reading is none."""
+    """Motor torque of the next step [Nm], or no number where a reading cannot be."""
     cables, sensors = shape[0], _sensors(shape)
     if not entries.measured(readings, predictive.READ + cables * sensors):
         return np.nan

@@ -29,6 +29,9 @@ FRESH, JOINT, STIFFNESS = 0, 1, 2
 start as the model finds it [rad], stiffness of all cables there [Nm/rad]."""
 FREE = 3
 """Numbers before those that are a controller's own."""
+MOST = 1e6
+"""Largest reading that is taken for one [rad, rad/s, Nm, N]: what is learnt from a
+larger one is never unlearnt."""
 _COUNT, _SEEN = len(laws.GAINS), len(laws.SEEN)
 _GAINS = FREE + laws.MEMORY
 _CABLES = _GAINS + _COUNT
@@ -205,10 +208,16 @@ def set_cables(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) 
 
 
 @internal
+def possible(reading: float) -> bool:
+    """Whether a reading is a number that a sensor can mean."""
+    return bool(abs(reading) <= MOST)
+
+
+@internal
 def measured(readings: Any, count: int) -> bool:
-    """Whether all that is read is a number."""
+    """Whether all that is read is possible."""
     for i in range(count):
-        if not np.isfinite(readings[i]):
+        if not possible(readings[i]):
             return False
     return True
 
@@ -216,9 +225,9 @@ def measured(readings: Any, count: int) -> bool:
 def step_proportional_integral(
     memory: Any, shape: Any, tables: Any, readings: Any
 ) -> float:
-    """Motor torque of the next step [Nm], or no number where a reading is none."""
+    """Motor torque of the next step [Nm], or no number where a reading cannot be."""
     desired, torque = readings[laws.DESIRED], readings[laws.TORQUE]
-    if not (np.isfinite(desired) and np.isfinite(torque)):
+    if not (possible(desired) and possible(torque)):
         return np.nan
     law = carray(at(memory, FREE), laws.MEMORY)
     if memory[FRESH] != 0.0:
@@ -272,10 +281,10 @@ def _step_model(memory: Any, shape: Any, readings: Any, with_stiction: bool) -> 
 
 
 def step_model_based(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
-    """Motor torque of the next step [Nm], or no number where a reading is none."""
+    """Motor torque of the next step [Nm], or no number where a reading cannot be."""
     return _step_model(memory, shape, readings, False)
 
 
 def step_stiction(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
-    """Motor torque of the next step [Nm], or no number where a reading is none."""
+    """Motor torque of the next step [Nm], or no number where a reading cannot be."""
     return _step_model(memory, shape, readings, True)

@@ -150,7 +150,7 @@ def take_plan(memory: Any, shape: Any, parameters: Any) -> None:
 
 
 def step_plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
-    """Motor torque of the next step [Nm], or no number where a reading is none."""
+    """Motor torque of the next step [Nm], or no number where a reading cannot be."""
     if not entries.measured(readings, READ):
         return np.nan
     cables = shape[0]

@@ -95,8 +95,9 @@ int cc_controller_set_parameters(cc_controller *controller, const double *parame
 void cc_controller_reset(cc_controller *controller);
 
 /* Motor torque [Nm] until the next reading, within CC_LOW and CC_HIGH. It is not a
- * number where a reading that the controller uses is none, or infinite; then the state
- * stays as it was, and what the motor does is yours to decide. */
+ * number where a reading that the controller uses is none, infinite or beyond
+ * {entries.MOST:g} of its unit; then the state stays as it was, and what the motor does
+ * is yours to decide. */
 double cc_controller_step(cc_controller *controller, const cc_readings *readings);
 {_given(plan)}{_observer(plan)}
 #ifdef __cplusplus

@@ -504,8 +504,8 @@ def test_parameters_that_contradict_each_other_are_named(
     ("name", "place"),
     [*(("stiction", i) for i in range(5)), *(("predictive", i) for i in range(4))],
 )
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_reading_that_is_no_number_gives_none_and_changes_nothing(
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -1.1e6, 1e300])
+def test_a_reading_that_cannot_be_gives_none_and_changes_nothing(
     name: str, place: int, bad: float, made: Made
 ) -> None:
     readings, torques = episode("wrist", name)

@@ -216,11 +216,14 @@ class Run:
         late, work = found.late.told(), found.work.told()
         print(
             f"{found.cycles} cycles of {period * 1e3:g} ms, {found.missed} missed, "
-            f"{found.without_reading} without a new reading\n"
-            f"late by {late['p50_us']:g} us (median), {late['p99_us']:g} (99 %), "
-            f"{late['longest_us']:g} (longest); at work for {work['p50_us']:g} us, "
-            f"{work['p99_us']:g}, {work['longest_us']:g}"
+            f"{found.without_reading} without a new reading"
         )
+        if late and work:
+            print(
+                f"late by {late['p50_us']:g} us (median), {late['p99_us']:g} (99 %), "
+                f"{late['longest_us']:g} (longest); at work for {work['p50_us']:g} us, "
+                f"{work['p99_us']:g}, {work['longest_us']:g}"
+            )
         for why, count in sorted(found.ignored.items()):
             print(f"{count} packets ignored: {why}")
         print(f"see also:   {self.out}")

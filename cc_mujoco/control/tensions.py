@@ -35,10 +35,12 @@ def _readings(observation: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def _require_sensors(drive: Drive, least: int) -> None:
-    if not drive.sensors or min(len(s.nodes) for s in drive.sensors) < least:
+    found = min((len(each.nodes) for each in drive.sensors), default=0)
+    if found < least:
         raise CableError(
             f"this controller needs at least {least} tension sensors along every "
-            "cable; Drive.sensors has fewer."
+            f"cable, and Drive.sensors has {found}; the readings of a rig that "
+            "`cc-mujoco run` drives have none."
         )
 
 

@@ -47,6 +47,7 @@ class CanLink:
                 opened, or has no CAN FD.
         """
         self.ignored: Counter[str] = Counter()
+        self.where = _called(address)
         self._address = address
         self._can = _python_can()
         self._bus = _opened(self._can, address)

@@ -71,14 +71,16 @@ class Times:
         self._bins[min(max(int(time * 1e6), 0), 20_000)] += 1
 
     def quantile(self, share: float) -> float:
-        """The time that this share does not exceed [s], to a microsecond; 0 of none."""
+        """The time that this share does not exceed [s], to 1 us; nan of no cycle."""
         total = np.cumsum(self._bins)
         if not total[-1]:
-            return 0.0
+            return math.nan
         return float(np.searchsorted(total, math.ceil(share * total[-1])) + 1) * 1e-6
 
     def told(self) -> dict[str, float]:
-        """Median, quantiles and longest [us]."""
+        """Median, quantiles and longest [us]; nothing of no cycle."""
+        if not self._bins.any():
+            return {}
         found = {f"p{p:g}_us": self.quantile(p / 100) * 1e6 for p in (50, 99, 99.9)}
         return {k: round(v, 1) for k, v in found.items()} | {
             "longest_us": round(self.longest * 1e6, 1)
@@ -190,7 +192,9 @@ class Loop:
         self._deadline = self._clock.now()
         while self._seen is None:
             if self._clock.now() > end:
-                raise Ending(f"the rig gave no reading in {CONNECT_TIME:g} s.")
+                where = getattr(self._rig, "where", "")
+                at = f" at {where}" if where else ""
+                raise Ending(f"the rig{at} gave no reading in {CONNECT_TIME:g} s.")
             self._asked_to_stop()
             self._rig.write(0.0)
             self._deadline += self._period
@@ -206,7 +210,9 @@ class Loop:
         outcome.without_reading += fresh is None
         before = self._limiter.torque
         self._asked_to_stop()
-        self._check(self._watch.reading(fresh, before))
+        if (amiss := self._watch.reading(fresh, before)) is not None:
+            self._unanswered(fresh, before, before)
+            raise Ending(amiss)
         self._seen = seen = fresh or self._seen
         assert seen is not None  # `_connect` waited for one
         time = (outcome.cycles + outcome.missed) * self._period
@@ -228,20 +234,22 @@ class Loop:
     def _end(self, ending: Ending) -> None:
         """Take the torque to zero, then say zero; nothing can end this early."""
         self.outcome.sentence, self.outcome.code = str(ending), ending.code
-        nan = math.nan
         left = ZEROS
         while left:
             left -= self._limiter.torque == 0.0
             self._next(stopping=True)
             before = self._limiter.torque
             torque = self._limiter.stopping()
-            fresh = self._let_down(torque)
-            if fresh is not None and all(map(math.isfinite, fresh[:6])):
-                number = self.outcome.cycles + self.outcome.missed
-                with contextlib.suppress(OSError):  # a full disk is no reason to stay
-                    self._log.row(
-                        fresh, before, nan, torque, nan, self._late, 0.0, number
-                    )
+            self._unanswered(self._let_down(torque), before, torque)
+
+    def _unanswered(self, fresh: Readings | None, before: float, torque: float) -> None:
+        """Log a reading that no controller saw, if it says when it was."""
+        if fresh is None or not math.isfinite(fresh[0]):
+            return
+        number = self.outcome.cycles + self.outcome.missed
+        nan = math.nan
+        with contextlib.suppress(OSError):  # a full disk is no reason to stay
+            self._log.row(fresh, before, nan, torque, nan, self._late, 0.0, number)
 
     def _let_down(self, torque: float) -> Readings | None:
         """Write and read, whatever the rig raises: it has to be tried until zero."""

@@ -23,7 +23,8 @@ class Rig(Protocol):
 
     A class of your own needs these three methods and is made by `module:Class` with the
     other keys of `[rig]` as keywords. No method may block for long: the loop waits for
-    it. It may have a `ignored`, a `Counter` of what was received and not used, by why.
+    it. It may have a `ignored`, a `Counter` of what was received and not used, by why,
+    and a `where`, the address at which it is looked for.
     """
 
     def read(self) -> Readings | None:
@@ -41,6 +42,8 @@ class Link(Protocol):
 
     ignored: Counter[str]
     """What it received and did not hand on, by why."""
+    where: str
+    """The address of the other end."""
 
     def receive(self) -> bytes | None:
         """The next packet, None if there is none.
@@ -73,6 +76,8 @@ class PacketRig:
         self.ignored = link.ignored
         """Packets that were not used: corrupt, repeated, reordered, overtaken; and
         what the link did not carry."""
+        self.where = link.where
+        """The address at which it is looked for."""
         self._link = link
         self._sequence = 0
         self._last: packet.Packet | None = None

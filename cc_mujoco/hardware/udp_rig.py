@@ -19,6 +19,7 @@ class UdpLink:
             CableError: The address means no machine.
         """
         self.ignored: Counter[str] = Counter()
+        self.where = f"{host}:{port}"
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
             family, _, _, _, address = found[0]

@@ -197,6 +197,19 @@ def test_a_reading_beyond_its_limit_ends_the_run(
     assert played.outcome.cycles == 98
 
 
+def test_the_reading_that_ends_the_run_is_logged() -> None:
+    wild = 40.0
+
+    def fault(count: int, seen: Readings) -> Readings:
+        return seen._replace(motor_velocity=wild) if count == 100 else seen
+
+    played = play(fault=fault)
+    require_stopped(played, "motor_velocity")
+    speeds = [row[2] for row in played.rows.rows]
+    assert speeds.count(wild) == 1
+    assert len({row[0] for row in played.rows.rows}) == len(speeds)
+
+
 def test_a_silent_rig_ends_the_run() -> None:
     played = play(fault=lambda k, seen: seen if k < 100 else None)
     require_stopped(played, "silent: no new reading in 10 cycles")
@@ -215,6 +228,7 @@ def test_a_rig_that_never_answers_ends_the_run() -> None:
     played = play(fault=lambda k, seen: None)
     assert "gave no reading in 3 s" in played.outcome.sentence
     assert played.outcome.code == 3 and played.outcome.cycles == 0
+    assert played.outcome.to_json()["work"] == {}  # no cycle has no median
     assert not any(played.rig.written) and played.rig.closed == 1
 
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.columns import DATASET_FILE
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.diagnosis.data.instruments import Instruments
 from cc_mujoco.diagnosis.data.torques import derived_noise, expected
@@ -40,7 +41,6 @@ from cc_mujoco.files import (
 from cc_mujoco.markdown import table
 
 PAGE = "plan.md"
-DATASET = "dataset.toml"
 MOTION = "motion_{}.csv"
 """What a trial is to play, by its number of two digits."""
 REACH = 0.8
@@ -84,7 +84,7 @@ def plan(
             raise CableError(f"{name} is {value:g}; it must be more than 0 and finite.")
     _require_possible(bench, swing)
     names = tuple(MOTION.format(f"{k:02d}") for k in range(1, 20))
-    _require_free(Path(out), (PAGE, DATASET, *names))
+    _require_free(Path(out), (PAGE, DATASET_FILE, *names))
     file = (
         DatasetFile() if dataset_toml is None else read_dataset_file(Path(dataset_toml))
     )
@@ -103,11 +103,11 @@ def plan(
     with replacing_folder(out) as place:
         for name, motion in zip(names, found.trials, strict=False):
             _write_motion(place / name, motion)
-        (place / DATASET).write_text(
+        (place / DATASET_FILE).write_text(
             declared + _dataset(found, bench), encoding="utf-8"
         )
         said = page(found, bench, swing, speed, instruments)
-        mark = f"<!-- {as_written(place / DATASET)} -->"  # no browser shows it
+        mark = f"<!-- {as_written(place / DATASET_FILE)} -->"  # no browser shows it
         (place / PAGE).write_text(f"{said}\n{mark}\n", encoding="utf-8")
     for name in names[len(found.trials) :]:  # of an earlier, longer plan
         (Path(out) / name).unlink(missing_ok=True)
@@ -118,7 +118,7 @@ def _require_free(out: Path, names: Sequence[str]) -> None:
     """See to it that nothing is replaced but an earlier plan that nobody touched."""
     page_now = _text(out / PAGE)
     require_ours(out, names, lambda _: page_now.startswith(_TITLE))
-    require_untouched(out, [DATASET], page_now)
+    require_untouched(out, [DATASET_FILE], page_now)
 
 
 def _declared(path: Path) -> str:

@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from cc_mujoco.control import Drive
+from cc_mujoco.diagnosis.data.columns import DATASET_FILE
 from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
-from cc_mujoco.diagnosis.plan import DATASET, MOTION
+from cc_mujoco.diagnosis.plan import MOTION
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
 from cc_mujoco.hardware.desired import Array, points
@@ -84,12 +85,12 @@ def planned(folder: str | os.PathLike[str]) -> list[Planned]:
         CableError: It has none, or one cannot be read.
     """
     place = Path(folder)
-    toml = place / DATASET
+    toml = place / DATASET_FILE
     paths = sorted(place.glob(MOTION.format("*")))
     if not paths or not toml.is_file():
         raise CableError(
-            f"{folder} holds no plan, which has {MOTION.format('01')} and {DATASET}; "
-            "give the folder that `cc-mujoco diagnose --plan` wrote."
+            f"{folder} holds no plan, which has {MOTION.format('01')} and "
+            f"{DATASET_FILE}; give the folder that `cc-mujoco diagnose --plan` wrote."
         )
     facts = read_dataset_file(toml)
     found = []
@@ -117,11 +118,11 @@ def tell(plan: Path, trial: str, out: Path, inertia: float) -> None:
         inertia: Of the motor at its pulley [kg m^2]; 0 is not known.
     """
     head, *tables = re.split(
-        r"(?m)^(?=\[trials\b)", (plan / DATASET).read_text(encoding="utf-8")
+        r"(?m)^(?=\[trials\b)", (plan / DATASET_FILE).read_text(encoding="utf-8")
     )
     if inertia > 0.0 and "rig" not in tomllib.loads(head):
         head = f"{head.rstrip()}\n\n[rig]\nrotor_inertia = {inertia:g}\n"
-    place = out / DATASET
+    place = out / DATASET_FILE
     told = place.read_text(encoding="utf-8") if place.exists() else head
     if trial in tomllib.loads(told).get("trials", {}):
         return

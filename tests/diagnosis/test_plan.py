@@ -9,12 +9,13 @@ import pytest
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.columns import DATASET_FILE
 from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
 from cc_mujoco.diagnosis.data.torques import expected
 from cc_mujoco.diagnosis.inference.motions import DT, motions
 from cc_mujoco.diagnosis.inference.planning import Plan
 from cc_mujoco.diagnosis.inference.testable import SEEN
-from cc_mujoco.diagnosis.plan import DATASET, PAGE, plan
+from cc_mujoco.diagnosis.plan import PAGE, plan
 from cc_mujoco.errors import CableError
 
 REACH, SPEED = 0.8, 3.0
@@ -148,7 +149,7 @@ def test_a_plan_says_what_other_instruments_cannot_show(
     assert set(found.hidden) == unseen
     assert {each.id for each in found.resolved} == set(IDS) - unseen
     assert all(f"| {name} | " in page for name in unseen)
-    again = read_dataset_file(tmp_path / "out" / DATASET)  # of the recordings
+    again = read_dataset_file(tmp_path / "out" / DATASET_FILE)  # of the recordings
     bench = Bench.of(scene_path("bench"))
     assert expected(again, bench) == expected(read_dataset_file(file), bench)
     assert again.columns.keys() == read_dataset_file(file).columns.keys()

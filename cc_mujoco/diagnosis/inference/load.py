@@ -12,20 +12,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.data.dataset_file import LOAD
+from cc_mujoco.diagnosis.data.dataset_file import LOAD, RIG
 from cc_mujoco.diagnosis.data.trials import Constant
 from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.estimation.least_squares import Tuned
 
 REST_KNOWN = 0.01
 """Standard deviation of the angle at which a spring rests, unless declared [rad]."""
-UNITS = {
-    "load_stiffness": "Nm/rad",
-    "load_inertia": "kg m^2",
-    "load_damping": "Nm s/rad",
-    "load_weight": "Nm",
-    "load_rest_angle": "rad",
-}
 
 
 def values_of(constants: Mapping[str, Constant]) -> dict[str, float]:
@@ -88,7 +81,16 @@ def load_tuned(constants: Mapping[str, Constant]) -> list[Tuned]:
         if known.uncertainty > 0.0:
             relative = known.uncertainty / known.value
             found.append(
-                Tuned(name, UNITS[name], known.value, relative, -10.0, 10.0, True, 1.0)
+                Tuned(
+                    name,
+                    next(iter(RIG[name])),
+                    known.value,
+                    relative,
+                    -10.0,
+                    10.0,
+                    True,
+                    1.0,
+                )
             )
     if "load_stiffness" in constants:
         rest = constants.get("load_rest_angle", Constant(0.0))

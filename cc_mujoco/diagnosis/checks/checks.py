@@ -20,6 +20,7 @@ from cc_mujoco.diagnosis.checks.signs import (
     check_sizes,
     check_units,
     groups,
+    wrong_unit,
 )
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.bench import Bench
@@ -89,10 +90,10 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[Findi
     if 1.0 / _WOUND < apart < _AHEAD:
         return []
     degrees = math.degrees(1.0)
-    motor, joint = (trial.labels.get(name, name) for name in channels.ANGLES)
+    motor, joint = channels.ANGLES
     reasons = {
-        f"{joint} is in degrees": apart / degrees,
-        f"{motor} is in degrees": apart * degrees,
+        wrong_unit(trial, joint): apart / degrees,
+        wrong_unit(trial, motor): apart * degrees,
         "the scene has other pulleys, or an angle another unit": 3.0,
     }
     if abs(math.log(abs(ratio))) > 0.5:

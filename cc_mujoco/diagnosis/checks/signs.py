@@ -21,11 +21,13 @@ from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis.checks.mechanics import Mechanics, torques
 from cc_mujoco.diagnosis.data.channels import (
+    ANGLE,
     DRIVE,
     JOINT_ANGLE,
     JOINT_TORQUE,
     MOTOR_ANGLE,
     MOTOR_TORQUE,
+    unit_of,
 )
 from cc_mujoco.diagnosis.data.findings import Finding, error, warning
 from cc_mujoco.diagnosis.data.smoothing import velocity
@@ -169,6 +171,15 @@ def _labels(trial: Trial) -> dict[str, str]:
     return {channel: trial.labels.get(channel, channel) for channel in DRIVE}
 
 
+def wrong_unit(trial: Trial, channel: str) -> str:
+    """What may be if an angle reads a degree's number of times what it should."""
+    other = JOINT_ANGLE if channel == MOTOR_ANGLE else MOTOR_ANGLE
+    label = trial.labels.get(other, other)
+    if unit_of(label, ANGLE) == "deg":
+        return f"{label} is in radians, whatever its name says"
+    return f"{trial.labels.get(channel, channel)} is in degrees"
+
+
 def _ways(m: Mechanics, follows: float, asks: float) -> list[str]:
     """Fewest inversions that make the trial possible."""
     possible = []
@@ -206,8 +217,8 @@ def check_units(group: Group) -> list[Finding]:
     if 1.0 / _APART < apart < _APART:
         return []
     mends = {
-        f"{{{MOTOR_ANGLE}}} is in degrees": apart / _DEGREE,
-        f"{{{JOINT_ANGLE}}} is in degrees": apart * _DEGREE,
+        wrong_unit(trials[0], MOTOR_ANGLE): apart / _DEGREE,
+        wrong_unit(trials[0], JOINT_ANGLE): apart * _DEGREE,
         f"{{{MOTOR_TORQUE}}} is in mNm": apart / 1e3,
         f"{{{JOINT_TORQUE}}} is in mNm": apart * 1e3,
         "the torque columns are swapped": 1.0 / abs(m.torque_ratio * m.ratio),

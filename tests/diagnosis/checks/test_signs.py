@@ -185,6 +185,22 @@ def test_ratio_of_a_scene(tmp_path: Path) -> None:
     assert "joint_angle_rad is in degrees" in degrees
 
 
+@pytest.mark.parametrize("side", ["motor", "joint"])
+def test_radians_under_a_name_of_degrees_are_blamed_themselves(
+    tmp_path: Path, side: str
+) -> None:
+    columns = recording()
+    columns[f"{side}_angle_deg"] = columns.pop(f"{side}_angle_rad")
+    write(tmp_path / "run.csv", columns)
+    dataset, findings = load(tmp_path)
+    told = [found.statement for found in errors(findings)]
+    told += [f.statement for f in check_ratio(dataset.trials[0], RATIO)]
+    assert len(told) == 2
+    for sentence in told:
+        assert f"{side}_angle_deg is in radians, whatever its name says" in sentence
+        assert "is in degrees" not in sentence
+
+
 def test_power_of_the_bench_is_what_its_friction_takes(tmp_path: Path) -> None:
     trial = one(tmp_path, recording(noise=0.0))
     known = mechanics(trial)

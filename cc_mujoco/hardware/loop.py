@@ -243,8 +243,8 @@ class Loop:
             self._unanswered(self._let_down(torque), before, torque)
 
     def _unanswered(self, fresh: Readings | None, before: float, torque: float) -> None:
-        """Log a reading that no controller saw, if it says when it was."""
-        if fresh is None or not math.isfinite(fresh[0]):
+        """Log a reading that no controller saw; one that is no number is told only."""
+        if fresh is None or not all(map(math.isfinite, fresh[:6])):
             return
         number = self.outcome.cycles + self.outcome.missed
         nan = math.nan

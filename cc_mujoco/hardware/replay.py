@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.control.model import CableModel
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.run_page import LOG
+from cc_mujoco.diagnosis.data.run_page import LOG, scene_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import is_marked, replacing_folder, require_ours
 from cc_mujoco.hardware.drives import bench_drive
@@ -63,6 +63,12 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
     if is_marked(path):
         raise CableError(
             f"{path} is the log of an episode, whose recording lies beside it."
+        )
+    ran = scene_of(path)
+    if ran != scene and {ran, scene} <= {*SCENES}:
+        raise CableError(
+            f"{path} was recorded with scene {ran!r}, not {scene!r}; name that one, or "
+            "a file of it."
         )
     rows = read_rows(path)
     model, episode = as_episode(rows, scene, path)

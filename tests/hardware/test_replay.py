@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.run_page import MARK, page_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Log, Readings
 from cc_mujoco.hardware.replay import as_episode, read_rows
@@ -102,6 +104,16 @@ def test_what_cannot_be_shown_is_said_in_one_sentence(
     error = capsys.readouterr().err
     assert said in error and len(error.splitlines()) == 1
     assert not log.with_name("recording.rrd").exists()
+
+
+def test_a_log_of_another_scene_is_refused(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = {**MARK, "rig": 'scene = "bench"', "outcome": "", "exit_code": 0}
+    page_of(log).write_text(json.dumps(page))
+    assert cli.main(["play", "wrist", "--replay", str(log)]) == 2
+    assert "was recorded with scene 'bench', not 'wrist'" in capsys.readouterr().err
+    assert cli.main(["play", "bench", "--replay", str(log)]) == 0
 
 
 def test_other_options_and_other_logs_are_refused(

@@ -6,7 +6,9 @@ cut_short(Path("data/trial_01.csv"))        # "" or "stopped by SIGTERM."
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
+from typing import Any
 
 LOG = "log"
 """Name of a run's files unless it has one of its own."""
@@ -21,9 +23,23 @@ def page_of(rows: Path) -> Path:
 
 def cut_short(rows: Path) -> str:
     """Why a run was over before its time; empty where it was not, or is unknown."""
+    told = _told(rows)
+    return str(told.get("outcome", "")) if told.get("exit_code") != 0 else ""
+
+
+def scene_of(rows: Path) -> str:
+    """The scene that a run's controller knew; empty where that is unknown."""
+    try:
+        return str(tomllib.loads(str(_told(rows).get("rig", ""))).get("scene", ""))
+    except tomllib.TOMLDecodeError:
+        return ""
+
+
+def _told(rows: Path) -> dict[str, Any]:
+    """What the page says, if it is one of ours."""
     try:
         told = json.loads(page_of(rows).read_text(encoding="utf-8"))
-        ours = told.items() >= MARK.items() and told.get("exit_code") != 0
-        return str(told["outcome"]) if ours else ""
-    except (OSError, ValueError, KeyError, AttributeError, TypeError):
-        return ""
+    except (OSError, ValueError):
+        return {}
+    ours = isinstance(told, dict) and told.items() >= MARK.items()
+    return told if ours else {}

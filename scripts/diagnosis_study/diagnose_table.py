@@ -16,7 +16,7 @@ STUDIES = {
     "development": 1000, "calibration": 2000, "final": 3000, "second": 4000,
     "third": 5000, "fourth": 6000, "fifth": 7000, "sixth": 8000, "seventh": 9000,
     "eighth": 10000, "ninth": 11000, "tenth": 12000,
-    "eleventh": 13000,
+    "eleventh": 13000, "twelfth": 14000,
 }  # fmt: skip
 """First seed of every study, in the order in which they were run."""
 LAST = "fifth"
@@ -71,24 +71,26 @@ def went(record: dict[str, Any]) -> str:
 
 
 def summary(records: list[dict[str, Any]]) -> str:
-    """Markdown: rates by kind and strength, confusion, then every case."""
+    """Markdown: rates by kind, make and strength, confusion, then every case."""
     columns = {
         "right": "right", "in a tie": "tie", "one of two": "half",
         "silent": "silent", "wrong": "wrong",
     }  # fmt: skip
     rates = []
     for kind in ("named", "pair", "unknown", "none"):
-        by_size: dict[str, list[str]] = {}
-        for r in sorted(records, key=lambda record: record["strength"]):
+        by_size: dict[tuple[str, str], list[str]] = {}
+        for r in sorted(records, key=lambda r: (r["make"], r["strength"])):
             if r["kind"] == kind:
                 size = "-" if kind == "none" else f"{r['strength']:g}"
-                by_size.setdefault(size, []).append(went(r))
-        for size, words in by_size.items():
-            share = [
-                f"{words.count(word) / len(words):.0%}" for word in columns.values()
-            ]
-            rates.append([kind, size, str(len(words)), *share])
-    parts = [table(("hidden", "R", "cases", *columns), rates), *_figures(records)]
+                by_size.setdefault((r["make"], size), []).append(went(r))
+        for (make, size), words in by_size.items():
+            share = [_share(words.count(word), len(words)) for word in columns.values()]
+            right = f"{share[0]} ({_exact(words.count('right'), len(words))})"
+            rates.append([kind, make, size, str(len(words)), right, *share[1:]])
+    parts = [
+        table(("hidden", "rigs", "R", "cases", *columns), rates),
+        *_figures(records),
+    ]
     if any("naive" in r for r in records):
         parts.append(comparison(records, went))
     head = ("hidden", "what was said first, and how often")
@@ -99,14 +101,15 @@ def summary(records: list[dict[str, Any]]) -> str:
         ties = "; ".join(", ".join(tie) for tie in r["ties"])
         cases.append(
             (
-                hidden, f"{r['strength']:g}", f"{r['reached']:.1f}",
+                hidden, r["make"], f"{r['strength']:g}", f"{r['reached']:.1f}",
                 _number(r.get("misfit", math.nan), 1), r["verdict"],
                 ", ".join(r["named"]) or "-", ties or "-",
                 _number(r.get("closed", math.nan), 2),
             )
         )  # fmt: skip
     head = (
-        "hidden", "R", "reached", "error", "verdict", "named", "ties", "gap closed"
+        "hidden", "rigs", "R", "reached", "error", "verdict", "named", "ties",
+        "gap closed",
     )  # fmt: skip
     parts += [
         "<details><summary>Every case: what was hidden, what was said</summary>",
@@ -114,6 +117,18 @@ def summary(records: list[dict[str, Any]]) -> str:
         "</details>",
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _share(count: int, whole: int) -> str:
+    return f"{count / whole:.0%}" if whole else "-"
+
+
+def _exact(count: int, whole: int) -> str:
+    """Interval of 95 % of a share (C. Clopper, E. Pearson, Biometrika 26, 1934) [%]."""
+    from scipy.stats import binomtest
+
+    low, high = binomtest(count, whole).proportion_ci(method="exact")
+    return f"{100 * low:.0f} to {100 * high:.0f}"
 
 
 def _number(value: float, digits: int) -> str:
@@ -129,7 +144,8 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
         for r in sorted(right, key=lambda record: record["strength"]):
             closed.setdefault(r["strength"], []).append(r["closed"])
         shares = [
-            f"{np.nanmedian(each):.2f} at R = {size:g}" for size, each in closed.items()
+            f"{np.nanmedian(each):.2f} at R = {size:g} ({len(each)})"
+            for size, each in closed.items()
         ]
         found.append(f"Median gap closed: {', '.join(shares)}.")
     shown = [r for r in records if r["kind"] == "named" and r.get("misfit", 0) > SHOWN]
@@ -155,19 +171,23 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
     more = [len(set(r["named"]) - set(r["hidden"])) for r in right]
     if more:
         found.append(
-            f"Rightly named cases in which another effect was named as well: "
-            f"{np.mean([count > 0 for count in more]):.0%}."
+            "Rightly named cases in which another effect was named as well: "
+            f"{sum(count > 0 for count in more)} of {len(more)}."
         )
-    given = [r["intervals"] for r in records if r.get("intervals")]
-    told = [
-        f"{name} {np.mean([low <= true <= high for _, low, high, true in of]):.0%}"
-        for name in (given[0] if given else ())
-        if (of := [each[name] for each in given])
-    ]
-    if told:
-        found.append(
-            f"Intervals of 95 % that cover, of {len(given)}: {', '.join(told)}."
-        )
+    for make in dict.fromkeys(r["make"] for r in records):
+        given = [
+            r["intervals"] for r in records if r["make"] == make and r.get("intervals")
+        ]
+        told = []
+        for name in given[0] if given else ():
+            of = [each[name] for each in given]
+            held = sum(low <= true <= high for _, low, high, true in of)
+            told.append(f"{name} {_share(held, len(of))} ({_exact(held, len(of))})")
+        if told:
+            found.append(
+                f"Intervals of 95 % that cover, of {len(given)} rigs ({make}): "
+                f"{', '.join(told)}."
+            )
     return found
 
 

@@ -51,7 +51,7 @@ def rows(text: str) -> list[list[str]]:
 
 
 def right(kind: str, case: list[str]) -> bool:
-    hidden, _, _, _, verdict, named, ties = case[:7]
+    hidden, _, _, _, _, verdict, named, ties = case[:8]
     if kind != "named":
         return verdict == kind
     first = named.split(", ")[0] == hidden and hidden not in ties
@@ -93,17 +93,27 @@ def test_a_case_is_judged_by_what_was_hidden_and_what_was_said(
 def test_rates_and_confusion_count_the_cases_below_them(
     told: list[dict[str, Any]],
 ) -> None:
-    records = [record | {"seed": seed} for seed, record in enumerate(told)]
+    records = [
+        record | {"seed": seed, "make": f"make {seed % 2}"}
+        for seed, record in enumerate(told)
+    ]
     above, _, below = summary(records).partition("<details>")
     listed = [row for row in rows(below) if row[0] != "hidden"]
     assert len(listed) == len(records)
-    rates = {(row[0], row[1]): row[2:4] for row in rows(above) if len(row) == 8}
+    rates = {tuple(row[:3]): row[3:5] for row in rows(above) if len(row) == 9}
     for kind, names in KINDS.items():
         of_kind = [case for case in listed if case[0] in names]
-        for size in {"-" if kind == "none" else case[1] for case in of_kind}:
-            mine = [case for case in of_kind if size in ("-", case[1])]
+        for make, size in {
+            (case[1], "-" if kind == "none" else case[2]) for case in of_kind
+        }:
+            mine = [
+                case for case in of_kind if case[1] == make and size in ("-", case[2])
+            ]
             good = sum(right(kind, case) for case in mine) / len(mine)
-            assert rates[kind, size] == [str(len(mine)), f"{good:.0%}"]
+            count, told_rate = rates[kind, make, size]
+            rate, low, _, high = told_rate.replace("(", "").replace(")", "").split()
+            assert (count, rate) == (str(len(mine)), f"{good:.0%}")
+            assert int(low) <= round(100 * good) <= int(high)
     counts = [
         int(part.rsplit(" ", 1)[1])
         for row in rows(above)

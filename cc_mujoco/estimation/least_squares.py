@@ -35,6 +35,8 @@ _DAMPING = 1e-4
 """Of a fit's first step, relative to the diagonal of the normal equations."""
 _LONGEST = math.log(2.0)
 """Most by which a step changes a logarithm: beyond, derivatives say nothing."""
+_MANY = 1e9
+"""Degrees of freedom from which on Student's t is a normal distribution."""
 _Item = TypeVar("_Item")
 _Found = TypeVar("_Found")
 _WIDEST = 50.0
@@ -311,16 +313,23 @@ def autocorrelation(values: FloatArray) -> FloatArray:
     return found
 
 
-def estimate(parameter: Tuned, place: float, deviation: float) -> Estimate:
+def estimate(
+    parameter: Tuned, place: float, deviation: float, freedom: float = math.inf
+) -> Estimate:
     """Value and interval of a parameter.
 
     Args:
         parameter: of the fit.
         place: where the fit ended.
         deviation: standard deviation of the place.
+        freedom: degrees of freedom with which that is known; the interval is that of
+            Student's t.
     """
+    from scipy.special import stdtrit
+
     most = _WIDEST / parameter.scale if parameter.factor else math.inf
-    reach = min(1.96 * deviation, most)
+    wide = float(stdtrit(min(freedom, _MANY), 0.975))
+    reach = min(wide * deviation, most)
     low, high = sorted(parameter.value(place + side) for side in (-reach, reach))
     return Estimate(parameter.value(place), parameter.unit, (low, high))
 

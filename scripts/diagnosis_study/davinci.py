@@ -88,7 +88,7 @@ def carried_over(giver: Result, taker: Result) -> dict[str, Any]:
     division = trial_folds(records)
     before = predicted(own.problem, own.whole.x, division)
     after = predicted(model, x, division)
-    found = gaps(own.problem, before.torques, after.torques, division)
+    found = gaps(own.problem, before, after, division)
     return {c: [g.rmse_before, g.rmse_after, g.noise_floor] for c, g in found.items()}
 
 

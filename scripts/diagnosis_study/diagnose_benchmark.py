@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from cc_mujoco.diagnosis.inference.baseline import BaselineFit
     from cc_mujoco.diagnosis.inference.result import Result
     from cc_mujoco.diagnosis.verdict import Diagnosis
+    from rig.nominal import Rig
 
 PAIRS = (
     ("viscous_friction", "backlash"),
@@ -86,7 +87,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     from rig.dataset import make_dataset
     from rig.generate import facts_of, write_data
     from rig.makes import MAKES
-    from rig.nominal import NOMINAL, make_rig
+    from rig.nominal import make_rig
     from rig.strength import calibrate, measure
 
     seed = case["seed"]
@@ -110,18 +111,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
     found = result.diagnosis
     if naive and result.baseline_fit is not None:
         record["naive"] = guesses(result.baseline_fit, naive)
-    # A shaft that twists is soft in series with both cables.
-    shaft = getattr(MAKES[rig.make].plant_of(rig), "shaft", 0.0)
-    pair = 2.0 * rig.motor_radius**2 * rig.axial_stiffness / rig.length
-    truth = {
-        "axial_stiffness": rig.axial_stiffness / (1.0 + shaft * pair),
-        "pretension": rig.pretension,
-        # The scene's wrap is taken for granted, so friction is scaled by the rest.
-        "friction": 0.5
-        * (rig.friction_a + rig.friction_b)
-        * rig.wrap
-        / NOMINAL["wrap_angle_rad"],
-    }
+    truth = truth_of(rig)
     return {
         **record,
         "misfit": misfit(result),
@@ -142,6 +132,25 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
             [[c.id, c.reduction, c.reason] for c in step] for step in found.runner_ups
         ],
         "seconds": seconds,
+    }
+
+
+def truth_of(rig: Rig) -> dict[str, float]:
+    """What the baseline's parameters are for a rig, as a lumped scene means them."""
+    from rig.makes import MAKES
+    from rig.nominal import NOMINAL
+
+    # A shaft that twists is soft in series with both cables.
+    shaft = getattr(MAKES[rig.make].plant_of(rig), "shaft", 0.0)
+    pair = 2.0 * rig.motor_radius**2 * rig.axial_stiffness / rig.length
+    return {
+        "axial_stiffness": rig.axial_stiffness / (1.0 + shaft * pair),
+        "pretension": rig.pretension,
+        # The scene's wrap is taken for granted, so friction is scaled by the rest.
+        "friction": 0.5
+        * (rig.friction_a + rig.friction_b)
+        * rig.wrap
+        / NOMINAL["wrap_angle_rad"],
     }
 
 

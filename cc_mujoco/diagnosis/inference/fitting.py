@@ -28,6 +28,8 @@ _EVALUATIONS = 30
 back along a flat valley takes twenty."""
 _ENOUGH = 1e-3
 """Share of the cost by which a fit goes on."""
+_SETTLED = 5e-3
+"""Cost that a fit may leave whose end is told: a tenth of a standard deviation."""
 
 
 def knob_as_tuned(parameter: EffectParameter, start: float, plant: Plant) -> Tuned:
@@ -245,4 +247,21 @@ def fit(
         start,
         tolerance=_ENOUGH,
         evaluations=evaluations,
+    )
+
+
+def settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
+    """The same, to an end that errors decide and not where the fit gave up.
+
+    Along a flat valley (friction against pretension, where no trial goes slack) a
+    thousandth of the cost is standard deviations away from the least.
+    """
+    found = fit(problem, start, masks)
+    return least_squares.fit(
+        lambda x: problem.residual(x, masks),
+        lambda x: jacobian(problem, x, masks),
+        problem.tuned,
+        found.x,
+        tolerance=min(_ENOUGH, _SETTLED / max(found.cost, _SETTLED)),
+        evaluations=_EVALUATIONS,
     )

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,37 +23,23 @@ SOLID = 0.95
 """Share of draws with a gap to close from which on its closing has an interval."""
 
 
-class Predicted(NamedTuple):
-    """Samples predicted by parameters that were fitted to others.
-
-    Attributes:
-        torques: (2, samples) of every record [Nm].
-        places: of the parameters, one per fold.
-    """
-
-    torques: tuple[FloatArray, ...]
-    places: tuple[FloatArray, ...]
-
-
 def predicted(
     problem: Problem, start: FloatArray, division: Sequence[Fold]
-) -> Predicted:
-    """Torques of every record by parameters fitted to other samples.
+) -> tuple[FloatArray, ...]:
+    """Torques (2, samples) of every record by parameters fitted to other samples.
 
     Samples that no fold holds out are predicted by the last fit.
     """
     records = problem.plant.records
     found = [np.zeros(record.measured.shape) for record in records]
-    places = []
     for fold in division:
         x = fit(problem, start, fold.train, 6).x
-        places.append(x)
         played = problem.plant.simulate(problem.values(x), problem.effects)
         for kept, torque, train in zip(found, played, fold.train, strict=True):
             kept[:, ~train] = torque[:, ~train]
             empty = np.all(kept == 0.0, axis=0)
             kept[:, empty] = torque[:, empty]
-    return Predicted(tuple(found), tuple(places))
+    return tuple(found)
 
 
 def gaps(

@@ -3,96 +3,92 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.inference.disagreement import disagreement, parts_of
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
+from cc_mujoco.diagnosis.inference.form import controls_of, form_error
 from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
 from cc_mujoco.diagnosis.inference.plausibility import amplitudes, shapes
 from cc_mujoco.estimation.least_squares import Estimate, covariance, estimate, untold
 
-LEAST = 3
-"""Trials from which on they tell how much they disagree."""
 _WIDEST = 7.0
 """Logarithm of the largest factor of an interval in proportion."""
 UNTOLD = 1.0
 """Deviation in units of priors from which on the data say less than was known."""
 
 
-def narrowest(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
-    """The part of `spread` that noise makes, for its arguments: at most all of it."""
+class Spread(NamedTuple):
+    """How uncertain the place of a fit is.
+
+    Attributes:
+        covariance: (parameters, parameters).
+        freedom: (parameters,) degrees of freedom with which its diagonal is known, see
+            `least_squares.estimate`.
+    """
+
+    covariance: FloatArray
+    freedom: FloatArray
+
+
+def narrowest(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
+    """The part of `spread` that noise makes: at most all of it."""
     found: FloatArray = covariance(jacobian(problem, x, masks))
-    return found
+    return Spread(found, np.full(x.size, np.inf))
 
 
-def spread(
-    problem: Problem,
-    x: FloatArray,
-    masks: Masks,
-    places: Sequence[FloatArray] = (),
-) -> FloatArray:
-    """Covariance (parameters, parameters) of where a fit ends.
+def spread(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
+    """Covariance of where a fit ends: of noise, of trials that disagree, of form.
+
+    A model that is a little wrong fits every trial otherwise, and all of them a little
+    off, which noise does not tell. Noise makes B; a parameter about which trials
+    disagree by a factor f of that (`disagreement`) has f B_kk; and errors that all
+    trials share add what they shift (`form_error`). Only the second is known from so
+    few numbers that it takes Student's t: its degrees of freedom are over the square of
+    its share of the variance (Satterthwaite, Biometrics Bulletin 2, 1946).
 
     Args:
         problem: the model.
-        x: where it was fitted to all data.
+        x: where it was fitted to all data, see `fitting.settled`.
         masks: samples that took part.
-        places: where it was fitted with a part of the trials left out in turn. A model
-            that is a little wrong fits every trial otherwise, and noise does not tell
-            how much: the jackknife does. Without such fits the trials' pulls on the
-            parameters tell (cluster-robust: Liang and Zeger, Biometrika 73, 1986).
     """
     fresh = replace(problem, slopes=Slopes())
     slopes = jacobian(fresh, x, masks)
+    residual = fresh.residual(x, masks)
     # The weights of the errors already count what is independent.
-    found = covariance(slopes)
-    if len(places) > 1:
-        apart = np.array(places) - np.mean(places, axis=0)
-        disagreement: FloatArray = (1.0 - 1.0 / len(places)) * (apart.T @ apart)
-        return found + disagreement
-    moved = _pulls(fresh, x, masks, slopes) @ found
-    count = len(moved)
-    if count < LEAST:
-        return found
-    disagreement = count / (count - 1.0) * (moved.T @ moved)
-    return found + disagreement
+    noise = covariance(slopes)
+    apart = disagreement(slopes, residual, parts_of(problem.plant.records, masks))
+    beyond = np.sqrt(np.maximum(apart.factor - 1.0, 0.0))
+    trials = noise * (1.0 + np.outer(beyond, beyond))
+    controls = controls_of(fresh, x, masks)
+    data = len(controls)
+    form = form_error(slopes[:data], residual[:data], noise, controls)
+    share = np.diag(trials) / np.diag(trials + form)
+    freedom = np.where(beyond > 0.0, apart.freedom / share**2, np.inf)
+    return Spread(trials + form, freedom)
 
 
-def _pulls(
-    problem: Problem, x: FloatArray, masks: Masks, slopes: FloatArray
-) -> FloatArray:
-    """Slope of the cost by the errors of each trial (trials, parameters)."""
-    residual = problem.residual(x, masks)
-    trials: dict[str, FloatArray] = {}
-    nothing = np.zeros(x.size)
-    first = 0
-    for record, mask in zip(problem.plant.records, masks, strict=True):
-        rows = slice(first, first + len(record.measured) * int(np.sum(mask)))
-        first = rows.stop
-        if rows.stop > rows.start:
-            own = slopes[rows].T @ residual[rows]
-            trials[record.group] = trials.get(record.group, nothing) + own
-    return np.array(list(trials.values()))
-
-
-def estimates(
-    problem: Problem, x: FloatArray, covariance: FloatArray
-) -> dict[str, Estimate]:
+def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Estimate]:
     """Value and interval of every parameter.
 
     Args:
         problem: the model.
         x: where it was fitted.
-        covariance: of that, see `spread`.
+        spread: of that.
     """
-    deviations = np.sqrt(np.diag(covariance)).tolist()
+    deviations = np.sqrt(np.diag(spread.covariance))
     found = {
-        parameter.name: estimate(parameter, place, deviation)
-        for parameter, place, deviation in zip(
-            problem.tuned, x.tolist(), deviations, strict=True
+        parameter.name: estimate(parameter, place, deviation, freedom)
+        for parameter, place, deviation, freedom in zip(
+            problem.tuned,
+            x.tolist(),
+            deviations.tolist(),
+            spread.freedom.tolist(),
+            strict=True,
         )
     }
     for name in problem.effects:

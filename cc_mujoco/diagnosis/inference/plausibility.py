@@ -16,6 +16,8 @@ FITS_ONLY = "fits only with"
 """Beginning of the reason not to name an effect whose size is impossible."""
 SURE = 0.95
 """Probability with which the sizes of a named effect are not all zero."""
+_MANY = 1e9
+"""Degrees of freedom from which on F is that of a known variance."""
 
 
 def implausible(problem: Problem, x: FloatArray) -> str:
@@ -40,15 +42,21 @@ def implausible(problem: Problem, x: FloatArray) -> str:
     return ""
 
 
-def doubtful(problem: Problem, x: FloatArray, spread: FloatArray) -> str | None:
+def doubtful(
+    problem: Problem, x: FloatArray, covariance: FloatArray, freedom: FloatArray
+) -> str | None:
     """The effect of a model that may as well have size 0, the most doubtful; or None.
+
+    That is, of which the joint interval of its sizes contains 0, by the F distribution:
+    of a single size that is the interval which is told of it.
 
     Args:
         problem: the model.
         x: where it was fitted.
-        spread: (parameters, parameters) covariance of the places.
+        covariance: (parameters, parameters) of the places.
+        freedom: (parameters,) degrees of freedom with which it is known.
     """
-    from scipy.special import chdtri
+    from scipy.special import fdtri
 
     found = {}
     for name in problem.effects:
@@ -58,13 +66,15 @@ def doubtful(problem: Problem, x: FloatArray, spread: FloatArray) -> str | None:
         # one shape is a small one with another, and none is 0: at its shape the size
         # counts, and that the shape was chosen.
         shape = shapes(problem, name)
-        part = spread[np.ix_(index, index)]
+        part = covariance[np.ix_(index, index)]
         if shape:
-            across = spread[np.ix_(index, shape)]
-            within = spread[np.ix_(shape, shape)]
+            across = covariance[np.ix_(index, shape)]
+            within = covariance[np.ix_(shape, shape)]
             part = part - across @ np.linalg.solve(within, across.T)
         square = float(size @ np.linalg.solve(part, size))
-        found[name] = square / float(chdtri(len(index) + len(shape), 1.0 - SURE))
+        count = len(index) + len(shape)
+        known = min(float(np.min(freedom[index])), _MANY)
+        found[name] = square / (count * float(fdtri(count, known, SURE)))
     least = min(found, key=lambda name: found[name], default=None)
     return least if least is not None and found[least] < 1.0 else None
 

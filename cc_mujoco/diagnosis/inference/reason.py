@@ -15,15 +15,16 @@ from cc_mujoco.diagnosis.evidence import Evidence, Isolability
 from cc_mujoco.diagnosis.inference.agreement import AGREED, agreement
 from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline, plant_of
 from cc_mujoco.diagnosis.inference.experiment import propose
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit
+from cc_mujoco.diagnosis.inference.fitting import Problem, settled
 from cc_mujoco.diagnosis.inference.folds import (
     cross_validate,
     interleaved_folds,
     trial_folds,
 )
 from cc_mujoco.diagnosis.inference.foretold import misread
-from cc_mujoco.diagnosis.inference.gap import Predicted, gaps, predicted, traces
+from cc_mujoco.diagnosis.inference.gap import gaps, predicted, traces
 from cc_mujoco.diagnosis.inference.intervals import (
+    Spread,
     estimates,
     narrowest,
     spread,
@@ -146,7 +147,7 @@ def _concluded(
     progress(0.82, "fitting the result to all data")
     model = _borne_out(baseline_fit, found, seed, progress)
     problem, x = model.problem, model.x
-    shown = traces(problem, model.held.before.torques, model.held.after.torques)
+    shown = traces(problem, model.held.before, model.held.after)
     drawn = maps(shown, seed)
     evidence = Evidence(shown, drawn, isolability(found.signatures))
     estimated = estimates(problem, x, model.spread)
@@ -199,7 +200,7 @@ def _concluded(
         {},
         tuple(_runner_ups(step) for step in found.rounds),
         tuple(notes),
-        trial_errors(problem, model.held.before.torques, model.held.after.torques),
+        trial_errors(problem, model.held.before, model.held.after),
         odd.question if odd else "",
         beyond,
         hidden,
@@ -226,13 +227,13 @@ class Model(NamedTuple):
     Attributes:
         problem: the model.
         x: where it was fitted to all data.
-        spread: (parameters, parameters) covariance of that.
+        spread: of that.
         held: what it predicts of held-out data.
     """
 
     problem: Problem
     x: FloatArray
-    spread: FloatArray
+    spread: Spread
     held: Held
 
 
@@ -249,31 +250,35 @@ def _borne_out(
     start = np.mean([f.x for f in found.after.fits], axis=0)
     holding = _Holding(baseline_fit, seed)
     while problem.effects:
-        x = fit(problem, start, counts).x
-        idle = doubtful(problem, x, narrowest(problem, x, counts))
+        x = settled(problem, start, counts).x
+        idle = doubtful(problem, x, *narrowest(problem, x, counts))
         if idle is None:
             progress(0.86, "predicting trials that were held out")
             held = holding.out(problem, x)
             if held is None:
                 break
-            covariance = spread(problem, x, counts, held.after.places)
-            idle = doubtful(problem, x, covariance)
+            wide = spread(problem, x, counts)
+            idle = doubtful(problem, x, *wide)
             if idle is None:
-                return Model(problem, x, covariance, held)
+                return Model(problem, x, wide, held)
         slim = problem.without(idle)
         start = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
         problem = slim
-    problem, x = baseline_fit.problem, baseline_fit.whole.x
+    problem = baseline_fit.problem
+    x = settled(problem, baseline_fit.whole.x, counts).x
     held = holding.out(problem, x)
     assert held is not None
-    return Model(problem, x, spread(problem, x, counts, held.after.places), held)
+    return Model(problem, x, spread(problem, x, counts), held)
 
 
 class Held(NamedTuple):
-    """Held-out data predicted without and with what was added."""
+    """Torques (2, samples) of every record without and with what was added.
 
-    before: Predicted
-    after: Predicted
+    Those that are held out, predicted by the others; and the gap of them.
+    """
+
+    before: tuple[FloatArray, ...]
+    after: tuple[FloatArray, ...]
     gap: dict[str, Gap]
 
 
@@ -287,7 +292,7 @@ class _Holding:
         # Whole trials. An effect that a single trial shows, say the only one at low
         # pretension, is not to be had from the others: then it is stretches of all.
         self._divisions = trial_folds(records), interleaved_folds(records)
-        self._before: dict[int, Predicted] = {}
+        self._before: dict[int, tuple[FloatArray, ...]] = {}
 
     def out(self, problem: Problem, x: FloatArray) -> Held | None:
         """Predict what is held out; None where that does not bear the effects out."""
@@ -296,9 +301,7 @@ class _Holding:
                 self._before[place] = predicted(self._problem, self._x, division)
             before = self._before[place]
             after = predicted(problem, x, division) if problem.effects else before
-            gap = gaps(
-                self._problem, before.torques, after.torques, division, self._seed
-            )
+            gap = gaps(self._problem, before, after, division, self._seed)
             if not problem.effects or any(
                 g.rmse_after <= g.rmse_before for g in gap.values()
             ):

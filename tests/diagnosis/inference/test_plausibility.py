@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from cc_mujoco.diagnosis.effects import EFFECTS, GAIN, PLAY
 from cc_mujoco.diagnosis.inference.fitting import Problem
-from cc_mujoco.diagnosis.inference.intervals import estimates
+from cc_mujoco.diagnosis.inference.intervals import Spread, estimates
 from cc_mujoco.diagnosis.inference.plant import Plant, tuned
 from cc_mujoco.diagnosis.inference.plausibility import (
     doubtful,
@@ -121,10 +122,32 @@ def test_an_effect_whose_interval_contains_zero_is_doubtful(baseline: Problem) -
         ("joint_stiffness", 0.4),
     ):
         spread[size[name], size[name]] = deviation**2
-    assert doubtful(wider, x, spread) is None
+    known = np.full(x.size, np.inf)
+    assert doubtful(wider, x, spread, known) is None
     spread[size["joint_stiffness"], size["joint_stiffness"]] = 0.6**2
-    assert doubtful(wider, x, spread) == "joint_stiffness"
-    assert doubtful(baseline, place(baseline), np.eye(len(baseline.tuned))) is None
+    assert doubtful(wider, x, spread, known) == "joint_stiffness"
+    count = len(baseline.tuned)
+    assert doubtful(baseline, place(baseline), np.eye(count), known[:count]) is None
+
+
+@pytest.mark.parametrize("freedom", [1.5, 6.0, np.inf])
+@pytest.mark.parametrize("share", [0.98, 1.02])
+def test_a_size_is_doubtful_exactly_where_its_interval_contains_zero(
+    baseline: Problem, freedom: float, share: float
+) -> None:
+    wider = baseline.with_effect("joint_stiffness", {})
+    x = place(wider, joint_stiffness=0.2)
+    where = [p.name for p in wider.tuned].index("joint_stiffness")
+    covariance = np.eye(x.size)
+    covariance[where, where] = (
+        share * x[where] / stdtrit(min(freedom, 1e9), 0.975)
+    ) ** 2
+    known = np.full(x.size, np.inf)
+    known[where] = freedom
+    low, high = estimates(wider, x, Spread(covariance, known))["joint_stiffness"].ci95
+    assert (low < 0.0 < high) is (share > 1.0)
+    doubt = doubtful(wider, x, covariance, known)
+    assert doubt == ("joint_stiffness" if share > 1.0 else None)
 
 
 def test_a_size_that_only_its_shape_makes_uncertain_is_no_doubt(
@@ -142,8 +165,9 @@ def test_a_size_that_only_its_shape_makes_uncertain_is_no_doubt(
     spread[size, size] = along + across
     spread[size, shape] = spread[shape, size] = -x[size]
     assert spread[size, size] > (x[size] / 1.96) ** 2
-    assert doubtful(wider, x, spread) is None
-    low, high = estimates(wider, x, spread)["stribeck_friction"].ci95
+    known = np.full(x.size, np.inf)
+    assert doubtful(wider, x, spread, known) is None
+    low, high = estimates(wider, x, Spread(spread, known))["stribeck_friction"].ci95
     assert 0.0 < low < 0.05 < high
     spread[size, shape] = spread[shape, size] = 0.0
-    assert doubtful(wider, x, spread) == "stribeck_friction"
+    assert doubtful(wider, x, spread, known) == "stribeck_friction"

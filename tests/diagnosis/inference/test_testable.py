@@ -7,7 +7,7 @@ import pytest
 
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
-from cc_mujoco.diagnosis.inference.intervals import estimates
+from cc_mujoco.diagnosis.inference.intervals import Spread, estimates
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.inference.result import Result
@@ -73,5 +73,6 @@ def test_shapes_of_effects_do_not_stray() -> None:
             wider = base.problem.with_effect(name, dict(effect.starts[0]))
             far = wider.placed(base.whole.x, dict(effect.starts[0]))
             far[base.whole.x.size :] += 3.0
-            tuned = estimates(wider, far, 1e-9 * np.eye(far.size))
+            near = Spread(1e-9 * np.eye(far.size), np.full(far.size, np.inf))
+            tuned = estimates(wider, far, near)
             assert strayed(wider, far, tuned, ()) == (), name

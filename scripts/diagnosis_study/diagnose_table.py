@@ -85,7 +85,7 @@ def summary(records: list[dict[str, Any]]) -> str:
                 by_size.setdefault((r["make"], size), []).append(went(r))
         for (make, size), words in by_size.items():
             share = [_share(words.count(word), len(words)) for word in columns.values()]
-            right = f"{share[0]} ({_exact(words.count('right'), len(words))})"
+            right = f"{share[0]} ({exact(words.count('right'), len(words))})"
             rates.append([kind, make, size, str(len(words)), right, *share[1:]])
     parts = [
         table(("hidden", "rigs", "R", "cases", *columns), rates),
@@ -123,7 +123,7 @@ def _share(count: int, whole: int) -> str:
     return f"{count / whole:.0%}" if whole else "-"
 
 
-def _exact(count: int, whole: int) -> str:
+def exact(count: int, whole: int) -> str:
     """Interval of 95 % of a share (C. Clopper, E. Pearson, Biometrika 26, 1934) [%]."""
     from scipy.stats import binomtest
 
@@ -182,7 +182,7 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
         for name in given[0] if given else ():
             of = [each[name] for each in given]
             held = sum(low <= true <= high for _, low, high, true in of)
-            told.append(f"{name} {_share(held, len(of))} ({_exact(held, len(of))})")
+            told.append(f"{name} {_share(held, len(of))} ({exact(held, len(of))})")
         if told:
             found.append(
                 f"Intervals of 95 % that cover, of {len(given)} rigs ({make}): "

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from diagnose_benchmark import said, truth_of
+from diagnose_table import exact
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.data.bench import Bench
@@ -81,27 +82,19 @@ def told(record: dict[str, Any]) -> str:
 
 def covered(records: Sequence[dict[str, Any]]) -> str:
     """How many intervals cover, by make and parameter, with exact intervals."""
-    from scipy.stats import binomtest
-
     lines = []
     makes = sorted({record["make"] for record in records})
-    for some in (
-        ([make] for make in makes)
-        if len(makes) < 2
-        else (
-            *([make] for make in makes),
-            makes,
-        )
-    ):
+    together = [makes] if len(makes) > 1 else []
+    for some in [[make] for make in makes] + together:
         chosen = [r["intervals"] for r in records if r["make"] in some]
         for name in sorted({name for each in chosen for name in each}):
             distances = np.array([off(*each[name]) for each in chosen if name in each])
             hits = int(np.sum(np.abs(distances) <= 1.0))
-            low, high = binomtest(hits, distances.size).proportion_ci()
             lines.append(
                 f"{' and '.join(some)}, {name}: {hits} of {distances.size} "
-                f"({low:.0%} to {high:.0%}); mean distance {distances.mean():+.2f}, "
-                f"RMS {np.sqrt(np.mean(distances**2)):.2f} half widths"
+                f"({exact(hits, distances.size)} %); mean distance "
+                f"{distances.mean():+.2f}, RMS {np.sqrt(np.mean(distances**2)):.2f} "
+                "half widths"
             )
     return "\n".join(lines)
 

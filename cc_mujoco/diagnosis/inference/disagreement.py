@@ -58,12 +58,19 @@ def disagreement(
         parts: (data,) number of the part of each residual; those of priors have none.
     """
     whole = covariance(slopes)
-    square, pull, without = [], [], []
+    root: list[FloatArray] = []
+    pull: list[FloatArray] = []
     for part in np.unique(parts):
         rows = np.flatnonzero(parts == part)
-        square.append(slopes[rows].T @ slopes[rows])
+        # A triangle has the same square as the rows, which may be many.
+        root.append(np.linalg.qr(slopes[rows], mode="r"))
         pull.append(slopes[rows].T @ residual[rows])
-        without.append(covariance(np.delete(slopes, rows, axis=0)))
+    square = [each.T @ each for each in root]
+    known = slopes[parts.size :]
+    without = [
+        covariance(np.concatenate([*root[:place], *root[place + 1 :], known]))
+        for place in range(len(root))
+    ]
     factor = np.ones(slopes.shape[1])
     freedom = np.full(slopes.shape[1], np.inf)
     for k in range(factor.size):

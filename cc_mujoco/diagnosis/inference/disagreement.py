@@ -63,7 +63,7 @@ def disagreement(
     for part in np.unique(parts):
         rows = np.flatnonzero(parts == part)
         # A triangle has the same square as the rows, which may be many.
-        root.append(np.linalg.qr(slopes[rows], mode="r"))
+        root.append(np.asarray(np.linalg.qr(slopes[rows], mode="r")))
         pull.append(slopes[rows].T @ residual[rows])
     square = [each.T @ each for each in root]
     known = slopes[parts.size :]

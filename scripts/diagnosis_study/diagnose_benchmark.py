@@ -222,9 +222,10 @@ def misfit(result: Result) -> float:
 
 
 def off(result: Result) -> dict[str, list[list[float]]]:
-    """Squared held-out error of the tuned baseline over the floor.
+    """Squared held-out error of the tuned baseline over that of noise alone.
 
-    By trial: its mean in every second or so, (blocks, channels).
+    By trial: its mean in every second or so, (blocks, channels). Their mean over all
+    data is the square of the misfit.
     """
     if result.baseline_fit is None:
         return {}
@@ -234,7 +235,7 @@ def off(result: Result) -> dict[str, list[list[float]]]:
         crossed.problem.plant.records, crossed.errors, strict=True
     ):
         size = max(2, round(BLOCK / record.dt))
-        squares = crossed.problem.inflation**2 * errors**2
+        squares = errors**2 / crossed.noise_mse
         for first in range(0, squares.shape[1], size):
             block = squares[:, first : first + size]
             block = block[:, np.isfinite(block[0])]

@@ -1,4 +1,4 @@
-"""Errors of a rig by trial are those of its samples, over the floor."""
+"""Errors of a rig by trial are those of its samples, over those of noise."""
 
 from __future__ import annotations
 
@@ -8,40 +8,38 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from diagnose_benchmark import off
-from floors import noise_alone, summed, told
+from floors import by_trial, told
+
+from cc_mujoco.diagnosis.inference.folds import CrossValidation
 
 DT = 0.01
 
 
-def crossed(inflation: float) -> Any:
-    """Two trials of 3 s: errors of 1 and 2 floors; one second is not held out."""
-    errors = [np.full((2, 300), 1.0), np.full((2, 300), 2.0)]
+def crossed() -> CrossValidation:
+    """Two trials of 3 s: errors of 1 and 2, noise of 0.5, over what divides them.
+
+    One second is not held out.
+    """
+    errors = (np.full((2, 300), 1.0), np.full((2, 300), 2.0))
     errors[1][:, :100] = np.nan
-    noise = [np.full((2, 300), 0.5), np.full((2, 300), 0.5)]
-    floor = [np.full((2, 300), 1.0), np.full((2, 300), 2.0)]
     records = tuple(SimpleNamespace(trial=name, dt=DT) for name in ("one", "two"))
-    problem = SimpleNamespace(
-        inflation=inflation,
+    problem: Any = SimpleNamespace(
         plant=SimpleNamespace(records=records),
-        noise=noise,
-        floor=floor,
+        sensed=[np.full((2, 300), 0.5), np.full((2, 300), 1.0)],
+        floor=[np.full((2, 300), 1.0), np.full((2, 300), 2.0)],
     )
-    return SimpleNamespace(problem=problem, errors=errors)
+    return CrossValidation(problem, (), errors)
 
 
-@pytest.mark.parametrize("inflation", [1.0, 3.0])
-def test_squares_are_by_trial_and_second_of_what_was_held_out(inflation: float) -> None:
-    model = crossed(inflation)
+def test_squares_are_by_trial_of_what_was_held_out() -> None:
+    model = crossed()
     result = cast(Any, SimpleNamespace(baseline_fit=SimpleNamespace(crossed=model)))
-    found = off(result)
-    assert found == {
-        "one": [[inflation**2] * 2] * 3,
-        "two": [[4.0 * inflation**2] * 2] * 2,
+    assert off(result) == {"one": [[4.0] * 2] * 3, "two": [[16.0] * 2] * 2}
+    assert by_trial(model) == {
+        "one": [[300.0] * 2, [75.0] * 2],
+        "two": [[800.0] * 2, [50.0] * 2],
     }
-    np.testing.assert_allclose(summed(found)[:, 0], np.array([1.0, 4.0]) * inflation**2)
-    # 300 samples of (1/2)^2 and 200 of (1/4)^2.
-    expected = inflation**2 * (300 * 0.25 + 200 * 0.0625) / 500
-    assert noise_alone(model) == pytest.approx([expected] * 2, abs=1e-3)
+    assert model.misfit**2 == pytest.approx(1100.0 / 125.0)
 
 
 def test_a_rig_that_was_not_fitted_has_none() -> None:
@@ -51,11 +49,14 @@ def test_a_rig_that_was_not_fitted_has_none() -> None:
 def test_a_line_says_how_far_trials_disagree() -> None:
     line = told(
         {
-            "make": "guides", "seed": 7, "trials": "rich", "effect": "", "misfit": 1.1,
-            "noise": [0.6, 0.5],
-            "off": {"a": [[1.0, 1.0]], "b": [[2.0, 2.0]]},
+            "make": "guides", "seed": 7, "trials": "rich", "effect": "",
+            "misfit": 1.22,
+            "squares": {
+                "a": [[100.0, 100.0], [100.0, 100.0]],
+                "b": [[200.0, 200.0], [100.0, 100.0]],
+            },
         }
     )  # fmt: skip
-    assert "mean 1.50 +- 0.50 (+1.0)" in line
-    assert "trials 1.00 2.00" in line
+    assert "squares: 1.50 +- 0.50 (+1.0)" in line
+    assert "channels 1.50 1.50; trials 1.00 2.00" in line
     assert "none" in line

@@ -22,7 +22,7 @@ from cc_mujoco.diagnosis.inference.folds import Fold, cross_validate, interleave
 from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.inference.search import Search, Thresholds, search
 
-REACHED = 2.0
+REACHED = 2.4
 """Error over the floor up to which a model explains the data, part by part."""
 LEAST = 4
 """Trials that can be parted."""

@@ -67,7 +67,9 @@ def fit_baseline(
         tried = [fit(problem, start, counts) for start in _starts(free, x)]
         x = min(tried, key=lambda found: found.cost).x
         floor = noise_floor(dataset, plant, filtering, problem.values(x), seed=seed)
-        problem = replace(problem, noise=floor.noise, floor=floor.tolerance)
+        problem = replace(
+            problem, noise=floor.noise, floor=floor.tolerance, scatter=floor.scatter
+        )
         problem = problem.inflate_noise(x, counts)
         x = fit(problem, x, counts).x
         problem = replace(problem, weight=weight(problem.errors(x), counts))

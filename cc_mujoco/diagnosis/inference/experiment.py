@@ -137,6 +137,7 @@ def _record(problem: Problem, motion: Motion) -> Record:
         time=np.arange(size, dtype=np.float64) * DT,
         motor_angle=motion.motor[:size],
         joint_angle=motion.joint[:size],
+        read=np.array([motion.motor[:size], motion.joint[:size]]),
         measured=np.zeros((len(base.measured), size)),
         counts=np.ones(size, dtype=bool),
         pretension=tension * motion.pretension,

@@ -69,6 +69,8 @@ class Problem:
             independent or where the model is known not to reach the floor.
         inflation: factor of the floor where the baseline is far off, see
             `inflate_noise`.
+        scatter: the part of `noise` by which repetitions differ beyond that of
+            sensors; a wrong model makes some of it.
         slopes: derivatives of the plant's torques, shared with other noise.
     """
 
@@ -79,6 +81,7 @@ class Problem:
     floor: tuple[FloatArray, ...]
     weight: float = 1.0
     inflation: float = 1.0
+    scatter: FloatArray | float = 0.0
     slopes: Slopes = field(default_factory=Slopes, compare=False, repr=False)
 
     def inflate_noise(self, x: FloatArray, masks: Masks) -> Problem:
@@ -96,6 +99,12 @@ class Problem:
         return replace(
             self, floor=tuple(factor * floor for floor in self.floor), inflation=factor
         )
+
+    @property
+    def sensed(self) -> tuple[FloatArray, ...]:
+        """What noise of the sensors makes of every record, as `noise` [Nm]."""
+        part = np.square(self.scatter)
+        return tuple(np.sqrt(np.maximum(n**2 - part, 0.0)) for n in self.noise)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,17 +1,16 @@
 """What no model can explain: sensor noise, and that of angles sent through the rig.
 
 Where the cable runs, noise of the angles hardly matters; where its end sticks, the
-angle's last digit is worth newtons. So the floor is a number for every sample: the
-scatter of the simulated torques over draws of angle noise, and the torque sensors' own
-noise. By what errors are divided is a little more: spikes of noise shift in time, and
-an angle that seems to stand still may have moved by its noise.
+angle's last digit is worth newtons. So the floor is a number for every sample: how far
+simulated torques come off when a likely motion is read again, and the torque sensors'
+own noise. By what errors are divided is more: spikes of noise shift in time, and an
+angle that seems to stand still may have moved by its noise. That weights samples; how
+far off a model is, is told by what noise makes of errors so divided.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -25,15 +24,10 @@ from cc_mujoco.diagnosis.data.channels import (
     MOTOR_ANGLE,
     MOTOR_TORQUE,
 )
-from cc_mujoco.diagnosis.data.digits import made_whole
 from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
-from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.plant import Plant, Values
-from cc_mujoco.diagnosis.inference.records import (
-    Filtering,
-    Record,
-    play_filter,
-)
+from cc_mujoco.diagnosis.inference.records import Filtering, Record
+from cc_mujoco.diagnosis.inference.rereading import drawn, likely, unsettled
 
 DRAWS = 6
 """Simulations with angles drawn anew."""
@@ -51,10 +45,13 @@ class NoiseFloor(NamedTuple):
     Attributes:
         noise: of what no model can explain; not less than repetitions differ.
         tolerance: by which errors are divided.
+        scatter: (rows, 1), the part of `noise` by which repetitions differ beyond that
+            of sensors.
     """
 
     noise: tuple[FloatArray, ...]
     tolerance: tuple[FloatArray, ...]
+    scatter: FloatArray
 
 
 def noise_floor(
@@ -66,22 +63,27 @@ def noise_floor(
     seed: int = 0,
 ) -> NoiseFloor:
     """Noise in both torques of every record, as the simulated rig passes it on."""
-    random = np.random.default_rng(seed)
+    random, other = np.random.default_rng(seed), np.random.default_rng((seed, 1))
     noise = {n: dataset.noise.get(n, _QUIET) for n in (MOTOR_ANGLE, JOINT_ANGLE)}
     clean = plant.simulate(values, effects)
+    true = [likely(record, filtering) for record in plant.records]
+    exact = plant.limited(true).simulate(values, effects)
 
-    def scatter(records: Sequence[Record]) -> list[FloatArray]:
-        drawn = plant.limited(records).simulate(values, effects)
-        return [(a - b) ** 2 / DRAWS for a, b in zip(drawn, clean, strict=True)]
+    def scatter(
+        records: Sequence[Record], about: Sequence[FloatArray]
+    ) -> list[FloatArray]:
+        played = plant.limited(records).simulate(values, effects)
+        return [(a - b) ** 2 / DRAWS for a, b in zip(played, about, strict=True)]
 
     plain = [np.zeros(torque.shape) for torque in clean]
     wide = [np.zeros(torque.shape) for torque in clean]
     for _ in range(DRAWS):
-        read = [_drawn(r, noise, filtering, random) for r in plant.records]
-        moved = [_unsettled(r, filtering, random) for r in read]
-        for total, square in zip(plain, scatter(read), strict=True):
+        read = [drawn(r, noise, filtering, other) for r in true]
+        for total, square in zip(plain, scatter(read, exact), strict=True):
             total += square
-        for total, square in zip(wide, scatter(moved), strict=True):
+        again = [drawn(r, noise, filtering, random) for r in plant.records]
+        moved = [unsettled(r, filtering, random) for r in again]
+        for total, square in zip(wide, scatter(moved, clean), strict=True):
             total += square
     known = plant.instruments
     own = [
@@ -101,6 +103,7 @@ def noise_floor(
             np.sqrt(_near(total, record.dt) + base)
             for total, record in zip(wide, plant.records, strict=True)
         ),
+        np.sqrt(short)[:, None],
     )
 
 
@@ -163,78 +166,3 @@ def _near(square: FloatArray, dt: float) -> FloatArray:
     mean: FloatArray = uniform_filter1d(square, size, axis=1)
     highest: FloatArray = maximum_filter1d(mean, size, axis=1)
     return highest
-
-
-def _drawn(
-    record: Record,
-    noise: dict[str, Noise],
-    filtering: Filtering,
-    random: np.random.Generator,
-) -> Record:
-    """The record as it might have been read another time."""
-    angles = (record.motor_angle, record.joint_angle)
-    read = [
-        _read_again(record, angle, noise[name], width, filtering, random)
-        for angle, name, width in zip(
-            angles, (MOTOR_ANGLE, JOINT_ANGLE), filtering.still, strict=True
-        )
-    ]
-    return replace(record, motor_angle=read[0], joint_angle=read[1])
-
-
-def _read_again(
-    record: Record,
-    angle: FloatArray,
-    noise: Noise,
-    width: float,
-    filtering: Filtering,
-    random: np.random.Generator,
-) -> FloatArray:
-    """An angle read by a sensor with the same noise and digits that begin elsewhere.
-
-    Rounding is no white noise: at rest and in slow creep the angle wanders inside a
-    digit, and no filter takes that out.
-    """
-    if noise.deviation == 0.0:
-        return angle
-    thin = round(record.dt / record.step)
-    size = (angle.size - 1) * thin + 1
-    read = np.interp(np.arange(size) / thin, np.arange(angle.size), angle)
-    digit = noise.resolution
-    white = max(noise.deviation**2 - digit**2 / 12.0, 0.0)
-    read += math.sqrt(white) * random.normal(size=size)
-    if digit > 0.0:
-        first = random.uniform(0.0, digit)
-        read = first + digit * np.round((read - first) / digit)
-        read = made_whole(read, noise)
-    smooth = low_passed(read, filtering.motion_band, 1.0 / record.step)[::thin]
-    return play_filter(smooth, width)
-
-
-def _unsettled(
-    record: Record, filtering: Filtering, random: np.random.Generator
-) -> Record:
-    """The record with movements that are too small to be seen."""
-    motor, joint = (
-        angle + _unseen(angle, width, random)
-        for angle, width in zip(
-            (record.motor_angle, record.joint_angle), filtering.still, strict=True
-        )
-    )
-    return replace(record, motor_angle=motor, joint_angle=joint)
-
-
-def _unseen(angle: FloatArray, width: float, random: np.random.Generator) -> FloatArray:
-    """Movement that may have happened where the angle was taken to stand still.
-
-    As far as the play filter lets it: a servo that integrates, or a hand that lets go,
-    creeps to the end of it.
-    """
-    moved = np.zeros(angle.size)
-    edges = np.flatnonzero(np.diff(angle) != 0.0)
-    for first, last in pairwise([-1, *edges.tolist(), angle.size - 1]):
-        size = last - first
-        if size > 2:
-            bump = np.sin(np.pi * np.arange(1, size + 1) / (size + 1))
-            moved[first + 1 : last + 1] = random.uniform(-width, width) * bump
-    return moved

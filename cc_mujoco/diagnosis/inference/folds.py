@@ -100,9 +100,20 @@ class CrossValidation(NamedTuple):
         return float(np.mean(np.concatenate([k.ravel() for k in kept]) ** 2))
 
     @property
+    def noise_mse(self) -> float:
+        """What it would be if there was noise of the sensors only."""
+        kept = [
+            (noise / floor)[:, np.isfinite(error[0])].ravel()
+            for noise, floor, error in zip(
+                self.problem.sensed, self.problem.floor, self.errors, strict=True
+            )
+        ]
+        return float(np.mean(np.concatenate(kept) ** 2))
+
+    @property
     def misfit(self) -> float:
-        """RMS held-out error over the noise floor."""
-        return self.problem.inflation * math.sqrt(self.held_out_mse)
+        """RMS held-out error over that of noise alone."""
+        return math.sqrt(self.held_out_mse / self.noise_mse)
 
 
 def cross_validate(
@@ -133,27 +144,32 @@ def cross_validate(
 
 def blocks(crossed: CrossValidation) -> FloatArray:
     """Sum of squares of the held-out errors in blocks of about a second (blocks, 2)."""
+    return _in_blocks(crossed, crossed.errors)
+
+
+def _in_blocks(crossed: CrossValidation, parts: Sequence[FloatArray]) -> FloatArray:
+    """The same of any (2, samples) of every record, where errors were held out."""
     found = []
-    for record, error in zip(
-        crossed.problem.plant.records, crossed.errors, strict=True
+    for record, error, part in zip(
+        crossed.problem.plant.records, crossed.errors, parts, strict=True
     ):
         size = max(2, round(BLOCK / record.dt))
-        held_out_mse = np.where(np.isfinite(error), error, 0.0) ** 2
         kept = np.isfinite(error[0])
+        squares = np.where(kept, part, 0.0) ** 2
         for first in range(0, kept.size, size):
             if np.any(kept[first : first + size]):
-                found.append(np.sum(held_out_mse[:, first : first + size], axis=1))
+                found.append(np.sum(squares[:, first : first + size], axis=1))
     return np.array(found)
 
 
 def excess(crossed: CrossValidation) -> float:
-    """By how much held-out errors exceed the floor, over its standard error.
+    """By how much held-out errors exceed those of noise, over its standard error.
 
     The error is that of blocks: a few bad moments, say one stick that broke at another
     time, do not make a model wrong.
     """
-    inflation = crossed.problem.inflation**2
-    sums = inflation * blocks(crossed).sum(axis=1)
-    counts = np.array([np.sum(np.isfinite(e)) for e in crossed.errors]).sum()
-    scatter = np.std(sums) * np.sqrt(sums.size)
-    return float((sums.sum() - counts) / max(scatter, 1e-300))
+    problem = crossed.problem
+    noise = [n / f for n, f in zip(problem.sensed, problem.floor, strict=True)]
+    beyond = (blocks(crossed) - _in_blocks(crossed, noise)).sum(axis=1)
+    scatter = np.std(beyond) * np.sqrt(beyond.size)
+    return float(beyond.sum() / max(scatter, 1e-300))

@@ -28,9 +28,9 @@ CLOSED = 0.75
 REFINES = 0.1
 """Share of the baseline's gap below which an effect only refines the others."""
 
-HINT = 1.5
+HINT = 1.8
 """Error over the floor below which a name is a hint: rigs whose bends and friction are
-laid out otherwise than the scene's reach 1.4 without any effect."""
+laid out otherwise than the scene's reach that without any effect."""
 _AS_MUCH = " The layout of a rig can make as much: take this for a hint."
 
 

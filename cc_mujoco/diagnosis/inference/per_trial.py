@@ -23,7 +23,7 @@ LEAST = 3
 """Trials from which one can stand out."""
 APART = 2.0
 """Error of a trial that stands out, over that of the rest fitted without it."""
-OFF = 2.5
+OFF = 3.0
 """The same over the noise floor."""
 SUSPECTS = 2
 """Trials that are left out in turn, the worst first."""
@@ -217,12 +217,20 @@ def _rms(
 def _misfit(
     problem: Problem, places: Sequence[int], errors: Sequence[FloatArray]
 ) -> float:
-    """RMS error over the noise floor, by Huber as in fits."""
-    squares = [
-        huber_residual(error / problem.floor[k])[:, _counts(problem, k)].ravel() ** 2
-        for k, error in zip(places, errors, strict=True)
-    ]
-    return problem.inflation * float(np.sqrt(np.mean(np.concatenate(squares))))
+    """RMS error, by Huber as in fits, over that of noise alone."""
+
+    def mean_square(parts: Sequence[FloatArray]) -> float:
+        kept = [
+            part[:, _counts(problem, k)].ravel()
+            for k, part in zip(places, parts, strict=True)
+        ]
+        return float(np.mean(np.concatenate(kept) ** 2))
+
+    floor = [problem.floor[k] for k in places]
+    off = [huber_residual(e / f) for e, f in zip(errors, floor, strict=True)]
+    sensed = problem.sensed
+    noise = [sensed[k] / f for k, f in zip(places, floor, strict=True)]
+    return math.sqrt(mean_square(off) / mean_square(noise))
 
 
 def _counts(problem: Problem, place: int) -> NDArray[np.bool_]:

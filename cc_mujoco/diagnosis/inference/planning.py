@@ -164,6 +164,7 @@ def _record(motion: Motion, bench: Bench, rows: int) -> Record:
         time=DT * np.arange(size, dtype=np.float64),
         motor_angle=motion.motor[:size],
         joint_angle=motion.joint[:size],
+        read=np.array([motion.motor[:size], motion.joint[:size]]),
         measured=np.zeros((rows, size)),
         band=BAND,
         counts=np.ones(size, dtype=bool),

@@ -67,6 +67,7 @@ class Record:
         time: as recorded [s].
         motor_angle: [rad].
         joint_angle: [rad].
+        read: (2, samples) motor's and joint's angle before they were stilled [rad].
         measured: (rows, samples) motor and joint torque, those that are known [Nm].
         band: to which the torques are low-passed [Hz].
         counts: whether a sample counts.
@@ -82,6 +83,7 @@ class Record:
     time: FloatArray
     motor_angle: FloatArray
     joint_angle: FloatArray
+    read: FloatArray
     measured: FloatArray
     band: float
     counts: np.ndarray[tuple[int], np.dtype[np.bool_]]
@@ -173,10 +175,11 @@ def _record(
             for name in known.channels
         ]
     )
-    smooth = passed[:, ::thin].copy()
+    read = passed[:, ::thin].copy()
     measured = low_passed(torques, band, trial.rate)[:, ::thin]
-    for row, width in enumerate(still):
-        smooth[row] = play_filter(smooth[row], width)
+    smooth = np.array(
+        [play_filter(a, width) for a, width in zip(read, still, strict=True)]
+    )
     time = trial.time[part][::thin]
     dt = trial.step * thin
     travel = np.cumsum(np.abs(np.diff(smooth[0], prepend=smooth[0, 0])))
@@ -198,6 +201,7 @@ def _record(
         time,
         smooth[0],
         smooth[1],
+        read,
         measured,
         band,
         counts,

@@ -50,13 +50,15 @@ class Thresholds:
     Attributes:
         reduction: least relative reduction of the held-out squared error.
         misfit: RMS held-out error over the floor below which nothing is missing.
+        floor: the same at which a model is at the floor, as far as that is known.
         certainty: least reduction over its standard error.
         agreement: largest spread of the amplitude between the folds over its mean.
         rival: a rival within this many standard errors of the winner is a tie.
     """
 
     reduction: float = 0.10
-    misfit: float = 1.25
+    misfit: float = 1.5
+    floor: float = 1.15
     certainty: float = 2.0
     agreement: float = 1.0
     rival: float = 2.0
@@ -148,7 +150,7 @@ def search(
         # At the floor there is nothing to explain, and chance rewards anything; one
         # torque alone does not contradict what fits it a little better.
         both = len(now.problem.plant.instruments.rows) > 1
-        hopeful = now.misfit > (1.0 if both else thresholds.misfit)
+        hopeful = now.misfit > (thresholds.floor if both else thresholds.misfit)
         if first and not hopeful:
             break
         progress(count / MOST, f"screening {len(left)} effects")
@@ -195,7 +197,7 @@ def shares_of(
         division: of both.
         known: models that have been fitted already.
     """
-    beyond = max(baseline.held_out_mse - baseline.problem.inflation**-2, 1e-12)
+    beyond = max(baseline.held_out_mse - baseline.noise_mse, 1e-12)
     slim = _slimmer(now, division, known)
     return {
         name: (crossed.held_out_mse - now.held_out_mse) / beyond

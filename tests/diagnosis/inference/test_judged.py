@@ -81,7 +81,7 @@ def test_of_two_rivals_that_were_added_either_may_be_the_one_that_stayed() -> No
 @pytest.mark.parametrize("names", [ALIKE[:1], ALIKE])
 def test_what_is_named_for_little_is_called_a_hint(names: tuple[str, ...]) -> None:
     ties = (names,) if len(names) > 1 else ()
-    for misfit, hint in ((1.3, True), (1.6, False)):
+    for misfit, hint in ((1.6, True), (1.9, False)):
         found = outcome(names[:1], CLOSED, ties)
         said = judged(search(misfit, 1.0), found, Thresholds())[1]
         assert ("take this for a hint" in said) is hint
@@ -91,7 +91,7 @@ def test_a_little_that_nothing_explains_is_called_a_hint(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(judgement, "excess", lambda model: math.inf)
-    for misfit, hint in ((1.35, True), (1.6, False)):
+    for misfit, hint in ((1.6, True), (1.9, False)):
         said, told = judged(search(misfit, misfit), outcome((), GAP), Thresholds())
         assert said == "unknown"
         assert ("take this for a hint" in told) is hint
@@ -111,7 +111,7 @@ def test_an_effect_of_few_moments_closes_the_gap() -> None:
 
 def test_little_error_is_within_what_effect_free_rigs_reach() -> None:
     found = outcome(ALIKE[:1], GAP)
-    assert judged(search(1.3, 1.24), found, Thresholds())[0] == "named"
+    assert judged(search(1.6, 1.45), found, Thresholds())[0] == "named"
 
 
 def test_a_refinement_is_told_but_not_called_missing() -> None:

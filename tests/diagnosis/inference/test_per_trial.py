@@ -83,14 +83,18 @@ def test_errors_per_trial_add_up_to_those_of_all(alike: BaselineFit) -> None:
     played = problem.plant.simulate(problem.values(x), ())
     errors = trial_errors(problem, played, played)
     assert [each.trial for each in errors] == [f"run_{k}" for k in range(COUNT)]
-    counts = [int(r.counts.sum()) for r in problem.plant.records]
-    held_out_mse = [each.misfit_before**2 for each in errors]
-    whole = np.average(held_out_mse, weights=counts)
-    kept = [
-        e[:, r.counts].ravel() ** 2
-        for e, r in zip(problem.errors(x), problem.plant.records, strict=True)
+    noise = [
+        np.sum((noise / floor)[:, record.counts] ** 2)
+        for noise, floor, record in zip(
+            problem.sensed, problem.floor, problem.plant.records, strict=True
+        )
     ]
-    assert whole == pytest.approx(problem.inflation**2 * np.mean(np.concatenate(kept)))
+    squares = [
+        np.sum(error[:, record.counts] ** 2)
+        for error, record in zip(problem.errors(x), problem.plant.records, strict=True)
+    ]
+    off = [each.misfit_before**2 for each in errors]
+    assert np.dot(off, noise) == pytest.approx(np.sum(squares))
     for each in errors:
         assert each.rmse_after == each.rmse_before
         for name, rmse in each.rmse_before.items():

@@ -45,6 +45,7 @@ def record(motor: Array, joint: Array, measured: Array, run_in: int = 25) -> Rec
         time,
         motor,
         joint,
+        np.array([motor, joint]),
         measured,
         25.0,
         counts,

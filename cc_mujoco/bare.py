@@ -13,8 +13,10 @@ import mujoco
 
 from cc_mujoco.transmission.parameters import BENDS, PATHS, Cable
 
-MEMORY = 1 << 20
-"""Arena of a bare model [byte]; the scenes make a handful of constraints at most."""
+MEMORY = 1 << 16
+"""Arena of a bare model [byte]; the scenes make a handful of constraints at most, which
+take a hundredth of it. With more, the allocator would be left with holes as large as an
+arena whenever a batch of simulations ends, and a study would grow with its designs."""
 
 
 def strip(whole: mujoco.MjSpec, kept: Collection[str] = ()) -> mujoco.MjSpec:

@@ -166,12 +166,15 @@ class Exo:
         scaled = np.asarray(torque)[..., None] / self.device.torque_limit
         return np.clip(scaled, -1.0, 1.0).astype(np.float32)
 
-    def feel(self, physics: Physics, marks: Array) -> tuple[Array, dict[str, Any], Any]:
+    def feel(
+        self, physics: Physics, marks: Array, asked: Array | None = None
+    ) -> tuple[Array, dict[str, Any], Any]:
         """Read what the device measures, as it is.
 
         Args:
             physics: The simulation, or several.
             marks: Row of `Script.marks` at that sample.
+            asked: What the task asks for there, where it is known already [Nm].
 
         Returns:
             What is measured, (k,) or (n, k); its columns; their reward per second for
@@ -179,9 +182,13 @@ class Exo:
         """
         _, phase, sine, cosine = marks.T
         columns = self.device.read_motion(physics)
-        columns["desired_torque_nm"] = self.task.torque(
-            columns["joint_angle_rad"], columns["joint_velocity_rad_s"], phase
-        )
+        if asked is None:
+            angle, velocity = (
+                columns["joint_angle_rad"],
+                columns["joint_velocity_rad_s"],
+            )
+            asked = self.task.torque(angle, velocity, phase)
+        columns["desired_torque_nm"] = asked
         columns["phase_sine"], columns["phase_cosine"] = sine, cosine
         error = columns["joint_torque_nm"] - columns["desired_torque_nm"]
         cost = np.minimum(np.abs(error) / self.setup.torque_scale, WORST)

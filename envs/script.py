@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Motion, Trajectory, from_csv, gait, trajectory
+from cc_mujoco.human import Motion, Task, Trajectory, from_csv, gait, trajectory
 
 from .device import Device
 
@@ -122,20 +122,23 @@ class Author:
 class Scripts:
     """The scripts of many environments, as arrays over environments."""
 
-    def __init__(self, author: Author, count: int) -> None:
+    def __init__(self, author: Author, count: int, task: Task) -> None:
         """Prepare.
 
         Args:
             author: Writes the scripts.
             count: Number of environments.
+            task: What the wearers should feel.
         """
         self._author = author
+        self._task = task if task.of_phase else None
         self._count = count
         self._rows = np.zeros(count, dtype=np.intp)
         self._shared: Script | None = None
         """The only one so far."""
         self._commands = np.zeros((0, 0, 0))
         self._marks = np.zeros((0, 0, 0))
+        self._asked = np.zeros((0, 0))
 
     def write(self, environment: int, rng: np.random.Generator) -> Script:
         """Write the script of the next episode of an environment."""
@@ -144,21 +147,30 @@ class Scripts:
             # One row is enough for all where every episode is the same.
             self._shared = script
             self._commands, self._marks = script.commands[None], script.marks[None]
+            self._asked = self._asked_by(script)[None]
         elif self._shared is not None and script is not self._shared:
             self._shared = None
             self._rows = np.arange(self._count)
             self._commands = np.repeat(self._commands, self._count, axis=0)
             self._marks = np.repeat(self._marks, self._count, axis=0)
+            self._asked = np.repeat(self._asked, self._count, axis=0)
         if self._shared is None:
             row = self._rows[environment]
             self._commands[row] = script.commands
             self._marks[row] = script.marks
+            self._asked[row] = self._asked_by(script)
         return script
 
     def marks(self, steps: NDArray[np.intp]) -> Array:
         """Marks of every environment at its control step, (environments, 4)."""
-        marks: Array = self._marks[self._rows, steps]
-        return marks
+        return self._at(self._marks, steps)
+
+    def asked(self, steps: NDArray[np.intp]) -> Array | None:
+        """Torque that the task asks of every environment there, (environments,) [Nm].
+
+        None where it follows from more than the phase.
+        """
+        return None if self._task is None else self._at(self._asked, steps)
 
     def commands(self, steps: NDArray[np.intp]) -> Array:
         """Commands of every environment during the control step that follows.
@@ -170,8 +182,26 @@ class Scripts:
         skip = self._author.frame_skip
         places = steps[:, None] * skip + np.arange(skip)
         last = self._commands.shape[1] - 1
-        commands: Array = self._commands[self._rows[:, None], np.minimum(places, last)]
-        return commands
+        return self._at(self._commands, np.minimum(places, last))
+
+    def _at(self, written: Array, places: NDArray[np.intp]) -> Array:
+        """What every environment has at its places (environments, ...) of the time."""
+        found: Array
+        if self._shared is not None:
+            found = written[0].take(places, axis=0)
+        else:
+            rows = self._rows.reshape(-1, *(places.ndim - 1) * (1,))
+            found = written[rows, places]
+        return found
+
+    def _asked_by(self, script: Script) -> Array:
+        """What the task asks for along a script; nothing where it asks for more."""
+        if self._task is None:
+            return np.zeros(0)
+        phase = script.marks[:, 1]
+        nothing = np.zeros_like(phase)
+        asked = self._task.torque(nothing, nothing, phase)
+        return np.array(np.broadcast_to(asked, phase.shape), dtype=np.float64)
 
 
 def find_trajectory(given: str | Path | Trajectory, reach: float) -> Trajectory:

@@ -141,7 +141,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         self._physics = self._bound.apart()
         self._control = np.zeros((num_envs, frame_skip, self.model.nu))
         self._start = mujoco.MjData(self.model)
-        self._scripts = Scripts(self.exo.author, num_envs)
+        self._scripts = Scripts(exo.author, num_envs, exo.task)
         self._random: list[np.random.Generator | None] = [None] * num_envs
         noise = self.SETUP.sensing.torque_noise
         self._sensors = LateSensors(num_envs, exo.observed.frame, noise)
@@ -244,10 +244,10 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         self._actions = normalised
         if fresh.any():
             self._begin(np.flatnonzero(fresh), None)
+            for term in terms:
+                term[fresh] = 0.0
         observation, columns = self._sight.observation(), self._told()
-        for term in terms:
-            term[fresh] = 0.0
-        terminated = self.batch.warning[:, :, 1].any(axis=1)
+        terminated = self._diverged()
         truncated = self._samples >= self._last
         self._over = terminated | truncated
         reward = terms[0] + terms[1] + terms[2]
@@ -271,29 +271,40 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         exo, device, control = self.exo, self.exo.device, self._control
         tracking = np.zeros(self.num_envs)
         control[:, :, device.motor_control] = (action * device.motor_scale)[:, None]
-        for _ in range(exo.hold):
+        for sample in range(exo.hold):
+            if sample:  # what diverged takes no further sample
+                going = going & ~self._diverged()
             if not going.any():
                 break
             commands = self._scripts.commands(self._samples)
             control[:, :, device.script_controls] = commands
-            chosen = control if going.all() else control[going]
+            chosen, ids = (control, None) if going.all() else (control[going], going)
             with untimed():
-                self.batch.rollout(exo.frame_skip, chosen, record=(), ids=going)
+                self.batch.rollout(exo.frame_skip, chosen, record=(), ids=ids)
             self._physics.take(self._bound)
-            self._samples[going] += 1
+            self._samples += going
             reward = self._feel(going)
             tracking += np.where(going, exo.sampling * reward, 0.0)
-            # What diverged takes no further sample.
-            going = going & ~self.batch.warning[:, :, 1].any(axis=1)
         return tracking
+
+    def _diverged(self) -> NDArray[np.bool_]:
+        """Whether the episode of each environment ended with a warning."""
+        warned = self.batch.warning[:, :, 1]
+        found: NDArray[np.bool_] = warned.any(axis=1)
+        return found
 
     def _feel(self, going: NDArray[np.bool_]) -> Array:
         """Take a sample of all sensors; return the reward per second for tracking."""
-        self._marks = self._scripts.marks(self._samples)
         reward: Array
-        measured, self._columns, reward = self.exo.feel(self._physics, self._marks)
+        measured, self._columns, reward = self._felt()
         self._sight.look(self._sensors.read(measured, going))
         return reward
+
+    def _felt(self) -> tuple[Array, dict[str, Any], Array]:
+        """What `Exo.feel` says of all environments now."""
+        self._marks = self._scripts.marks(self._samples)
+        asked = self._scripts.asked(self._samples)
+        return self.exo.feel(self._physics, self._marks, asked)
 
     def _told(self) -> dict[str, Any]:
         """Fresh columns of an episode log, of all environments."""
@@ -358,8 +369,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             self._physics.take(physics_of(data), row)
         self._samples[rows] = 0
         self._actions[rows] = 0.0
-        self._marks = self._scripts.marks(self._samples)
-        measured, self._columns, _ = exo.feel(self._physics, self._marks)
+        measured, self._columns, _ = self._felt()
         read = self._sensors.first(measured[rows], rows)
         self._sight.begin(read, rows)
 
@@ -380,10 +390,11 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         terms: tuple[Array, ...],
         told: NDArray[np.bool_] | None = None,
     ) -> dict[str, Any]:
-        """A fresh `info` as Gymnasium batches it: arrays and a mask for each.
+        """An `info` as Gymnasium batches it: arrays and a mask for each.
 
         Args:
-            columns: Of an episode log.
+            columns: Of an episode log, fresh from `_told`: what has more than a number
+                for each environment becomes the caller's as it is.
             terms: Of the reward.
             told: Environments that it tells of; all of them by default.
         """
@@ -392,9 +403,14 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         masks = np.ones((len(columns), self.num_envs), dtype=np.bool_)
         if told is not None:
             masks &= told
-        for (name, value), mask in zip(columns.items(), masks, strict=True):
-            info[name] = np.array(value)
+        numbers = np.empty((len(columns), self.num_envs))
+        for (name, value), mask, row in zip(
+            columns.items(), masks, numbers, strict=True
+        ):
+            if value.ndim == 1:
+                row[:] = value
+                value = row
             if told is not None:
-                info[name][~told] = 0
-            info[f"_{name}"] = mask
+                value[~told] = 0
+            info[name], info[f"_{name}"] = value, mask
         return info

@@ -187,15 +187,17 @@ class Sight:
         count, frames, width = self._past.shape
         if frames:
             parts.append(self._past.reshape(count, frames * width))
-        return np.concatenate(parts, axis=1).astype(np.float32)
+        whole = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        return whole.astype(np.float32)
 
     def _frame(self) -> Array:
         seen, ratio = self._measured.copy(), self.observed.ratio
         seen[:, MOTOR] = seen[:, MOTOR] / ratio - seen[:, JOINT]
         seen[:, TURN] /= ratio
         seen[:, TORQUE] = seen[:, DESIRED] - seen[:, TORQUE]
-        within: Array = np.minimum(np.maximum(seen / self._units, -FAR), FAR)
-        return within
+        seen /= self._units
+        np.maximum(seen, -FAR, out=seen)
+        return np.minimum(seen, FAR, out=seen)
 
     def _angles(self) -> Array:
         """Angles of motor and joint, each once for every play, (n, plays)."""

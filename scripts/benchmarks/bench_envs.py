@@ -4,8 +4,10 @@
 
 Both run the same actions, by turns in one process, so that what else the machine does
 falls on both, and beside them MuJoCo's own `Batch` takes the same physics steps of the
-same model, without observations, rewards and scripts. Prints the ratios of the speeds;
-bare times are of this machine only.
+same bare model from the same start under the same controls, wearer and all, without
+observations, rewards and scripts: as it comes, and without MuJoCo's timers, which the
+environments do not run either. Prints the ratios of the speeds, those to `Batch` by the
+clock and by processor time; bare times are of this machine only.
 """
 
 from __future__ import annotations
@@ -13,78 +15,126 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from typing import Any
+from unittest.mock import patch
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import VectorEnv
+from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 import cc_mujoco  # noqa: F401, registers the environments
 from cc_mujoco.devices import DEVICES
+from cc_mujoco.engine import untimed
+from cc_mujoco.envs.device import Physics
 
 Array = NDArray[np.float32]
 
 ROUNDS = 5
-"""Turns that each of the two takes."""
+"""Turns that each of them takes."""
 
 
 def main() -> None:
     """Print a table for each environment."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--envs", type=int, nargs="+", default=[1, 16, 64, 256])
-    parser.add_argument("--seconds", type=float, default=0.5, help="per turn")
+    parser.add_argument("--seconds", type=float, default=0.5, help="per turn of sync")
+    parser.add_argument("--steps", type=int, default=500, help="per turn of the others")
     arguments = parser.parse_args()
     print(
         f"{'environment':26} {'envs':>5} {'batch':>12} {'sync':>12} {'ratio':>7}"
-        f" {'of Batch':>9}"
+        f" {'of Batch':>9} {'processor':>10} {'untimed':>9} {'processor':>10}"
     )
     for name in (device.environment for device in DEVICES.values()):
         for count in arguments.envs:
-            batch, sync, raw = compare(name, count, arguments.seconds)
+            found = compare(name, count, arguments.seconds, arguments.steps)
+            batch, sync, share, cost, bare, least = found
             print(
                 f"{name:26} {count:5d} {batch:8.0f} st/s {sync:8.0f} st/s "
-                f"{batch / sync:7.2f} {batch / raw:9.2f}"
+                f"{batch / sync:7.2f} {share:9.2f} {cost:10.2f} {bare:9.2f} "
+                f"{least:10.2f}",
+                flush=True,
             )
 
 
-def compare(name: str, count: int, seconds: float) -> tuple[float, float, float]:
-    """Return steps per second of both and of the physics: the median of the turns."""
+def compare(name: str, count: int, seconds: float, steps: int) -> tuple[float, ...]:
+    """Compare one number of environments; medians of the turns.
+
+    Returns:
+        Steps per second of the vector environment and of the loop; speed of the former
+        over that of the physics, by the clock and by processor time, with MuJoCo's
+        timers; the same without.
+    """
     modes = ("vector_entry_point", "sync")
-    pair = [gymnasium.make_vec(name, count, vectorization_mode=mode) for mode in modes]
-    bare = gymnasium.make_vec(name, count)
-    for env in (*pair, bare):
-        env.reset(seed=0)
-    rates = []
+    env, loop = (gymnasium.make_vec(name, count, vectorization_mode=m) for m in modes)
+    loop.reset(seed=0)
+    bare = physics(env, steps)
+    found = []
     for _ in range(ROUNDS):
-        speeds = [rate(env.step, count, seconds) for env in pair]
-        rates.append((*speeds, rate(physics(bare), count, seconds)))
-    for env in (*pair, bare):
-        env.close()
-    batch, sync, raw = np.median(rates, axis=0)
-    return float(batch), float(sync), float(raw)
+        env.reset(seed=0)
+        own = taken(lambda: play(env, steps))
+        raw = taken(bare) / own
+        with untimed():
+            least = taken(bare) / own
+        speed = steps * count / own[0]
+        found.append((speed, rate(loop.step, count, seconds), *raw, *least))
+    env.close()
+    loop.close()
+    return tuple(np.median(found, axis=0).tolist())
 
 
-def physics(env: VectorEnv) -> Callable[[Array], object]:
-    """What advances the simulations of an environment by a step of it, and no more."""
-    own = env.unwrapped
-    place, scale = own.exo.device.motor_control, own.exo.device.motor_scale
-    control = np.zeros((own.num_envs, own.exo.frame_skip, own.model.nu))
+def play(env: VectorEnv, steps: int) -> None:
+    """Take control steps with random actions."""
+    given = actions(env.num_envs)
+    for step in range(steps):
+        env.step(given[step % len(given)])
 
-    def advance(actions: Array) -> object:
-        control[:, :, place] = scale * actions
-        return own.batch.rollout(own.exo.frame_skip, control, record=())
+
+def physics(env: VectorEnv, steps: int) -> Callable[[], None]:
+    """What advances the simulations of an environment as `play` does, and no more."""
+    own: Any = env.unwrapped
+    env.reset(seed=0)
+    skip, there = own.exo.frame_skip, own.batch
+    batch, start = Batch(own.model, own.num_envs, 0), there.state.copy()
+    for field in Physics._fields:
+        batch.bind(field)
+    given: list[NDArray[np.float64]] = []
+
+    def keep(_: int, control: NDArray[np.float64], **__: object) -> None:
+        given.append(control.copy())
+
+    # Controls follow from actions and scripts alone, so nothing need be simulated.
+    with patch.object(there, "rollout", keep):
+        play(env, steps)
+
+    def advance() -> None:
+        batch.state[:] = start
+        for control in given:
+            batch.rollout(skip, control, record=())
 
     return advance
 
 
+def taken(turn: Callable[[], None]) -> NDArray[np.float64]:
+    """Time that a turn takes, by the clock and of the processors [s]."""
+    start = time.perf_counter(), time.process_time()
+    turn()
+    return np.array([time.perf_counter(), time.process_time()]) - start
+
+
+def actions(count: int) -> Array:
+    """Random actions of environments, (64, count, 1)."""
+    drawn = np.random.default_rng(0).uniform(-1, 1, (64, count, 1))
+    return drawn.astype(np.float32)
+
+
 def rate(step: Callable[[Array], object], count: int, seconds: float) -> float:
     """Step with random actions for a while; return environment steps per second."""
-    actions = np.random.default_rng(0).uniform(-1, 1, (64, count, 1))
-    actions = actions.astype(np.float32)
-    steps = 0
+    given, steps = actions(count), 0
     start = now = time.perf_counter()
     while now - start < seconds:
-        step(actions[steps % len(actions)])
+        step(given[steps % len(given)])
         steps += 1
         now = time.perf_counter()
     return steps * count / (now - start)

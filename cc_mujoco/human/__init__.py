@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cc_mujoco.human.body import Body
 from cc_mujoco.human.motion import Motion, Scripted, Trajectory
 from cc_mujoco.human.moves import Ramp, Reach, Reversals, Sweep
 from cc_mujoco.human.pace import Pace
@@ -29,6 +30,7 @@ __all__ = [
     "TASKS",
     "TRAJECTORIES",
     "Assist",
+    "Body",
     "Chirp",
     "Gains",
     "Hold",

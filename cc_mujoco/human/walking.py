@@ -9,6 +9,7 @@ import numpy as np
 
 from cc_mujoco.checks import parameter
 from cc_mujoco.human import gait
+from cc_mujoco.human.body import Body
 from cc_mujoco.human.motion import Array, Motion, Scripted, ease
 from cc_mujoco.human.pace import MEASURED, Pace
 
@@ -37,13 +38,19 @@ class Walk(Scripted):
     """Walking speed [m/s]."""
 
     @classmethod
-    def at(cls, speed: float) -> Walk:
-        """The walk at a speed [m/s], with the stride time that goes with it.
+    def at(cls, speed: float | None, body: Body = Body()) -> Walk:  # noqa: B008, frozen
+        """The walk at a speed, with the stride time that goes with it.
+
+        Args:
+            speed: Of the wearer [m/s]; see `Body.pace`.
+            body: Who walks. Of another size than the wearer of the scenes, `speed` of
+                the walk is that at which the latter walks alike.
 
         Raises:
             CableError: If nothing is known of walking at that speed.
         """
-        return cls(period=gait.PERIOD * Pace(speed).stride, speed=speed)
+        pace = body.pace(speed)
+        return cls(period=gait.PERIOD * pace.stride * body.time, speed=pace.speed)
 
     @property
     def pace(self) -> Pace:

@@ -24,7 +24,8 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.bare import left, routes, strip
 from cc_mujoco.devices import find_device
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Wearer
+from cc_mujoco.human import Body, Wearer
+from cc_mujoco.human.body import MASS, SEGMENTS
 from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.inner.plugin import attend
@@ -171,6 +172,11 @@ class Builder:
                 "needs a `material`."
             )
         gait.require_possible(self.device, read)
+        if gait.LEG_LENGTH in read and routes(self.cables_of(read).values()):
+            raise CableError(
+                f"variable {gait.LEG_LENGTH!r} moves knee and ankle apart, but a cable "
+                "bends as the scene draws its route along a leg; leave `bend` as it is."
+            )
         geared = [name for name in GEARED if name in read]
         if geared and math.isnan(self.gearing(read)):
             raise CableError(
@@ -302,8 +308,8 @@ class Builder:
     def layout(self, design: Mapping[str, Value]) -> tuple[object, ...]:
         """Equal for designs that can be in one batch: their models, and their walk."""
         cables = self.cables_of(design).values()
-        walk = design.get(gait.SPEED)
-        return (*(cable.segments for cable in cables), *routes(cables), walk)
+        walker = (design.get(name) for name in gait.WALKER)
+        return (*(cable.segments for cable in cables), *routes(cables), *walker)
 
     def _base(self, design: Mapping[str, Value], whole: bool) -> mujoco.MjSpec:
         """The scene that a design changes: whole, or what the design needs of it."""
@@ -324,6 +330,7 @@ class Builder:
             for end, key in zip((proximal, distal), RADII, strict=True):
                 if key in own:
                     self._set_radius(spec, end, float(own[key]))
+        self._resize(spec, gait.body_of(design))
         motor, joint = spec.actuator("motor"), spec.joint("motor")
         if "motor_torque" in design:
             limit = float(design["motor_torque"]) / motor.gear[0]
@@ -340,6 +347,36 @@ class Builder:
             turning.parent.inertia = turning.parent.inertia + more * disc
         if "motor_damping" in design:
             joint.damping = [float(design["motor_damping"]), 0.0, 0.0]
+
+    def _resize(self, spec: mujoco.MjSpec, body: Body) -> None:
+        """Give a leg the inertia and the lengths of a wearer of another size.
+
+        What is worn on a segment stays as heavy, spread as the segment is, and the ends
+        of the free rope stay where they are about the ankle. All joints of a leg turn
+        about y, so that products of inertia are felt nowhere and are left out.
+        """
+        if body == Body():
+            return
+        for name, share in SEGMENTS.items():
+            part = spec.body(name)
+            limb, place = share * MASS, np.array(part.ipos)
+            worn, limb_now = part.mass - limb, body.heavier * limb
+            spread = np.array(part.inertia) / part.mass
+            apart = (body.longer - 1.0) * place
+            total = worn + limb_now
+            part.ipos = place + limb_now / total * apart
+            part.mass = total
+            part.inertia = (worn + limb_now * body.longer**2) * spread + (
+                worn * limb_now / total * (apart @ apart - apart**2)
+            )
+        for name in ("shank", "foot"):
+            part = spec.body(name)
+            down = (body.longer - 1.0) * np.array(part.pos)
+            part.pos = np.array(part.pos) + down
+        for name in self.device.lever:
+            site = spec.site(name)
+            if site.parent.name == "shank":
+                site.pos = np.array(site.pos) + down
 
     def _set_radius(self, spec: mujoco.MjSpec, end: object, radius: float) -> None:
         """Give an end of a cable another pulley, or move its lever."""

@@ -331,7 +331,7 @@ def _measure(
     motor, gearing = builder.motor(design), builder.gearing(design)
     found = measure_episode(row, builder.strength(design), motor, gearing)
     if any(METRICS[name].strides for name in protocol.metrics):
-        found |= measure_strides(row, gait.pace_of(design))
+        found |= measure_strides(row, gait.pace_of(design), gait.body_of(design).moment)
     return found
 
 

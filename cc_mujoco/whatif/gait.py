@@ -14,14 +14,27 @@ from collections.abc import Collection, Mapping, Sequence
 
 from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Assist, Pace, Paced, Profile, Swing, Task, Trajectory, Walk
+from cc_mujoco.human import (
+    Assist,
+    Body,
+    Pace,
+    Paced,
+    Profile,
+    Swing,
+    Task,
+    Trajectory,
+    Walk,
+)
 from cc_mujoco.human import task as find_task
-from cc_mujoco.human.pace import MEASURED
+from cc_mujoco.human.body import LEG, MASS
 from cc_mujoco.human.profile import Profiles
 from cc_mujoco.whatif.simulate import Episode
 from cc_mujoco.whatif.variables import Value
 
 SPEED = "gait_speed"
+BODY_MASS, LEG_LENGTH = "body_mass", "leg_length"
+WALKER = (SPEED, BODY_MASS, LEG_LENGTH)
+"""Variables of who walks: designs that are simulated together have them in common."""
 PROFILE = ("onset", "peak_time", "peak_torque", "fall")
 """Fields of `human.Profile`, and variables."""
 SHORTEST = 0.1
@@ -30,9 +43,22 @@ WALK, ASSIST = "walk", "assist"
 """Trajectory whose speed is varied, and task whose profile is."""
 
 
+def body_of(design: Mapping[str, Value]) -> Body:
+    """How big the wearer of a design is."""
+    return Body(float(design.get(BODY_MASS, MASS)), float(design.get(LEG_LENGTH, LEG)))
+
+
 def pace_of(design: Mapping[str, Value]) -> Pace:
-    """How fast the wearer of a design walks."""
-    return Pace(float(design.get(SPEED, MEASURED)))
+    """How fast the wearer of a design walks, see `Body.pace`.
+
+    Raises:
+        CableError: nothing is known of walking so fast with such legs.
+    """
+    return body_of(design).pace(_speed(design))
+
+
+def _speed(design: Mapping[str, Value]) -> float | None:
+    return float(design[SPEED]) if SPEED in design else None
 
 
 def profile_of(design: Mapping[str, Value]) -> Profile | None:
@@ -59,6 +85,7 @@ def require_possible(device: Setup, design: Mapping[str, Value]) -> None:
         CableError: in one sentence, what is wrong and what would be right.
     """
     require_scene(device, design)
+    pace_of(design)
     profile = profile_of(design)
     if profile is not None and profile.peak_torque > device.safe_torque:
         raise CableError(
@@ -74,15 +101,21 @@ def require_scene(device: Setup, names: Collection[str]) -> None:
     Raises:
         CableError: the variable, and the scenes that have it.
     """
-    for name in (SPEED, *PROFILE):
+    for name in (*WALKER, *PROFILE):
         walks = device.trajectory == WALK
-        if name in names and not (walks if name == SPEED else device.task == ASSIST):
-            what = "walks" if name == SPEED else "is helped in push-off"
-            scenes = "'ankle' and 'exosuit'" if name == SPEED else "'ankle'"
+        if name in names and not (walks if name in WALKER else device.task == ASSIST):
+            what = "walks" if name in WALKER else "is helped in push-off"
+            scenes = "'ankle' and 'exosuit'" if name in WALKER else "'ankle'"
             raise CableError(
                 f"variable {name!r} needs a wearer who {what}, as in {scenes}, but "
                 f"the scene is {device.scene!r}."
             )
+    if LEG_LENGTH in names and not device.lever:
+        raise CableError(
+            f"variable {LEG_LENGTH!r} moves knee and ankle apart, but the scene "
+            f"{device.scene!r} draws the paths of its cables along a leg of {LEG:g} m; "
+            f"vary {BODY_MASS!r} alone, or choose the scene 'ankle'."
+        )
 
 
 def require_played(
@@ -94,11 +127,12 @@ def require_played(
         CableError: the variable, and what the study would have to play.
     """
     require_scene(device, names)
-    if SPEED in names and trajectory != WALK:
-        raise CableError(
-            f"variable {SPEED!r} is of trajectory {WALK!r}, but the study plays "
-            f"{trajectory!r}."
-        )
+    for name in (SPEED, LEG_LENGTH):
+        if name in names and trajectory != WALK:
+            raise CableError(
+                f"variable {name!r} is of trajectory {WALK!r}, but the study plays "
+                f"{trajectory!r}."
+            )
     for name in PROFILE:
         if name in names and task != ASSIST:
             raise CableError(
@@ -109,12 +143,10 @@ def require_played(
 
 def played_by(design: Mapping[str, Value], episode: Episode) -> Episode:
     """An episode as the wearer of a design walks it, help and all."""
-    if SPEED not in design:
-        return episode
     return dataclasses.replace(
         episode,
         trajectory=trajectory_of(design, episode.trajectory),
-        task=_paced(episode.task, pace_of(design)),
+        task=_paced(episode.task, design),
     )
 
 
@@ -122,7 +154,9 @@ def trajectory_of(
     design: Mapping[str, Value], trajectory: str | Trajectory
 ) -> str | Trajectory:
     """How the wearer of a design moves."""
-    return Walk.at(pace_of(design).speed) if SPEED in design else trajectory
+    if SPEED in design or LEG_LENGTH in design:
+        return Walk.at(_speed(design), body_of(design))
+    return trajectory
 
 
 def fitted(
@@ -147,7 +181,10 @@ def fitted(
     found = dict(design)
     if not any(name in design for name in PROFILE):
         return found
-    toe_off = min(100.0 * pace_of({**design, **case}).toe_off for case in cases)
+    try:
+        toe_off = min(100.0 * pace_of({**design, **case}).toe_off for case in cases)
+    except CableError:  # nobody walks so, which is said where designs are checked
+        return found
     least = ranges["fall"][0] if "fall" in ranges else design.get("fall", SHORTEST)
     peak = float(design.get("peak_time", Profile.peak_time))
     if "peak_time" in ranges:
@@ -185,14 +222,20 @@ def task_of(design: Mapping[str, Value], task: str) -> str | Task:
     profile = profile_of(design)
     if profile is not None:
         return profile
-    return _paced(task, pace_of(design)) if SPEED in design else task
+    return _paced(task, design)
 
 
-def _paced(task: str | Task, pace: Pace) -> Task:
-    """A task at another speed; those that do not follow the gait stay what they are."""
+def _paced(task: str | Task, design: Mapping[str, Value]) -> str | Task:
+    """A task as the wearer of a design has it, who may walk otherwise or be another.
+
+    Those that do not follow the gait stay what they are.
+    """
+    if not any(name in design for name in WALKER):
+        return task
+    pace, size = pace_of(design), body_of(design).moment
     found = find_task(task) if isinstance(task, str) else task
     if isinstance(found, Assist):
-        return Paced(found, pace, pace.moment("ankle"))
+        return Paced(found, pace, size * pace.moment("ankle"))
     if isinstance(found, Swing):
-        return Paced(found, pace, pace.moment("hip"))
+        return Paced(found, pace, size * pace.moment("hip"))
     return found

@@ -25,12 +25,13 @@ RATE_TIME = 0.01
 """Over which the rate of a torque is taken [s]."""
 
 
-def measure_strides(log: Samples, pace: Pace) -> dict[str, float]:
+def measure_strides(log: Samples, pace: Pace, size: float = 1.0) -> dict[str, float]:
     """The metrics of the ankle over the whole strides of an episode.
 
     Args:
         log: of an episode in which the ankle walks.
         pace: how fast.
+        size: of the moment over that of the wearer of the scene, see `Body.moment`.
 
     Returns:
         By name of the metric. Strides go from heel strike to heel strike, the first,
@@ -45,7 +46,7 @@ def measure_strides(log: Samples, pace: Pace) -> dict[str, float]:
     whole = slice(int(strikes[0]), int(strikes[-1]))
     phase, given = phase[whole], log["joint_torque_nm"][whole]
     meant = np.gradient(log["reference_angle_rad"], step)[whole]
-    own = pace.moment("ankle") * ANKLE_MOMENT(pace.phase(phase))
+    own = size * pace.moment("ankle") * ANKLE_MOMENT(pace.phase(phase))
 
     def work(torque: Array, velocity: Array) -> float:
         return float(np.sum(np.maximum(torque * velocity, 0.0))) * step / strides

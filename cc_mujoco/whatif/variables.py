@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Profile
+from cc_mujoco.human.body import HEAVIEST, LEG, LIGHTEST, LONGEST, MASS, SHORTEST
 from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
 from cc_mujoco.human.profile import MOST as PEAK
 from cc_mujoco.transmission.parameters import KEYS, MAX_SEGMENTS, PARAMETERS
@@ -132,6 +133,16 @@ VARIABLES: dict[str, Variable] = {
                  f"Posture 33, 2011; that of the measured walk, {MEASURED:g}, by "
                  "default",
                  SLOWEST, FASTEST, False, cable=False),
+        Variable("body_mass", "kg", "of the wearer of a leg: its segments go with it "
+                 "as in Winter, Biomechanics and Motor Control of Human Movement, "
+                 "Table 4.1, moments and size of the help as in Hof, Gait & Posture 4, "
+                 f"1996; {MASS:g} by default",
+                 LIGHTEST, HEAVIEST, False, cable=False),
+        Variable("leg_length", "m", "of the wearer, from hip to sole: lengths and "
+                 "inertia of the leg, stride time, moments and size of the help go "
+                 "with it as in Hof, Gait & Posture 4, 1996, and speed, unless "
+                 f"`gait_speed` says it; {LEG:g} by default",
+                 SHORTEST, LONGEST, False, cable=False),
         Variable("onset", "% of the stride", "where the help of the ankle begins; with "
                  "`peak_time`, `peak_torque` and `fall` as in Zhang et al., Science "
                  "356, 2017, in place of the shape of `assist`; "

@@ -7,16 +7,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Pace, Profile, Walk
+from cc_mujoco.human import Body, Pace, Profile, Walk
+from cc_mujoco.human.body import LEG, MASS, SEGMENTS
 from cc_mujoco.human.gait import ANKLE_MOMENT
 from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
 from cc_mujoco.whatif import METRICS, make_plan, optimise, study
+from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.gait import fitted, profile_of
 from cc_mujoco.whatif.metrics import measure_episode
 from cc_mujoco.whatif.show import show
@@ -210,3 +213,98 @@ def test_what_cannot_be_is_one_sentence(
     with pytest.raises(CableError, match=says) as caught:
         make_plan(scene, vary, **{"duration": 0.3, **how})
     assert "\n" not in str(caught.value)
+
+
+def test_the_size_of_the_scenes_wearer_changes_no_bit() -> None:
+    measured = {"metrics": PLAIN, **QUICK}
+    for scene, said in (
+        ("ankle", {"body_mass": MASS, "leg_length": LEG}),
+        ("exosuit", {"body_mass": MASS}),
+    ):
+        plain = study(scene, {"pretension": "5"}, **measured)
+        sized = study(scene, {"pretension": "5"}, across=said, **measured)
+        for name in PLAIN:
+            assert plain[name].to_pylist() == sized[name].to_pylist()
+
+
+def test_a_wearer_of_another_size_is_shown_as_measured(tmp_path: Path) -> None:
+    across = {"body_mass": "55,95", "leg_length": "0.85,1"}
+    asked = ["tracking_error", *NAMES]
+    table = study("ankle", {"friction": "0.1"}, across=across, out=tmp_path,
+                  metrics=asked, **STRIDE)  # fmt: skip
+    found = set()
+    for case in range(4):
+        log, model = show(tmp_path, 0, case=case)
+        body = Body(float((55, 95)[case // 2]), (0.85, 1.0)[case % 2])
+        work = measure_strides(log, body.pace(), body.moment)["wearer_work"]
+        found.add(work)
+        least, most = (table[f"wearer_work@{e}"][0].as_py() for e in ("least", "most"))
+        assert least <= work <= most
+        # Hip to ankle, of a leg that has 0.039 of the height below.
+        leg = -float(model.body("shank").pos[2] + model.body("foot").pos[2])
+        assert leg == pytest.approx(body.leg * 0.491 / 0.530, rel=2e-3)
+    assert min(found) == table["wearer_work@least"][0].as_py()
+    assert max(found) == table["wearer_work@most"][0].as_py()
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_segments_go_with_the_wearer_and_what_is_worn_does_not(whole: bool) -> None:
+    """Against two bodies put together by MuJoCo itself."""
+    body = Body(100.0, 1.0)
+    builder = Builder("ankle")
+    plain = builder.model({}, whole)
+    model = builder.model({"body_mass": body.mass, "leg_length": body.leg}, whole)
+    for name, share in SEGMENTS.items():
+        old, new, limb = plain.body(name), model.body(name), share * MASS
+        worn = float(old.mass[0]) - limb
+        spread = old.inertia / old.mass[0]
+        spec = mujoco.MjSpec()
+        spec.compiler.inertiafromgeom = (
+            mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        )
+        both = spec.worldbody.add_body(name="both")
+        both.add_joint(axis=[0, 1, 0], type=mujoco.mjtJoint.mjJNT_HINGE)
+        both.mass, both.explicitinertial, both.inertia = 1e-9, True, 3 * [1e-12]
+        for m, far, wide in (
+            (worn, 1.0, 1.0),
+            (limb * body.heavier, body.longer, body.longer),
+        ):
+            part = both.add_body()
+            part.explicitinertial, part.mass = True, m
+            part.ipos, part.inertia = far * old.ipos, m * wide**2 * spread
+        composite = spec.compile()
+        assert new.mass[0] == pytest.approx(worn + limb * body.heavier)
+        about = new.inertia[1] + new.mass[0] * (new.ipos @ new.ipos)
+        assert about == pytest.approx(float(composite.dof_M0[0]), rel=1e-6)
+    sites = [model.site(n) for n in ("conduit_shank", "heel_lever")]
+    ankle = model.body("foot").pos - plain.body("foot").pos
+    moved = [s.pos - plain.site(s.name).pos for s in sites]
+    assert moved[0] == pytest.approx(ankle)
+    assert moved[1] == pytest.approx(np.zeros(3))
+
+
+def test_heavier_wearers_get_more_help_and_work_more() -> None:
+    across = {"body_mass": "50,100"}
+    asked = ["peak_assistance", "wearer_work"]
+    table = study("ankle", {"friction": "0.05"}, across=across, metrics=asked,
+                  **STRIDE)  # fmt: skip
+    for name in asked:
+        least, most = (table[f"{name}@{end}"][0].as_py() for end in ("least", "most"))
+        assert 1.5 < most / least < 2.3
+
+
+def test_sizes_that_cannot_be_are_refused_in_a_sentence() -> None:
+    def refused(scene: str, vary: dict[str, str], **more: Any) -> str:
+        with pytest.raises(CableError) as error:
+            make_plan(scene, vary, **more)
+        return str(error.value)
+
+    assert "draws the paths" in refused("exosuit", {"leg_length": "0.85,0.95"})
+    assert "who walks" in refused("wrist", {"body_mass": "60,80"})
+    assert "trajectory 'walk'" in refused(
+        "ankle", {"leg_length": "0.85"}, trajectory="sweep", task="transparent"
+    )
+    assert "legs of 0.8 m" in refused("ankle", {"gait_speed": "1.6"},
+                                      across={"leg_length": "0.8"})  # fmt: skip
+    assert "route" in refused("ankle", {"leg_length": "0.85", "bend": "route"})
+    assert "kg" in refused("ankle", {"body_mass": "20"})

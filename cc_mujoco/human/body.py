@@ -1,0 +1,93 @@
+"""How big the wearer of a leg device is, against the wearer of the scenes.
+
+    >>> from cc_mujoco.human.body import Body
+    >>> tall = Body(mass=90.0, leg=1.0)
+    >>> round(tall.time, 3), round(tall.moment, 2)    # strides are longer in time
+    (1.038, 1.29)
+    >>> tall.pace() == Body().pace()      # the same gait, if not told faster
+    True
+
+Two people walk alike when the Froude number v^2 / (g l) of speed v and leg length l is
+the same: times are then as sqrt(l / g), moments as m g l (A. L. Hof, "Scaling gait data
+to body size", Gait & Posture 4, 1996, pp. 222-223). Segments have fixed shares of the
+mass of the body and of its height (D. A. Winter, Biomechanics and Motor Control of
+Human Movement, Fig. 4.1 and Table 4.1, adults), so their inertias go as m l^2. Builds
+that differ from that, and people who walk otherwise than by size, are not in it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from cc_mujoco.checks import parameter
+from cc_mujoco.errors import CableError
+from cc_mujoco.human.pace import FASTEST, HEIGHT, MEASURED, SLOWEST, Pace
+
+MASS = 75.0
+"""Of the wearer, as the scenes have it [kg]."""
+LEG = round(0.530 * HEIGHT, 4)
+"""From hip to sole, as Winter has it for that height [m]."""
+LIGHTEST, HEAVIEST = 40.0, 130.0
+"""Masses of adults [kg]."""
+SHORTEST, LONGEST = 0.75, 1.05
+"""Lengths of their legs, of heights from 1.42 to 1.98 m [m]."""
+SEGMENTS = {"thigh": 0.100, "shank": 0.0465, "foot": 0.0145}
+"""Of a leg, with their share of the mass of the body [-]."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A wearer by size; that of the scenes changes nothing by a bit."""
+
+    mass: float = MASS
+    """Of the whole body [kg]."""
+    leg: float = LEG
+    """Length of a leg from hip to sole [m]."""
+
+    def __post_init__(self) -> None:
+        """Refuse bodies that are none of an adult."""
+        parameter(self, "mass", LIGHTEST, HEAVIEST, "kg")
+        parameter(self, "leg", SHORTEST, LONGEST, "m")
+
+    @property
+    def longer(self) -> float:
+        """Length of leg over that of the scenes' wearer [-]."""
+        return self.leg / LEG
+
+    @property
+    def heavier(self) -> float:
+        """Mass over that of the scenes' wearer [-]."""
+        return self.mass / MASS
+
+    @property
+    def time(self) -> float:
+        """Times of a gait alike over those of the scenes' wearer [-]."""
+        return math.sqrt(self.longer)
+
+    @property
+    def moment(self) -> float:
+        """Moments of a gait alike over those of the scenes' wearer [-]."""
+        return self.heavier * self.longer
+
+    def pace(self, speed: float | None = None) -> Pace:
+        """The pace at which the wearer of the scenes walks alike.
+
+        Its times are to be multiplied by `time`, its moments by `moment`.
+
+        Args:
+            speed: Of this wearer [m/s]; by default that alike the measured walk.
+
+        Raises:
+            CableError: If nothing is known of a gait alike.
+        """
+        if speed is None:
+            return Pace(MEASURED)
+        alike = speed / self.time
+        if not SLOWEST <= alike <= FASTEST and self.leg != LEG:
+            raise CableError(
+                f"a wearer with legs of {self.leg:g} m cannot walk at {speed:g} m/s; "
+                f"the speed must be in [{SLOWEST * self.time:.3g}, "
+                f"{FASTEST * self.time:.3g}] m/s, where adults walk alike."
+            )
+        return Pace(alike)

@@ -1,0 +1,84 @@
+"""Wearers of another size: what goes with mass and leg length, and how."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Body, Pace, Walk
+from cc_mujoco.human.body import (
+    HEAVIEST,
+    LEG,
+    LIGHTEST,
+    LONGEST,
+    MASS,
+    SEGMENTS,
+    SHORTEST,
+)
+from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
+
+GRAVITY = 9.81
+legs = st.floats(SHORTEST, LONGEST)
+
+
+def test_the_wearer_of_the_scenes_changes_nothing() -> None:
+    same = Body(MASS, LEG)
+    assert (same.time, same.moment, same.longer, same.heavier) == (1.0, 1.0, 1.0, 1.0)
+    assert Walk.at(1.3, same) == Walk.at(1.3)
+    assert Walk.at(None) == Walk()
+
+
+@given(mass=st.floats(LIGHTEST, HEAVIEST), leg=legs, share=st.floats(0.0, 1.0))
+def test_people_of_one_froude_number_walk_alike(
+    mass: float, leg: float, share: float
+) -> None:
+    """Dimensionless speed, stride time and moment are those of the scenes' wearer."""
+    there = SLOWEST + share * (FASTEST - SLOWEST)
+    body = Body(mass, leg)
+    speed = min(max(there * body.time, SLOWEST * body.time), FASTEST * body.time)
+    try:
+        walk = Walk.at(speed, body)
+    except CableError:  # rounding, at an end
+        return
+    one = Walk.at(walk.speed)
+    assert speed / math.sqrt(GRAVITY * leg) == pytest.approx(
+        walk.speed / math.sqrt(GRAVITY * LEG)
+    )
+    assert walk.period * math.sqrt(GRAVITY / leg) == pytest.approx(
+        one.period * math.sqrt(GRAVITY / LEG)
+    )
+    assert body.moment / (mass * leg) == pytest.approx(1.0 / (MASS * LEG))
+
+
+def test_a_longer_leg_walks_slower_steps_through_the_same_angles() -> None:
+    rng = np.random.default_rng(0)
+    walk = Walk.at(None, Body(leg=LONGEST))
+    one = Walk().sample(1.0 + 3 * Walk().period, 1e-3, rng)
+    other = walk.sample(1.0 + 3 * walk.period, 1e-3, rng)
+    assert walk.period == pytest.approx(Walk().period * math.sqrt(LONGEST / LEG))
+    assert np.abs(one.angle).max() == pytest.approx(np.abs(other.angle).max(), 1e-4)
+    assert np.abs(one.velocity).max() > np.abs(other.velocity).max()
+    assert Body(leg=LONGEST).pace() == Pace(MEASURED)
+
+
+def test_a_speed_that_such_legs_are_not_known_to_walk_is_refused() -> None:
+    with pytest.raises(CableError, match=r"legs of 0\.75 m .* 1\.6 m/s; .*1\.44\] m/s"):
+        Walk.at(1.6, Body(leg=0.75))
+    with pytest.raises(CableError, match="speed"):
+        Walk.at(2.0)
+
+
+@pytest.mark.parametrize("wrong", [{"mass": 20.0}, {"leg": 1.3}, {"mass": math.nan}])
+def test_bodies_of_no_adult_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(CableError, match=next(iter(wrong))):
+        Body(**wrong)
+
+
+def test_segments_are_those_of_winter() -> None:
+    """Thigh, and foot and leg of Table 4.1, whole leg 0.161 of the body."""
+    assert sum(SEGMENTS.values()) == pytest.approx(0.161)

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+
 from cc_mujoco.errors import CableError
 
 LONGEST = 1e4
@@ -19,8 +21,9 @@ def number(label: str, value: Any, low: float, high: float, unit: str) -> None:
         CableError: If it is not (NaN never is), naming it and the range.
     """
     try:
-        # An array of one is no number, though it compares as one.
-        admitted = bool(low <= value <= high) and not getattr(value, "ndim", 0)
+        # An array of one is no number, nor is a truth value, though they compare so.
+        odd = isinstance(value, (bool, np.bool_)) or np.ndim(value) > 0
+        admitted = not odd and bool(low <= value <= high)
     except (TypeError, ValueError):
         admitted = False
     if not admitted:

@@ -128,7 +128,7 @@ class Exo:
         self.drive = self.device.drive(self.period)
         """What a controller may know of the device as its scene has it."""
         nominal = self.device.wearers[0]
-        self.plants = Ranges(randomise, self.device.cables, nominal)
+        self.plants = Ranges(randomise, self.device.cables, nominal, setup.strength)
         self.observation_space = self.observed.space
         self.action_space = ACTION
 

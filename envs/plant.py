@@ -71,6 +71,7 @@ class Ranges:
         given: Mapping[str, Any] | None,
         cables: Mapping[str, Cable],
         wearer: Wearer,
+        strength: float,
     ) -> None:
         """Check the ranges.
 
@@ -79,11 +80,13 @@ class Ranges:
                 all cables (`friction`) or of one (`flexor.friction`).
             cables: Those of the scene, by name.
             wearer: That of the scene.
+            strength: Breaking load of a cable [N], which no pretension may reach.
 
         Raises:
             CableError: If a name is unknown, or a range or a plant out of it is
                 impossible.
         """
+        self._strength = strength
         self.nominal = Plant({}, cables, wearer)
         """The scene as it is."""
         ranges = named("randomise", given)
@@ -156,7 +159,7 @@ class Ranges:
             raise CableError.unknown("variation", str(name), (*OWN, *OF_CABLES))
         low, high, unit = OWN.get(str(name), (-math.inf, math.inf, ""))
         number(where, value, low, high, unit)
-        if isinstance(value, bool) or not math.isfinite(value):
+        if not math.isfinite(value):
             raise CableError(f"{where} must be a finite number, not {value!r}.")
         if name == "delay" and value != int(value):
             raise CableError(f"{where} must be a whole number, not {value!r}.")
@@ -172,6 +175,12 @@ class Ranges:
                 if key.startswith(start)
             }
             cables[name] = _changed(name, cable, own)
+            tight = cables[name].pretension
+            if "pretension" in own and tight >= self._strength:
+                raise CableError(
+                    f"the pretension of cable {name!r} cannot be {tight:g} N; it must "
+                    f"be below the breaking load of {self._strength:g} N."
+                )
         factor = values.get("wearer", 1.0)
         wearer = nominal.wearer
         if factor != 1.0:

@@ -95,7 +95,7 @@ class WhatIf:
         from cc_mujoco.whatif.halved import halved
         from cc_mujoco.whatif.pareto import within
         from cc_mujoco.whatif.report import FILES, goals_of, write_report
-        from cc_mujoco.whatif.sections import settled
+        from cc_mujoco.whatif.sections import controllers_out, settled
         from cc_mujoco.whatif.store import require_ours
         from cc_mujoco.whatif.study import carry_out
 
@@ -145,6 +145,8 @@ class WhatIf:
         failed = len(table) - table["failed"].null_count
         designs = "1 design" if len(table) == 1 else f"{len(table)} designs"
         print(f"{designs}, {failed} of which failed in simulation")
+        for sentence in controllers_out(plan, table.to_pylist()):
+            print(sentence)
         if limits:
             kept = int(within(table, limits).sum())
             print(f"{kept} keep the limits{'' if kept else ': NONE IS GOOD ENOUGH'}")

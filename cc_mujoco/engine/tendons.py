@@ -33,6 +33,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.transmission.parameters import KEYS, MAX_SEGMENTS, Cable, Section
 
 _GIVEN = [key for key in KEYS if key not in ("route", "bend", "path", "mouth")]
+_HINGE = mujoco.mjtJoint.mjJNT_HINGE
 _BENDS = [
     mujoco.mjtWrap.mjWRAP_SITE,
     mujoco.mjtWrap.mjWRAP_SPHERE,
@@ -73,8 +74,9 @@ def add_friction(
     Raises:
         CableError: there is no such tendon, it has pulleys, something else pulls it as
             a whole (an actuator, a `stiffness`, `damping`, `frictionloss`, `range`,
-            `armature` or equality of its own), a parameter cannot be used, or the model
-            does not compile. The specification is as before.
+            `armature` or equality of its own), a drum is on a joint that is no hinge, a
+            parameter cannot be used, or the model does not compile. The specification
+            is as before.
     """
     if not isinstance(spec, mujoco.MjSpec):
         raise CableError(
@@ -92,6 +94,12 @@ def add_friction(
             raise CableError(
                 f"{name} must be a joint and the radius of its drum in metres, e.g. "
                 f"('winch', 0.02), not {end!r}."
+            )
+        drum = spec.joint(end[0]) if end and isinstance(end[0], str) else end and end[0]
+        if isinstance(drum, mujoco.MjsJoint) and drum.type != _HINGE:
+            raise CableError(
+                f"{name} must be a hinge, which turns a drum, and joint {drum.name!r} "
+                "is none; what slides pulls a tendon by the site where it is tied."
             )
     if not isinstance(tendon, str):
         raise CableError(

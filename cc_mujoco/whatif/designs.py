@@ -183,6 +183,13 @@ def _from_csv(path: Path, text: str) -> list[dict[str, object]]:
     require_count(max(1, len(lines) - blank - 1))
     rows = csv.reader(lines[blank:])
     names = [name.strip() for name in next(rows, [])]
+    other = [sign for sign in (";", "\t") if any(sign in name for name in names)]
+    if other:
+        sign = "a semicolon" if other[0] == ";" else "a tab"
+        raise CableError(
+            f"{path}, line {blank + 1}: {sign} is between the names; it must be a "
+            "comma, and numbers must have a point, 0.1."
+        )
     if twice := [name for name in names if names.count(name) > 1]:
         raise CableError(f"{path} names {twice[0]!r} twice; name every variable once.")
     designs: list[dict[str, object]] = []

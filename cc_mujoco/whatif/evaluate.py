@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import mujoco
@@ -63,6 +64,8 @@ class Result(NamedTuple):
     """The one that metrics are of; empty where the design failed."""
     worst: tuple[str, ...] = ()
     """The worst case of every metric; empty where there are none or it failed."""
+    out: Mapping[str, str] = MappingProxyType({})
+    """Why controllers are out, by name; of one that is not there is none."""
 
 
 def evaluate(
@@ -162,7 +165,7 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> Result:
     good = [law for law in protocol.controllers if law not in failed]
     if not good:
         none = dict.fromkeys(numbers(protocol), math.nan)
-        return Result(none, failed[protocol.controllers[0]])
+        return Result(none, failed[protocol.controllers[0]], out=failed)
 
     def each(name: str, law: str) -> list[float]:
         return [one.rows[law].get(name, math.nan) for one in tried]
@@ -177,7 +180,7 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> Result:
     for column, (name, law) in by_controller(protocol).items():
         metrics[column] = over(name, law) if law in good else math.nan
     if not across.several:
-        return Result(metrics, "", best)
+        return Result(metrics, "", best, out=failed)
     for column, name in by_case(protocol).items():
         end = np.min if column.endswith(LEAST) else np.max
         metrics[column] = float(end(each(name, best)))
@@ -185,7 +188,7 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> Result:
         across.worst(each(name, best), wants_high(protocol, name))
         for name in protocol.metrics
     )
-    return Result(metrics, "", best, worst)
+    return Result(metrics, "", best, worst, failed)
 
 
 def episodes(

@@ -8,9 +8,10 @@ A design or a case that says nothing of either plays what the study plays, bit f
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
@@ -28,6 +29,8 @@ from cc_mujoco.human import (
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human.body import LEG, MASS
 from cc_mujoco.human.profile import Profiles
+from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.whatif.protocol import CONTROL_PERIOD, EpisodeProtocol
 from cc_mujoco.whatif.simulate import Episode
 from cc_mujoco.whatif.variables import Value
 
@@ -139,6 +142,43 @@ def require_played(
                 f"variable {name!r} is of task {ASSIST!r}, but the study plays "
                 f"{task!r}."
             )
+
+
+def require_strides(
+    protocol: EpisodeProtocol, designs: Iterable[Mapping[str, Value]]
+) -> None:
+    """Refuse to measure strides in episodes too short for one.
+
+    Args:
+        protocol: how designs are tried.
+        designs: those that walk quickest among them.
+
+    Raises:
+        CableError: a metric that is asked for can have no number, as whatever design
+            is tried lacks it, in one of the cases at least.
+    """
+    asked = [name for name in protocol.metrics if METRICS[name].strides]
+    if not asked:
+        return
+    said = {tuple((n, d[n]) for n in WALKER if n in d) for d in designs}
+    for case in protocol.across.cases:
+        ends = []
+        for walker in said:
+            with contextlib.suppress(CableError):  # nobody walks so; said elsewhere
+                ends.append(_whole_stride({**dict(walker), **case}))
+        if ends and min(ends) > protocol.duration:
+            raise CableError(
+                f"metric {asked[0]!r} is of whole strides, of which the first ends "
+                f"{min(ends):.4g} s after the start; the episode of "
+                f"{protocol.duration:g} s must be longer."
+            )
+
+
+def _whole_stride(design: Mapping[str, Value]) -> float:
+    """When the first stride ends that is walked at full cadence all along [s]."""
+    walk = Walk.at(_speed(design), body_of(design))
+    # By the end of the start half of it has been walked; one sample tells the strike.
+    return 0.5 * walk.start + 2.0 * walk.period + CONTROL_PERIOD
 
 
 def played_by(design: Mapping[str, Value], episode: Episode) -> Episode:

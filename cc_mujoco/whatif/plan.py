@@ -181,7 +181,9 @@ def make_plan(
     cases.require_apart(dict.fromkeys(name for row in rows for name in row))
     require_count(len(rows) * len(cases.cases))
     checked = _check(cases, builder, rows)
+    gait.require_strides(protocol, checked)
     if designs is not None:
+        _require_apart(checked)
         names = list(checked[0])
         ranges = {n: Range(tuple(dict.fromkeys(d[n] for d in checked))) for n in names}
     full = designs is None and samples is None
@@ -344,6 +346,23 @@ def _check(
     if not checked:
         raise CableError("there are no designs.")
     return checked
+
+
+def _require_apart(designs: Sequence[Design]) -> None:
+    """Refuse a list that has a design twice, which would count twice in all ranks.
+
+    Raises:
+        CableError: says which are the same.
+    """
+    seen: dict[tuple[object, ...], int] = {}
+    for index, design in enumerate(designs):
+        first = seen.setdefault(tuple(design.items()), index)
+        if first != index:
+            text = ", ".join(f"{name}={_short(v)}" for name, v in design.items())
+            raise CableError(
+                f"designs {first} and {index} (counted from 0) are the same, {text}; "
+                "give each once."
+            )
 
 
 def _short(value: object) -> str:

@@ -231,6 +231,7 @@ def markdown(
         parts.append(
             f"{len(failed)} designs failed in simulation; the first: {failed[0]}."
         )
+    parts += sections.controllers_out(plan, table.to_pylist())
     names = ", ".join(goal.text for goal in goals)
     for goal in goals:
         if lacking := table[goal.name].null_count - len(failed):

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -186,6 +187,12 @@ def make_search(
         raise CableError("a search needs something to vary.")
     plan.protocol.across.require_apart(vary)
     ranges = {name: read_range(name, v, builder.cables) for name, v in vary.items()}
+    ends = {n: r.ends or (min(r.levels), max(r.levels)) for n, r in ranges.items()
+            if n in gait.WALKER}  # fmt: skip
+    gait.require_strides(
+        plan.protocol,
+        [dict(zip(ends, c, strict=True)) for c in itertools.product(*ends.values())],
+    )
     asked = {
         "objectives": [goal.text for goal in goals],
         "subject_to": [limit.text for limit in limits],
@@ -264,7 +271,11 @@ def search(
         with contextlib.closing(found):
             for number, results in found if missing else ():
                 store.keep(number, results)
-        for one, result in zip(asked, store.results(done), strict=True):
+        results = store.results(done)
+        if not done:
+            for sentence in _lacking(goals, results):
+                say(sentence)
+        for one, result in zip(asked, results, strict=True):
             costs = [goal.cost(result.metrics) for goal in goals]
             beyond = {limit.text: limit.beyond(result.metrics) for limit in limits}
             none = any(math.isnan(number) for number in (*costs, *beyond.values()))
@@ -276,6 +287,19 @@ def search(
             study.tell(one, costs)
         progress(len(plan.designs))
     return plan, store.table()
+
+
+def _lacking(goals: Sequence[Objective], results: Sequence[Result]) -> list[str]:
+    """A sentence for each objective that none of some designs has a number of."""
+    many = len(results)
+    reasons = [result.failed for result in results if result.failed]
+    first = f"; {len(reasons)} failed, the first: {reasons[0]}" if reasons else ""
+    return [
+        f"None of the first {many} designs has a number for {goal.name}, by which the "
+        f"search goes{first.rstrip('.')}; Ctrl-C keeps what there is."
+        for goal in goals
+        if all(math.isnan(goal.cost(result.metrics)) for result in results)
+    ]
 
 
 def _optuna() -> Any:

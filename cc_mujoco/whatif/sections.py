@@ -24,7 +24,7 @@ from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.pareto import Limit, Objective, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity
-from cc_mujoco.whatif.store import CONTROLLER
+from cc_mujoco.whatif.store import CONTROLLER, failed_by
 from cc_mujoco.whatif.variables import SETS
 from cc_mujoco.whatif.wording import (
     NEARBY,
@@ -533,6 +533,19 @@ def _slope(slope: Slope) -> str:
     return f"{slope.change:+.3g}{error}"
 
 
+def controllers_out(plan: Plan, rows: Sequence[Mapping[str, object]]) -> list[str]:
+    """A sentence for each of several controllers that is out in some designs."""
+    said = []
+    for column, law in failed_by(plan.protocol).items():
+        reasons = [str(row[column]) for row in rows if row[column]]
+        if reasons:
+            said.append(
+                f"Controller {law} is out in {len(reasons)} of {len(rows)} designs; "
+                f"the first: {reasons[0].rstrip('.')}."
+            )
+    return said
+
+
 def failures(found: Finding) -> Html | None:
     """Designs without numbers, by reason."""
     reasons = Counter(
@@ -541,6 +554,7 @@ def failures(found: Finding) -> Html | None:
         if row["failed"]
     )
     said = [f"{many} designs: {why}." for why, many in reasons.most_common()]
+    said += controllers_out(found.plan, found.rows)
     for name in found.plan.protocol.metrics:
         lacking = sum(row[name] is None and not row["failed"] for row in found.rows)
         if lacking:

@@ -39,6 +39,8 @@ _PLAIN = {
     "turned": "objectives",
 }
 """What is said of entries of a description whose names mean nothing outside."""
+FAILED = "failed"
+"""Column of why a design failed; behind `failed@` why it did with a controller."""
 CONTROLLER = "controller"
 """Column of the controller that metrics are of, where several were tried."""
 
@@ -307,7 +309,11 @@ def _columns(
         column: [row.worst[place] if row.worst else None for row in results]
         for place, column in enumerate(_worst_cases(protocol))
     }
-    texts["failed"] = [row.failed or None for row in results]
+    texts[FAILED] = [row.failed or None for row in results]
+    texts |= {
+        column: [row.out.get(law) for row in results]
+        for column, law in failed_by(protocol).items()
+    }
     if each:
         texts = {CONTROLLER: [row.controller or None for row in results]} | texts
     return columns | {name: pa.array(t, pa.string()) for name, t in texts.items()}
@@ -315,15 +321,23 @@ def _columns(
 
 def _read_part(part: pa.Table, protocol: EpisodeProtocol) -> list[Result]:
     names, worst = numbers(protocol), _worst_cases(protocol)
+    outs = failed_by(protocol)
     return [
         Result(
             {n: float("nan") if row[n] is None else row[n] for n in names},
             row["failed"] or "",
             row.get(CONTROLLER) or "",
             () if row["failed"] else tuple(row[name] for name in worst),
+            {law: row[column] for column, law in outs.items() if row[column]},
         )
         for row in part.to_pylist()
     ]
+
+
+def failed_by(protocol: EpisodeProtocol) -> dict[str, str]:
+    """Columns of why controllers are out, and whose; none where there is one."""
+    laws = protocol.controllers if len(protocol.controllers) > 1 else ()
+    return {f"{FAILED}@{law}": law for law in laws}
 
 
 def _worst_cases(protocol: EpisodeProtocol) -> list[str]:
@@ -338,8 +352,9 @@ def _field(column: str, kind: pa.DataType, protocol: EpisodeProtocol) -> pa.Fiel
         told = {"unit": "1", "meaning": "number of the design"}
     elif name == CONTROLLER:
         told = {"unit": "1", "meaning": "controller that the metrics are of"}
-    elif name == "failed":
-        told = {"unit": "1", "meaning": "why the simulation failed, if it did"}
+    elif name == FAILED:
+        by = f" with controller {law}" if law else ""
+        told = {"unit": "1", "meaning": f"why the simulation failed{by}, if it did"}
     elif law == WORST_CASE:
         meaning = "case in which it is worst, or the first in which it has no number: "
         told = {"unit": "1", "meaning": meaning + METRICS[name].meaning}

@@ -138,6 +138,14 @@ def test_what_cannot_be_is_refused_in_one_sentence() -> None:
     for motor in (wrong, (0.02, wrong)):
         with pytest.raises(CableError, match="motor must be a joint and the radius"):
             cc_mujoco.add_friction(spec_of(), "cord", friction=0.1, motor=motor)
+    for end in ("motor", "joint"):
+        spec = spec_of()
+        sled = spec.worldbody.add_body(mass=0.1, inertia=[1e-4] * 3)
+        sliding = sled.add_joint(name="sled", type=mujoco.mjtJoint.mjJNT_SLIDE)
+        for drum in ("sled", sliding):
+            ends: dict[str, Any] = {end: (drum, 0.02)}
+            with pytest.raises(CableError, match=f"{end} must be a hinge.*'sled'"):
+                cc_mujoco.add_friction(spec, "cord", friction=0.1, **ends)
     with pytest.raises(CableError, match=r"spec must be an MjSpec.* not str"):
         cc_mujoco.add_friction(wrong, "cord", friction=0.1)
     with pytest.raises(CableError, match="add_friction needs friction="):

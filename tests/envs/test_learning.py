@@ -254,6 +254,7 @@ def test_the_memory_is_that_of_plays_at_motor_and_joint() -> None:
         ({"delay": (0, 51)}, "0, 50"),
         ({"wearer": (0, 1)}, "wearer"),
         ({"noise": (-1, 1)}, "noise"),
+        ({"pretension": (5.0, 1e5)}, "'flexor' .* below the breaking load of 265 N"),
         ({"noise": ("a", "b")}, "noise"),
         ({"wrap": (0.0, 1.0)}, "wrap"),
         ({"break_away": (1, 2), "static_friction": (0.6, 0.7)}, "not both"),
@@ -275,7 +276,8 @@ def test_ranges_that_make_no_plant_are_one_sentence(given: Any, message: str) ->
         ({"friction": np.array([0.1])}, "must be one number"),
         ({3: 0.1}, "texts as names, not 3"),
         ({"reset_mask": np.ones(1, dtype=np.bool_)}, "unknown variation"),
-        ({"delay": True}, "finite number"),
+        ({"delay": True}, "number"),
+        ({"pretension": 265.0}, "below the breaking load of 265 N"),
         ([1], "must be a dictionary"),
     ],
 )

@@ -76,6 +76,8 @@ def test_a_list_comes_from_a_file(name: str, tmp_path: Path) -> None:
         ("friction\n", "no designs"),
         ("\n\nfriction,loops\n\n0.1,1\n0.1\n", "line 6"),
         ("friction,loops, friction\n0.1,1,0.2\n", "'friction' twice"),
+        ("friction;loops\n0,1;1\n", "line 1: a semicolon .* must be a comma"),
+        ("\nfriction\tloops\n0.1\t1\n", "line 2: a tab .* must be a comma"),
     ],
 )
 def test_a_list_that_is_none_says_where(text: str, wrong: str, tmp_path: Path) -> None:

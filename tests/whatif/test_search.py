@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,9 @@ from hypothesis import strategies as st
 
 from cc_mujoco import cli
 from cc_mujoco.errors import CableError
-from cc_mujoco.whatif import optimise
+from cc_mujoco.human import Walk
+from cc_mujoco.human.pace import MEASURED
+from cc_mujoco.whatif import make_plan, optimise, study
 from cc_mujoco.whatif.pareto import (
     Limit,
     costs,
@@ -197,3 +200,43 @@ def test_the_command_searches_and_says_what_keeps_the_limits(
         assert told in capsys.readouterr().out
     assert cli.main([*words, "--samples", "3"]) == 2
     assert "--optimise chooses the designs itself" in capsys.readouterr().err
+
+
+def test_strides_that_an_episode_is_too_short_for_are_refused_at_once() -> None:
+    """Whatever walks quickest decides; over cases, what walks slowest."""
+    goals = ["wearer_work"]
+    for vary, more, speed in (
+        ({"friction": "0.05:0.2"}, {}, MEASURED),
+        ({"gait_speed": "0.8:1.6"}, {}, 1.6),
+        ({"gait_speed": [1.2, 0.8]}, {}, 1.2),
+        ({"friction": "0.05:0.2"}, {"across": {"gait_speed": "0.8,1.6"}}, 0.8),
+    ):
+        # Half of a start of 1 s counts as walked, and the first stride is left out.
+        end = 0.5 + 2.0 * Walk.at(speed).period
+        with pytest.raises(CableError, match="whole strides") as error:
+            make_search("ankle", vary, goals, duration=end - 0.01, **more)
+        assert f"{end + 1e-3:.4g} s after" in str(error.value)
+        make_search("ankle", vary, goals, duration=end + 0.01, **more)
+    with pytest.raises(CableError, match="whole strides"):
+        make_plan("ankle", {"friction": "0.1"}, metrics=goals, duration=2.9)
+
+
+@pytest.mark.parametrize("speed", [0.8, 1.03, 1.6])
+def test_an_episode_just_as_long_as_is_asked_for_has_a_stride(speed: float) -> None:
+    about: dict[str, Any] = {"metrics": ["peak_assistance"], "timestep": 1e-3}
+    about |= {"controllers": ["none"], "threads": 1}
+    with pytest.raises(CableError) as error:
+        study("ankle", {"gait_speed": speed}, duration=1.0, **about)
+    end = float(re.findall(r"ends ([\d.]+) s", str(error.value))[0])
+    table = study("ankle", {"gait_speed": speed}, duration=end + 2e-3, **about)
+    assert table["peak_assistance"].null_count == 0
+
+
+def test_a_search_says_early_that_an_objective_has_no_number() -> None:
+    plan, goals, limits = make_search(
+        "wrist", {"friction": "0.05:0.2"}, ["efficiency"], task="transparent", **SHORT
+    )
+    said: list[str] = []
+    search(plan, goals, limits, 4, threads=1, say=said.append)
+    (sentence,) = said
+    assert "None of the first 4 designs has a number for efficiency" in sentence

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from cc_mujoco import cli
 from cc_mujoco.control import Controller, Drive, Network, write_policy
 from cc_mujoco.control.controllers import CONTROLLERS
 from cc_mujoco.errors import CableError
@@ -23,6 +24,7 @@ from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import evaluate
 from cc_mujoco.whatif.laws import Laws
 from cc_mujoco.whatif.metrics import measure_episode
+from cc_mujoco.whatif.sections import controllers_out
 from cc_mujoco.whatif.show import show
 from cc_mujoco.whatif.store import read_table
 
@@ -158,13 +160,14 @@ def test_an_interrupted_study_goes_on_where_it_was(
 def test_a_folder_keeps_one_study(tmp_path: Path) -> None:
     vary: dict[str, Any] = {"friction": [0.1], "pretension": [10.0, 20.0]}
     study("wrist", vary, out=tmp_path, **SHORT)
-    turned = [dict(zip(vary, (0.1, p), strict=True)) for p in (10.0, 20.0, 20.0)]
+    turned = [dict(zip(vary, (0.1, p), strict=True)) for p in (10.0, 20.0, 30.0)]
     for changed, differing in (
         ({"vary": {**vary, "friction": [0.2]}}, "the values of friction"),
         ({"vary": {**vary, "friction": "0.1,0.2"}}, "the values of friction"),
         ({"vary": {"friction": 0.2, "pretension": 5}}, "of friction, pretension"),
         ({"vary": {"friction": [0.1]}}, "its variables"),
-        ({"vary": None, "designs": turned}, "its designs"),
+        ({"vary": None, "designs": turned}, "the values of pretension"),
+        ({"vary": None, "designs": turned[1::-1]}, "its designs"),
         ({"seed": 1}, "its seed"),
     ):
         with pytest.raises(CableError, match=f"differs in.*{differing};"):
@@ -305,8 +308,10 @@ def test_what_several_controllers_are_chosen_by_is_measured() -> None:
     assert plan.protocol.metrics == ("peak_tension", "tracking_error")
 
 
-def test_a_controller_that_fails_is_out_unless_all_do(
+def test_a_controller_that_fails_is_out_and_why_is_told(
     monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     class Broken(Controller):
         """Gives no number."""
@@ -325,8 +330,39 @@ def test_a_controller_that_fails_is_out_unless_all_do(
     assert row["controller"] == "none" and row["failed"] is None
     assert row["peak_tension@broken"] is None
     assert row["peak_tension"] == row["peak_tension@none"] > 0.0
+    assert "'broken' gave no finite torque" in row["failed@broken"]
+    assert row["failed@none"] is None
+    said = controllers_out(
+        make_plan("wrist", {"friction": [0.1]}, controllers=["broken", "none"]), [row]
+    )
+    assert len(said) == 1
+    assert said[0].startswith("Controller broken is out in 1 of 1 designs; the first: ")
+    out = tmp_path / "kept"
+    command = ["whatif", "--vary", "friction=0.1", "--metric", "peak_tension"]
+    command += ["--duration", "0.2", "--controllers", "broken", "none"]
+    assert cli.main([*command, "--out", str(out)]) == 0
+    (line,) = [x for x in capsys.readouterr().out.splitlines() if "is out" in x]
+    assert "'broken' gave no finite torque" in line
+    for name in ("ranking.md", "report.html"):
+        assert "Controller broken is out in 1 of 1" in (out / name).read_text()
     alone = study("wrist", {"friction": [0.1]}, controllers=["broken"], **about)
     assert "'broken' gave no finite torque" in alone["failed"][0].as_py()
+    assert "failed@broken" not in alone.column_names
+
+
+def test_a_folder_keeps_one_list_of_designs(tmp_path: Path) -> None:
+    names = ("friction", "pretension")
+    pairs = ((0.1, 10.0), (0.2, 20.0), (0.1, 20.0))
+    listed = [dict(zip(names, pair, strict=True)) for pair in pairs]
+    study("wrist", designs=listed[:2], out=tmp_path, **SHORT)
+    with pytest.raises(CableError, match="differs in its designs;"):
+        study("wrist", designs=listed, out=tmp_path, **SHORT)
+
+
+def test_a_list_that_has_a_design_twice_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "list.csv").write_text("friction,loops\n0.1,1\n0.2,1\n0.10,1.0\n")
+    with pytest.raises(CableError, match=r"designs 0 and 2 .*the same, friction=0\.1"):
+        make_plan("wrist", designs=tmp_path / "list.csv")
 
 
 def test_controllers_that_need_a_drive_each_get_one(

@@ -173,11 +173,14 @@ def _read(
         state = states[row, start:]
         node, slipped = at.tensions(state, n), at.slips(state, n)
         moving, slack = 0, 0.0
+        # Apart and without calls, so that the compiler takes several numbers at a time.
         for i in range(n + 1):
-            tension[row, i] = np.maximum(node[i], 0.0)
-            slack += np.maximum(-node[i], 0.0) * compliance[i]
+            tension[row, i] = 0.0 if node[i] < 0.0 else node[i]
+        for i in range(n + 1):
+            if not node[i] >= 0.0:
+                slack -= node[i] * compliance[i]
         for j in range(n):
-            slip[row, j] = np.sign(slipped[j])
+            slip[row, j] = (slipped[j] > 0.0) - (slipped[j] < 0.0)
             moving += slipped[j] != 0.0
         numbers[0, row], numbers[1, row] = tension[row, 0], tension[row, n]
         numbers[2, row], numbers[3, row] = moving / n, slack

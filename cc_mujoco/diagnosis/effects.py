@@ -35,13 +35,22 @@ _LATE = (-0.1, 0.1)
 """Delay of a signal chain that would not have been noticed [s]."""
 _POSITIVE = (0.0, math.inf)
 _LOOSE_END = 0.03
-"""Share of a cable that may lie straight in its ends, where nothing holds it."""
+"""Share of a cable that may lie straight in either end, where nothing holds it."""
 _TIGHT_END = 0.015
 """Friction of uneven bends and ends over the pretension."""
 _TAUTEST = 0.1
 """Least share of the compliance at rest that is not bedding."""
 _LARGEST = next(p.high for p in PARAMETERS if p.name == "friction")
 """Largest coefficient that a cable takes."""
+ANTAGONIST = "antagonist"
+"""In the names of parameters that are the second cable's of a pair."""
+_FITTINGS = (
+    "end_compliance",
+    "end_compliance_antagonist",
+    "proximal_compliance",
+    "proximal_compliance_antagonist",
+)
+"""Compliances of where the cables are fastened, at the joint and at the motor."""
 JOINT_DELAY = "joint_delay"
 """By how much the joint's angle and torque come late together [s]."""
 
@@ -242,6 +251,16 @@ def _stiffening(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable
             )
         )
     return tuple(found)
+
+
+def _fitted(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+    # Ends are fastened one by one.
+    each = zip(_FITTINGS[0::2], _FITTINGS[1::2], strict=True)
+    distal, proximal = ([values.get(name, 0.0) for name in names] for names in each)
+    return tuple(
+        cable.replace(end_compliance=far, proximal_compliance=near)
+        for cable, far, near in zip(given, distal, proximal, strict=False)
+    )
 
 
 def acceleration(angle: FloatArray, dt: float) -> FloatArray:
@@ -636,26 +655,27 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             id="end_compliance",
-            title="compliance of the distal end fitting",
-            equation="u_d += C T_d",
-            where="joint",
-            parameters=(
+            title="compliance of an end fitting",
+            equation="u_d += C T_d, u_p -= C T_p",
+            where="conduit",
+            parameters=tuple(
                 EffectParameter(
-                    "end_compliance",
+                    name,
                     "m/N",
                     1e-5,
                     0.0,
                     0.01,
-                    ordinary=_LOOSE_END,
+                    ordinary=2.0 * _LOOSE_END,
                     ordinary_of="cable",
-                ),
+                )
+                for name in _FITTINGS
             ),
-            starts=({"end_compliance": 1e-5},),
+            starts=(dict.fromkeys(_FITTINGS, 1e-5),),
             required_excitation="reversals at several loads",
             confounded_with=("presliding", "backlash", "cable_stiffening"),
             mujoco=_PLUGIN,
             source="series springs",
-            cables=_on_both("end_compliance"),
+            cables=_fitted,
         ),
         Effect(
             id="joint_gravity",

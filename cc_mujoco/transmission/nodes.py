@@ -1,7 +1,8 @@
 """The nodes of a cable: what stretch and tension make of each other, compiled.
 
-A node is a piece of cable between the centres of the segments beside it; the end spring
-is part of the distal one. Packed parameters and state are those of `packing.py`.
+A node is a piece of cable between the centres of the segments beside it; the springs at
+the ends are part of the first and the last. Packed parameters and state are those of
+`packing.py`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from cc_mujoco.transmission import packing as at
 _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
+_PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
 _BRISTLE = law.INDEX["bristle_length"]
 _BEDDING = law.INDEX["bedding_strain"]
 _HALF = law.INDEX["bedding_tension"]
@@ -46,7 +48,7 @@ def set_node(prm: FloatArray, n: int, i: int) -> None:
     if i == n:
         spring = prm[_END_COMPLIANCE] + prm[at.YIELD_DISTAL]
     elif i == 0:
-        spring = prm[at.YIELD_PROXIMAL]
+        spring = prm[_PROXIMAL_COMPLIANCE] + prm[at.YIELD_PROXIMAL]
     stiffness = 1.0 / (at.node_length(prm, n)[i] / prm[_EA] + spring)
     at.node_stiffness(prm, n)[i] = stiffness
     at.node_compliance(prm, n)[i] = 1.0 / stiffness
@@ -90,15 +92,16 @@ def stretched(prm: FloatArray, n: int, i: int, before: float, after: float) -> f
 
 @internal
 def rest_stretch(prm: FloatArray, tension: float) -> float:
-    """Stretch of the cable with its end spring at a uniform tension [m]."""
-    taut = prm[at.LENGTH] / prm[_EA] + prm[_END_COMPLIANCE]
+    """Stretch of the cable with its end springs at a uniform tension [m]."""
+    springs = prm[_END_COMPLIANCE] + prm[_PROXIMAL_COMPLIANCE]
+    taut = prm[at.LENGTH] / prm[_EA] + springs
     whole = elastic.Piece(taut, prm[at.LENGTH] * prm[_BEDDING], prm[_HALF])
     return elastic.stretch_of(whole, tension)
 
 
 @internal
 def elastic_energy(prm: FloatArray, n: int, tension: FloatArray) -> float:
-    """Elastic energy of the cable and its end spring [J]."""
+    """Elastic energy of the cable and its end springs [J]."""
     stiffness = at.node_stiffness(prm, n)
     total = 0.0
     for i in range(n + 1):

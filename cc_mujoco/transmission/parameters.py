@@ -242,6 +242,17 @@ class Cable:
             acts_on="elasticity",
         ),
     )
+    proximal_compliance: float = parameter(
+        unit="m/N",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning="the same at the proximal end",
+        term=Term(
+            equation="u_proximal -= C T_proximal",
+            source="springs in series",
+            acts_on="elasticity",
+        ),
+    )
     bristle_length: float = parameter(
         unit="m",
         bounds=(0.0, 1.0),

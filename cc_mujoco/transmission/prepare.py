@@ -23,6 +23,7 @@ _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]
 _FRICTION = law.INDEX["friction"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
+_PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
 
 
 @internal
@@ -166,7 +167,8 @@ def initialize(
     state[0] = u_proximal
     state[1] = u_distal
     stretch = prm[_PRETENSION] * prm[at.LENGTH] / prm[_EA]
-    state[3] = stretch + prm[_PRETENSION] * prm[_END_COMPLIANCE]
+    springs = prm[_END_COMPLIANCE] + prm[_PROXIMAL_COMPLIANCE]
+    state[3] = stretch + prm[_PRETENSION] * springs
     if nodes.is_curved(prm):
         state[3] = nodes.rest_stretch(prm, prm[_PRETENSION])
     if prm[at.LENGTHENS] != 0.0:

@@ -235,7 +235,8 @@ def balance(
     sign = -1.0 if distal else 1.0
     stiffest = load.stiffness
     for k in range(cables.n.size):
-        stiffest += arm[k] ** 2 * node_stiffness(cables.prm[k], cables.n[k])[0]
+        own = node_stiffness(cables.prm[k], cables.n[k])
+        stiffest += arm[k] ** 2 * max(own[0], own[cables.n[k]])
     at, reach = min(max(start, load.low), load.high), 0.0
     before, f_before = at, 0.0
     low, high, f_low, f_high = at, at, 0.0, 0.0

@@ -13,6 +13,7 @@ from engine.scenes import CONFIG, build, excitation, pull_pull, run
 EFFECTS = {
     "asymmetric": {"friction_asymmetry": "0.3"},
     "end spring": {"end_compliance": "2e-4"},
+    "proximal spring": {"proximal_compliance": "1e-4"},
     "bristles": {"bristle_length": "1e-4"},
     "tension": {"tension_exponent": "-0.2"},
     "ageing": {"ageing_friction": "0.05", "critical_slip_distance": "1e-4"},

@@ -348,6 +348,7 @@ TERMS_ON = {
     "seal_distal": 1.0,
     "friction_asymmetry": 0.2,
     "end_compliance": 1e-4,
+    "proximal_compliance": 5e-5,
     "bristle_length": 1e-3,
     "tension_exponent": -0.2,
     "ageing_friction": 0.1,

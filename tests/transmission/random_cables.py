@@ -53,7 +53,10 @@ CABLES = {
         "stress_relaxation": r.uniform(0.0, 0.5),
         "relaxation_time": r.uniform(0.1, 3),
     },
-    "end_compliance": lambda r: {"end_compliance": 10 ** r.uniform(-6, -4)},
+    "end_compliance": lambda r: {
+        "end_compliance": 10 ** r.uniform(-6, -4),
+        "proximal_compliance": 10 ** r.uniform(-6, -4),
+    },
     "configuration_dependent": lambda r: {
         "wrap_growth": r.uniform(-20, 20),
         "wrap_reach": r.uniform(0.1, 1.0),
@@ -127,5 +130,7 @@ def turned_around(cable: Cable) -> Cable:
         conduit=cable.conduit[::-1],
         seal_proximal=cable.seal_distal,
         seal_distal=cable.seal_proximal,
+        proximal_compliance=cable.end_compliance,
+        end_compliance=cable.proximal_compliance,
         friction_asymmetry=-cable.friction_asymmetry,
     )

@@ -14,6 +14,7 @@ TERMS_ON: dict[str, dict[str, float]] = {
     "distal seal": {"seal_distal": 0.8},
     "asymmetric": {"friction_asymmetry": 0.4},
     "end spring": {"end_compliance": 3e-4},
+    "proximal spring": {"proximal_compliance": 2e-4},
     "bristles": {"bristle_length": 5e-4},
     "tension": {"tension_exponent": -0.3},
     "ageing": {
@@ -38,6 +39,7 @@ TERMS_ON: dict[str, dict[str, float]] = {
         "seal_distal": 0.1,
         "friction_asymmetry": -0.3,
         "end_compliance": 1e-4,
+        "proximal_compliance": 5e-5,
         "bristle_length": 1e-4,
         "tension_exponent": 0.2,
         "ageing_friction": 0.02,

@@ -68,8 +68,9 @@ def test_asymmetric_friction_converges_with_the_mesh():
     assert errors[2] < 0.01 * found[-1].max()
 
 
-def test_end_spring_in_series_with_a_smooth_cable():
-    cable = STRAIGHT.replace(friction=0.0, end_compliance=2e-4)
+@pytest.mark.parametrize("spring", ["end_compliance", "proximal_compliance"])
+def test_end_spring_in_series_with_a_smooth_cable(spring):
+    cable = STRAIGHT.replace(friction=0.0, **{spring: 2e-4})
     proximal, distal = ends(0, size=4e-3)
     motion = replay(cable, 1e-3, u_proximal=proximal, u_distal=distal)
     compliance = 2.0 / 4000.0 + 2e-4

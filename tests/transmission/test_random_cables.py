@@ -36,7 +36,7 @@ VANISHING = [
     for name, term in TERMS.items()
     if term.acts_on != "pulley" and name not in ("friction", "static_friction")
 ]
-END_BY_END = ("end_compliance", "configuration_dependent")  # belong to the distal end
+END_BY_END = ("configuration_dependent",)  # belongs to the distal end
 
 
 def test_there_are_random_cables_with_every_term():

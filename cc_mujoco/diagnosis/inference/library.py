@@ -15,7 +15,12 @@ from typing import NamedTuple
 
 from cc_mujoco.diagnosis.data.instruments import Instrument, Instruments
 from cc_mujoco.diagnosis.data.led import Leading
-from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectParameter
+from cc_mujoco.diagnosis.effects import (
+    ANTAGONIST,
+    EFFECTS,
+    Effect,
+    EffectParameter,
+)
 from cc_mujoco.page import listed
 
 _BEHIND: dict[str, tuple[str, tuple[Instrument, ...]]] = {
@@ -33,7 +38,6 @@ _SENSORS: dict[str, tuple[Instrument, ...]] = {
 """What may be off or late, by the beginning of an effect's parameter."""
 _SEALS = ("seal_proximal", "seal_distal")
 """Parameters that only a conduit has."""
-_ANTAGONIST = "antagonist"
 _OF_LOADS = ("joint_stiffness", "joint_inertia")
 """Effects that a declared load may have less of, as well as more."""
 
@@ -70,7 +74,7 @@ def library(
                 return known in _SENSORS[side]
         if led == "open" and parameter.name in _SEALS:
             return False
-        return cables > 1 or _ANTAGONIST not in parameter.name
+        return cables > 1 or ANTAGONIST not in parameter.name
 
     effects, hidden = {}, {}
     for name, effect in EFFECTS.items():

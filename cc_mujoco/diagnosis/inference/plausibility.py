@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects import ANTAGONIST, EFFECTS
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.plant import plausible
 from cc_mujoco.transmission import Cable
@@ -91,7 +91,7 @@ def ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
         name: of the effect.
     """
     values = problem.values(x)
-    size = 0.0
+    sizes = {"": 0.0}
     for parameter in problem.plant.library.effects[name].parameters:
         if not parameter.ordinary:
             return False
@@ -99,8 +99,10 @@ def ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
             parameter.ordinary * _whole(parameter.ordinary_of, cable)
             for cable in problem.plant.cables(values, problem.effects)
         )
-        size += abs(values[parameter.name]) / max(usual, 1e-12)
-    return size <= 1.0
+        other = ANTAGONIST if ANTAGONIST in parameter.name else ""
+        size = abs(values[parameter.name]) / max(usual, 1e-12)
+        sizes[other] = sizes.get(other, 0.0) + size
+    return max(sizes.values()) <= 1.0
 
 
 def _whole(of: str, cable: Cable) -> float:

@@ -226,15 +226,15 @@ def _sign(given: _Screen, name: str, place: int) -> Signature | None:
     wider = given.problem.with_effect(name, start).tuned[given.x.size :]
     known = [k for k in wider if k.name in {p.name for p in parameters}]
     priors = np.diag([1.0 / k.prior for k in known])[:, kept]
-    solved[kept] = np.linalg.lstsq(
+    low, high = (
+        np.array([getattr(k, side) for k in known])[kept] for side in ("low", "high")
+    )
+    solved[kept] = within(
         np.concatenate([signature[:, kept], priors]),
         -np.concatenate([rest, np.zeros(len(known))]),
-        rcond=1e-6,
-    )[0]
-    low, high = (
-        np.array([getattr(k, side) for k in known]) for side in ("low", "high")
+        np.maximum(low, -20.0),
+        np.minimum(high, 20.0),
     )
-    solved = np.clip(solved, np.maximum(low, -20.0), np.minimum(high, 20.0))
     left = rest + signature @ solved
     beyond = max(float(error @ error), 1e-300)
     gained = (float(rest @ rest) - float(left @ left)) / beyond
@@ -243,6 +243,27 @@ def _sign(given: _Screen, name: str, place: int) -> Signature | None:
     basis, _ = np.linalg.qr(signature[:, kept])
     foreseen = given.foresight(changes[:, kept] / lengths[kept]) if gained > 0 else 0.0
     return Signature(name, start, max(gained, 0.0), foreseen, visible, basis, changes)
+
+
+def within(
+    columns: FloatArray, wanted: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Least squares within bounds, nearly: what leaves them stays at the one it passed.
+
+    Where columns resemble each other one may run beyond its bound to make up for
+    another, which is at its best without that only when it is solved for again.
+    """
+    found = np.zeros(low.size)
+    open_ = np.ones(low.size, dtype=bool)
+    while open_.any():
+        left = wanted - columns[:, ~open_] @ found[~open_]
+        found[open_] = np.linalg.lstsq(columns[:, open_], left, rcond=1e-6)[0]
+        beyond = open_ & ((found < low) | (found > high))
+        found = np.clip(found, low, high)
+        if not beyond.any():
+            break
+        open_ &= ~beyond
+    return found
 
 
 class _Foresight:

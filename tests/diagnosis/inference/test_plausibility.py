@@ -66,25 +66,39 @@ def test_sizes_that_no_rig_has_are_told(
     assert f"fits only with {name}" in implausible(wider, place(wider, **impossible))
 
 
-@pytest.mark.parametrize("name", ["end_compliance", "load_independent_friction"])
+@pytest.mark.parametrize(
+    ("name", "most"), [("end_compliance", 0.06), ("load_independent_friction", 0.015)]
+)
 def test_what_any_rig_may_have_is_little_beside_its_cable(
-    baseline: Problem, name: str
+    baseline: Problem, name: str, most: float
 ) -> None:
     cable = BENCH.cables[0]
     wholes = {
-        "end_compliance": cable.length / cable.axial_stiffness,
         "load_independent_friction": cable.pretension / cable.length,
         "seal_proximal": cable.pretension,
         "seal_distal": cable.pretension,
     }
+    fitting = cable.length / cable.axial_stiffness
     wider = baseline.with_effect(name, {})
-    sizes = [p.name for p in EFFECTS[name].parameters]
+    sizes = {
+        p.name: most * wholes.get(p.name, fitting) for p in EFFECTS[name].parameters
+    }
     assert ordinary(wider, place(wider), name)
-    for size in sizes:
-        assert ordinary(wider, place(wider, **{size: 0.01 * wholes[size]}), name)
-        assert not ordinary(wider, place(wider, **{size: 0.05 * wholes[size]}), name)
-    together = {size: 0.01 * wholes[size] for size in sizes}
-    assert ordinary(wider, place(wider, **together), name) is (len(sizes) == 1)
+    for size, usual in sizes.items():
+        assert ordinary(wider, place(wider, **{size: 0.9 * usual}), name)
+        assert not ordinary(wider, place(wider, **{size: 1.1 * usual}), name)
+    together = {size: 0.6 * usual for size, usual in sizes.items()}
+    assert not ordinary(wider, place(wider, **together), name)
+
+
+def test_what_one_end_may_have_the_other_cable_may_have_as_well(
+    baseline: Problem,
+) -> None:
+    cable = BENCH.cables[0]
+    fitting = 0.05 * cable.length / cable.axial_stiffness
+    wider = baseline.with_effect("end_compliance", {})
+    ends = {"end_compliance": fitting, "proximal_compliance_antagonist": fitting}
+    assert ordinary(wider, place(wider, **ends), "end_compliance")
 
 
 def test_of_other_effects_no_size_is_what_any_rig_may_have(baseline: Problem) -> None:

@@ -35,6 +35,9 @@ HOPELESS = 0.3
 """Share of the reduction asked for below which a foreseen one is not looked at."""
 LOOKALIKE = 0.9
 """Cosine beyond which two signatures cannot be told apart by screening."""
+FORM = 0.05
+"""Share of what an effect explains, in every trial, that its form may be off by: right
+names leave that much on rigs of other forms. Less does not part it from a lookalike."""
 MOST = 4
 """Most effects that are added."""
 DRAWS = 400
@@ -166,7 +169,7 @@ def search(
                 progress(share, f"refitting {signature.id}")
                 candidates.append(_refit(now, division, signature, thresholds))
             chosen = _overlooked(signatures, candidates, thresholds)
-        step = _decided(now, candidates, thresholds)
+        step = _decided(now, candidates, signatures, thresholds)
         rounds.append(step)
         for candidate in candidates:  # derivatives take more room than the data
             if candidate.id not in step.rivals and candidate.crossed is not now:
@@ -282,11 +285,16 @@ def _overlooked(
         and max(s.explained, s.foreseen) >= PROMISING * leader.reduction
         and s.explained > 0.0
         and not _needless(s.id, candidates, thresholds)
-        and (
-            signature_cosine(s, sign) > LOOKALIKE
-            or s.id in EFFECTS[leader.id].confounded_with
-        )
+        and _resemble(sign, s)
     ]
+
+
+def _resemble(one: Signature, other: Signature) -> bool:
+    """Whether an effect is easily confused with another."""
+    return (
+        signature_cosine(one, other) > LOOKALIKE
+        or other.id in EFFECTS[one.id].confounded_with
+    )
 
 
 def _refit(
@@ -348,7 +356,10 @@ def amplitude(crossed: CrossValidation, name: str) -> tuple[float, float]:
 
 
 def _decided(
-    now: CrossValidation, candidates: list[Candidate], thresholds: Thresholds
+    now: CrossValidation,
+    candidates: list[Candidate],
+    signatures: Sequence[Signature],
+    thresholds: Thresholds,
 ) -> Round:
     candidates.sort(key=lambda candidate: -candidate.reduction)
     able = [candidate for candidate in candidates if not candidate.reason]
@@ -356,20 +367,46 @@ def _decided(
         return Round(tuple(candidates), None, (), 0.0)
     sums = {c.id: blocks(c.crossed).sum(axis=1) for c in able}
     best = able[0]
-    rivals = [best]
+    rivals, alike = [best], []
+    sign = {signature.id: signature for signature in signatures}
     for other in able[1:]:
         apart = sums[other.id] - sums[best.id]
         error = np.std(apart) * np.sqrt(apart.size)
         if apart.sum() < thresholds.rival * error:
             rivals.append(other)
-    # Where the data do not tell, the one with fewer parameters comes first.
+        elif _resemble(sign[best.id], sign[other.id]) and parted_by_form(
+            now, best.crossed, other.crossed
+        ):
+            alike.append(other)
+    # Where the data do not tell, the one with fewer parameters comes first; the error
+    # of a form is no reason to have the worse one in the model.
     rivals.sort(key=lambda rival: len(EFFECTS[rival.id].parameters))
+    rivals += alike
     leader = rivals[0].id
     wider = {c.id for c in rivals if leader in EFFECTS[c.id].generalises}
     rivals = [rival for rival in rivals if rival.id not in wider]
     sums = {name: own for name, own in sums.items() if name not in wider}
     names = tuple(rival.id for rival in rivals)
     return Round(tuple(candidates), leader, names, confidence(sums, leader))
+
+
+def parted_by_form(
+    now: CrossValidation, best: CrossValidation, other: CrossValidation
+) -> bool:
+    """Whether two effects differ by no more than forms do, in every trial.
+
+    No noise makes such a difference, so it may be sure; but what is called a spring
+    softens, and what pulls like a weight is a rubber band.
+    """
+    sums: dict[str, FloatArray] = {}
+    for place, record in enumerate(now.problem.plant.records):
+        left = [float(np.nansum(c.errors[place] ** 2)) for c in (now, best, other)]
+        sums[record.group] = sums.get(record.group, np.zeros(3)) + left
+    table = np.array(list(sums.values()))
+    taken, apart = table[:, 0] - table[:, 1], table[:, 2] - table[:, 1]
+    # A trial in which little shows has next to nothing to be off by.
+    usual = FORM * np.maximum(taken, taken.mean())
+    return bool(np.all(apart <= usual))
 
 
 def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:

@@ -1,0 +1,110 @@
+"""What is screened, what is tied, and what a single trial shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from cc_mujoco.diagnosis.data.trials import Facts
+from cc_mujoco.diagnosis.inference.baseline import plant_of, tuned
+from cc_mujoco.diagnosis.inference.fitting import Problem
+from cc_mujoco.diagnosis.inference.reason import reason, shown_alone
+from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.screen import within
+from cc_mujoco.diagnosis.inference.search import FORM, parted_by_form
+from diagnosis.recorded import BENCH, dataset
+
+SPRINGY = ("joint_stiffness", "joint_gravity", "viscous_friction")
+SOFT = ("end_compliance", "presliding", "load_independent_friction", "cable_stiffening")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_sizes_that_run_beyond_a_bound_leave_the_others_at_their_best(
+    seed: int,
+) -> None:
+    random = np.random.default_rng(seed)
+    common = random.normal(size=(60, 1))
+    columns = common + 0.1 * random.normal(size=(60, 4))
+    low, high = np.zeros(4), np.full(4, 20.0)
+    wanted = columns @ np.array([0.0, 0.0, 0.7, 0.0]) + 0.1 * random.normal(size=60)
+    found = within(columns, wanted, low, high)
+    assert np.all((low <= found) & (found <= high))
+    best = lsq_linear(columns, wanted, (low, high)).x
+    cost, least = (float(np.sum((wanted - columns @ x) ** 2)) for x in (found, best))
+    assert cost < 1.1 * least
+    clipped = np.clip(np.linalg.lstsq(columns, wanted)[0], low, high)
+    assert cost <= float(np.sum((wanted - columns @ clipped) ** 2))
+
+
+@pytest.mark.parametrize("spring", ["proximal_compliance", "end_compliance"])
+def test_a_soft_fastening_of_one_cable_is_found_at_the_end_where_it_is(
+    spring: str,
+) -> None:
+    data = dataset({"end_compliance": {spring: 3e-5}}, 3.0, seed=1)
+    found = reason(data, BENCH, ids=SOFT).diagnosis
+    assert found.verdict == "named", found.statement
+    assert [effect.id for effect in found.missing] == ["end_compliance"]
+    parameters = found.missing[0].parameters
+    assert parameters.pop(spring).value == pytest.approx(3e-5, rel=0.15)
+    assert max(value.value for value in parameters.values()) < 6e-6
+
+
+def test_a_spring_that_softens_is_in_a_tie_with_gravity() -> None:
+    data = dataset(duration=3.0, seed=2)
+    soft = tuple(
+        replace(t, joint_torque=t.joint_torque - 2.0 * np.sin(t.joint_angle))
+        for t in data.trials
+    )
+    found = reason(replace(data, trials=soft), BENCH, ids=SPRINGY).diagnosis
+    assert found.verdict == "tie", found.statement
+    assert found.ties == (("joint_gravity", "joint_stiffness"),)
+
+
+def crossed(*errors: float, groups: Sequence[str] = ()) -> Any:
+    """A cross-validation with these RMS errors, by trial."""
+    names = groups or [f"trial_{k}" for k in range(len(errors))]
+    records = [SimpleNamespace(group=name) for name in names]
+    problem = SimpleNamespace(plant=SimpleNamespace(records=records))
+    return SimpleNamespace(
+        problem=problem, errors=[np.full((2, 50), size) for size in errors]
+    )
+
+
+def test_forms_part_two_effects_where_one_trial_shows_the_difference() -> None:
+    before, best = crossed(4.0, 4.0, 0.5), crossed(1.0, 1.0, 0.5)
+    little = np.sqrt(1.0 + 0.8 * FORM * 15.0)
+    much = np.sqrt(1.0 + 1.2 * FORM * 15.0)
+    assert parted_by_form(before, best, crossed(little, little, 0.5))
+    assert not parted_by_form(before, best, crossed(1.0, much, 0.5))
+    # Next to nothing shows in the last, so next to nothing is much of it.
+    assert parted_by_form(before, best, crossed(1.0, 1.0, 0.6))
+
+
+def exponent(pretensions: Sequence[float]) -> tuple[Problem, np.ndarray, list[Any]]:
+    """A model with friction that changes with tension, at these pretensions."""
+    data = dataset(duration=1.5, chosen=(0,))
+    trials = tuple(
+        replace(data.trials[0], name=f"trial_{k}", facts=Facts(pretension=tension))
+        for k, tension in enumerate(pretensions)
+    )
+    data = replace(data, trials=trials)
+    records, _ = prepare(data, BENCH)
+    floor = tuple(np.ones(record.measured.shape) for record in records)
+    problem = Problem(
+        plant_of(data, BENCH, records), tuned(BENCH, records, {}), (), floor, floor
+    ).with_effect("tension_dependent_friction", {"tension_exponent": -0.2})
+    x = np.zeros(len(problem.tuned))
+    x[-1] = -2.0
+    return problem, x, [record.counts for record in records]
+
+
+def test_a_single_trial_at_another_pretension_alone_shows_what_tension_does() -> None:
+    alone = exponent([80.0, 80.0, 80.0, 20.0])
+    assert shown_alone(*alone) == ["tension_dependent_friction"]
+    assert shown_alone(*exponent([80.0, 80.0, 20.0, 20.0])) == []

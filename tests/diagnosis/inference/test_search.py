@@ -1,4 +1,4 @@
-"""What is screened, what is tied, and what a single trial shows."""
+"""What is screened, and what is tied."""
 
 from __future__ import annotations
 
@@ -11,11 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from cc_mujoco.diagnosis.data.trials import Facts
-from cc_mujoco.diagnosis.inference.baseline import plant_of, tuned
-from cc_mujoco.diagnosis.inference.fitting import Problem
-from cc_mujoco.diagnosis.inference.reason import reason, shown_alone
-from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.screen import within
 from cc_mujoco.diagnosis.inference.search import FORM, parted_by_form
 from diagnosis.recorded import BENCH, dataset
@@ -84,27 +80,3 @@ def test_forms_part_two_effects_where_one_trial_shows_the_difference() -> None:
     assert not parted_by_form(before, best, crossed(1.0, much, 0.5))
     # Next to nothing shows in the last, so next to nothing is much of it.
     assert parted_by_form(before, best, crossed(1.0, 1.0, 0.6))
-
-
-def exponent(pretensions: Sequence[float]) -> tuple[Problem, np.ndarray, list[Any]]:
-    """A model with friction that changes with tension, at these pretensions."""
-    data = dataset(duration=1.5, chosen=(0,))
-    trials = tuple(
-        replace(data.trials[0], name=f"trial_{k}", facts=Facts(pretension=tension))
-        for k, tension in enumerate(pretensions)
-    )
-    data = replace(data, trials=trials)
-    records, _ = prepare(data, BENCH)
-    floor = tuple(np.ones(record.measured.shape) for record in records)
-    problem = Problem(
-        plant_of(data, BENCH, records), tuned(BENCH, records, {}), (), floor, floor
-    ).with_effect("tension_dependent_friction", {"tension_exponent": -0.2})
-    x = np.zeros(len(problem.tuned))
-    x[-1] = -2.0
-    return problem, x, [record.counts for record in records]
-
-
-def test_a_single_trial_at_another_pretension_alone_shows_what_tension_does() -> None:
-    alone = exponent([80.0, 80.0, 80.0, 20.0])
-    assert shown_alone(*alone) == ["tension_dependent_friction"]
-    assert shown_alone(*exponent([80.0, 80.0, 20.0, 20.0])) == []

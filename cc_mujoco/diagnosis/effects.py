@@ -36,6 +36,8 @@ _LATE = (-0.1, 0.1)
 _POSITIVE = (0.0, math.inf)
 _LOOSE_END = 0.03
 """Share of a cable that may lie straight in either end, where nothing holds it."""
+_SOFT = (0.0, 10.0)
+"""Compliance of an end over that of the cable, beyond which it is a spring's."""
 _TIGHT_END = 0.015
 """Friction of uneven bends and ends over the pretension."""
 _TAUTEST = 0.1
@@ -67,7 +69,8 @@ class EffectParameter(NamedTuple):
         plausible: least and largest value that the effect can stand for; what fits only
             beyond is not named.
         of: what `plausible` is a share of: the joint's range of motion, the motor's
-            radius, the largest torque, or nothing.
+            radius, the largest torque, the elongation of the scene's cable per tension,
+            or nothing.
         ordinary: size that any rig may have without being told, a share of
             `ordinary_of`; what is no larger belongs into the model, but is not called
             missing.
@@ -81,7 +84,9 @@ class EffectParameter(NamedTuple):
     low: float
     high: float
     plausible: tuple[float, float] = (-math.inf, math.inf)
-    of: Literal["", "motion", "motor_radius", "motor_torque", "joint_torque"] = ""
+    of: Literal[
+        "", "motion", "motor_radius", "motor_torque", "joint_torque", "cable"
+    ] = ""
     ordinary: float = 0.0
     ordinary_of: Literal["", "cable", "pretension", "pretension per length"] = ""
 
@@ -665,6 +670,8 @@ EFFECTS: dict[str, Effect] = {
                     1e-5,
                     0.0,
                     0.01,
+                    _SOFT,
+                    "cable",
                     ordinary=2.0 * _LOOSE_END,
                     ordinary_of="cable",
                 )

@@ -41,7 +41,7 @@ def test_an_effect_in_the_tendon_is_named_and_repaired(
     )
     assert "joint_radius" not in found.baseline.parameters
     for effect in found.missing:
-        (value,) = effect.parameters.values()
+        value = effect.parameters[name]
         assert value.value == pytest.approx(HIDDEN[name][name], rel=0.1)
     if wanted:  # viscous friction makes 1.4 floors here, which leaves little to close
         assert all(gap.gap_closed > 0.8 for gap in found.gap.values())

@@ -15,6 +15,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
 from cc_mujoco.diagnosis.inference.jacobian import jacobian
+from cc_mujoco.diagnosis.inference.plausibility import usual
 
 _NEW = 1e-3
 """Part of a signature's length below which nothing of it is left."""
@@ -30,13 +31,15 @@ def form_error(
     that the residuals of a fit keep M Q c, M = I - J H^-1 J^T. So their square along
     the q directions of M Q has the mean q + v tr(Q^T M Q), which gives v (moments, as
     of DerSimonian and Laird, Control. Clin. Trials 7, 1986), and the fit is off by
-    H^-1 J^T Q c.
+    H^-1 J^T Q c. Along no direction is v more than the largest of the controls makes:
+    what is larger than any rig has is no form but something that is missing.
 
     Args:
         slopes: (data, parameters) J, those of priors left out.
         residual: (data,) in units of their noise.
         spread: (parameters, parameters) H^-1, priors included.
-        controls: (data, controls) changes of the residuals by each.
+        controls: (data, controls) changes of the residuals by each, as large as a rig
+            may have it.
     """
     nothing = np.zeros_like(spread)
     size = np.linalg.norm(controls, axis=0)
@@ -52,7 +55,8 @@ def form_error(
         return nothing
     along = shown.T @ residual
     excess = float(along @ along) - shown.shape[1]
-    found: FloatArray = max(excess, 0.0) / kept * (into.T @ into)
+    most = float(np.max(size)) ** 2
+    found: FloatArray = min(max(excess, 0.0) / kept, most) * (into.T @ into)
     return found
 
 
@@ -64,7 +68,7 @@ def _basis(columns: FloatArray) -> FloatArray:
 
 
 def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
-    """Changes of the residuals (data, controls) by effects of ordinary size.
+    """Changes of the residuals (data, controls) by effects of their ordinary size.
 
     Of those that the model has not: what it has is fitted.
     """
@@ -72,16 +76,18 @@ def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
         len(record.measured) * int(np.sum(mask))
         for record, mask in zip(problem.plant.records, masks, strict=True)
     )
-    wider = problem
+    wider, sizes = problem, []
     for name, effect in problem.plant.library.effects.items():
         if name in problem.effects:
             continue
         if all(parameter.ordinary > 0.0 for parameter in effect.parameters):
             wider = wider.with_effect(name, {})
+            sizes += [usual(problem, x, parameter) for parameter in effect.parameters]
             place = np.concatenate([x, np.zeros(len(wider.tuned) - x.size)])
             # One after another: derivatives that are known are taken over.
             slopes = jacobian(wider, place, masks)
     if wider is problem:
         return np.zeros((count, 0))
-    found: FloatArray = slopes[:count, x.size :]
+    scales = [each.scale for each in wider.tuned[x.size :]]
+    found: FloatArray = slopes[:count, x.size :] * np.array(sizes) / scales
     return found

@@ -362,6 +362,8 @@ def plausible(parameter: EffectParameter, plant: Plant) -> tuple[float, float]:
     records = plant.records
     if parameter.of == "motor_radius":
         whole = plant.bench.motor_radius
+    elif parameter.of == "cable":
+        whole = min(c.length / c.axial_stiffness for c in plant.bench.cables)
     elif parameter.of == "motion":
         whole = max(float(np.ptp(record.joint_angle)) for record in records)
     else:

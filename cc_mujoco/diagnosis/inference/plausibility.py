@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.effects import ANTAGONIST, EFFECTS
+from cc_mujoco.diagnosis.effects import ANTAGONIST, EFFECTS, EffectParameter
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.plant import plausible
 from cc_mujoco.transmission import Cable
@@ -71,12 +71,26 @@ def doubtful(
             across = covariance[np.ix_(index, shape)]
             within = covariance[np.ix_(shape, shape)]
             part = part - across @ np.linalg.solve(within, across.T)
-        square = float(size @ np.linalg.solve(part, size))
+        contrast = np.linalg.solve(part, size).astype(np.float64)
+        square = float(size @ contrast)
         count = len(index) + len(shape)
-        known = min(float(np.min(freedom[index])), _MANY)
+        known = _freedom(contrast, np.diag(part), freedom[index])
         found[name] = square / (count * float(fdtri(count, known, SURE)))
     least = min(found, key=lambda name: found[name], default=None)
     return least if least is not None and found[least] < 1.0 else None
+
+
+def _freedom(contrast: FloatArray, variance: FloatArray, freedom: FloatArray) -> float:
+    """Degrees of freedom of a sum of sizes with these weights.
+
+    F. Satterthwaite, Biometrics Bulletin 2, 1946.
+    """
+    shares = contrast**2 * variance
+    total = float(np.sum(shares))
+    if not total > 0.0:
+        return _MANY
+    found = total**2 / max(float(np.sum(shares**2 / freedom)), 1e-300)
+    return min(found, _MANY)
 
 
 def ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
@@ -95,14 +109,23 @@ def ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
     for parameter in problem.plant.library.effects[name].parameters:
         if not parameter.ordinary:
             return False
-        usual = min(
-            parameter.ordinary * _whole(parameter.ordinary_of, cable)
-            for cable in problem.plant.cables(values, problem.effects)
-        )
         other = ANTAGONIST if ANTAGONIST in parameter.name else ""
-        size = abs(values[parameter.name]) / max(usual, 1e-12)
+        size = abs(values[parameter.name]) / usual(problem, x, parameter)
         sizes[other] = sizes.get(other, 0.0) + size
     return max(sizes.values()) <= 1.0
+
+
+def usual(problem: Problem, x: FloatArray, parameter: EffectParameter) -> float:
+    """Largest size of an effect's parameter that any rig may have, above 0.
+
+    Args:
+        problem: the model, of whose cables it is a share.
+        x: where it was fitted.
+        parameter: with an ordinary size.
+    """
+    cables = problem.plant.cables(problem.values(x), problem.effects)
+    sizes = [parameter.ordinary * _whole(parameter.ordinary_of, c) for c in cables]
+    return max(min(sizes), 1e-12)
 
 
 def _whole(of: str, cable: Cable) -> float:

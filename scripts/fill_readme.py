@@ -148,12 +148,15 @@ def _marked(name: str) -> re.Pattern[str]:
 def main() -> None:
     """Collect what the blocks need and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("blocks", nargs="*", choices=PAGES, default=list(PAGES))
+    parser.add_argument("blocks", nargs="*", help=f"of {', '.join(PAGES)}; all if none")
     parser.add_argument("--results", type=Path, default=Path("runs", "reproduce"))
     parser.add_argument("--benchmark", type=Path, default=Path("runs", "benchmark"))
     parser.add_argument("--seeds", type=int, default=0)
     parser.add_argument("--sealed", type=Path, default=Path("runs", "sealed"))
     options = parser.parse_args()
+    options.blocks = options.blocks or list(PAGES)
+    if unknown := set(options.blocks) - set(PAGES):
+        parser.error(f"no block is called {', '.join(sorted(unknown))}")
     if "parameters" in options.blocks:
         write("parameters", as_table(PARAMETERS))
     if "materials" in options.blocks:

@@ -44,8 +44,8 @@ def implausible(problem: Problem, x: FloatArray) -> str:
 
 def doubtful(
     problem: Problem, x: FloatArray, covariance: FloatArray, freedom: FloatArray
-) -> str | None:
-    """The effect of a model that may as well have size 0, the most doubtful; or None.
+) -> list[str]:
+    """Effects of a model that may as well have size 0, if all others are there.
 
     That is, of which the joint interval of its sizes contains 0, by the F distribution:
     of a single size that is the interval which is told of it.
@@ -76,8 +76,7 @@ def doubtful(
         count = len(index) + len(shape)
         known = _freedom(contrast, np.diag(part), freedom[index])
         found[name] = square / (count * float(fdtri(count, known, SURE)))
-    least = min(found, key=lambda name: found[name], default=None)
-    return least if least is not None and found[least] < 1.0 else None
+    return [name for name, evidence in found.items() if evidence < 1.0]
 
 
 def _freedom(contrast: FloatArray, variance: FloatArray, freedom: FloatArray) -> float:

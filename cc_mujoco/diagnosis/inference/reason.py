@@ -15,7 +15,7 @@ from cc_mujoco.diagnosis.evidence import Evidence, Isolability
 from cc_mujoco.diagnosis.inference.agreement import AGREED, agreement
 from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline, plant_of
 from cc_mujoco.diagnosis.inference.experiment import propose
-from cc_mujoco.diagnosis.inference.fitting import Problem, settled
+from cc_mujoco.diagnosis.inference.fitting import Masks, Problem, fit, settled
 from cc_mujoco.diagnosis.inference.folds import (
     cross_validate,
     interleaved_folds,
@@ -55,7 +55,7 @@ from cc_mujoco.diagnosis.verdict import (
     RunnerUp,
 )
 from cc_mujoco.diagnosis.wording import capital
-from cc_mujoco.estimation.least_squares import Estimate
+from cc_mujoco.estimation.least_squares import Estimate, Fit
 from cc_mujoco.page import listed
 
 Progress = Callable[[float, str], None]
@@ -242,8 +242,9 @@ def _borne_out(
 ) -> Model:
     """The model that was found, less effects that may as well not be there.
 
-    That is, of which the interval contains 0; all go where held-out data do not bear
-    them out.
+    That is, of which the interval contains 0. Where several stand in for each other,
+    that one goes without which the rest explain most; all go where held-out data do
+    not bear them out.
     """
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
@@ -252,23 +253,31 @@ def _borne_out(
     while problem.effects:
         x = settled(problem, start, counts).x
         idle = doubtful(problem, x, *narrowest(problem, x, counts))
-        if idle is None:
+        if not idle:
             progress(0.86, "predicting trials that were held out")
             held = holding.out(problem, x)
             if held is None:
                 break
             wide = spread(problem, x, counts)
             idle = doubtful(problem, x, *wide)
-            if idle is None:
+            if not idle:
                 return Model(problem, x, wide, held)
-        slim = problem.without(idle)
-        start = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
-        problem = slim
+        slimmer = [_less(problem, x, name, counts) for name in idle]
+        problem, (start, _) = min(slimmer, key=lambda model: model[1].cost)
     problem = baseline_fit.problem
     x = settled(problem, baseline_fit.whole.x, counts).x
     held = holding.out(problem, x)
     assert held is not None
     return Model(problem, x, spread(problem, x, counts), held)
+
+
+def _less(
+    problem: Problem, x: FloatArray, name: str, counts: Masks
+) -> tuple[Problem, Fit]:
+    """A model without an effect, fitted to all data."""
+    slim = problem.without(name)
+    start = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
+    return slim, fit(slim, start, counts)
 
 
 class Held(NamedTuple):

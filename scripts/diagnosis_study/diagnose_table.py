@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ STUDIES = {
     "eleventh": 13000, "twelfth": 14000,
 }  # fmt: skip
 """First seed of every study, in the order in which they were run."""
-LAST = "fifth"
+LAST = "twelfth"
 """The last that was run whole, which the page of the diagnosis shows."""
 SHOWN = 1.5
 """Error over the floor that effect-free rigs stay below: beyond it, something shows."""
@@ -76,19 +76,26 @@ def summary(records: list[dict[str, Any]]) -> str:
         "right": "right", "in a tie": "tie", "one of two": "half",
         "silent": "silent", "wrong": "wrong",
     }  # fmt: skip
-    rates = []
-    for kind in ("named", "pair", "unknown", "none"):
+    kinds = [
+        kind
+        for kind in ("named", "pair", "unknown", "none")
+        if any(r["kind"] == kind for r in records)
+    ]
+    whole, rates = [], []
+    for kind in kinds:
         by_size: dict[tuple[str, str], list[str]] = {}
         for r in sorted(records, key=lambda r: (r["make"], r["strength"])):
             if r["kind"] == kind:
                 size = "-" if kind == "none" else f"{r['strength']:g}"
                 by_size.setdefault((r["make"], size), []).append(went(r))
+        every = [word for words in by_size.values() for word in words]
+        whole.append([kind, *_shares(every, columns.values())])
         for (make, size), words in by_size.items():
-            share = [_share(words.count(word), len(words)) for word in columns.values()]
-            right = f"{share[0]} ({exact(words.count('right'), len(words))})"
-            rates.append([kind, make, size, str(len(words)), right, *share[1:]])
+            rates.append([kind, make, size, *_shares(words, columns.values())])
+    head: Sequence[str] = ("cases", *columns)
     parts = [
-        table(("hidden", "rigs", "R", "cases", *columns), rates),
+        table(("hidden", *head), whole),
+        table(("hidden", "rigs", "R", *head), rates),
         *_figures(records),
     ]
     if any("naive" in r for r in records):
@@ -117,6 +124,14 @@ def summary(records: list[dict[str, Any]]) -> str:
         "</details>",
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _shares(words: Sequence[str], wanted: Iterable[str]) -> list[str]:
+    """How many cases, and how many went each way, the first with its interval."""
+    whole = len(words)
+    found = [_share(words.count(word), whole) for word in wanted]
+    right = f"{found[0]} ({exact(words.count('right'), whole)})"
+    return [str(whole), right, *found[1:]]
 
 
 def _share(count: int, whole: int) -> str:

@@ -151,11 +151,11 @@ def require_strides(
 
     Args:
         protocol: how designs are tried.
-        designs: those that walk quickest among them.
+        designs: those that walk slowest among them, at least.
 
     Raises:
-        CableError: a metric that is asked for can have no number, as whatever design
-            is tried lacks it, in one of the cases at least.
+        CableError: a metric that is asked for has no number of one of them, in one of
+            the cases at least; the others would be compared without it.
     """
     asked = [name for name in protocol.metrics if METRICS[name].strides]
     if not asked:
@@ -166,10 +166,11 @@ def require_strides(
         for walker in said:
             with contextlib.suppress(CableError):  # nobody walks so; said elsewhere
                 ends.append(_whole_stride({**dict(walker), **case}))
-        if ends and min(ends) > protocol.duration:
+        if ends and max(ends) > protocol.duration:
+            slowest = " of who walks slowest" if len(set(ends)) > 1 else ""
             raise CableError(
-                f"metric {asked[0]!r} is of whole strides, of which the first ends "
-                f"{min(ends):.4g} s after the start; the episode of "
+                f"metric {asked[0]!r} is of whole strides, of which the first{slowest} "
+                f"ends {max(ends):.4g} s after the start; the episode of "
                 f"{protocol.duration:g} s must be longer."
             )
 

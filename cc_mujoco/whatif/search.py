@@ -21,6 +21,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from cc_mujoco.checks import listed, named
@@ -47,6 +48,8 @@ GENERATION = 32
 PIECE = 8
 """Of those, how many are simulated together."""
 MOST_OBJECTIVES = 4
+AGAIN = 20
+"""How often in a row the sampler may ask for what was tried before."""
 _IMPOSSIBLE = 1e6
 """How far beyond its limits a design counts that gives no numbers."""
 
@@ -238,6 +241,9 @@ def search(
         evaluations = store.finished
     elif store.kept:
         say(told(min(store.kept, evaluations), evaluations, "designs"))
+    if (all_of_them := _count(plan)) < evaluations:
+        say(f"The ranges have {all_of_them} designs, so all of them are tried.")
+        evaluations = int(all_of_them)
     builder = Builder(plan.protocol.scene, plan.protocol.timestep)
     study = optuna.create_study(
         directions=["minimize"] * len(goals),
@@ -251,10 +257,12 @@ def search(
     space = {name: _distribution(optuna, r) for name, r in plan.ranges.items()}
     trial = Trial(plan.protocol)
     worst = [0.0] * len(goals)
+    tried: set[tuple[Any, ...]] = set()
+    random = np.random.default_rng(plan.protocol.seed)
     while len(plan.designs) < evaluations:
         done = len(plan.designs)
         count = min(GENERATION, evaluations - done)
-        asked = [study.ask(space) for _ in range(count)]
+        asked = [_new(study, space, tried, random) for _ in range(count)]
         designs = [_design(plan, one.params) for one in asked]
         plan, refused = _grown(plan, builder, designs)
         store.plan = plan
@@ -287,6 +295,44 @@ def search(
             study.tell(one, costs)
         progress(len(plan.designs))
     return plan, store.table()
+
+
+def _count(plan: Plan) -> float:
+    """How many designs there are within the ranges."""
+    levels = [values.levels for values in plan.ranges.values()]
+    return math.prod(len(each) for each in levels) if all(levels) else math.inf
+
+
+def _new(
+    study: Any, space: Mapping[str, Any], tried: set[tuple[Any, ...]], random: Any
+) -> Any:
+    """A trial of a design that was not tried before, of which there must be one.
+
+    A sampler that has found the best of a few values asks for it again and again.
+    """
+    import optuna
+
+    for _ in range(AGAIN):
+        asked = study.ask(space)
+        if (place := tuple(asked.params.values())) not in tried:
+            tried.add(place)
+            return asked
+        study.tell(asked, state=optuna.trial.TrialState.FAIL)
+    while True:
+        params = {name: _any_of(values, random) for name, values in space.items()}
+        if (place := tuple(params.values())) not in tried:
+            tried.add(place)
+            study.enqueue_trial(params)
+            return study.ask(space)
+
+
+def _any_of(values: Any, random: Any) -> Any:
+    """One of the values of a distribution, any as likely as another."""
+    if hasattr(values, "choices"):
+        return values.choices[random.integers(len(values.choices))]
+    if isinstance(values.low, int):
+        return int(random.integers(values.low, values.high + 1))
+    return float(random.uniform(values.low, values.high))
 
 
 def _lacking(goals: Sequence[Objective], results: Sequence[Result]) -> list[str]:

@@ -341,7 +341,9 @@ class Plant:
                 - load_torque(joint_angle, record.dt, given_load)
             )
         time = record.start + record.dt * np.arange(motor.size, dtype=np.float64)
-        return Torques(record.dt, time, record.motor_angle, joint_angle, motor, joint)
+        # Weights and springs are of the joint, wherever its encoder has its zero.
+        there = joint_angle + setting.offset
+        return Torques(record.dt, time, record.motor_angle, there, motor, joint)
 
     def finer(self, segments: int = 1, substeps: int = 1) -> Plant:
         """The same with more segments or smaller steps, by these factors."""

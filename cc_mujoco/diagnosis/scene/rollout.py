@@ -134,8 +134,10 @@ class _Forces(_Sensors):
         self._dofs = [int(joint.dofadr[0]) for joint in joints]
         self._signs = np.array([-1.0, self.sign])
         instance = instances(model)[bench.names[0]]
-        self._ends = np.flatnonzero(model.actuator_plugin == instance)
-        self._moment = np.zeros((model.nu, model.nv))
+        ends = np.flatnonzero(model.actuator_plugin == instance)
+        # Actuators without input have outputs, too.
+        self._ends = model.actuator_outadr[ends]
+        self._moment = np.zeros((mujoco.MjData(model).moment_rownnz.size, model.nv))
 
     def torques(self, data: mujoco.MjData) -> FloatArray:
         """Motor and joint torque at the last evaluation (2,) [Nm]."""

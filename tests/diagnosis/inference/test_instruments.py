@@ -21,8 +21,7 @@ from cc_mujoco.diagnosis.inference.load import load_noise, load_torque
 from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.result import Result
-from cc_mujoco.diagnosis.report.output import compared as compared_with
-from cc_mujoco.diagnosis.report.output import scene
+from cc_mujoco.diagnosis.report.output import compared, scene
 from cc_mujoco.diagnosis.scene.repair import repaired, write
 from cc_mujoco.diagnosis.verdict import Diagnosis
 from cc_mujoco.errors import CableError
@@ -67,7 +66,7 @@ def test_a_rotor_that_is_declared_is_no_inertia_that_is_missing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "cables", "compared", "unseen"),
+    ("kind", "cables", "rows", "unseen"),
     [
         ("cells", 2, BOTH, {"joint_gravity", "motor_inertia"}),
         ("motor", 1, BOTH[:1], {"joint_gravity"}),
@@ -77,7 +76,7 @@ def test_an_effect_in_the_conduit_is_named_and_what_cannot_be_seen_is_told(
     tmp_path: Path,
     kind: str,
     cables: int,
-    compared: tuple[str, ...],
+    rows: tuple[str, ...],
     unseen: set[str],
 ) -> None:
     bench = BENCH if cables == 2 else Bench.of(alone(tmp_path))
@@ -89,14 +88,14 @@ def test_an_effect_in_the_conduit_is_named_and_what_cannot_be_seen_is_told(
     assert named(found) == ["viscous_friction"]
     fitted = found.effects[0].parameters["viscous_friction"]
     assert fitted.value == pytest.approx(drag, rel=0.1)
-    assert tuple(found.gap) == compared
+    assert tuple(found.gap) == rows
     assert ("friction_balance" in found.baseline.parameters) is (cables == 2)
     reasons = {each.id: each.reason for each in found.not_testable}
     assert unseen <= reasons.keys()
     for name in unseen:
         assert "it takes a torque sensor" in reasons[name]
     scene(result, tmp_path / "repaired.xml")
-    (_, apart), size = compared_with(result, tmp_path / "repaired.xml")
+    (_, apart), size = compared(result, tmp_path / "repaired.xml")
     assert apart < 1e-3 * size
 
 
@@ -244,6 +243,35 @@ def test_a_zero_of_the_joint_by_which_a_lever_has_another_arm_is_told() -> None:
     assert reason(data, ANKLE, ids=("viscous_friction",)).diagnosis.strayed == ()
 
 
+@pytest.mark.parametrize(
+    ("name", "sizes"),
+    [
+        ("joint_stiffness", {"joint_stiffness": 12.0}),
+        ("joint_gravity", {"gravity_sine": 15.0, "gravity_cosine": 0.0}),
+    ],
+)
+def test_what_acts_at_a_joint_acts_by_its_angle_not_by_its_encoder(
+    tmp_path: Path, name: str, sizes: dict[str, float]
+) -> None:
+    data = walked({}, 1.5)
+    trials = []
+    for trial in data.trials:
+        assert trial.joint_torque is not None
+        angle = trial.joint_angle
+        taken = 12.0 * angle if name == "joint_stiffness" else 15.0 * np.sin(angle)
+        trials.append(
+            replace(
+                trial, joint_angle=angle - 0.15, joint_torque=trial.joint_torque - taken
+            )
+        )
+    result = reason(replace(data, trials=tuple(trials)), ANKLE, ids=(name,))
+    (found,) = result.diagnosis.effects
+    for key, size in sizes.items():
+        assert found.parameters[key].value == pytest.approx(size, abs=0.4)
+    (_, apart), size = _written(result, tmp_path / "scene.xml")
+    assert apart < 2e-2 * size
+
+
 def test_what_was_found_in_the_cable_of_a_lever_is_written(tmp_path: Path) -> None:
     stiffer = tuple(cable.replace(friction=0.2) for cable in ANKLE.cables)
     write(tmp_path / "scene.xml", repaired(ANKLE, stiffer, {}))
@@ -297,6 +325,12 @@ def test_angles_beyond_the_lever_are_told() -> None:
     turned = replace(trial, joint_angle=trial.joint_angle + 0.8)
     (wrong,) = errors(check_bench([turned], ANKLE))
     assert "declare offset and sign of [columns.joint_angle_rad]" in wrong.statement
+
+
+def _written(result: Result, path: Path) -> tuple[tuple[str, float], float]:
+    """What `compared` says of the repaired scene."""
+    scene(result, path)
+    return compared(result, path)
 
 
 def test_a_path_over_two_joints_is_refused_in_one_sentence() -> None:

@@ -224,6 +224,12 @@ class Run:
                 f"{late['longest_us']:g} (longest); at work for {work['p50_us']:g} us, "
                 f"{work['p99_us']:g}, {work['longest_us']:g}"
             )
+        if found.limited > HARDLY * found.cycles:
+            print(
+                f"in {found.limited / found.cycles:.0%} of the cycles the motor got "
+                "all that [limits] torque allows, and went where that let it; raise it if "
+                "the rig may, or ask for less"
+            )
         for why, count in sorted(found.ignored.items()):
             print(f"{count} packets ignored: {why}")
         print(f"see also:   {self.out}")
@@ -231,6 +237,10 @@ class Run:
             print(f"cc-mujoco: {found.sentence}", file=sys.stderr)
             raise SystemExit(found.code)
         print(found.sentence)
+
+
+HARDLY = 0.02
+"""Share of the cycles at the limit of the torque from which on that is told."""
 
 
 def _wait(trial: str) -> None:

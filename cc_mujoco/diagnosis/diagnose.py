@@ -9,13 +9,14 @@ diagnosis.verdict, diagnosis.effects, diagnosis.gap
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from cc_mujoco.diagnosis.checks.checks import check_bench
 from cc_mujoco.diagnosis.checks.stretch import check_lead
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import errors
+from cc_mujoco.diagnosis.data.findings import Finding, errors
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.inference.reason import Progress, reason, unanswered
 from cc_mujoco.diagnosis.inference.result import Result
@@ -105,4 +106,12 @@ def inferred(
         diagnosis = Diagnosis("fix-data", statement, problems=tuple(notes or said))
         return unanswered(diagnosis, bench), dataset
     with plain_algebra():
-        return reason(dataset, bench, notes, seed=seed, progress=progress), dataset
+        result = reason(dataset, bench, notes, seed=seed, progress=progress)
+    return _asked(result, findings), dataset
+
+
+def _asked(result: Result, findings: Sequence[Finding]) -> Result:
+    """With what the owner of the data should settle first."""
+    doubts = [found.statement for found in findings if found.severity == "doubt"]
+    question = " ".join([*doubts, result.diagnosis.question]).strip()
+    return replace(result, diagnosis=replace(result.diagnosis, question=question))

@@ -99,6 +99,8 @@ class Outcome:
     """That the controller had a say in."""
     missed: int = 0
     """Cycles that were skipped because the host was late."""
+    limited: int = 0
+    """Of those, in how many the motor got all the torque that its limit allows."""
     without_reading: int = 0
     """Cycles in which no new reading came."""
     ignored: Counter[str] = field(default_factory=Counter)
@@ -115,6 +117,7 @@ class Outcome:
             "exit_code": self.code,
             "cycles": self.cycles,
             "missed_cycles": self.missed,
+            "cycles_at_torque_limit": self.limited,
             "cycles_without_reading": self.without_reading,
             "ignored_packets": dict(self.ignored),
             "late": self.late.told(),
@@ -223,6 +226,7 @@ class Loop:
         self._rig.write(torque)
         if torque != wish:
             self._law.given(torque)
+        outcome.limited += abs(torque) >= self._limits.torque
         work = self._clock.now() - began
         outcome.cycles += 1
         outcome.work.add(work)

@@ -197,6 +197,17 @@ def test_a_reading_beyond_its_limit_ends_the_run(
     assert played.outcome.cycles == 98
 
 
+@pytest.mark.parametrize(("wish", "most"), [(5.0, 1.0), (0.5, 0.0)])
+def test_cycles_at_the_limit_of_the_torque_are_counted(
+    wish: float, most: float
+) -> None:
+    played = play(law_of(lambda _: wish), limits=LIMITS)
+    told = played.outcome.to_json()
+    assert told["cycles_at_torque_limit"] == pytest.approx(
+        most * played.outcome.cycles, rel=0.25
+    )
+
+
 def test_the_reading_that_ends_the_run_is_logged() -> None:
     wild = 40.0
 

@@ -37,6 +37,8 @@ _LOCKED = 0.05  # range of an angle that was held fast [rad]
 _WOUND, _AHEAD, _FAR_AHEAD = 2.0, 1.3, 1.5
 """A cable that winds up keeps the joint behind its pulleys; nothing puts it ahead."""
 _SEVERAL = 3
+_COPIED = 1e-9
+"""Share of a motion by which an angle is no copy of another."""
 _CLIPPED = 5  # samples at an extreme that are one clipped stretch
 _CLIPS = 2
 _LOADS = (channels.TORQUE, channels.FORCE, channels.CURRENT)
@@ -315,4 +317,22 @@ def _motion(trial: Trial) -> list[Finding]:
     if np.nanmax(speed) * trial.duration < 1e-3 > np.nanmax(turn) * trial.duration:
         told = f"{trial.path}: neither side moves by more than a milliradian."
         return [warning(told, trial.name)]
+    if _is_copy(trial.motor_angle, trial.joint_angle):
+        told = (
+            f"{trial.column(channels.JOINT_ANGLE)} is "
+            f"{trial.labels.get(channels.MOTOR_ANGLE, channels.MOTOR_ANGLE)} times a "
+            "number to the last digit; record both angles, each by its own encoder."
+        )
+        return [error(told, trial.name, channels.JOINT_ANGLE)]
     return []
+
+
+def _is_copy(one: FloatArray, other: FloatArray) -> bool:
+    """Whether a signal that moves is another one, scaled and shifted."""
+    there = np.isfinite(one) & np.isfinite(other)
+    one, other = one[there], other[there]
+    if one.size < 3 or not np.ptp(one) > 0.0 < np.ptp(other):
+        return False
+    gain, offset = np.polyfit(one, other, 1)
+    left = float(np.max(np.abs(other - gain * one - offset)))
+    return left < _COPIED * float(np.ptp(other))

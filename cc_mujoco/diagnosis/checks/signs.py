@@ -27,6 +27,7 @@ from cc_mujoco.diagnosis.data.channels import (
     JOINT_TORQUE,
     MOTOR_ANGLE,
     MOTOR_TORQUE,
+    TORQUE,
     unit_of,
 )
 from cc_mujoco.diagnosis.data.findings import Finding, error, warning
@@ -171,13 +172,21 @@ def _labels(trial: Trial) -> dict[str, str]:
     return {channel: trial.labels.get(channel, channel) for channel in DRIVE}
 
 
+_ANGLES, _TORQUES = (MOTOR_ANGLE, JOINT_ANGLE), (MOTOR_TORQUE, JOINT_TORQUE)
+_MISREAD = {_ANGLES: ("deg", "radians", ANGLE), _TORQUES: ("mNm", "Nm", TORQUE)}
+"""Small unit in which a channel may be, or its name alone; the plain one."""
+
+
 def wrong_unit(trial: Trial, channel: str) -> str:
-    """What may be if an angle reads a degree's number of times what it should."""
-    other = JOINT_ANGLE if channel == MOTOR_ANGLE else MOTOR_ANGLE
+    """What may be if a channel reads 57, or of torques 1000 times what it should."""
+    pair = _ANGLES if channel in _ANGLES else _TORQUES
+    small, plain, kind = _MISREAD[pair]
+    other = pair[channel == pair[0]]
     label = trial.labels.get(other, other)
-    if unit_of(label, ANGLE) == "deg":
-        return f"{label} is in radians, whatever its name says"
-    return f"{trial.labels.get(channel, channel)} is in degrees"
+    if unit_of(label, kind) == small:
+        return f"{label} is in {plain}, whatever its name says"
+    said = "degrees" if small == "deg" else small
+    return f"{trial.labels.get(channel, channel)} is in {said}"
 
 
 def _ways(m: Mechanics, follows: float, asks: float) -> list[str]:
@@ -219,8 +228,8 @@ def check_units(group: Group) -> list[Finding]:
     mends = {
         wrong_unit(trials[0], MOTOR_ANGLE): apart / _DEGREE,
         wrong_unit(trials[0], JOINT_ANGLE): apart * _DEGREE,
-        f"{{{MOTOR_TORQUE}}} is in mNm": apart / 1e3,
-        f"{{{JOINT_TORQUE}}} is in mNm": apart * 1e3,
+        wrong_unit(trials[0], MOTOR_TORQUE): apart / 1e3,
+        wrong_unit(trials[0], JOINT_TORQUE): apart * 1e3,
         "the torque columns are swapped": 1.0 / abs(m.torque_ratio * m.ratio),
         "the angle columns are swapped": abs(m.torque_ratio * m.ratio),
     }

@@ -9,7 +9,7 @@ import numpy as np
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
-from cc_mujoco.diagnosis.data.findings import Finding, error, warning
+from cc_mujoco.diagnosis.data.findings import Finding, doubt, error, warning
 from cc_mujoco.diagnosis.data.instruments import Instrument
 from cc_mujoco.diagnosis.data.trials import FloatArray, Trial
 from cc_mujoco.errors import CableError
@@ -141,7 +141,7 @@ def beside(torque: str, trials: Sequence[Trial], bench: Bench | None) -> list[Fi
         f"times its torque and {offset:+.2g} Nm ({apart:.2g} Nm RMS apart, of "
         f"{size:.2g}); check signs, offsets and units of both, and the pulley's radius."
     )
-    return [warning(told, channel=torque)]
+    return [doubt(told, channel=torque)]
 
 
 def _there(trial: Trial, torque: str, bench: Bench) -> FloatArray:

@@ -10,13 +10,14 @@ class Finding(NamedTuple):
 
     Attributes:
         severity: `error` where nothing may be concluded before it is put right,
-            `warning` where the program has dealt with it or can live with it.
+            `warning` where the program has dealt with it or can live with it, `doubt`
+            where it can, too, but the owner should settle it before anything else.
         statement: one sentence with file and column, and what would be right.
         trial: name of the trial, empty if the finding is about all of them.
         channel: name of the channel (see `channels`), empty if it is about several.
     """
 
-    severity: Literal["error", "warning"]
+    severity: Literal["error", "warning", "doubt"]
     statement: str
     trial: str = ""
     channel: str = ""
@@ -30,6 +31,11 @@ def error(statement: str, trial: str = "", channel: str = "") -> Finding:
 def warning(statement: str, trial: str = "", channel: str = "") -> Finding:
     """A finding to know of."""
     return Finding("warning", statement, trial, channel)
+
+
+def doubt(statement: str, trial: str = "", channel: str = "") -> Finding:
+    """A finding that comes before what the data seem to say."""
+    return Finding("doubt", statement, trial, channel)
 
 
 def errors(findings: list[Finding]) -> list[Finding]:

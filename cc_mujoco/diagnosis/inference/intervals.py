@@ -92,12 +92,16 @@ def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Esti
         )
     }
     for name in problem.effects:
-        if not shapes(problem, name):
-            continue
         for index in amplitudes(problem, [name]):
             tuned = problem.tuned[index]
-            if tuned.low * tuned.scale + tuned.start == 0.0 < x[index]:
+            if tuned.low * tuned.scale + tuned.start != 0.0:
+                continue
+            if shapes(problem, name) and x[index] > 0.0:
                 found[tuned.name] = _positive(found[tuned.name])
+            else:  # no size is below 0
+                told = found[tuned.name]
+                within = max(told.ci95[0], 0.0), told.ci95[1]
+                found[tuned.name] = replace(told, ci95=within)
     return found
 
 

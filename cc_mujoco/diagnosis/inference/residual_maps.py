@@ -197,10 +197,12 @@ def sentence(drawn: Map) -> str:
     good = np.isfinite(drawn.before)
     centre, error = drawn.centre[good], drawn.before[good]
     low, high = int(np.argmin(error)), int(np.argmax(error))
+    # Middles of bins that are even about 0 miss it by rounding.
+    place = np.where(np.abs(centre) < 1e-9 * np.max(np.abs(centre)), 0.0, centre)
     unit = "" if drawn.unit == "1" else f" {drawn.unit}"
     return (
         f"{drawn.share:.0%} of the squared {_WORDS[drawn.channel]} error lies along "
         f"{drawn.axis} (chance gives {drawn.chance:.0%}): measured minus simulated is "
-        f"{error[low]:+.3g} Nm at {centre[low]:.3g}{unit} and "
-        f"{error[high]:+.3g} Nm at {centre[high]:.3g}{unit}."
+        f"{error[low]:+.3g} Nm at {place[low]:.3g}{unit} and "
+        f"{error[high]:+.3g} Nm at {place[high]:.3g}{unit}."
     )

@@ -33,6 +33,8 @@ GUESSED = {"friction": 0.4, "axial_stiffness": 0.4}
 ZERO_KNOWN = 0.03
 """Standard deviation of the joint's zero where the arm of the cable hangs on it [rad]:
 on a pulley any zero does."""
+_ALIKE = 0.25
+"""Difference of logarithms by which a stiffness may miss that of a wrong unit."""
 CLEAR = 5.0
 """How much more clearly than it takes a hidden effect would show without tuning."""
 LARGEST = 30.0
@@ -199,6 +201,10 @@ def strayed(
             f"{plain(name)} had to be tuned to {_value(parameter, place)}, where "
             f"{_value(parameter, home)} is given: either it is so"
         )
+        if name == "axial_stiffness" and (
+            unit := _misread(parameter.value(place) / given)
+        ):
+            told += f", or angles that are in {unit} were taken for another unit"
         if others:
             told += f", or these data hide {listed(others, 'or')}"
         else:
@@ -230,6 +236,18 @@ def untestable(
             told += f"it takes {EFFECTS[sign.id].required_excitation}"
         found.append(NotTestable(sign.id, told))
     return tuple(found)
+
+
+def _misread(ratio: float) -> str:
+    """Unit of angles that makes a cable so many times as stiff or soft; else ""."""
+    size = abs(math.log(max(ratio, 1e-300)))
+    for unit, factor in (
+        ("degrees or radians", math.degrees(1.0)),
+        ("turns", math.tau),
+    ):
+        if abs(size - math.log(factor)) < _ALIKE:
+            return unit
+    return ""
 
 
 def _size(name: str, value: float, unit: str) -> str:

@@ -71,10 +71,12 @@ def _fix(diagnosis: Diagnosis, names: Names) -> list[Html]:
 
 
 def _sure(found: Found, names: Names) -> str:
+    # Of several sizes those count that are not 0.
+    surely = {n: e for n, e in found.parameters.items() if not e.holds(0.0)}
     sizes = [
         f"{plain(name)} {fitted(each)} {each.unit}".removesuffix(" 1")
         + f" (95 %: {interval(each)})"
-        for name, each in found.parameters.items()
+        for name, each in (surely or found.parameters).items()
     ]
     takes = f"It takes {share(found.share)} of the gap"
     best = f"is the best candidate in {share(found.confidence)} of resamplings"
@@ -101,9 +103,10 @@ def _use(diagnosis: Diagnosis) -> Html:
 
 def _doubt(diagnosis: Diagnosis, names: Names) -> Html:
     """What to record or to declare, in order to know more."""
-    if diagnosis.strayed:
+    asked = diagnosis.verdict == "unknown"  # a question has been asked there already
+    if diagnosis.strayed and not (diagnosis.question and not asked):
         return _step("What to settle", capital(diagnosis.strayed[0].statement))
-    if diagnosis.question:
+    if diagnosis.question and not asked:
         return _step("What to settle", diagnosis.question)
     if diagnosis.confounded:
         each = diagnosis.confounded[0]

@@ -219,3 +219,21 @@ def test_a_joint_ahead_of_its_pulleys_is_a_finding_and_an_error_if_always(
     trial = one(tmp_path, recording())
     (found,) = check_ratio(trial, 1.9 / mechanics(trial).ratio, several)
     assert (found.severity == "error") == several
+
+
+def test_newton_metres_under_a_name_of_millinewton_metres_are_blamed_themselves(
+    tmp_path: Path,
+) -> None:
+    columns = recording()
+    columns["motor_torque_mnm"] = columns.pop("motor_torque_nm")
+    write(tmp_path / "run.csv", columns)
+    (told,) = [f.statement for f in errors(load(tmp_path)[1])]
+    assert "motor_torque_mnm is in Nm, whatever its name says" in told
+
+
+def test_an_angle_that_is_a_copy_of_the_other_is_no_reading(tmp_path: Path) -> None:
+    columns = recording()
+    columns["joint_angle_rad"] = 0.5 * columns["motor_angle_rad"] + 0.1
+    write(tmp_path / "run.csv", columns)
+    told = [f.statement for f in errors(load(tmp_path)[1])]
+    assert any("times a number to the last digit" in each for each in told)

@@ -103,6 +103,8 @@ def test_load_cells_beside_a_torque_sensor_are_held_against_it(
     assert told in said["joint_torque_nm"]
     assert "agree" in said["motor_torque_nm"]
     assert "tension_agonist_distal_n" in said["joint_torque_nm"]
+    asked = [f.channel for f in findings if f.severity == "doubt"]
+    assert asked == ([] if gain == 1.0 else ["joint_torque_nm"])
 
 
 def test_a_cell_of_one_cable_beside_a_torque_sensor_is_told(

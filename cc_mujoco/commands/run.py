@@ -227,8 +227,8 @@ class Run:
         if found.limited > HARDLY * found.cycles:
             print(
                 f"in {found.limited / found.cycles:.0%} of the cycles the motor got "
-                "all that [limits] torque allows, and went where that let it; raise it if "
-                "the rig may, or ask for less"
+                "all that [limits] torque allows, and went where that let it; raise it "
+                "if the rig may, or ask for less"
             )
         for why, count in sorted(found.ignored.items()):
             print(f"{count} packets ignored: {why}")

@@ -61,8 +61,13 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
     """
     path = Path(log)
     if is_marked(path):
+        made = path.with_name(RECORDING)
+        if not made.is_file():
+            raise CableError(
+                f"{path} is no log of a run; `cc-mujoco run` leaves those."
+            )
         raise CableError(
-            f"{path} is the log of an episode, whose recording lies beside it."
+            f"{path} is the log of an episode; open its recording: rerun {made}"
         )
     ran = scene_of(path)
     if ran != scene and {ran, scene} <= {*SCENES}:

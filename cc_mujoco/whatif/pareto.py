@@ -93,7 +93,8 @@ def read_limits(
         look_up("metric", name, METRICS)
         if measured is not None and name not in measured:
             raise CableError(
-                f"limit {text!r} is on what is not among the metrics measured."
+                f"limit {text!r} is on what is not among the metrics measured; add "
+                f"--metric {name}."
             )
         found.append(Limit(name, bound, sign == ">=", across))
     return tuple(found)
@@ -126,7 +127,8 @@ def read_objectives(
             raise CableError(f"objective {text!r} must be NAME, min:NAME or max:NAME.")
         if measured is not None and name not in measured:
             raise CableError(
-                f"objective {name!r} is not among the metrics that are measured."
+                f"objective {name!r} is not among the metrics that are measured; add "
+                f"--metric {name}."
             )
         if any(other.name == name for other in found):
             raise CableError(f"objective {name!r} is given twice.")

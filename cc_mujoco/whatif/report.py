@@ -229,13 +229,13 @@ def markdown(
         parts.append(f"{sections.judged(plan)}")
     if failed:
         parts.append(
-            f"{len(failed)} designs failed in simulation; the first: {failed[0]}."
+            f"Designs that failed in simulation: {len(failed)}; the first: {failed[0]}."
         )
     parts += sections.controllers_out(plan, table.to_pylist())
     names = ", ".join(goal.text for goal in goals)
     for goal in goals:
         if lacking := table[goal.name].null_count - len(failed):
-            parts.append(f"{lacking} designs have no {goal.name}.")
+            parts.append(f"Designs without {goal.name}: {lacking}.")
     if limits:
         kept = f"{int(within(table, limits).sum())} of {len(table)}"
         parts.append(

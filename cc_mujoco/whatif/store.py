@@ -152,7 +152,14 @@ class Store:
         """Results of a batch, from the folder, so that memory does not hold them."""
         if self._folder is None:
             return self._tables[batch]
-        return pq.read_table(_part(self._folder, batch))
+        part = _part(self._folder, batch)
+        try:
+            return pq.read_table(part)
+        except FileNotFoundError:
+            raise CableError(
+                f"{part} is gone: another run writes to {self._folder} as well, or "
+                "somebody deleted it; wait for that one, and run this one again."
+            ) from None
 
     def table(self) -> pa.Table:
         """The table of all designs, in their order; `missing` must be empty."""

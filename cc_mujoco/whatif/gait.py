@@ -67,6 +67,8 @@ def _speed(design: Mapping[str, Value]) -> float | None:
 def profile_of(design: Mapping[str, Value]) -> Profile | None:
     """The assistance that a design says; None where it says nothing of it.
 
+    A peak torque that is not said goes with the size and the pace of the wearer.
+
     Raises:
         CableError: its numbers are no profile, or outlast the stance at its speed.
     """
@@ -74,6 +76,7 @@ def profile_of(design: Mapping[str, Value]) -> Profile | None:
     if not said:
         return None
     toe_off = 100.0 * pace_of(design).toe_off
+    said.setdefault("peak_torque", _share(design, "ankle") * Profile.peak_torque)
     # A default must not refuse a walk whose stance is shorter.
     rest = toe_off - said.get("peak_time", Profile.peak_time)
     if "fall" not in said and 0.1 <= rest < Profile.fall:
@@ -273,10 +276,14 @@ def _paced(task: str | Task, design: Mapping[str, Value]) -> str | Task:
     """
     if not any(name in design for name in WALKER):
         return task
-    pace, size = pace_of(design), body_of(design).moment
     found = find_task(task) if isinstance(task, str) else task
     if isinstance(found, Assist):
-        return Paced(found, pace, size * pace.moment("ankle"))
+        return Paced(found, pace_of(design), _share(design, "ankle"))
     if isinstance(found, Swing):
-        return Paced(found, pace, size * pace.moment("hip"))
+        return Paced(found, pace_of(design), _share(design, "hip"))
     return found
+
+
+def _share(design: Mapping[str, Value], joint: str) -> float:
+    """Help of a joint over that of the scenes' wearer at the measured speed [-]."""
+    return body_of(design).moment * pace_of(design).moment(joint)

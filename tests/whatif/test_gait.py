@@ -14,13 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Body, Pace, Profile, Walk
+from cc_mujoco.human import Assist, Body, Pace, Paced, Profile, Walk
 from cc_mujoco.human.body import LEG, MASS, SEGMENTS
 from cc_mujoco.human.gait import ANKLE_MOMENT
 from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
 from cc_mujoco.whatif import METRICS, make_plan, optimise, study
 from cc_mujoco.whatif.build import Builder
-from cc_mujoco.whatif.gait import fitted, profile_of
+from cc_mujoco.whatif.gait import fitted, profile_of, task_of
 from cc_mujoco.whatif.metrics import measure_episode
 from cc_mujoco.whatif.show import show
 from cc_mujoco.whatif.strides import NAMES, measure_strides
@@ -105,6 +105,23 @@ def test_no_default_outlasts_the_stance_of_who_walks_fast() -> None:
         assert profile.end <= profile.toe_off + 1e-9
     with pytest.raises(CableError, match="`fall` must be"):
         profile_of(design | {"fall": Profile.fall})
+
+
+def test_a_peak_torque_that_is_not_said_goes_with_the_wearer() -> None:
+    for walker in (
+        {"body_mass": 40.0},
+        {"body_mass": 130.0, "leg_length": 1.05},
+        {"gait_speed": 0.8},
+        {"gait_speed": 1.5, "body_mass": 60.0},
+    ):
+        help_of = task_of(walker, "assist")
+        assert isinstance(help_of, Paced)
+        profile = profile_of({**walker, "onset": 30.0})
+        assert profile is not None
+        assert profile.peak_torque == pytest.approx(help_of.share * Assist().peak)
+        said = profile_of({**walker, "onset": 30.0, "peak_torque": 20.0})
+        assert said is not None and said.peak_torque == 20.0
+    assert profile_of({"onset": 30.0}) == Profile(onset=30.0)
 
 
 def test_a_later_peak_helps_the_push_off_more() -> None:

@@ -85,9 +85,12 @@ class Body:
             return Pace(MEASURED)
         alike = speed / self.time
         if not SLOWEST <= alike <= FASTEST and self.leg != LEG:
+            # Rounded inwards, so that the ends that are told can be walked.
+            low = math.ceil(1e3 * SLOWEST * self.time) / 1e3
+            high = math.floor(1e3 * FASTEST * self.time) / 1e3
             raise CableError(
                 f"a wearer with legs of {self.leg:g} m cannot walk at {speed:g} m/s; "
-                f"the speed must be in [{SLOWEST * self.time:.3g}, "
-                f"{FASTEST * self.time:.3g}] m/s, where adults walk alike."
+                f"the speed must be in [{low:g}, {high:g}] m/s, where adults walk "
+                "alike."
             )
         return Pace(alike)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -71,6 +72,19 @@ def test_a_speed_that_such_legs_are_not_known_to_walk_is_refused() -> None:
         Walk.at(1.6, Body(leg=0.75))
     with pytest.raises(CableError, match="speed"):
         Walk.at(2.0)
+
+
+@given(leg=legs)
+def test_the_ends_of_speed_that_are_told_can_be_walked(leg: float) -> None:
+    body = Body(leg=leg)
+    if leg == LEG:
+        return
+    with pytest.raises(CableError) as caught:
+        body.pace(3.0)
+    told = re.search(r"\[(.*), (.*)\] m/s", str(caught.value))
+    assert told is not None
+    for end in told.groups():
+        assert SLOWEST <= body.pace(float(end)).speed <= FASTEST
 
 
 @pytest.mark.parametrize("wrong", [{"mass": 20.0}, {"leg": 1.3}, {"mass": math.nan}])

@@ -68,7 +68,9 @@ def test_a_longer_leg_walks_slower_steps_through_the_same_angles() -> None:
 
 
 def test_a_speed_that_such_legs_are_not_known_to_walk_is_refused() -> None:
-    with pytest.raises(CableError, match=r"legs of 0\.75 m .* 1\.6 m/s; .*1\.44\] m/s"):
+    with pytest.raises(
+        CableError, match=r"legs of 0\.75 m .* 1\.6 m/s; .*1\.438\] m/s"
+    ):
         Walk.at(1.6, Body(leg=0.75))
     with pytest.raises(CableError, match="speed"):
         Walk.at(2.0)

@@ -21,7 +21,7 @@ from cc_mujoco.checks import LONGEST, number
 from cc_mujoco.control.observed import ACTION
 from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TASKS, Task, Trajectory, Wearer
+from cc_mujoco.human import TASKS, Perturbed, Task, Trajectory, Walk, Wearer, paced
 from cc_mujoco.human import task as find_task
 
 from .device import Array, Device, Physics
@@ -79,7 +79,9 @@ class Exo:
             trajectory: Name, CSV file or trajectory that the wearer follows; that of
                 the device by default.
             task: Name of the virtual environment, or the environment itself; that of
-                the device by default.
+                the device by default. By name, help that follows the gait has the pace
+                of a `Walk`, not the size of who walks, which a walk does not know; see
+                `human.paced`. An environment itself stays what it is.
             duration: Length of an episode [s], rounded to whole control steps.
             frame_skip: Physics steps from one sample of the sensors to the next.
             wearer: Impedance of the wearer; that of the scene by default.
@@ -108,7 +110,6 @@ class Exo:
         self.smoothness = float(smoothness)
         self.setup = setup
         self.device = Device(setup, wearer, model)
-        self.task = find_task(task) if isinstance(task, str) else task
         self.frame_skip = frame_skip
         self.sampling = frame_skip * float(self.device.model.opt.timestep)
         """Time between samples of the sensors [s]."""
@@ -124,6 +125,7 @@ class Exo:
         """Control steps in an episode."""
         self.samples = hold * self.steps
         source = find_trajectory(trajectory, setup.reach)
+        self.task = _task_of(task, source)
         self.author = Author(self.device, source, self.samples, frame_skip)
         self.drive = self.device.drive(self.period)
         """What a controller may know of the device as its scene has it."""
@@ -240,3 +242,13 @@ class Exo:
             f"the task asks for {low} to {high} Nm at joint {self.setup.joint!r}, "
             f"where the motor gives {weakest} to {strongest} Nm even without friction."
         )
+
+
+def _task_of(task: str | Task, source: Trajectory) -> Task:
+    """A task itself, or one by name at the pace of the walk that is played."""
+    if not isinstance(task, str):
+        return task
+    found = find_task(task)
+    while isinstance(source, Perturbed):
+        source = source.base
+    return paced(found, source.pace) if isinstance(source, Walk) else found

@@ -6,7 +6,7 @@ from cc_mujoco.human.body import Body
 from cc_mujoco.human.motion import Motion, Scripted, Trajectory
 from cc_mujoco.human.moves import Ramp, Reach, Reversals, Sweep
 from cc_mujoco.human.pace import Pace
-from cc_mujoco.human.paced import Paced
+from cc_mujoco.human.paced import Paced, paced
 from cc_mujoco.human.perturbed import Perturbed
 from cc_mujoco.human.profile import Profile
 from cc_mujoco.human.recorded import Recorded, from_csv
@@ -56,6 +56,7 @@ __all__ = [
     "Walk",
     "Wearer",
     "from_csv",
+    "paced",
     "task",
     "trajectory",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cc_mujoco.human.pace import Pace
-from cc_mujoco.human.tasks import Real, Task
+from cc_mujoco.human.tasks import Assist, Real, Swing, Task
 
 
 @dataclass(frozen=True)
@@ -27,3 +27,23 @@ class Paced(Task):
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Torque of the help [Nm]; see `Task.torque`."""
         return self.share * self.base.torque(angle, velocity, self.pace.phase(phase))
+
+
+def paced(task: Task, pace: Pace, size: float = 1.0) -> Task:
+    """A task as a wearer has it who may walk otherwise or be another.
+
+    `Assist` and `Swing` keep to the stride and go with the moment of their joint; tasks
+    that do not follow the gait, and profiles, stay what they are.
+
+    Args:
+        task: As the wearer of the scenes has it at the measured speed.
+        pace: How the wearer walks.
+        size: Moments over those of the scenes' wearer [-], see `Body.moment`.
+    """
+    if pace == Pace() and size == 1.0:
+        return task
+    if isinstance(task, Assist):
+        return Paced(task, pace, size * pace.moment("ankle"))
+    if isinstance(task, Swing):
+        return Paced(task, pace, size * pace.moment("hip"))
+    return task

@@ -16,15 +16,13 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import (
-    Assist,
     Body,
     Pace,
-    Paced,
     Profile,
-    Swing,
     Task,
     Trajectory,
     Walk,
+    paced,
 )
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human.body import LEG, MASS
@@ -76,7 +74,8 @@ def profile_of(design: Mapping[str, Value]) -> Profile | None:
     if not said:
         return None
     toe_off = 100.0 * pace_of(design).toe_off
-    said.setdefault("peak_torque", _share(design, "ankle") * Profile.peak_torque)
+    share = body_of(design).moment * pace_of(design).moment("ankle")
+    said.setdefault("peak_torque", share * Profile.peak_torque)
     # A default must not refuse a walk whose stance is shorter.
     rest = toe_off - said.get("peak_time", Profile.peak_time)
     if "fall" not in said and 0.1 <= rest < Profile.fall:
@@ -277,13 +276,4 @@ def _paced(task: str | Task, design: Mapping[str, Value]) -> str | Task:
     if not any(name in design for name in WALKER):
         return task
     found = find_task(task) if isinstance(task, str) else task
-    if isinstance(found, Assist):
-        return Paced(found, pace_of(design), _share(design, "ankle"))
-    if isinstance(found, Swing):
-        return Paced(found, pace_of(design), _share(design, "hip"))
-    return found
-
-
-def _share(design: Mapping[str, Value], joint: str) -> float:
-    """Help of a joint over that of the scenes' wearer at the measured speed [-]."""
-    return body_of(design).moment * pace_of(design).moment(joint)
+    return paced(found, pace_of(design), body_of(design).moment)

@@ -22,7 +22,17 @@ from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.envs import AnkleExo, WristHandle
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TASKS, TRAJECTORIES, Sine, Spring, Wearer
+from cc_mujoco.human import (
+    TASKS,
+    TRAJECTORIES,
+    Pace,
+    Paced,
+    Perturbed,
+    Sine,
+    Spring,
+    Walk,
+    Wearer,
+)
 from cc_mujoco.recording.columns import columns_for
 from cc_mujoco.sensing import MEASURED
 
@@ -634,3 +644,17 @@ def test_bad_arguments_are_one_sentence(
 def test_stepping_before_reset_is_refused() -> None:
     with pytest.raises(gymnasium.error.ResetNeeded):
         WristHandle().step(np.zeros(1, np.float32))
+
+
+def test_help_by_name_has_the_pace_of_the_walk_as_in_a_what_if() -> None:
+    for scene, joint in (("AnkleExo", "ankle"), ("HipKneeExosuit", "hip")):
+        name = f"cc_mujoco/{scene}-v1"
+        quick = gymnasium.make(name, trajectory=Walk.at(1.6)).unwrapped.exo.task
+        pace = Pace(1.6)
+        own = TASKS[{"ankle": "assist", "hip": "swing"}[joint]]
+        assert quick == Paced(own, pace, pace.moment(joint))
+        shaken = Perturbed(Walk.at(1.6))
+        assert gymnasium.make(name, trajectory=shaken).unwrapped.exo.task == quick
+        said = gymnasium.make(name, trajectory=Walk.at(1.6), task=own)
+        assert said.unwrapped.exo.task is own
+        assert gymnasium.make(name).unwrapped.exo.task is own

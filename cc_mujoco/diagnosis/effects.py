@@ -99,7 +99,7 @@ class Torques:
         dt: time between samples.
         time: since the start of the trial.
         motor_angle: of the motor.
-        joint_angle: of the joint as the scene has it, 0 where the cables are even.
+        joint_angle: of the joint as it is measured; of a lever as the scene has it.
         motor: torque that the motor puts into its pulley.
         joint: torque that the transmission puts into the joint.
     """

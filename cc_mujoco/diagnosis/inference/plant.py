@@ -341,8 +341,9 @@ class Plant:
                 - load_torque(joint_angle, record.dt, given_load)
             )
         time = record.start + record.dt * np.arange(motor.size, dtype=np.float64)
-        # Weights and springs are of the joint, wherever its encoder has its zero.
-        there = joint_angle + setting.offset
+        # A lever has its arm by the joint's own angle, and so have weights and springs.
+        # With pulleys, the offset is the motor's zero as much as the joint's.
+        there = joint_angle + (setting.offset if setting.lever is not None else 0.0)
         return Torques(record.dt, time, record.motor_angle, there, motor, joint)
 
     def finer(self, segments: int = 1, substeps: int = 1) -> Plant:

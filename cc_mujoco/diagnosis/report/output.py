@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from importlib.metadata import version
+from math import cos, sin
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -42,6 +43,8 @@ from cc_mujoco.page import listed
 SCENE = "scene.xml"
 SOMETIMES = (SCENE, "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
 """Files that only some verdicts come with."""
+_RESTS = 1e-4
+"""Torque of a spring at the scene's 0 that goes without saying [Nm]."""
 _DRAWN_WITH = (
     "matplotlib.backends.backend_agg",
     "cc_mujoco.diagnosis.report.recording",
@@ -171,8 +174,10 @@ def scene(result: Result, path: Path) -> list[str]:
         }
         for name in _writable(result)
     }
-    write_scene(path, repaired(bench, cables, effects))
     said = []
+    if bench.lever is None:
+        said += _at_scene_angle(effects, values.get("joint_angle_offset", 0.0))
+    write_scene(path, repaired(bench, cables, effects))
     if left := [name for name in problem.effects if name not in effects]:
         said.append(
             f"scene.xml has not {listed(left)}: what pulls at a lever is no sum of "
@@ -186,6 +191,27 @@ def scene(result: Result, path: Path) -> list[str]:
         *said,
         f"scene.xml, played by MuJoCo along the first seconds of {apart[0]}, differs "
         f"from the replay by {apart[1]:.2g} Nm RMS, with torques of {size:.2g} Nm RMS.",
+    ]
+
+
+def _at_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> list[str]:
+    """Have what was found by the measured angle act by that of the scene.
+
+    The scene's is the measured one and the offset. What of a spring that cannot be
+    said is said in a sentence.
+    """
+    if "joint_gravity" in effects:
+        weight = effects["joint_gravity"]
+        sine, cosine = weight["gravity_sine"], weight["gravity_cosine"]
+        weight["gravity_sine"] = sine * cos(offset) + cosine * sin(offset)
+        weight["gravity_cosine"] = cosine * cos(offset) - sine * sin(offset)
+    stiffness = effects.get("joint_stiffness", {}).get("joint_stiffness", 0.0)
+    if abs(moment := stiffness * offset) < _RESTS:
+        return []
+    return [
+        f"The spring at the joint rests where joint_angle_rad is 0, {offset:.3g} rad "
+        "from there in the scene (joint_angle_offset); scene.xml has it about the "
+        f"scene's 0, and not the constant {moment:+.3g} Nm that this makes."
     ]
 
 

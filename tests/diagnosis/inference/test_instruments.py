@@ -272,6 +272,32 @@ def test_what_acts_at_a_joint_acts_by_its_angle_not_by_its_encoder(
     assert apart < 2e-2 * size
 
 
+@pytest.mark.parametrize("name", ["joint_gravity", "joint_stiffness"])
+def test_a_scene_with_pulleys_has_weights_where_the_encoder_saw_them(
+    tmp_path: Path, name: str
+) -> None:
+    """Its angle is the measured one and an offset."""
+    data = dataset(duration=1.5, seed=3, chosen=(0, 2))
+    trials = []
+    for trial in data.trials:
+        assert trial.joint_torque is not None
+        read = trial.joint_angle - 0.5
+        taken = 2.0 * (np.sin(read) if name == "joint_gravity" else read)
+        trials.append(
+            replace(trial, joint_angle=read, joint_torque=trial.joint_torque - taken)
+        )
+    result = reason(replace(data, trials=tuple(trials)), BENCH, ids=(name,))
+    assert [found.id for found in result.diagnosis.effects] == [name]
+    path = tmp_path / "scene.xml"
+    said = [told for told in scene(result, path) if "rests where" in told]
+    (_, apart), size = compared(result, path)
+    if name == "joint_gravity":
+        assert not said and apart < 2e-2 * size
+    else:
+        moment = float(said[0].split("constant ")[1].split()[0])
+        assert "0.5 rad" in said[0] and moment == pytest.approx(1.0, rel=0.02)
+
+
 def test_what_was_found_in_the_cable_of_a_lever_is_written(tmp_path: Path) -> None:
     stiffer = tuple(cable.replace(friction=0.2) for cable in ANKLE.cables)
     write(tmp_path / "scene.xml", repaired(ANKLE, stiffer, {}))

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from cc_mujoco.hardware.trials import Planned
 
 
+HARDLY = 0.02
+"""Share of the cycles at the limit of the torque from which on that is told."""
+
+
 @dataclass(frozen=True)
 class Run:
     """Drive a real rig with a controller, within limits, and record it."""
@@ -237,10 +241,6 @@ class Run:
             print(f"cc-mujoco: {found.sentence}", file=sys.stderr)
             raise SystemExit(found.code)
         print(found.sentence)
-
-
-HARDLY = 0.02
-"""Share of the cycles at the limit of the torque from which on that is told."""
 
 
 def _wait(trial: str) -> None:

@@ -35,8 +35,8 @@ _DAMPING = 1e-4
 """Of a fit's first step, relative to the diagonal of the normal equations."""
 _LONGEST = math.log(2.0)
 """Most by which a step changes a logarithm: beyond, derivatives say nothing."""
-_MANY = 1e9
-"""Degrees of freedom from which on Student's t is a normal distribution."""
+MANY = 1e9
+"""Degrees of freedom from which on the variance counts as known (t, F)."""
 _Item = TypeVar("_Item")
 _Found = TypeVar("_Found")
 _WIDEST = 50.0
@@ -328,7 +328,7 @@ def estimate(
     from scipy.special import stdtrit
 
     most = _WIDEST / parameter.scale if parameter.factor else math.inf
-    wide = float(stdtrit(min(freedom, _MANY), 0.975))
+    wide = float(stdtrit(min(freedom, MANY), 0.975))
     reach = min(wide * deviation, most)
     low, high = sorted(parameter.value(place + side) for side in (-reach, reach))
     return Estimate(parameter.value(place), parameter.unit, (low, high))

@@ -94,3 +94,7 @@ class Body:
                 "alike."
             )
         return Pace(alike)
+
+
+SCENES = Body()
+"""The wearer of the scenes."""

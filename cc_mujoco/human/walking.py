@@ -9,7 +9,7 @@ import numpy as np
 
 from cc_mujoco.checks import parameter
 from cc_mujoco.human import gait
-from cc_mujoco.human.body import Body
+from cc_mujoco.human.body import SCENES, Body
 from cc_mujoco.human.motion import Array, Motion, Scripted, ease
 from cc_mujoco.human.pace import MEASURED, Pace
 
@@ -38,7 +38,7 @@ class Walk(Scripted):
     """Walking speed [m/s]."""
 
     @classmethod
-    def at(cls, speed: float | None, body: Body = Body()) -> Walk:  # noqa: B008, frozen
+    def at(cls, speed: float | None, body: Body = SCENES) -> Walk:
         """The walk at a speed, with the stride time that goes with it.
 
         Args:

@@ -25,7 +25,7 @@ from cc_mujoco.bare import left, routes, strip
 from cc_mujoco.devices import find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Wearer
-from cc_mujoco.human.body import MASS, SEGMENTS
+from cc_mujoco.human.body import MASS, SCENES, SEGMENTS
 from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.inner.plugin import attend
@@ -355,7 +355,7 @@ class Builder:
         of the free rope stay where they are about the ankle. All joints of a leg turn
         about y, so that products of inertia are felt nowhere and are left out.
         """
-        if body == Body():
+        if body == SCENES:
             return
         for name, share in SEGMENTS.items():
             part = spec.body(name)

@@ -310,14 +310,13 @@ def _new(
 
     A sampler that has found the best of a few values asks for it again and again.
     """
-    import optuna
-
+    out = _optuna().trial.TrialState.FAIL
     for _ in range(AGAIN):
         asked = study.ask(space)
         if (place := tuple(asked.params.values())) not in tried:
             tried.add(place)
             return asked
-        study.tell(asked, state=optuna.trial.TrialState.FAIL)
+        study.tell(asked, state=out)
     while True:
         params = {name: _any_of(values, random) for name, values in space.items()}
         if (place := tuple(params.values())) not in tried:

@@ -234,12 +234,12 @@ def test_an_episode_just_as_long_as_is_asked_for_has_a_stride(speed: float) -> N
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_design_is_tried_twice_and_all_of_a_few_are(seed: int) -> None:
-    about: dict[str, Any] = {**SHORT, "seed": seed, "threads": 1}
     plan, goals, limits = make_search(
         "wrist",
         {"loops": [1, 2, 3], "material": ["steel_ptfe", "steel_steel"]},
         ["tracking_error"],
-        **{name: value for name, value in about.items() if name != "threads"},
+        seed=seed,
+        **SHORT,
     )
     said: list[str] = []
     plan, table = search(plan, goals, limits, 9, threads=1, say=said.append)

@@ -10,14 +10,13 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import ANTAGONIST, EFFECTS, EffectParameter
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.plant import plausible
+from cc_mujoco.estimation.least_squares import MANY
 from cc_mujoco.transmission import Cable
 
 FITS_ONLY = "fits only with"
 """Beginning of the reason not to name an effect whose size is impossible."""
 SURE = 0.95
 """Probability with which the sizes of a named effect are not all zero."""
-_MANY = 1e9
-"""Degrees of freedom from which on F is that of a known variance."""
 
 
 def implausible(problem: Problem, x: FloatArray) -> str:
@@ -87,9 +86,9 @@ def _freedom(contrast: FloatArray, variance: FloatArray, freedom: FloatArray) ->
     shares = contrast**2 * variance
     total = float(np.sum(shares))
     if not total > 0.0:
-        return _MANY
+        return MANY
     found = total**2 / max(float(np.sum(shares**2 / freedom)), 1e-300)
-    return min(found, _MANY)
+    return min(found, MANY)
 
 
 def ordinary(problem: Problem, x: FloatArray, name: str) -> bool:

@@ -103,11 +103,10 @@ def _use(diagnosis: Diagnosis) -> Html:
 
 def _doubt(diagnosis: Diagnosis, names: Names) -> Html:
     """What to record or to declare, in order to know more."""
-    asked = diagnosis.verdict == "unknown"  # a question has been asked there already
-    if diagnosis.strayed and not (diagnosis.question and not asked):
-        return _step("What to settle", capital(diagnosis.strayed[0].statement))
-    if diagnosis.question and not asked:
+    if diagnosis.question and diagnosis.verdict != "unknown":  # which asks it first
         return _step("What to settle", diagnosis.question)
+    if diagnosis.strayed:
+        return _step("What to settle", capital(diagnosis.strayed[0].statement))
     if diagnosis.confounded:
         each = diagnosis.confounded[0]
         return _step(

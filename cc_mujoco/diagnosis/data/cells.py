@@ -121,9 +121,9 @@ def beside(torque: str, trials: Sequence[Trial], bench: Bench | None) -> list[Fi
     having = [trial for trial in trials if at_end(torque, trial)]
     if not having:
         return []
-    sensor = having[0].column(torque)
+    sensor = having[0].labels.get(torque, torque)
     cells = listed([having[0].labels.get(n, n) for n in at_end(torque, having[0])])
-    told = f"{cells} beside {sensor}: the diagnosis compares the latter"
+    told = f"Beside {sensor} there are {cells}: the diagnosis compares the former"
     _, wrong = judged(torque, having, bench)
     if bench is None or wrong:
         return [warning(f"{told}, the load cells not.", channel=torque)]
@@ -136,6 +136,7 @@ def beside(torque: str, trials: Sequence[Trial], bench: Bench | None) -> list[Fi
     if apart <= _APART * size:
         return [warning(f"{told}, with which the load cells agree.", channel=torque)]
     gain, offset = np.polyfit(shown, made, 1)
+    offset = 0.0 if abs(offset) < 1e-9 * size else offset
     told += (
         f", and the load cells contradict it: on their pulley they make {gain:.3g} "
         f"times its torque and {offset:+.2g} Nm ({apart:.2g} Nm RMS apart, of "

@@ -49,7 +49,6 @@ def header(diagnosis: Diagnosis, names: Names) -> Html:
         element("h1", headline(diagnosis, names)),
         steps(diagnosis, names),
         paragraph(diagnosis.statement),
-        *([paragraph(diagnosis.question)] if diagnosis.question else []),
         paragraph(MEANING[diagnosis.verdict]),
     )
 

@@ -115,7 +115,7 @@ def test_a_cell_of_one_cable_beside_a_torque_sensor_is_told(
         {**plain, "tension_agonist_proximal_n": 40.0 + 0.0 * plain["motor_torque_nm"]},
     )
     (told,) = [f.statement for f in findings if "load cells" in f.statement]
-    assert told.endswith("compares the latter, the load cells not.")
+    assert told.endswith("compares the former, the load cells not.")
 
 
 def test_a_current_is_a_torque_by_constant_gear_and_efficiency(

@@ -156,6 +156,17 @@ def test_tie_says_first_what_to_run(tmp_path: Path) -> None:
     assert "0.12 Nm RMS of joint torque, four times the noise." in page.text
 
 
+@pytest.mark.parametrize("verdict", ["named", "tie", "none", "unknown"])
+def test_a_question_is_asked_once_before_all_sections(
+    tmp_path: Path, verdict: str
+) -> None:
+    told = "Do load cells and torque sensor read the same pulley?"
+    asked = replace(DIAGNOSES[verdict], question=told)
+    page = written(tmp_path, asked, evidence())
+    assert page.text.count(told) == 1
+    assert page.text.index(told) < page.text.index(page.headings[1])
+
+
 def test_a_trial_that_contradicts_the_others_is_asked_about_first(
     tmp_path: Path,
 ) -> None:

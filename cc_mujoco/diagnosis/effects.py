@@ -102,6 +102,7 @@ class Torques:
         joint_angle: of the joint as it is measured; of a lever as the scene has it.
         motor: torque that the motor puts into its pulley.
         joint: torque that the transmission puts into the joint.
+        tilt: angle by which the rig was turned about the joint's axis.
     """
 
     dt: float
@@ -110,6 +111,7 @@ class Torques:
     joint_angle: FloatArray
     motor: FloatArray
     joint: FloatArray
+    tilt: float = 0.0
 
     def added(
         self, motor: FloatArray | float = 0.0, joint: FloatArray | float = 0.0
@@ -288,7 +290,7 @@ def _cogging(s: Torques, v: Values) -> Torques:
 
 
 def _gravity(s: Torques, v: Values) -> Torques:
-    q = s.joint_angle
+    q = s.joint_angle + s.tilt
     return s.added(
         joint=-(v["gravity_sine"] * np.sin(q) + v["gravity_cosine"] * np.cos(q))
     )

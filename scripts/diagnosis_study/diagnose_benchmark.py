@@ -187,9 +187,8 @@ def settled(
         "motor locked": "human",
         "joint against a spring": "human",
     }
-    trial = asked(
-        motor, joint, kind[motion.description.split(",")[0]], motion.pretension
-    )
+    load = kind[motion.description.split(",")[0]]
+    trial = asked(motor, joint, load, motion.pretension, motion.tilt)
     seed = case["seed"]
     rig = make_rig(seed, make=case["make"])
     make = MAKES[rig.make]
@@ -198,7 +197,10 @@ def settled(
     (more,) = clean_dataset(rig, amounts, [trial], seed)
     data.append(make.logger.logged(more, rig, BASIC, [seed, rig.seed, len(data)]))
     tension = NOMINAL["pretension_n"] * motion.pretension
-    told = f"[trials.trial_{len(data) - 1:02d}]\npretension = {tension:g}\n"
+    told = (
+        f"[trials.trial_{len(data) - 1:02d}]\n"
+        f"pretension = {tension:g}\ntilt = {motion.tilt:g}\n"
+    )
     write_data(folder, data, f"{facts_of(trials, seed)}\n{told}")
     again, _ = inferred([folder], Bench.of(scene_path("bench")))
     return {"experiment": motion.description, **said(again.diagnosis)}

@@ -40,8 +40,8 @@ class Scatter(NamedTuple):
 
 
 def wrong_repeats(trials: Sequence[Trial]) -> list[Finding]:
-    """Declared repeats whose motor moves otherwise."""
-    return [
+    """Declared repeats whose motor moves otherwise, or that were set up otherwise."""
+    found = [
         error(
             f"{trial.path} is declared a repeat of {original.name}, but its motor "
             "moves otherwise; correct repeat_of.",
@@ -49,6 +49,16 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[Finding]:
         )
         for original, trial in _repeats(trials)
         if _repeat(original, trial) is None
+    ]
+    return found + [
+        error(
+            f"{trial.path} is declared a repeat of {original.name}, but with another "
+            f"{what}; correct repeat_of or the {what}.",
+            trial.name,
+        )
+        for original, trial in _repeats(trials)
+        for what in ("pretension", "tilt")
+        if getattr(original.facts, what) != getattr(trial.facts, what)
     ]
 
 

@@ -42,6 +42,8 @@ All of it is optional. An example with every key:
     repeat_of = "run_3"
     temperature = 23.5              # degC
     locked = "joint"                # the side that was held fast: motor or joint
+    tilt = 1.57                     # rad by which the rig was turned about the joint's
+                                    # axis, for gravity; positive as the joint is
     valid = [[0.5, 12.0]]           # stretches of time that count, from and to in s
     notes = "operator sneezed at the end"
 
@@ -410,10 +412,19 @@ def _facts(table: Table) -> dict[str, Any]:
         "pretension": table.number("pretension", 0.0),
         "temperature": table.number("temperature"),
         "locked": table.choice("locked", get_args(Locked)),
+        "tilt": _tilt(table),
         "valid": _stretches(table),
         "notes": table.text("notes"),
     }
     return {key: value for key, value in known.items() if value is not None}
+
+
+def _tilt(table: Table) -> float | None:
+    """By how much the rig was turned, or None if it is not said [rad]."""
+    given = table.number("tilt", -math.inf)
+    if given is not None and abs(given) > 2.0 * math.pi:
+        raise table.wrong("tilt", "an angle in radians, at most a turn either way")
+    return given
 
 
 def _stretches(table: Table) -> tuple[tuple[float, float], ...] | None:

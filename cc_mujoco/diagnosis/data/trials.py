@@ -61,6 +61,8 @@ class Facts:
         pretension: of the cables at rest [N].
         temperature: of the rig [degC].
         locked: the side that was held fast, so that its angle is constant.
+        tilt: angle by which the rig was turned about the joint's axis, positive as the
+            joint is [rad].
         valid: stretches of time that count (from, to) [s]; None is all.
         notes: for a human reader.
     """
@@ -70,6 +72,7 @@ class Facts:
     pretension: float | None = None
     temperature: float | None = None
     locked: Locked | None = None
+    tilt: float | None = None
     valid: tuple[tuple[float, float], ...] | None = None
     notes: str = ""
 

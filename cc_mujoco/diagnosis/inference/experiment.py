@@ -13,10 +13,11 @@ from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
 from cc_mujoco.diagnosis.inference.motions import DT, Motion, motions
 from cc_mujoco.diagnosis.inference.records import Record
+from cc_mujoco.diagnosis.inference.search import FORM
 from cc_mujoco.diagnosis.verdict import NextExperiment
 
 CLEAR = 5.0
-"""Difference over its standard deviation by the noise that settles it."""
+"""Difference over its standard deviation, by noise and form, that settles it."""
 
 
 def catalogue(problem: Problem) -> list[Motion]:
@@ -37,7 +38,8 @@ def propose(
 
     If one of them were true, the other would be fitted again, to the old data and the
     new; the difference that counts is what would be left then. A difference that comes
-    from friction, say, which the two estimate differently, settles nothing.
+    from friction, say, which the two estimate differently, settles nothing; nor does
+    one that is no more than effects are off by in their form.
 
     Args:
         rivals: two models and where they were fitted.
@@ -64,6 +66,7 @@ def propose(
             for other, x in rivals[:2]
         ]
         apart = (shown[0] - shown[1]) / noise
+        unsure = form_error(rivals[:2], ids, record, shown, noise)
         left = min(
             (
                 left_after_fit(
@@ -73,7 +76,7 @@ def propose(
             ),
             key=np.linalg.norm,
         )
-        score = float(np.linalg.norm(left)) * problem.weight
+        score = float(np.linalg.norm(left / np.hypot(1.0, unsure))) * problem.weight
         if best is None or score > best[0]:
             sizes = np.sqrt(np.mean(left**2, axis=1))
             row = int(np.argmax(sizes))
@@ -90,6 +93,31 @@ def propose(
     assert best is not None
     settled = "" if best[0] > CLEAR else " (may not be enough)"
     return NextExperiment(f"{best[1]}{settled}", tuple(ids[:2]), best[2])
+
+
+def form_error(
+    rivals: Sequence[tuple[Problem, FloatArray]],
+    ids: Sequence[str],
+    record: Record,
+    shown: Sequence[FloatArray],
+    noise: FloatArray,
+) -> FloatArray:
+    """What the form of an effect may be off by, over the noise (2, 1).
+
+    Args:
+        rivals: two models and where they were fitted.
+        ids: of the effects that they have.
+        record: the trial.
+        shown: what each model says of it (2, samples) [Nm].
+        noise: (2, 1) of the torques [Nm].
+    """
+    sizes = []
+    for (problem, x), name, torque in zip(rivals, ids, shown, strict=False):
+        rest = [effect for effect in problem.effects if effect != name]
+        without = problem.plant.limited([record]).simulate(problem.values(x), rest)[0]
+        sizes.append(np.mean(((torque - without) / noise) ** 2, axis=1, keepdims=True))
+    found: FloatArray = np.sqrt(FORM * np.min(sizes, axis=0))
+    return found
 
 
 def left_after_fit(
@@ -142,4 +170,5 @@ def _record(problem: Problem, motion: Motion) -> Record:
         counts=np.ones(size, dtype=bool),
         pretension=tension * motion.pretension,
         start=0.0,
+        tilt=motion.tilt,
     )

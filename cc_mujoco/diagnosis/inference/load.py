@@ -27,7 +27,7 @@ def values_of(constants: Mapping[str, Constant]) -> dict[str, float]:
 
 
 def load_torque(
-    angle: FloatArray, step: float, values: Mapping[str, float]
+    angle: FloatArray, step: float, values: Mapping[str, float], tilt: float = 0.0
 ) -> FloatArray:
     """Torque that moves a load (samples,) [Nm].
 
@@ -35,10 +35,11 @@ def load_torque(
         angle: of the joint (samples,), smooth [rad].
         step: time between samples [s].
         values: of `dataset_file.RIG`, SI; what is missing is not there.
+        tilt: angle by which the rig was turned about the joint's axis [rad].
     """
     speed = np.gradient(angle, step)
     stretch = angle - values.get("load_rest_angle", 0.0)
-    lift = np.sin(angle - values.get("load_hanging_angle", 0.0))
+    lift = np.sin(angle + tilt - values.get("load_hanging_angle", 0.0))
     found: FloatArray = (
         values.get("load_stiffness", 0.0) * stretch
         + values.get("load_damping", 0.0) * speed

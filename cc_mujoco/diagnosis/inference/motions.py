@@ -16,6 +16,8 @@ SECONDS = 40.0
 """Length of a motion."""
 TURN = 0.03
 """Time over which a triangle is rounded where it turns [s]."""
+QUARTER = 0.5 * np.pi
+"""By how much a rig is turned, so that its weights pull otherwise [rad]."""
 LOADED = 0.8
 """Change of the tensions over the pretension where a spring holds the joint."""
 
@@ -29,18 +31,25 @@ class Motion:
         motor: angle of the motor (samples,) [rad].
         joint: angle of the joint (samples,) [rad].
         pretension: relative to what the data had.
+        tilt: angle by which the rig is turned about the joint's axis [rad].
     """
 
     description: str
     motor: FloatArray
     joint: FloatArray
     pretension: float = 1.0
+    tilt: float = 0.0
+
+    @property
+    def usual(self) -> bool:
+        """Whether every rig can run it, as far as its motor goes and as it stands."""
+        return self.tilt == 0.0 and "if the rig allows" not in self.description
 
 
 def motions(
     bench: Bench, swing: float, rate: float, load: float | None = None
 ) -> list[Motion]:
-    """Trials within these limits; one goes to twice the swing.
+    """Trials within these limits; one goes to twice the swing, one turns the rig.
 
     Args:
         bench: the rig.
@@ -129,6 +138,13 @@ def motions(
             "joint free, slow triangle over twice the range, if the rig allows",
             triangle(2.0 * swing, rate * 0.2),
             free(triangle(2.0 * swing, rate * 0.2)),
+        ),
+        Motion(
+            "joint free, slow triangle over the whole range, the rig turned by a quarter "
+            f"about the joint's axis (`tilt = {QUARTER:.3f}`), if the rig allows",
+            sweep,
+            free(sweep),
+            tilt=QUARTER,
         ),
         Motion(
             "joint locked, slow triangles, pretension halved",

@@ -98,11 +98,7 @@ def planned(
     load = None
     if instruments.joint == "known load":
         load = values_of(constants).get("load_stiffness", 0.0)
-    every = [
-        motion
-        for motion in motions(bench, swing, rate, load)
-        if "twice" not in motion.description
-    ]
+    every = [motion for motion in motions(bench, swing, rate, load) if motion.usual]
     rows = len(instruments.rows)
     records = tuple(_record(motion, bench, rows) for motion in every)
     plant = Plant(bench, records, SEGMENTS, 1, instruments, constants)

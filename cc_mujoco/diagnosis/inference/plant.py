@@ -337,14 +337,16 @@ class Plant:
                 "load_rest_angle", given_load.get("load_rest_angle", 0.0)
             )
             joint = joint - (
-                load_torque(joint_angle, record.dt, here)
-                - load_torque(joint_angle, record.dt, given_load)
+                load_torque(joint_angle, record.dt, here, record.tilt)
+                - load_torque(joint_angle, record.dt, given_load, record.tilt)
             )
         time = record.start + record.dt * np.arange(motor.size, dtype=np.float64)
         # A lever has its arm by the joint's own angle, and so have weights and springs.
         # With pulleys, the offset is the motor's zero as much as the joint's.
         there = joint_angle + (setting.offset if setting.lever is not None else 0.0)
-        return Torques(record.dt, time, record.motor_angle, there, motor, joint)
+        return Torques(
+            record.dt, time, record.motor_angle, there, motor, joint, record.tilt
+        )
 
     def finer(self, segments: int = 1, substeps: int = 1) -> Plant:
         """The same with more segments or smaller steps, by these factors."""

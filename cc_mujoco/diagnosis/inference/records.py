@@ -75,6 +75,7 @@ class Record:
         start: time since the trial began at the first sample [s].
         split: what `dataset.toml` reserves the trial for, else None.
         group: of trials that repeat each other; they are never on both sides.
+        tilt: angle by which the rig was turned about the joint's axis [rad].
     """
 
     trial: str
@@ -91,6 +92,7 @@ class Record:
     start: float
     split: str | None
     group: str
+    tilt: float = 0.0
 
     @property
     def free(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
@@ -158,6 +160,7 @@ def _record(
     dataset: Dataset,
 ) -> Record:
     noise, known = dataset.noise, dataset.instruments
+    tilt = trial.facts.tilt or 0.0
     thin = _thinning(trial.rate)
     band, motion_band = bands
     angles = np.array(
@@ -169,7 +172,7 @@ def _record(
     passed = low_passed(angles, motion_band, trial.rate)
     torques = np.array(
         [
-            load_torque(passed[1], trial.step, values_of(dataset.constants))
+            load_torque(passed[1], trial.step, values_of(dataset.constants), tilt)
             if name == JOINT_TORQUE and known.joint == "known load"
             else trial.channel(name)[part]
             for name in known.channels
@@ -209,6 +212,7 @@ def _record(
         float(time[0] - trial.time[0]),
         trial.facts.split,
         trial.facts.repeat_of or trial.name,
+        tilt,
     )
 
 

@@ -225,7 +225,8 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
     """RMS difference of scene and replay on the first seconds of a record [Nm]."""
     problem = result.problem
     assert problem is not None
-    record = problem.plant.records[0]
+    # The scene stands as it is, and is not turned.
+    record = replace(problem.plant.records[0], tilt=0.0)
     values = problem.values(result.x)
     short = min(record.time.size, round(4.0 / record.dt))
     offset = values.get("joint_angle_offset", 0.0)
@@ -245,11 +246,11 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
         **dict.fromkeys(CLOCKS, 0.0),
     }
     # The sensors of a scene show both torques, whatever those of the rig do.
-    whole = replace(problem.plant, instruments=TORQUE_SENSORS)
+    whole = replace(problem.plant.limited([record]), instruments=TORQUE_SENSORS)
     shows = _writable(result)
     if result.bench.lever is not None:  # MuJoCo shows of it what the cable does
         shows = [name for name in shows if name not in REALISATIONS]
-    played: FloatArray = whole.simulate(quiet, shows, only=(0,))[0]
+    played: FloatArray = whole.simulate(quiet, shows)[0]
     edge = round(1.0 / record.band / record.dt)
     passed = low_passed(shown, record.band, 1.0 / record.dt)
     error = (passed - played[:, :short])[:, edge:-edge]

@@ -46,8 +46,10 @@ def truth_of(rig: Rig, effects: Mapping[str, float], seed: int, **mesh: int) -> 
 
 def run(truth: Truth, rig: Rig, trial: Trial, refine: int = 1) -> Array:
     """Records of one trial, see `kernel.integrate`; `refine` shortens its steps."""
-    return MAKES[rig.make].integrate(
-        truth.plant,
+    make = MAKES[rig.make]
+    hangs = getattr(truth.plant, make.hanging) - trial.tilt
+    return make.integrate(
+        truth.plant._replace(**{make.hanging: hangs}),
         rig.pretension * trial.tightness,
         np.array(trial.servo),
         np.array(trial.environment),

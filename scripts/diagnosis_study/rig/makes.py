@@ -43,6 +43,7 @@ class Make(NamedTuple):
         unknown: those that it cannot.
         logger: its sensors.
         trials: the set of trials that a study of this rig records.
+        hanging: field of the plant that says where the joint's weight hangs [rad].
     """
 
     plant_of: Callable[[Rig], Any]
@@ -52,6 +53,7 @@ class Make(NamedTuple):
     unknown: tuple[str, ...]
     logger: Logger
     trials: Callable[[Rig], str]
+    hanging: str
 
 
 def _with_bristles(p: plant.Plant, *given: Any) -> Any:
@@ -86,6 +88,7 @@ MAKES = {
         tuple(effects.UNKNOWN),
         _USUAL,
         _rich,
+        "gravity_phase",
     ),
     "guides": Make(
         through_guides.plant_of,
@@ -95,6 +98,7 @@ MAKES = {
         tuple(guided.UNKNOWN),
         _USUAL,
         _rich,
+        "unbalance_phase",
     ),
     "elements": Make(
         meshed.plant_of,
@@ -109,5 +113,6 @@ MAKES = {
             instruments.logged,
         ),
         _slow_where_coarse,
+        "weight_phase",
     ),
 }

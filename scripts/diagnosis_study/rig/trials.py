@@ -38,6 +38,7 @@ class Trial:
         environment: stiffness and damping that tie the handle to `target`.
         tightness: pretension over the rig's usual one; public.
         repeat_of: index of the trial of which this is a repetition, or None.
+        tilt: angle by which the rig is turned about the joint's axis; public.
     """
 
     motion: str
@@ -48,6 +49,7 @@ class Trial:
     environment: tuple[float, float]
     tightness: float = 1.0
     repeat_of: int | None = None
+    tilt: float = 0.0
 
 
 def _led(path: Array, approach: float) -> Array:
@@ -78,7 +80,9 @@ def _trial(
     )  # fmt: skip
 
 
-def asked(motor: Array, joint: Array, load: str, tightness: float = 1.0) -> Trial:
+def asked(
+    motor: Array, joint: Array, load: str, tightness: float = 1.0, tilt: float = 0.0
+) -> Trial:
     """A trial that somebody else has thought of.
 
     Args:
@@ -86,10 +90,11 @@ def asked(motor: Array, joint: Array, load: str, tightness: float = 1.0) -> Tria
         joint: (m,) angle of what holds the joint.
         load: `free`, `locked`, or `human` for a firm hand.
         tightness: pretension over the rig's usual one.
+        tilt: angle by which the rig is turned about the joint's axis [rad].
     """
     held = {"free": FREE, "locked": LOCKED, "human": FIRM}[load]
     command, target = _led(go.rounded(motor), 0.08), _led(go.rounded(joint), 0.0)
-    return Trial("asked for", load, command, target, STIFF, held, tightness)
+    return Trial("asked for", load, command, target, STIFF, held, tightness, tilt=tilt)
 
 
 def rich(rng: Generator) -> list[Trial]:

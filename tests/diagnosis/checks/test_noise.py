@@ -103,6 +103,21 @@ def test_a_repeat_that_is_none(tmp_path: Path) -> None:
     assert "correct repeat_of" in only_fix(load(tmp_path)[1]).statement
 
 
+def test_a_repeat_that_was_set_up_otherwise(tmp_path: Path) -> None:
+    for name, seed in ("a", 0), ("b", 1):
+        columns = recording(5.0, noise=0.0)
+        noise = np.random.default_rng(seed).standard_normal(columns["time_s"].size)
+        columns["joint_torque_nm"] += 0.02 * noise
+        write(tmp_path / f"{name}.csv", columns)
+    toml = "[trials.b]\nrepeat_of = 'a'\n{} = 1.0\n[trials.a]\n{} = {}"
+    for what in ("pretension", "tilt"):
+        (tmp_path / "dataset.toml").write_text(toml.format(what, what, 0.5))
+        told = only_fix(load(tmp_path)[1]).statement
+        assert f"another {what}" in told and "correct repeat_of" in told
+        (tmp_path / "dataset.toml").write_text(toml.format(what, what, 1.0))
+        assert not [each for each in load(tmp_path)[1] if "repeat of" in each.statement]
+
+
 @given(length=st.floats(60.0, 400.0))
 def test_period_of_a_motion(length: float) -> None:
     angle = np.sin(2.0 * np.pi * np.arange(1500) / length)

@@ -50,6 +50,7 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         pretension=12.0,
         temperature=23.5,
         locked="joint",
+        tilt=1.57,
         valid=((0.5, 12.0),),
         notes="operator sneezed at the end",
     )
@@ -72,6 +73,7 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         ("[columns.motor_torque_nm]\noffset = nan", "offset must be a finite number"),
         (f"[rig]\nfriction = 1{'0' * 400}", "value must be a finite number"),
         ("[trials.a]\nsplit = 'select'", "unknown split"),
+        ("[trials.a]\ntilt = 90", "tilt must be an angle in radians.* not 90"),
         ("[columns.motor_torque_nm]\nname = 3", "name must be a text in quotes"),
         ("[columns.valid]\nsign = -1", r"\[columns.valid\] 'sign'"),
         ("[columns.time_s]\ndelay = 1", r"\[columns.time_s\] 'delay'"),

@@ -28,7 +28,7 @@ def rival(
     return wider, wider.placed(baseline_fit.whole.x, values)
 
 
-def test_gravity_and_a_spring_part_where_the_joint_goes_further(
+def test_gravity_and_a_spring_part_where_the_rig_is_turned(
     baseline_fit: BaselineFit,
 ) -> None:
     spring = rival(baseline_fit, "joint_stiffness", {"joint_stiffness": 0.4})
@@ -37,7 +37,8 @@ def test_gravity_and_a_spring_part_where_the_joint_goes_further(
     )
     found = propose([spring, weight], ["joint_stiffness", "joint_gravity"])
     assert found is not None
-    assert "twice the range" in found.description
+    assert "turned by a quarter" in found.description
+    assert "tilt = 1.571" in found.description
     assert "may not be enough" not in found.description
     assert found.separates == ("joint_stiffness", "joint_gravity")
 

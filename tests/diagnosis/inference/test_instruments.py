@@ -178,6 +178,9 @@ def test_a_load_takes_the_torque_of_its_parts() -> None:
     )
     found = load_torque(angle, step, values)
     assert found[5:-5] == pytest.approx(wanted[5:-5], abs=1e-3)
+    turned = load_torque(angle, step, values, tilt=0.7)
+    wanted += 1.5 * (np.sin(angle + 0.9) - np.sin(angle + 0.2))
+    assert turned[5:-5] == pytest.approx(wanted[5:-5], abs=1e-3)
 
 
 def test_noise_of_a_load_is_that_of_its_angle() -> None:

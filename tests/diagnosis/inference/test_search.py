@@ -62,6 +62,27 @@ def test_a_spring_that_softens_is_in_a_tie_with_gravity() -> None:
     assert found.ties == (("joint_gravity", "joint_stiffness"),)
 
 
+@pytest.mark.parametrize(
+    ("weight", "name"), [(1.0, "joint_gravity"), (0.0, "joint_stiffness")]
+)
+def test_a_trial_with_the_rig_turned_tells_a_weight_from_a_spring_that_softens(
+    weight: float, name: str
+) -> None:
+    data = dataset(duration=3.0, seed=2)
+    tilts = (0.0, 0.0, 0.5 * np.pi)
+    pulled = tuple(
+        replace(
+            t,
+            joint_torque=t.joint_torque - 2.0 * np.sin(t.joint_angle + weight * tilt),
+            facts=replace(t.facts, tilt=tilt),
+        )
+        for t, tilt in zip(data.trials, tilts, strict=True)
+    )
+    found = reason(replace(data, trials=pulled), BENCH, ids=SPRINGY).diagnosis
+    assert found.verdict == "named", found.statement
+    assert [effect.id for effect in found.missing] == [name]
+
+
 def crossed(*errors: float, groups: Sequence[str] = ()) -> Any:
     """A cross-validation with these RMS errors, by trial."""
     names = groups or [f"trial_{k}" for k in range(len(errors))]

@@ -140,8 +140,9 @@ def motions(
             free(triangle(2.0 * swing, rate * 0.2)),
         ),
         Motion(
-            "joint free, slow triangle over the whole range, the rig turned by a quarter "
-            f"about the joint's axis (`tilt = {QUARTER:.3f}`), if the rig allows",
+            "joint free, slow triangle over the whole range, the rig turned by a "
+            f"quarter about the joint's axis (`tilt = {QUARTER:.3f}`), if the rig "
+            "allows",
             sweep,
             free(sweep),
             tilt=QUARTER,

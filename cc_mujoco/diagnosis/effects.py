@@ -167,14 +167,28 @@ class Effect:
     generalises: tuple[str, ...] = ()
 
 
-def _on_both(*names: str, **fixed: float) -> Callable[..., tuple[Cable, ...]]:
+def _on_both(*names: str) -> Callable[..., tuple[Cable, ...]]:
     """The same parameters on every cable."""
 
     def cables(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
-        changes = {name: values[name] for name in names} | fixed
+        changes = {name: values[name] for name in names}
         return tuple(cable.replace(**changes) for cable in given)
 
     return cables
+
+
+def _stribeck(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+    # A contact has one slip that renews it: where it ages, that which ageing tells.
+    return tuple(
+        cable.replace(
+            stribeck_friction=values["stribeck_friction"],
+            stribeck_speed=values["stribeck_speed"],
+            critical_slip_distance=cable.critical_slip_distance
+            if cable.ageing_friction > 0.0
+            else values["stribeck_slip"],
+        )
+        for cable in given
+    )
 
 
 def _asymmetric(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
@@ -358,9 +372,14 @@ EFFECTS: dict[str, Effect] = {
             parameters=(
                 EffectParameter("stribeck_friction", "1", 0.05, 0.0, 2.0),
                 EffectParameter("stribeck_speed", "m/s", 0.02, 5e-4, 0.5),
+                EffectParameter("stribeck_slip", "m", 2e-4, 1e-5, 0.02),
             ),
             starts=tuple(
-                {"stribeck_friction": 0.05, "stribeck_speed": speed}
+                {
+                    "stribeck_friction": 0.05,
+                    "stribeck_speed": speed,
+                    "stribeck_slip": 2e-4,
+                }
                 for speed in (0.003, 0.01, 0.04)
             ),
             required_excitation="slow motion and reversals",
@@ -371,9 +390,7 @@ EFFECTS: dict[str, Effect] = {
             ),
             mujoco=_PLUGIN,
             source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
-            cables=_on_both(
-                "stribeck_friction", "stribeck_speed", critical_slip_distance=2e-4
-            ),
+            cables=_stribeck,
         ),
         Effect(
             id="presliding",

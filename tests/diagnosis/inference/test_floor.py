@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis.data.trials import Dataset, Noise, Trial
+from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.floor import noise_floor
 from cc_mujoco.diagnosis.inference.folds import CrossValidation, excess
@@ -195,3 +195,25 @@ def test_what_repetitions_differ_by_is_not_in_the_noise_of_the_sensors() -> None
         Plant(BENCH, (), SEGMENTS), (), (), flat, flat, scatter=np.array([[0.3], [0.4]])
     )
     np.testing.assert_allclose(problem.sensed[0][:, 0], [0.4, 0.3])
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.3])
+def test_repetitions_differ_by_no_more_than_their_readings_do(apart: float) -> None:
+    """A model that is wrong makes newtons of a joint that stops a little elsewhere."""
+    motor, joint = rests()
+    data = dataset(motor, joint)
+    (one,) = data.trials
+    assert one.joint_torque is not None
+    again = replace(
+        one,
+        name="two",
+        path="two.csv",
+        joint_angle=one.joint_angle + 2e-3 * np.sin(3.0 * TIME),
+        joint_torque=one.joint_torque + apart * np.sin(3.0 * TIME),
+        facts=Facts(repeat_of="one"),
+    )
+    data = replace(data, trials=(one, again))
+    records, filtering = prepare(data, BENCH)
+    floor = noise_floor(data, Plant(BENCH, records, SEGMENTS), filtering, {})
+    assert float(floor.scatter[1, 0]) <= 0.5 * apart
+    assert apart == 0.0 or float(floor.scatter[1, 0]) > 0.2 * apart

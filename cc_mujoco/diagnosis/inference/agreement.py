@@ -88,14 +88,18 @@ def counted(
     shares, rivals = {}, {}
     for name in effects:
         votes: Counter[str] = Counter()
+        instead: set[str] = set()
+        confused = set(EFFECTS[name].confounded_with)
         for groups in named:
             with_it = [group for group in groups if name in group]
             # Two that are easily confused, and of which the whole needs one only.
-            alike = [g for g in groups if g & set(EFFECTS[name].confounded_with)]
+            alike = [group for group in groups if group & confused]
             votes.update(set().union(*(with_it or groups), *alike) - set(effects))
-        often = [r for r, count in votes.items() if count >= RIVALLED * len(named)]
-        rivals[name] = tuple(sorted(often))
-        either = {name, *own.get(name, ()), *often}
+            if not with_it:  # even where the whole has both, this part has that one
+                instead |= confused & set().union(*alike)
+        often = {r for r, count in votes.items() if count >= RIVALLED * len(named)}
+        rivals[name] = tuple(sorted(often | instead))
+        either = {name, *own.get(name, ()), *rivals[name]}
         agreed = [groups for groups in named if either & set().union(*groups)]
         if named:
             shares[name] = len(agreed) / len(named)

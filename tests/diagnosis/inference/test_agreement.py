@@ -77,7 +77,18 @@ def test_what_is_named_beside_it_is_tied_only_if_the_two_are_easily_confused() -
     )
     parts = [[{ageing}], [{ageing}, {falling}, {pull}]] * 2
     assert counted([ageing], {}, parts).rivals == {ageing: (falling,)}
-    assert counted([ageing, falling], {}, parts).rivals == {ageing: (), falling: ()}
+    both = counted([ageing, falling], {}, parts[1::2]).rivals
+    assert both == {ageing: (), falling: ()}
+
+
+def test_what_one_part_names_in_place_of_what_it_is_confused_with_is_tied() -> None:
+    drift, loss = "friction_drift", "pretension_loss"
+    parts = [[{loss}, {drift}], [{drift}], [{loss}], [{drift}, {loss}]]
+    found = counted([drift, loss], {}, parts)
+    assert found.rivals == {drift: (loss,), loss: (drift,)}
+    assert found.shares == {drift: 1.0, loss: 1.0}
+    parts[2] = [{"motor_cogging"}]
+    assert counted([drift], {}, parts).shares == {drift: 0.75}
 
 
 def test_what_few_parts_name_is_disputed() -> None:

@@ -311,9 +311,11 @@ class _Holding:
             before = self._before[place]
             after = predicted(problem, x, division) if problem.effects else before
             gap = gaps(self._problem, before, after, division, self._seed)
-            if not problem.effects or any(
-                g.rmse_after <= g.rmse_before for g in gap.values()
-            ):
+            better = sum(
+                (g.rmse_before**2 - g.rmse_after**2) / g.noise_floor**2
+                for g in gap.values()
+            )
+            if not problem.effects or better >= 0.0:
                 return Held(before, after, gap)
         return None
 

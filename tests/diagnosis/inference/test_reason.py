@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+import cc_mujoco.diagnosis.inference.reason as module
 from cc_mujoco.diagnosis.data.trials import Facts
 from cc_mujoco.diagnosis.inference.folds import trial_folds as held_out
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.verdict import SCHEMA
+from cc_mujoco.diagnosis.verdict import SCHEMA, Gap
 from diagnosis.recorded import BENCH, dataset
 
 FEW = ("viscous_friction", "joint_gravity", "motor_inertia")
@@ -135,3 +138,35 @@ def test_a_trial_that_never_moves_is_no_part_to_hold_out() -> None:
     records, _ = prepare(replace(data, trials=trials), BENCH)
     for fold in held_out(records):
         assert sum(map(np.sum, fold.train)) and sum(map(np.sum, fold.test))
+
+
+@pytest.mark.parametrize("worse", [0.5, 0.02])
+def test_what_makes_held_out_trials_worse_is_judged_by_stretches_or_goes(
+    worse: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One channel that gets a little better does not make up for the other."""
+    told = iter(
+        [
+            {"motor": (1.0, 0.98), "joint": (1.0, 1.0 + worse)},
+            {"motor": (1.0, 0.9), "joint": (1.0, 0.95)},
+        ]
+    )
+
+    def gaps(*_: object) -> dict[str, Gap]:
+        return {
+            name: Gap(before, after, 0.5, 0.0, (0.0, 0.0))
+            for name, (before, after) in next(told).items()
+        }
+
+    monkeypatch.setattr(module, "predicted", lambda *_: ())
+    monkeypatch.setattr(module, "gaps", gaps)
+    problem = SimpleNamespace(
+        plant=SimpleNamespace(records=()), effects=("end_compliance",)
+    )
+    monkeypatch.setattr(module, "trial_folds", lambda _: "trials")
+    monkeypatch.setattr(module, "interleaved_folds", lambda _: "stretches")
+    fit: Any = SimpleNamespace(problem=problem, whole=SimpleNamespace(x=np.zeros(0)))
+    held = module._Holding(fit, 0).out(fit.problem, np.zeros(0))
+    assert held is not None
+    by_stretches = held.gap["motor"].rmse_after == 0.9
+    assert by_stretches == (worse > 0.1)

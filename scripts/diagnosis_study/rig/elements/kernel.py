@@ -18,6 +18,8 @@ from rig.kernel import COLUMNS, COMMAND_TIME, MEANS, RECORD_TIME
 
 STEPS = 2
 """Per record."""
+HALVED = 3
+"""Times that the steps of a trial are halved in which the nodes are not found."""
 
 
 def integrate(
@@ -32,13 +34,19 @@ def integrate(
     """Run one trial; see `rig.kernel.integrate`.
 
     Raises:
-        ValueError: The nodes of a step are not found.
+        ValueError: The nodes of a step are not found, however short.
     """
     motor = command[0, 0]
     arcs = arc(p, motor, 1.0)[0], -arc(p, motor, -1.0)[0]
-    cables = start(p, pretension, arcs)
     refine *= 4 if p.striction else 2 if p.play else 1
-    return _run(p, cables, pretension, servo, environment, command, target, refine)
+    motion = (servo, environment, command, target)
+    for _ in range(HALVED):
+        try:
+            cables = start(p, pretension, arcs)
+            return _run(p, cables, pretension, *motion, refine)
+        except ValueError:
+            refine *= 2
+    return _run(p, start(p, pretension, arcs), pretension, *motion, refine)
 
 
 @compiled

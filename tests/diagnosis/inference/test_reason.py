@@ -140,7 +140,7 @@ def test_a_trial_that_never_moves_is_no_part_to_hold_out() -> None:
         assert sum(map(np.sum, fold.train)) and sum(map(np.sum, fold.test))
 
 
-@pytest.mark.parametrize("worse", [0.5, 0.02])
+@pytest.mark.parametrize("worse", [0.5, 0.01])
 def test_what_makes_held_out_trials_worse_is_judged_by_stretches_or_goes(
     worse: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

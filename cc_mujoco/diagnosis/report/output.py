@@ -30,6 +30,7 @@ from cc_mujoco.diagnosis.inference.replays import shifted
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.report.drawings import STEMS
 from cc_mujoco.diagnosis.report.report import write_report
+from cc_mujoco.diagnosis.scene.mechanical import bends
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, has
 from cc_mujoco.diagnosis.scene.repair import repaired
 from cc_mujoco.diagnosis.scene.repair import write as write_scene
@@ -176,7 +177,8 @@ def scene(result: Result, path: Path) -> list[str]:
     }
     said = []
     if bench.lever is None:
-        said += _at_scene_angle(effects, values.get("joint_angle_offset", 0.0))
+        offset = values.get("joint_angle_offset", 0.0)
+        said += _at_scene_angle(effects, offset, bends(bench))
     write_scene(path, repaired(bench, cables, effects))
     if left := [name for name in problem.effects if name not in effects]:
         said.append(
@@ -194,25 +196,31 @@ def scene(result: Result, path: Path) -> list[str]:
     ]
 
 
-def _at_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> list[str]:
+def _at_scene_angle(
+    effects: dict[str, dict[str, float]], offset: float, bent: bool
+) -> list[str]:
     """Have what was found by the measured angle act by that of the scene.
 
-    The scene's is the measured one and the offset. What of a spring that cannot be
-    said is said in a sentence.
+    The scene's is the measured one and the offset. A spring beside a `bent` one of the
+    scene's own has to rest at 0, and what that leaves out is told.
     """
     if "joint_gravity" in effects:
         weight = effects["joint_gravity"]
         sine, cosine = weight["gravity_sine"], weight["gravity_cosine"]
         weight["gravity_sine"] = sine * cos(offset) + cosine * sin(offset)
         weight["gravity_cosine"] = cosine * cos(offset) - sine * sin(offset)
-    stiffness = effects.get("joint_stiffness", {}).get("joint_stiffness", 0.0)
-    if abs(moment := stiffness * offset) < _RESTS:
-        return []
-    return [
-        f"The spring at the joint rests where joint_angle_rad is 0, {offset:.3g} rad "
-        "from there in the scene (joint_angle_offset); scene.xml has it about the "
-        f"scene's 0, and not the constant {moment:+.3g} Nm that this makes."
-    ]
+    spring = effects.get("joint_stiffness", {})
+    moment = spring.get("joint_stiffness", 0.0) * offset
+    if spring and not bent:
+        spring["joint_stiffness_rest"] = offset
+    elif abs(moment) > _RESTS:
+        return [
+            f"The spring at the joint rests where joint_angle_rad is 0, {offset:.3g} "
+            "rad from there in the scene (joint_angle_offset); beside a spring that is "
+            "not linear scene.xml has it about the scene's 0, and not the constant "
+            f"{moment:+.3g} Nm that this makes."
+        ]
+    return []
 
 
 def _writable(result: Result) -> list[str]:

@@ -21,6 +21,7 @@ from cc_mujoco.diagnosis.scene.instruments import (
     force_sensor,
     word,
 )
+from cc_mujoco.diagnosis.scene.sensing import add_constant
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission.conduit import end_stiffness
 
@@ -151,18 +152,20 @@ def _wave(
 
 def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """Two springs in parallel are one, at rest in between."""
-    added = values["joint_stiffness"]
+    added, own = values["joint_stiffness"], values.get("joint_stiffness_rest", 0.0)
     joint = spec.joint(bench.joint)
-    present, rest = float(joint.stiffness[0]), float(joint.springref)
+    # A specification keeps the unit of its file.
+    unit = math.degrees(1.0) if spec.compiler.degree else 1.0
+    present, rest = float(joint.stiffness[0]), float(joint.springref) / unit
     total = present + added
-    if rest != 0.0 and (total == 0.0 or any(joint.stiffness[1:])):
-        unit = "deg" if spec.compiler.degree else "rad"
+    if rest != own and (total == 0.0 or any(joint.stiffness[1:])):
         raise CableError(
-            f"joint {bench.joint!r} has a spring about {rest:g} {unit} that another "
-            "one about 0 cannot be added to; take it out of the scene"
+            f"joint {bench.joint!r} has a spring about {rest:g} rad that another "
+            f"one about {own:g} cannot be added to; take it out of the scene"
         )
     joint.stiffness[0] = total
-    joint.springref = present * rest / total if rest != 0.0 else 0.0
+    if total != 0.0:
+        joint.springref = unit * (present * rest + added * own) / total
     if bench.lever is not None:
         return
     angle = "joint_stiffness_angle"
@@ -173,6 +176,13 @@ def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         objname=bench.joint,
     )
     add_part(spec, JOINT_TORQUE, angle, -added)
+    add_constant(spec, JOINT_TORQUE, added * own)
+
+
+def bends(bench: Bench) -> bool:
+    """Whether the joint has a spring of its own that is not linear."""
+    spec = mujoco.MjSpec.from_file(str(bench.path))
+    return any(spec.joint(bench.joint).stiffness[1:])
 
 
 def joint_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:

@@ -31,12 +31,14 @@ class Realisation:
         apply: changes a scene.
         pulley: whether it takes a pulley, or torques that are sums of sensors, which a
             joint with a lever has not.
+        rest: a value that need not be given, where its torque vanishes [rad].
     """
 
     parameters: tuple[str, ...]
     note: str
     apply: Callable[[mujoco.MjSpec, Bench, Values], None]
     pulley: bool = True
+    rest: str = ""
 
 
 REALISATIONS: dict[str, Realisation] = {
@@ -68,9 +70,10 @@ REALISATIONS: dict[str, Realisation] = {
     ),
     "joint_stiffness": Realisation(
         ("joint_stiffness",),
-        "stiffness of the joint, about 0",
+        "stiffness of the joint, about 0 or where it rests",
         mechanical.stiffness,
         pulley=False,
+        rest="joint_stiffness_rest",
     ),
     "joint_inertia": Realisation(
         ("joint_inertia",),

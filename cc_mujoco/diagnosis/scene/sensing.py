@@ -39,8 +39,8 @@ def angle_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
 
 def torque_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """A constant in both torques."""
-    _constant(spec, MOTOR_TORQUE, values["motor_torque_offset"])
-    _constant(spec, JOINT_TORQUE, values["joint_torque_offset"])
+    add_constant(spec, MOTOR_TORQUE, values["motor_torque_offset"])
+    add_constant(spec, JOINT_TORQUE, values["joint_torque_offset"])
 
 
 def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
@@ -57,7 +57,7 @@ def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
 def bias(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """Torques that read too much by a constant, and more and more as time passes."""
     for channel, side in ((MOTOR_TORQUE, "motor"), (JOINT_TORQUE, "joint")):
-        _constant(spec, channel, values[f"{side}_torque_bias"])
+        add_constant(spec, channel, values[f"{side}_torque_bias"])
         drift = values[f"{side}_torque_drift"]
         if drift != 0.0:
             _own(spec, CLOCK, mujoco.mjtSensor.mjSENS_CLOCK)
@@ -99,7 +99,8 @@ def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         set_parts(spec, channel, delayed)
 
 
-def _constant(spec: mujoco.MjSpec, channel: str, value: float) -> None:
+def add_constant(spec: mujoco.MjSpec, channel: str, value: float) -> None:
+    """Have a channel show a constant more [Nm]."""
     if value != 0.0:
         add_part(spec, channel, _one(spec), value)
 

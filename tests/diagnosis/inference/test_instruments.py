@@ -21,7 +21,7 @@ from cc_mujoco.diagnosis.inference.load import load_noise, load_torque
 from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.result import Result
-from cc_mujoco.diagnosis.report.output import compared, scene
+from cc_mujoco.diagnosis.report.output import _at_scene_angle, compared, scene
 from cc_mujoco.diagnosis.scene.repair import repaired, write
 from cc_mujoco.diagnosis.verdict import Diagnosis
 from cc_mujoco.errors import CableError
@@ -292,13 +292,18 @@ def test_a_scene_with_pulleys_has_weights_where_the_encoder_saw_them(
     result = reason(replace(data, trials=tuple(trials)), BENCH, ids=(name,))
     assert [found.id for found in result.diagnosis.effects] == [name]
     path = tmp_path / "scene.xml"
-    said = [told for told in scene(result, path) if "rests where" in told]
+    assert not any("rests where" in told for told in scene(result, path))
     (_, apart), size = compared(result, path)
-    if name == "joint_gravity":
-        assert not said and apart < 2e-2 * size
-    else:
-        moment = float(said[0].split("constant ")[1].split()[0])
-        assert "0.5 rad" in said[0] and moment == pytest.approx(1.0, rel=0.02)
+    assert apart < 2e-2 * size
+
+
+def test_a_spring_beside_one_that_bends_says_what_it_leaves_out() -> None:
+    spring = {"joint_stiffness": {"joint_stiffness": 2.0}}
+    (told,) = _at_scene_angle(spring, 0.5, bent=True)
+    assert "0.5 rad" in told and "+1 Nm" in told
+    assert spring == {"joint_stiffness": {"joint_stiffness": 2.0}}
+    assert _at_scene_angle(spring, 0.5, bent=False) == []
+    assert spring["joint_stiffness"]["joint_stiffness_rest"] == 0.5
 
 
 def test_what_was_found_in_the_cable_of_a_lever_is_written(tmp_path: Path) -> None:

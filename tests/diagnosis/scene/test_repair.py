@@ -137,7 +137,8 @@ def test_a_time_step_that_the_cables_outgrow_is_reduced() -> None:
     assert repaired(BENCH, BENCH.cables, {}).option.timestep == 1e-4
 
 
-def test_two_springs_on_the_joint_are_one(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rest", [0.0, -0.2])
+def test_two_springs_on_the_joint_are_one(tmp_path: Path, rest: float) -> None:
     text = BENCH.path.read_text(encoding="utf-8").replace(
         'axis="-1 0 0" damping="0.02"',
         'axis="-1 0 0" damping="0.02" stiffness="2" springref="0.3"',
@@ -145,14 +146,15 @@ def test_two_springs_on_the_joint_are_one(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     path.write_text(text, encoding="utf-8")
     bench = Bench.of(path)
-    spec = repaired(bench, bench.cables, {"joint_stiffness": {"joint_stiffness": 0.5}})
+    more = {"joint_stiffness": 0.5, "joint_stiffness_rest": rest}
+    spec = repaired(bench, bench.cables, {"joint_stiffness": more})
     model = spec.compile()
     data = mujoco.MjData(model)
     dof = model.joint("joint").dofadr[0]
     for angle in (-0.5, 0.0, 0.4):
         data.joint("joint").qpos[0] = angle
         mujoco.mj_forward(model, data)
-        wanted = -2.0 * (angle - 0.3) - 0.5 * angle
+        wanted = -2.0 * (angle - 0.3) - 0.5 * (angle - rest)
         assert data.qfrc_spring[dof] == pytest.approx(wanted, abs=1e-12)
 
 

@@ -48,6 +48,13 @@ REACH = 0.8
 SPEED = 3.0
 """Largest speed of the motor where none is given [rad/s]."""
 _TITLE = "# Trials to record"
+_LOOKALIKES = {"joint_gravity", "joint_stiffness"}
+_TURNED = (
+    "A spring that softens, as rubber does, pulls like a weight. If the rig can be "
+    "turned about the joint's axis, record one trial so and declare `tilt`, the angle "
+    "in radians by which it was turned, positive as the joint is: only the weight "
+    "notices."
+)
 
 
 def plan(
@@ -274,6 +281,7 @@ def page(
             "",
             resolved,
             "",
+            *((_TURNED, "") if _LOOKALIKES <= {r.id for r in found.resolved} else ()),
             *(
                 ("Not testable with these instruments:", "", unseen, "")
                 if found.hidden

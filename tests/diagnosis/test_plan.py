@@ -56,6 +56,7 @@ def test_files_are_what_the_page_says(made: tuple[Plan, Path]) -> None:
         told = facts[f"trial_{k:02d}"]
         assert told["pretension"] == pytest.approx(80.0 * motion.pretension)
     assert all(name in page for name in IDS)
+    assert "declare `tilt`" in page and not any(m.tilt for m in found.trials)
 
 
 def test_motions_stay_within_the_limits_and_have_no_jumps() -> None:

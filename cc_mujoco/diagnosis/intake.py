@@ -98,7 +98,8 @@ def load(
         trials.append(_trial(recording, track, facts))
     known_bench = bench.known(file.rig) if bench else None
     trials, instruments, found = completed(trials, file, known_bench)
-    findings += found + check_trials(trials)
+    alone = known_bench is not None and len(known_bench.cables) == 1
+    findings += found + check_trials(trials, alone)
     dataset = Dataset(
         trials=tuple(trials),
         constants=file.rig,

@@ -177,8 +177,13 @@ def _nearest(match: FloatArray, expected: float, step: float) -> float | None:
     return (k - len(match) // 2 + offset) * step
 
 
-def check_alignment(trial: Trial) -> list[Finding]:
-    """Find clocks that drift apart, and delays that no rig has."""
+def check_alignment(trial: Trial, alone: bool = False) -> list[Finding]:
+    """Find clocks that drift apart, and delays that no rig has.
+
+    Args:
+        trial: the trial.
+        alone: whether one cable joins the sides; slack lets either move by itself.
+    """
     a = alignment(trial)
     grown = a.drift * (trial.time[-1] - trial.time[0])
     motor, joint = (trial.labels.get(name, name) for name in (MOTOR_ANGLE, JOINT_ANGLE))
@@ -190,7 +195,7 @@ def check_alignment(trial: Trial) -> list[Finding]:
             "they run on two clocks; record on one, or declare the clock of each."
         )
         return [error(told, trial.name, JOINT_ANGLE)]
-    if abs(a.delay) > FAR and a.gain > 0.1:
+    if abs(a.delay) > FAR and a.gain > 0.1 and not alone:
         told = (
             f"{trial.path}: {joint} comes {_late(a.delay)} {motor}; declare its "
             "delay or record on one clock."
@@ -199,7 +204,7 @@ def check_alignment(trial: Trial) -> list[Finding]:
     if abs(a.delay) > max(0.01, 2.0 * trial.step):
         told = (
             f"{trial.path}: {joint} comes {_late(a.delay)} {motor}, by lost motion, "
-            "elasticity or a delay."
+            f"{'slack, ' if alone else ''}elasticity or a delay."
         )
         return [warning(told, trial.name, JOINT_ANGLE)]
     return []

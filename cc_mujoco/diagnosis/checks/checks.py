@@ -62,14 +62,14 @@ def check_recording(
     ]
 
 
-def check_trials(trials: Sequence[Trial]) -> list[Finding]:
-    """Run the checks of trials of one rig."""
+def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[Finding]:
+    """Run the checks of trials of one rig, of which one cable may be all that pulls."""
     known = [mechanics(trial) for trial in trials]
     findings = check_ratios(trials, known) + check_sizes(trials, known)
     for group in groups(trials, known):
         findings += check_signs(group) + check_units(group)
     for trial in trials:
-        findings += check_alignment(trial) + _motion(trial)
+        findings += check_alignment(trial, alone) + _motion(trial)
     return findings
 
 

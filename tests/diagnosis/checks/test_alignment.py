@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cc_mujoco.diagnosis.checks.alignment import check_alignment
 from cc_mujoco.diagnosis.data.findings import errors
 from diagnosis.bench import RATIO, loaded, one, recording
 
@@ -46,3 +47,12 @@ def test_a_delay_that_no_rig_has(tmp_path: Path) -> None:
     columns["joint_angle_rad"] = np.roll(columns["joint_angle_rad"], 200)
     found = errors(loaded(tmp_path, columns)[1])
     assert any("declare its delay" in finding.statement for finding in found)
+
+
+def test_a_motor_on_a_lone_cable_may_move_on_its_own(tmp_path: Path) -> None:
+    columns = recording()
+    columns["joint_angle_rad"] = np.roll(columns["joint_angle_rad"], 200)
+    (trial,) = loaded(tmp_path, columns)[0].trials
+    (found,) = check_alignment(trial, alone=True)
+    assert found.severity == "warning" and "slack" in found.statement
+    assert "declare its delay" in check_alignment(trial)[0].statement

@@ -57,6 +57,10 @@ def milli(columns: Columns) -> Columns:
     return {**columns, "time_s": 1e3 * columns["time_s"]}
 
 
+def thousandth(columns: Columns) -> Columns:
+    return {**columns, "time_s": 1e-3 * columns["time_s"]}
+
+
 def torn(columns: Columns) -> Columns:
     torque = columns["joint_torque_nm"].copy()
     torque[::15] = np.nan
@@ -69,6 +73,10 @@ def torn(columns: Columns) -> Columns:
         (cut(0.1), "lasts 0.098 s; a trial needs at least 0.2 s"),
         (cut(0.004), "lasts 0.002 s"),
         (milli, "declare [columns.time_s] unit = 'ms'"),
+        (
+            thousandth,
+            "declare [columns.time_s] unit = 's' if that is what time_s holds",
+        ),
         (torn, "without a gap or a missing reading"),
     ],
 )

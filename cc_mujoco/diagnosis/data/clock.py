@@ -90,7 +90,13 @@ def lay_out(
     if not segments:
         lasts = float(time[-1] - time[0])
         told = f"lasts {lasts:.3g} s; a trial needs at least {SHORTEST} s."
-        if lasts >= SHORTEST and len(time) >= FEWEST:
+        if SLOWEST < rate / _MILLI < _FASTEST and _MILLI * lasts >= SHORTEST:
+            told = (
+                f"lasts {lasts:.3g} s with {rate:.3g} samples per second; declare "
+                f"[columns.{TIME}] unit = 's' if that is what "
+                f"{recording.labels.get(TIME, TIME)} holds."
+            )
+        elif lasts >= SHORTEST and len(time) >= FEWEST:
             told = (
                 f"has no stretch of {SHORTEST} s without a gap or a missing reading; "
                 "record without interruption."

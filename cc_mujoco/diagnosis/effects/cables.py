@@ -1,0 +1,163 @@
+"""Effects of a cable's path, its tension at rest, its elasticity and its ends."""
+
+from __future__ import annotations
+
+from cc_mujoco.diagnosis.effects.effect import (
+    PLUGIN,
+    Effect,
+    EffectParameter,
+    Rig,
+    Values,
+    on_both,
+)
+from cc_mujoco.transmission import Cable
+
+_LOOSE_END = 0.03
+"""Share of a cable that may lie straight in either end, where nothing holds it."""
+_SOFT = (0.0, 10.0)
+"""Compliance of an end over that of the cable, beyond which it is a spring's."""
+_TAUTEST = 0.1
+"""Least share of the compliance at rest that is not bedding."""
+_FITTINGS = (
+    "end_compliance",
+    "end_compliance_antagonist",
+    "proximal_compliance",
+    "proximal_compliance_antagonist",
+)
+"""Compliances of where the cables are fastened, at the joint and at the motor."""
+
+
+def _wrap(given: tuple[Cable, ...], values: Values, rig: Rig) -> tuple[Cable, ...]:
+    # The distal end of the agonist moves by minus the joint's rim.
+    growth = values["wrap_per_angle"] / rig.joint_radius
+    signs = (-1.0, 1.0)
+    return tuple(
+        cable.replace(wrap_growth=sign * growth, wrap_reach=values["wrap_reach"])
+        for cable, sign in zip(given, signs, strict=False)
+    )
+
+
+def _stiffening(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+    # Strands bed in one by one, so two cables need not be alike. The baseline's
+    # stiffness stays that of a cable in the scene's pretension, as far as it can.
+    usual = values.get("pretension", given[0].pretension)
+    half = values["bedding_tension"]
+    each = (values["bedding_strain"], values["bedding_strain_antagonist"])
+    found = []
+    for cable, strain in zip(given, each, strict=False):
+        soft = cable.axial_stiffness * strain * half / (usual + half) ** 2
+        found.append(
+            cable.replace(
+                bedding_strain=strain,
+                bedding_tension=half,
+                axial_stiffness=cable.axial_stiffness / max(1.0 - soft, _TAUTEST),
+            )
+        )
+    return tuple(found)
+
+
+def _fitted(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+    # Ends are fastened one by one.
+    each = zip(_FITTINGS[0::2], _FITTINGS[1::2], strict=True)
+    distal, proximal = ([values.get(name, 0.0) for name in names] for names in each)
+    return tuple(
+        cable.replace(end_compliance=far, proximal_compliance=near)
+        for cable, far, near in zip(given, distal, proximal, strict=False)
+    )
+
+
+CABLES = (
+    Effect(
+        id="configuration_dependent_wrap",
+        title="wrap that changes with the joint angle",
+        equation="theta (1 + k q) in the last part of the conduit",
+        where="conduit",
+        parameters=(
+            EffectParameter("wrap_per_angle", "1/rad", 0.1, -5.0, 5.0),
+            EffectParameter("wrap_reach", "1", 0.5, 0.05, 1.0),
+        ),
+        starts=(
+            {"wrap_per_angle": 0.1, "wrap_reach": 0.9},
+            {"wrap_per_angle": 0.3, "wrap_reach": 0.3},
+        ),
+        required_excitation="motion at different joint angles",
+        confounded_with=(
+            "joint_gravity",
+            "pulley_eccentricity",
+            "tension_dependent_friction",
+        ),
+        mujoco=PLUGIN,
+        source="thesis 2.4.3, Experiment 1b",
+        cables=_wrap,
+    ),
+    Effect(
+        id="pretension_loss",
+        title="pretension that is lost during a trial",
+        equation="T0 (1 - c (1 - exp(-t/t_c)))",
+        where="conduit",
+        parameters=(
+            EffectParameter("stress_relaxation", "1", 0.1, 0.0, 1.0),
+            EffectParameter("relaxation_time", "s", 10.0, 0.5, 1e4),
+        ),
+        starts=(
+            {"stress_relaxation": 0.1, "relaxation_time": 2.0},
+            {"stress_relaxation": 0.1, "relaxation_time": 20.0},
+        ),
+        required_excitation="trials much longer than a cycle",
+        confounded_with=("friction_drift",),
+        mujoco=PLUGIN,
+        source="standard linear solid",
+        cables=on_both("stress_relaxation", "relaxation_time"),
+    ),
+    Effect(
+        id="cable_stiffening",
+        title="cable that stiffens under tension",
+        equation="strain += e T / (T + T_b), EA at T_0 as before",
+        where="conduit",
+        parameters=(
+            EffectParameter("bedding_strain", "1", 5e-4, 0.0, 0.3),
+            EffectParameter("bedding_strain_antagonist", "1", 5e-4, 0.0, 0.3),
+            EffectParameter("bedding_tension", "N", 20.0, 1.0, 500.0),
+        ),
+        starts=tuple(
+            {
+                "bedding_strain": 5e-4,
+                "bedding_strain_antagonist": 5e-4,
+                "bedding_tension": half,
+            }
+            for half in (10.0, 60.0)
+        ),
+        required_excitation="large and small loads, slack, or two pretensions",
+        confounded_with=("end_compliance", "presliding"),
+        mujoco=PLUGIN,
+        source="constructional stretch of ropes, as their makers give it",
+        cables=_stiffening,
+    ),
+    Effect(
+        id="end_compliance",
+        title="compliance of an end fitting",
+        equation="u_d += C T_d, u_p -= C T_p",
+        where="conduit",
+        parameters=tuple(
+            EffectParameter(
+                name,
+                "m/N",
+                1e-5,
+                0.0,
+                0.01,
+                _SOFT,
+                "cable",
+                ordinary=2.0 * _LOOSE_END,
+                ordinary_of="cable",
+            )
+            for name in _FITTINGS
+        ),
+        starts=(dict.fromkeys(_FITTINGS, 1e-5),),
+        required_excitation="reversals at several loads",
+        confounded_with=("presliding", "backlash", "cable_stiffening"),
+        mujoco=PLUGIN,
+        source="series springs",
+        cables=_fitted,
+    ),
+)
+"""Those of the library."""

@@ -1,0 +1,215 @@
+"""Effects of pulleys, motor and joint."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.effects.effect import (
+    PLUGIN,
+    Effect,
+    EffectParameter,
+    Rig,
+    Torques,
+    Values,
+)
+from cc_mujoco.transmission import Cable
+
+PLAY = (0.0, 0.15)
+"""Backlash over the joint's range of motion."""
+_ROUND = (-0.25, 0.25)
+"""Eccentricity and ovality over the radius of a pulley that anybody would use."""
+_POSITIVE = (0.0, math.inf)
+
+
+def _eccentric(given: tuple[Cable, ...], values: Values, rig: Rig) -> tuple[Cable, ...]:
+    def wave(name: str) -> tuple[float, float]:
+        cosine, sine = values[f"{name}_cosine"], values[f"{name}_sine"]
+        # A fit may try what no cable takes: more than the radius.
+        size = min(math.hypot(cosine, sine), 0.45 * rig.motor_radius)
+        return size, math.atan2(sine, cosine)
+
+    size, phase = wave("eccentricity")
+    ovality, second = wave("ovality")
+    return tuple(
+        cable.replace(
+            eccentricity=size,
+            eccentricity_phase=_turned(phase, side * rig.exit_angle),
+            ovality=ovality,
+            ovality_phase=_turned(second, 2.0 * side * rig.exit_angle),
+        )
+        for side, cable in enumerate(given)
+    )
+
+
+def _turned(phase: float, angle: float) -> float:
+    return math.remainder(phase + angle, 2.0 * math.pi)
+
+
+def acceleration(angle: FloatArray, dt: float) -> FloatArray:
+    """Second derivative (samples,) [rad/s^2]."""
+    found: FloatArray = np.gradient(np.gradient(angle, dt), dt)
+    return found
+
+
+def _cogging(s: Torques, v: Values) -> Torques:
+    at = v["cogging_order"] * s.motor_angle
+    wave = v["cogging_cosine"] * np.cos(at) + v["cogging_sine"] * np.sin(at)
+    return s.added(motor=wave)
+
+
+def _gravity(s: Torques, v: Values) -> Torques:
+    q = s.joint_angle + s.tilt
+    return s.added(
+        joint=-(v["gravity_sine"] * np.sin(q) + v["gravity_cosine"] * np.cos(q))
+    )
+
+
+DRIVE = (
+    Effect(
+        id="backlash",
+        title="play between pulley and joint",
+        equation="|q_pulley - q| <= b/2",
+        where="joint",
+        parameters=(
+            EffectParameter("backlash", "rad", 0.02, 0.0, 0.5, PLAY, "motion"),
+        ),
+        starts=({"backlash": 0.01}, {"backlash": 0.05}),
+        required_excitation="reversals of torque at several loads",
+        confounded_with=("presliding", "end_compliance"),
+        mujoco="pulley on a hinge of its own, coupled by a fixed tendon "
+        "with two limits",
+        source="Nordin and Gutman, Automatica 38, 2002",
+    ),
+    Effect(
+        id="pulley_eccentricity",
+        title="motor pulley that is eccentric or oval",
+        equation="r + e cos(q_m - p) + o cos(2 q_m - s)",
+        where="motor",
+        parameters=(
+            EffectParameter(
+                "eccentricity_cosine",
+                "m",
+                5e-4,
+                -0.05,
+                0.05,
+                _ROUND,
+                "motor_radius",
+            ),
+            EffectParameter(
+                "eccentricity_sine", "m", 5e-4, -0.05, 0.05, _ROUND, "motor_radius"
+            ),
+            EffectParameter(
+                "ovality_cosine", "m", 2e-4, -0.05, 0.05, _ROUND, "motor_radius"
+            ),
+            EffectParameter(
+                "ovality_sine", "m", 2e-4, -0.05, 0.05, _ROUND, "motor_radius"
+            ),
+        ),
+        starts=(
+            {
+                "eccentricity_cosine": 5e-4,
+                "eccentricity_sine": 5e-4,
+                "ovality_cosine": 2e-4,
+                "ovality_sine": 2e-4,
+            },
+        ),
+        required_excitation="half a turn of the motor pulley or more",
+        confounded_with=("torque_sensor_gain", "joint_gravity", "motor_cogging"),
+        mujoco=PLUGIN,
+        source="geometry",
+        cables=_eccentric,
+    ),
+    Effect(
+        id="motor_cogging",
+        title="torque ripple of the motor",
+        equation="tau_m += a cos(n q_m - p)",
+        where="motor",
+        parameters=(
+            EffectParameter("cogging_cosine", "Nm", 0.02, -100.0, 100.0),
+            EffectParameter("cogging_sine", "Nm", 0.02, -100.0, 100.0),
+            EffectParameter("cogging_order", "1", 1.0, 3.5, 200.0),
+        ),
+        starts=tuple(
+            {"cogging_cosine": 0.02, "cogging_sine": 0.02, "cogging_order": order}
+            for order in (*range(4, 28, 2), 30, 33, 36, 40, 44, 48)
+        ),
+        required_excitation="slow motion over several poles",
+        confounded_with=("pulley_eccentricity",),
+        mujoco="cogging of a `dcmotor` actuator on the motor, in the sum of its torque",
+        source="MuJoCo dcmotor cogging",
+        torques=_cogging,
+    ),
+    Effect(
+        id="joint_gravity",
+        title="gravity on the joint",
+        equation="tau_j -= a sin q + b cos q",
+        where="joint",
+        parameters=(
+            EffectParameter("gravity_sine", "Nm", 0.1, -1e3, 1e3),
+            EffectParameter("gravity_cosine", "Nm", 0.1, -1e3, 1e3),
+        ),
+        starts=({"gravity_sine": 0.1, "gravity_cosine": 0.1},),
+        required_excitation="joint angles over half a radian",
+        confounded_with=(
+            "joint_stiffness",
+            "torque_sensor_gain",
+            "torque_sensor_offset",
+        ),
+        mujoco="cogging of a `dcmotor` actuator on the joint, one period per turn",
+        source="statics",
+        torques=_gravity,
+    ),
+    Effect(
+        id="joint_stiffness",
+        title="a spring on the joint",
+        equation="tau_j -= k q",
+        where="joint",
+        parameters=(
+            EffectParameter("joint_stiffness", "Nm/rad", 0.2, -1e4, 1e4, _POSITIVE),
+        ),
+        starts=({"joint_stiffness": 0.2},),
+        required_excitation="joint angles over half a radian",
+        confounded_with=("joint_gravity", "torque_sensor_gain"),
+        mujoco="`stiffness` of the joint",
+        source="statics",
+        torques=lambda s, v: s.added(joint=-v["joint_stiffness"] * s.joint_angle),
+    ),
+    Effect(
+        id="joint_inertia",
+        title="inertia between transmission and joint sensor",
+        equation="tau_j -= J q''",
+        where="joint",
+        parameters=(
+            EffectParameter("joint_inertia", "kg m^2", 1e-3, -10.0, 10.0, _POSITIVE),
+        ),
+        starts=({"joint_inertia": 1e-3},),
+        required_excitation="accelerations over a decade",
+        confounded_with=("sensor_delay", "joint_stiffness"),
+        mujoco="`armature` of the joint, shown by a weightless body that rides along",
+        source="dynamics",
+        torques=lambda s, v: s.added(
+            joint=-v["joint_inertia"] * acceleration(s.joint_angle, s.dt)
+        ),
+    ),
+    Effect(
+        id="motor_inertia",
+        title="inertia between motor sensor and pulley",
+        equation="tau_m += J q_m''",
+        where="motor",
+        parameters=(
+            EffectParameter("motor_inertia", "kg m^2", 1e-4, -1.0, 1.0, _POSITIVE),
+        ),
+        starts=({"motor_inertia": 1e-4},),
+        required_excitation="accelerations over a decade",
+        confounded_with=("sensor_delay", "viscous_friction"),
+        mujoco="`armature` of the motor, shown by a weightless body that rides along",
+        source="dynamics",
+        torques=lambda s, v: s.added(
+            motor=v["motor_inertia"] * acceleration(s.motor_angle, s.dt)
+        ),
+    ),
+)
+"""Those of the library."""

@@ -1,0 +1,138 @@
+"""What an effect is: where it acts, its parameters, how it changes a simulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.transmission import Cable
+
+Values = Mapping[str, float]
+
+ANTAGONIST = "antagonist"
+"""In the names of parameters that are the second cable's of a pair."""
+PLUGIN = "keys of the cable plugin"
+"""How MuJoCo has what acts in the cables."""
+
+
+class EffectParameter(NamedTuple):
+    """One parameter of an effect; 0 is off.
+
+    Attributes:
+        name: of the parameter.
+        unit: its unit.
+        typical: size that is plausible on a rig; the scale of fits.
+        low: lower bound of fits.
+        high: upper bound of fits.
+        plausible: least and largest value that the effect can stand for; what fits only
+            beyond is not named.
+        of: what `plausible` is a share of: the joint's range of motion, the motor's
+            radius, the largest torque, the elongation of the scene's cable per tension,
+            or nothing.
+        ordinary: size that any rig may have without being told, a share of
+            `ordinary_of`; what is no larger belongs into the model, but is not called
+            missing.
+        ordinary_of: the elongation of the cable per tension, or the pretension (of
+            the friction per length times the length of the conduit).
+    """
+
+    name: str
+    unit: str
+    typical: float
+    low: float
+    high: float
+    plausible: tuple[float, float] = (-math.inf, math.inf)
+    of: Literal[
+        "", "motion", "motor_radius", "motor_torque", "joint_torque", "cable"
+    ] = ""
+    ordinary: float = 0.0
+    ordinary_of: Literal["", "cable", "pretension", "pretension per length"] = ""
+
+
+@dataclass(frozen=True)
+class Torques:
+    """Signals of one record (samples,): motion given, torques simulated [SI].
+
+    Attributes:
+        dt: time between samples.
+        time: since the start of the trial.
+        motor_angle: of the motor.
+        joint_angle: of the joint as it is measured; of a lever as the scene has it.
+        motor: torque that the motor puts into its pulley.
+        joint: torque that the transmission puts into the joint.
+        tilt: angle by which the rig was turned about the joint's axis.
+    """
+
+    dt: float
+    time: FloatArray
+    motor_angle: FloatArray
+    joint_angle: FloatArray
+    motor: FloatArray
+    joint: FloatArray
+    tilt: float = 0.0
+
+    def added(
+        self, motor: FloatArray | float = 0.0, joint: FloatArray | float = 0.0
+    ) -> Torques:
+        """With something added to the torques [Nm]."""
+        return replace(self, motor=self.motor + motor, joint=self.joint + joint)
+
+
+class Rig(NamedTuple):
+    """What an effect may need to know of the rig."""
+
+    motor_radius: float
+    joint_radius: float
+    exit_angle: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """One physical effect.
+
+    Attributes:
+        id: its name in `verdict.json`.
+        title: what a person calls it.
+        equation: what it adds.
+        where: the part of the rig it sits in.
+        parameters: its parameters.
+        starts: values from which it is screened and fitted; several where the answer
+            depends on a scale that the data must tell.
+        required_excitation: what a recording needs to show it.
+        confounded_with: ids that it is easily confused with.
+        generalises: ids that are special cases of it; where one of them does as well,
+            this one is no rival.
+        mujoco: how a scene has it.
+        source: publication.
+        cables: the cables with the effect, agonist first.
+        torques: the signals with the effect, in the order motor, joint, sensors.
+        sensor: whether it belongs to a sensor and so comes after the mechanical ones.
+    """
+
+    id: str
+    title: str
+    equation: str
+    where: Literal["conduit", "motor", "joint", "sensor"]
+    parameters: tuple[EffectParameter, ...]
+    starts: tuple[Values, ...]
+    required_excitation: str
+    confounded_with: tuple[str, ...]
+    mujoco: str
+    source: str
+    cables: Callable[[tuple[Cable, ...], Values, Rig], tuple[Cable, ...]] | None = None
+    torques: Callable[[Torques, Values], Torques] | None = None
+    sensor: bool = False
+    generalises: tuple[str, ...] = ()
+
+
+def on_both(*names: str) -> Callable[..., tuple[Cable, ...]]:
+    """The same parameters on every cable."""
+
+    def cables(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+        changes = {name: values[name] for name in names}
+        return tuple(cable.replace(**changes) for cable in given)
+
+    return cables

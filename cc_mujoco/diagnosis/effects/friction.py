@@ -1,0 +1,273 @@
+"""Effects of friction in the conduit."""
+
+from __future__ import annotations
+
+from cc_mujoco.diagnosis.effects.effect import (
+    PLUGIN,
+    Effect,
+    EffectParameter,
+    Rig,
+    Values,
+    on_both,
+)
+from cc_mujoco.transmission import PARAMETERS, Cable
+
+_ONE_WAY = (-0.5, 0.5)
+"""Difference of friction between two directions, over its mean."""
+_TIGHT_END = 0.015
+"""Friction of uneven bends and ends over the pretension."""
+_LARGEST = next(p.high for p in PARAMETERS if p.name == "friction")
+"""Largest coefficient that a cable takes."""
+
+
+def _stribeck(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+    # A contact has one slip that renews it: where it ages, that which ageing tells.
+    return tuple(
+        cable.replace(
+            stribeck_friction=values["stribeck_friction"],
+            stribeck_speed=values["stribeck_speed"],
+            critical_slip_distance=cable.critical_slip_distance
+            if cable.ageing_friction > 0.0
+            else values["stribeck_slip"],
+        )
+        for cable in given
+    )
+
+
+def _asymmetric(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+    # Liners wear one by one, so two cables need not be alike. The antagonist moves the
+    # other way.
+    each = (values["friction_asymmetry"], -values["asymmetry_antagonist"])
+    return tuple(
+        cable.replace(friction_asymmetry=asymmetry)
+        for cable, asymmetry in zip(given, each, strict=False)
+    )
+
+
+def _tension_dependent(
+    given: tuple[Cable, ...], values: Values, _: Rig
+) -> tuple[Cable, ...]:
+    # A cable refers to its own pretension, which may be that of one trial; the
+    # baseline's friction stays that of a cable in the scene's.
+    usual = max(values.get("pretension", given[0].pretension), 1e-9)
+    exponent = values["tension_exponent"]
+    return tuple(
+        cable.replace(
+            tension_exponent=exponent,
+            friction=min(
+                cable.friction * (cable.pretension / usual) ** exponent, _LARGEST
+            ),
+        )
+        if cable.pretension > 0.0
+        else cable
+        for cable in given
+    )
+
+
+FRICTION = (
+    Effect(
+        id="viscous_friction",
+        title="viscous friction in the conduit",
+        equation="dT/dx += c v",
+        where="conduit",
+        parameters=(EffectParameter("viscous_friction", "N s/m^2", 50.0, 0.0, 1e5),),
+        starts=({"viscous_friction": 50.0},),
+        required_excitation="speeds over a decade",
+        confounded_with=("sensor_delay", "stribeck_friction"),
+        mujoco=PLUGIN,
+        source="thesis 2.4.4, Fig. 2.13",
+        cables=on_both("viscous_friction"),
+    ),
+    Effect(
+        id="grease_drag",
+        title="drag of a grease that thins as it is sheared",
+        equation="dT/dx += s g |v|^n",
+        where="conduit",
+        parameters=(
+            EffectParameter("grease_drag", "N/m", 5.0, 0.0, 1e4),
+            EffectParameter("grease_exponent", "1", 0.5, 0.3, 0.7),
+        ),
+        starts=({"grease_drag": 5.0, "grease_exponent": 0.5},),
+        required_excitation="speeds over two decades",
+        confounded_with=(
+            "viscous_friction",
+            "load_independent_friction",
+            "stribeck_friction",
+        ),
+        mujoco=PLUGIN,
+        source="Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926",
+        cables=on_both("grease_drag", "grease_exponent"),
+        generalises=("viscous_friction", "load_independent_friction"),
+    ),
+    Effect(
+        id="stribeck_friction",
+        title="Stribeck friction: more friction at low speed",
+        equation="mu += mu_b exp(-|v|/v_b)",
+        where="conduit",
+        parameters=(
+            EffectParameter("stribeck_friction", "1", 0.05, 0.0, 2.0),
+            EffectParameter("stribeck_speed", "m/s", 0.02, 5e-4, 0.5),
+            EffectParameter("stribeck_slip", "m", 2e-4, 1e-5, 0.02),
+        ),
+        starts=tuple(
+            {
+                "stribeck_friction": 0.05,
+                "stribeck_speed": speed,
+                "stribeck_slip": 2e-4,
+            }
+            for speed in (0.003, 0.01, 0.04)
+        ),
+        required_excitation="slow motion and reversals",
+        confounded_with=(
+            "viscous_friction",
+            "presliding",
+            "dwell_dependent_stiction",
+        ),
+        mujoco=PLUGIN,
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
+        cables=_stribeck,
+    ),
+    Effect(
+        id="presliding",
+        title="presliding: friction builds up over a distance",
+        equation="f = clip(f + sigma du, capstan cone), sigma = mu theta T/z",
+        where="conduit",
+        parameters=(EffectParameter("bristle_length", "m", 1e-4, 0.0, 0.01),),
+        starts=({"bristle_length": 5e-5}, {"bristle_length": 5e-4}),
+        required_excitation="small reversals",
+        confounded_with=("end_compliance", "backlash", "cable_stiffening"),
+        mujoco=PLUGIN,
+        source="Dahl 1968; Palli and Melchiorri 2014; thesis (1.2)",
+        cables=on_both("bristle_length"),
+    ),
+    Effect(
+        id="load_independent_friction",
+        title="friction that needs no tension",
+        equation="dT/dx += s f_0, and s F at the seal of either end",
+        where="conduit",
+        parameters=(
+            EffectParameter(
+                "load_independent_friction",
+                "N/m",
+                1.0,
+                0.0,
+                1e4,
+                ordinary=_TIGHT_END,
+                ordinary_of="pretension per length",
+            ),
+            *(
+                EffectParameter(
+                    name,
+                    "N",
+                    1.0,
+                    0.0,
+                    1e4,
+                    ordinary=_TIGHT_END,
+                    ordinary_of="pretension",
+                )
+                for name in ("seal_proximal", "seal_distal")
+            ),
+        ),
+        starts=(
+            {
+                "load_independent_friction": 1.0,
+                "seal_proximal": 1.0,
+                "seal_distal": 1.0,
+            },
+        ),
+        required_excitation="two levels of load or pretension",
+        confounded_with=("tension_dependent_friction",),
+        mujoco=PLUGIN,
+        source="Palli and Melchiorri, Mechatronics 24, 2014",
+        cables=on_both("load_independent_friction", "seal_proximal", "seal_distal"),
+    ),
+    Effect(
+        id="asymmetric_friction",
+        title="friction that depends on the direction of motion",
+        equation="mu (1 + s a)",
+        where="conduit",
+        parameters=(
+            EffectParameter("friction_asymmetry", "1", 0.1, -0.9, 0.9, _ONE_WAY),
+            EffectParameter("asymmetry_antagonist", "1", 0.1, -0.9, 0.9, _ONE_WAY),
+        ),
+        starts=({"friction_asymmetry": 0.1, "asymmetry_antagonist": 0.1},),
+        required_excitation="motion in both directions at several loads",
+        confounded_with=("torque_sensor_offset",),
+        mujoco=PLUGIN,
+        source="Duclusaud et al., arXiv 2410.08650 (directional friction)",
+        cables=_asymmetric,
+    ),
+    Effect(
+        id="tension_dependent_friction",
+        title="friction coefficient that changes with tension",
+        equation="mu (T/T0)^e",
+        where="conduit",
+        parameters=(EffectParameter("tension_exponent", "1", 0.1, -1.0, 1.0),),
+        starts=({"tension_exponent": -0.1},),
+        required_excitation="tension over a factor of 2",
+        confounded_with=(
+            "load_independent_friction",
+            "configuration_dependent_wrap",
+        ),
+        mujoco=PLUGIN,
+        source="Jung, Pan, Kang, Tribology International 41, 2008",
+        cables=_tension_dependent,
+    ),
+    Effect(
+        id="dwell_dependent_stiction",
+        title="break-away friction that grows with rest",
+        equation="mu_s = mu + b ln(1 + t/t_a)",
+        where="conduit",
+        parameters=(
+            EffectParameter("ageing_friction", "1", 0.05, 0.0, 2.0),
+            EffectParameter("critical_slip_distance", "m", 1e-3, 1e-5, 0.02),
+            EffectParameter("ageing_time", "s", 1.0, 1e-3, 100.0),
+        ),
+        starts=(
+            {
+                "ageing_friction": 0.02,
+                "critical_slip_distance": 2e-4,
+                "ageing_time": 0.05,
+            },
+            {
+                "ageing_friction": 0.05,
+                "critical_slip_distance": 3e-4,
+                "ageing_time": 1.0,
+            },
+            {
+                "ageing_friction": 0.05,
+                "critical_slip_distance": 3e-3,
+                "ageing_time": 1.0,
+            },
+        ),
+        required_excitation="pauses of different length",
+        confounded_with=("stribeck_friction",),
+        mujoco=PLUGIN,
+        source="Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, JGR 88, 1983",
+        cables=on_both("ageing_friction", "critical_slip_distance", "ageing_time"),
+    ),
+    Effect(
+        id="friction_drift",
+        title="friction that drifts during a trial",
+        equation="mu (1 + d t + h W), W the heat of friction that is left",
+        where="conduit",
+        parameters=(
+            EffectParameter("friction_drift", "1/s", 0.01, -1.0, 1.0),
+            EffectParameter("friction_heating", "1/J", 0.02, -10.0, 10.0),
+            EffectParameter("cooling_time", "s", 10.0, 1.0, 1e3),
+        ),
+        starts=(
+            {
+                "friction_drift": 0.01,
+                "friction_heating": 0.02,
+                "cooling_time": 10.0,
+            },
+        ),
+        required_excitation="trials much longer than a cycle",
+        confounded_with=("pretension_loss",),
+        mujoco=PLUGIN,
+        source="thesis 3.2.3",
+        cables=on_both("friction_drift", "friction_heating", "cooling_time"),
+    ),
+)
+"""Those of the library, the plainest first."""

@@ -1,0 +1,120 @@
+"""Effects of the sensors, which come after those of the mechanics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.effects.effect import Effect, EffectParameter, Torques, Values
+
+GAIN = (-0.3, 0.3)
+"""Error of a torque sensor's gain that calibration leaves; beyond, it is declared."""
+_BIAS = (-0.3, 0.3)
+"""Offset of a torque sensor over the largest torque, beyond which anybody sees it."""
+_LATE = (-0.1, 0.1)
+"""Delay of a signal chain that would not have been noticed [s]."""
+JOINT_DELAY = "joint_delay"
+"""By how much the joint's angle and torque come late together [s]."""
+
+
+def delayed(signal: FloatArray, by: float, dt: float) -> FloatArray:
+    """The signal later by this time (samples,), held before it begins."""
+    at = np.arange(signal.size) * dt
+    found: FloatArray = np.interp(at - by, at, signal)
+    return found
+
+
+def _gain(s: Torques, v: Values) -> Torques:
+    motor, joint = v["motor_torque_gain"], v["joint_torque_gain"]
+    return replace(s, motor=s.motor * (1.0 + motor), joint=s.joint * (1.0 + joint))
+
+
+def _delay(s: Torques, v: Values) -> Torques:
+    return replace(
+        s,
+        motor=delayed(s.motor, v["motor_torque_delay"], s.dt),
+        joint=delayed(s.joint, v["joint_torque_delay"], s.dt),
+    )
+
+
+SENSORS = (
+    Effect(
+        id="torque_sensor_gain",
+        title="gain of a torque sensor",
+        equation="tau (1 + g)",
+        where="sensor",
+        parameters=(
+            EffectParameter("motor_torque_gain", "1", 0.05, -0.9, 9.0, GAIN),
+            EffectParameter("joint_torque_gain", "1", 0.05, -0.9, 9.0, GAIN),
+        ),
+        starts=({"motor_torque_gain": 0.05, "joint_torque_gain": 0.05},),
+        required_excitation="loads that hold still",
+        confounded_with=("joint_gravity", "joint_stiffness"),
+        mujoco="weights of the sensors that a torque is the sum of",
+        source="calibration",
+        torques=_gain,
+        sensor=True,
+    ),
+    Effect(
+        id="torque_sensor_offset",
+        title="offset of a torque sensor",
+        equation="tau + b + d t",
+        where="sensor",
+        parameters=(
+            EffectParameter(
+                "motor_torque_bias", "Nm", 0.1, -1e3, 1e3, _BIAS, "motor_torque"
+            ),
+            EffectParameter(
+                "joint_torque_bias", "Nm", 0.1, -1e3, 1e3, _BIAS, "joint_torque"
+            ),
+            EffectParameter("motor_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
+            EffectParameter("joint_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
+        ),
+        starts=(
+            {
+                "motor_torque_bias": 0.1,
+                "joint_torque_bias": 0.1,
+                "motor_torque_drift": 0.01,
+                "joint_torque_drift": 0.01,
+            },
+        ),
+        required_excitation=(
+            "loads of both signs; for a drift, trials much longer than a cycle"
+        ),
+        confounded_with=("asymmetric_friction", "joint_gravity"),
+        mujoco="a `clock` sensor in the sum that is the torque",
+        source="calibration",
+        torques=lambda s, v: s.added(
+            v["motor_torque_bias"] + v["motor_torque_drift"] * s.time,
+            v["joint_torque_bias"] + v["joint_torque_drift"] * s.time,
+        ),
+        sensor=True,
+    ),
+    Effect(
+        id="sensor_delay",
+        title="readings that are recorded late",
+        equation="tau(t - d), q_j(t - d)",
+        where="sensor",
+        parameters=(
+            EffectParameter(JOINT_DELAY, "s", 0.005, -0.2, 0.2, _LATE),
+            EffectParameter("motor_torque_delay", "s", 0.005, -0.2, 0.2, _LATE),
+            EffectParameter("joint_torque_delay", "s", 0.005, -0.2, 0.2, _LATE),
+        ),
+        starts=(
+            {
+                JOINT_DELAY: 0.005,
+                "motor_torque_delay": 0.005,
+                "joint_torque_delay": 0.005,
+            },
+        ),
+        required_excitation="fast and slow motion",
+        confounded_with=("viscous_friction", "joint_inertia", "motor_inertia"),
+        mujoco="`delay` of the sensors that a torque is the sum of",
+        source="signal chain",
+        torques=_delay,
+        sensor=True,
+    ),
+)
+"""Those of the library."""

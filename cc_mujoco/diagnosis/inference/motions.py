@@ -140,8 +140,8 @@ def motions(
             free(triangle(2.0 * swing, rate * 0.2)),
         ),
         Motion(
-            "joint free, slow triangle over the whole range, the rig turned by a "
-            f"quarter about the joint's axis (`tilt = {QUARTER:.3f}`), if the rig "
+            "joint free, slow triangle over the whole range, the rig turned by 90 "
+            f"degrees about the joint's axis (`tilt = {QUARTER:.3f}`), if it "
             "allows",
             sweep,
             free(sweep),

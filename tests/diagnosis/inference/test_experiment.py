@@ -37,7 +37,7 @@ def test_gravity_and_a_spring_part_where_the_rig_is_turned(
     )
     found = propose([spring, weight], ["joint_stiffness", "joint_gravity"])
     assert found is not None
-    assert "turned by a quarter" in found.description
+    assert "turned by 90 degrees" in found.description
     assert "tilt = 1.571" in found.description
     assert "may not be enough" not in found.description
     assert found.separates == ("joint_stiffness", "joint_gravity")

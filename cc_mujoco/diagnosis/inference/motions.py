@@ -32,6 +32,7 @@ class Motion:
         joint: angle of the joint (samples,) [rad].
         pretension: relative to what the data had.
         tilt: angle by which the rig is turned about the joint's axis [rad].
+        usual: whether every rig can run it, as far as its motor goes and as it stands.
     """
 
     description: str
@@ -39,11 +40,7 @@ class Motion:
     joint: FloatArray
     pretension: float = 1.0
     tilt: float = 0.0
-
-    @property
-    def usual(self) -> bool:
-        """Whether every rig can run it, as far as its motor goes and as it stands."""
-        return self.tilt == 0.0 and "if the rig allows" not in self.description
+    usual: bool = True
 
 
 def motions(
@@ -138,6 +135,7 @@ def motions(
             "joint free, slow triangle over twice the range, if the rig allows",
             triangle(2.0 * swing, rate * 0.2),
             free(triangle(2.0 * swing, rate * 0.2)),
+            usual=False,
         ),
         Motion(
             "joint free, slow triangle over the whole range, the rig turned by 90 "
@@ -146,6 +144,7 @@ def motions(
             sweep,
             free(sweep),
             tilt=QUARTER,
+            usual=False,
         ),
         Motion(
             "joint locked, slow triangles, pretension halved",

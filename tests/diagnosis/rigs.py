@@ -64,8 +64,8 @@ EFFECTS: dict[str, tuple[Mapping[str, float], Formula]] = {
         lambda m, j: (m, j - 0.5 * np.sin(JOINT) + 0.3 * np.cos(JOINT)),
     ),
     "joint_stiffness": (
-        {"joint_stiffness": 0.7},
-        lambda m, j: (m, j - 0.7 * JOINT),
+        {"joint_stiffness": 0.7, "joint_stiffness_moment": 0.2},
+        lambda m, j: (m, j - 0.7 * JOINT - 0.2),
     ),
     "joint_inertia": (
         {"joint_inertia": 1e-3},

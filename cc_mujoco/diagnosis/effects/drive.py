@@ -67,6 +67,11 @@ def _gravity(s: Torques, v: Values) -> Torques:
     )
 
 
+def _spring(s: Torques, v: Values) -> Torques:
+    moment = v["joint_stiffness"] * s.joint_angle + v["joint_stiffness_moment"]
+    return s.added(joint=-moment)
+
+
 DRIVE = (
     Effect(
         id="backlash",
@@ -165,17 +170,24 @@ DRIVE = (
     Effect(
         id="joint_stiffness",
         title="a spring on the joint",
-        equation="tau_j -= k q",
+        equation="tau_j -= k q + m, at rest where q = -m/k",
         where="joint",
         parameters=(
             EffectParameter("joint_stiffness", "Nm/rad", 0.2, -1e4, 1e4, _POSITIVE),
+            EffectParameter(
+                "joint_stiffness_moment", "Nm", 0.1, -1e3, 1e3, beside=True
+            ),
         ),
-        starts=({"joint_stiffness": 0.2},),
+        starts=({"joint_stiffness": 0.2, "joint_stiffness_moment": 0.1},),
         required_excitation="joint angles over half a radian",
-        confounded_with=("joint_gravity", "torque_sensor_gain"),
-        mujoco="`stiffness` of the joint",
+        confounded_with=(
+            "joint_gravity",
+            "torque_sensor_gain",
+            "torque_sensor_offset",
+        ),
+        mujoco="`stiffness` and `springref` of the joint",
         source="statics",
-        torques=lambda s, v: s.added(joint=-v["joint_stiffness"] * s.joint_angle),
+        torques=_spring,
     ),
     Effect(
         id="joint_inertia",

@@ -37,6 +37,8 @@ class EffectParameter(NamedTuple):
             missing.
         ordinary_of: the elongation of the cable per tension, or the pretension (of
             the friction per length times the length of the conduit).
+        beside: whether it may come with the effect, but is no size of it: where that of
+            the others is 0 there is no such effect.
     """
 
     name: str
@@ -50,6 +52,7 @@ class EffectParameter(NamedTuple):
     ] = ""
     ordinary: float = 0.0
     ordinary_of: Literal["", "cable", "pretension", "pretension per length"] = ""
+    beside: bool = False
 
 
 @dataclass(frozen=True)

@@ -140,11 +140,11 @@ def shapes(problem: Problem, name: str) -> list[int]:
 
 
 def amplitudes(problem: Problem, names: Sequence[str]) -> list[int]:
-    """Indices of the parameters that are 0 where these effects are off."""
+    """Indices of the parameters that are the sizes of these effects."""
     off = {
         parameter.name
         for name in names
         for parameter in EFFECTS[name].parameters
-        if parameter.low <= 0.0
+        if parameter.low <= 0.0 and not parameter.beside
     }
     return [k for k, parameter in enumerate(problem.tuned) if parameter.name in off]

@@ -209,18 +209,18 @@ def _at_scene_angle(
         sine, cosine = weight["gravity_sine"], weight["gravity_cosine"]
         weight["gravity_sine"] = sine * cos(offset) + cosine * sin(offset)
         weight["gravity_cosine"] = cosine * cos(offset) - sine * sin(offset)
-    spring = effects.get("joint_stiffness", {})
-    moment = spring.get("joint_stiffness", 0.0) * offset
-    if spring and not bent:
-        spring["joint_stiffness_rest"] = offset
-    elif abs(moment) > _RESTS:
-        return [
-            f"The spring at the joint rests where joint_angle_rad is 0, {offset:.3g} "
-            "rad from there in the scene (joint_angle_offset); beside a spring that is "
-            "not linear scene.xml has it about the scene's 0, and not the constant "
-            f"{moment:+.3g} Nm that this makes."
-        ]
-    return []
+    if "joint_stiffness" not in effects:
+        return []
+    spring = effects["joint_stiffness"]
+    moment = spring["joint_stiffness_moment"] - spring["joint_stiffness"] * offset
+    spring["joint_stiffness_moment"] = 0.0 if bent else moment
+    if not bent or abs(moment) < _RESTS:
+        return []
+    return [
+        "Beside a spring that is not linear scene.xml has that at the joint about the "
+        f"scene's 0, and not the constant {-moment:+.3g} Nm of a spring that rests "
+        "elsewhere."
+    ]
 
 
 def _writable(result: Result) -> list[str]:

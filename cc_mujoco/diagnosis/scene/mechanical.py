@@ -152,20 +152,21 @@ def _wave(
 
 def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """Two springs in parallel are one, at rest in between."""
-    added, own = values["joint_stiffness"], values.get("joint_stiffness_rest", 0.0)
+    added, moment = values["joint_stiffness"], values["joint_stiffness_moment"]
+    sign = 1.0 if bench.lever is None else bench.lever.sign
     joint = spec.joint(bench.joint)
     # A specification keeps the unit of its file.
     unit = math.degrees(1.0) if spec.compiler.degree else 1.0
     present, rest = float(joint.stiffness[0]), float(joint.springref) / unit
     total = present + added
-    if rest != own and (total == 0.0 or any(joint.stiffness[1:])):
+    if (rest != 0.0 or moment != 0.0) and (total == 0.0 or any(joint.stiffness[1:])):
         raise CableError(
             f"joint {bench.joint!r} has a spring about {rest:g} rad that another "
-            f"one about {own:g} cannot be added to; take it out of the scene"
+            f"one, of {moment:g} Nm at 0, cannot be added to; take it out of the scene"
         )
     joint.stiffness[0] = total
     if total != 0.0:
-        joint.springref = unit * (present * rest + added * own) / total
+        joint.springref = unit * (present * rest - sign * moment) / total
     if bench.lever is not None:
         return
     angle = "joint_stiffness_angle"
@@ -176,7 +177,7 @@ def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         objname=bench.joint,
     )
     add_part(spec, JOINT_TORQUE, angle, -added)
-    add_constant(spec, JOINT_TORQUE, added * own)
+    add_constant(spec, JOINT_TORQUE, -moment)
 
 
 def bends(bench: Bench) -> bool:

@@ -1,6 +1,6 @@
 """How MuJoCo has the effects that are not in the cable.
 
-    REALISATIONS["joint_stiffness"].apply(spec, bench, {"joint_stiffness": 0.5})
+    REALISATIONS["motor_inertia"].apply(spec, bench, {"motor_inertia": 2e-4})
 
 Every entry changes a scene so that it moves as the effect says, and so that the torques
 that `instruments.measured` reads show it; of a lever nothing shows them. All of it is
@@ -31,14 +31,12 @@ class Realisation:
         apply: changes a scene.
         pulley: whether it takes a pulley, or torques that are sums of sensors, which a
             joint with a lever has not.
-        rest: a value that need not be given, where its torque vanishes [rad].
     """
 
     parameters: tuple[str, ...]
     note: str
     apply: Callable[[mujoco.MjSpec, Bench, Values], None]
     pulley: bool = True
-    rest: str = ""
 
 
 REALISATIONS: dict[str, Realisation] = {
@@ -69,11 +67,10 @@ REALISATIONS: dict[str, Realisation] = {
         pulley=False,
     ),
     "joint_stiffness": Realisation(
-        ("joint_stiffness",),
-        "stiffness of the joint, about 0 or where it rests",
+        ("joint_stiffness", "joint_stiffness_moment"),
+        "stiffness of the joint, about where it rests",
         mechanical.stiffness,
         pulley=False,
-        rest="joint_stiffness_rest",
     ),
     "joint_inertia": Realisation(
         ("joint_inertia",),

@@ -153,10 +153,11 @@ def _largest_step(spec: mujoco.MjSpec, bench: Bench) -> float:
 
 
 def _check(name: str, realisation: Realisation, values: Values) -> None:
-    known = [*realisation.parameters, *filter(None, [realisation.rest])]
     for given, value in values.items():
-        if given not in known:
-            raise CableError.unknown(f"parameter of {name}", given, known)
+        if given not in realisation.parameters:
+            raise CableError.unknown(
+                f"parameter of {name}", given, realisation.parameters
+            )
         if not math.isfinite(value):
             raise CableError(f"effect {name}: `{given}` is not finite")
     for wanted in realisation.parameters:

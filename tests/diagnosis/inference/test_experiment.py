@@ -31,7 +31,11 @@ def rival(
 def test_gravity_and_a_spring_part_where_the_rig_is_turned(
     baseline_fit: BaselineFit,
 ) -> None:
-    spring = rival(baseline_fit, "joint_stiffness", {"joint_stiffness": 0.4})
+    spring = rival(
+        baseline_fit,
+        "joint_stiffness",
+        {"joint_stiffness": 0.4, "joint_stiffness_moment": 0.0},
+    )
     weight = rival(
         baseline_fit, "joint_gravity", {"gravity_sine": 0.44, "gravity_cosine": 0.0}
     )
@@ -45,7 +49,11 @@ def test_gravity_and_a_spring_part_where_the_rig_is_turned(
 
 def test_what_tuning_makes_up_for_separates_nothing(baseline_fit: BaselineFit) -> None:
     """Two models that differ in a little friction are one model."""
-    problem, x = rival(baseline_fit, "joint_stiffness", {"joint_stiffness": 0.4})
+    problem, x = rival(
+        baseline_fit,
+        "joint_stiffness",
+        {"joint_stiffness": 0.4, "joint_stiffness_moment": 0.0},
+    )
     other = x.copy()
     other[problem.names.index("friction")] += 0.01
     plant = problem.plant

@@ -292,18 +292,19 @@ def test_a_scene_with_pulleys_has_weights_where_the_encoder_saw_them(
     result = reason(replace(data, trials=tuple(trials)), BENCH, ids=(name,))
     assert [found.id for found in result.diagnosis.effects] == [name]
     path = tmp_path / "scene.xml"
-    assert not any("rests where" in told for told in scene(result, path))
+    assert not any("Beside" in told for told in scene(result, path))
     (_, apart), size = compared(result, path)
     assert apart < 2e-2 * size
 
 
 def test_a_spring_beside_one_that_bends_says_what_it_leaves_out() -> None:
-    spring = {"joint_stiffness": {"joint_stiffness": 2.0}}
-    (told,) = _at_scene_angle(spring, 0.5, bent=True)
-    assert "0.5 rad" in told and "+1 Nm" in told
-    assert spring == {"joint_stiffness": {"joint_stiffness": 2.0}}
+    size = {"joint_stiffness": 2.0, "joint_stiffness_moment": 0.1}
+    spring = {"joint_stiffness": dict(size)}
     assert _at_scene_angle(spring, 0.5, bent=False) == []
-    assert spring["joint_stiffness"]["joint_stiffness_rest"] == 0.5
+    moved = {**size, "joint_stiffness_moment": pytest.approx(-0.9)}
+    assert spring == {"joint_stiffness": moved}
+    (told,) = _at_scene_angle({"joint_stiffness": dict(size)}, 0.5, bent=True)
+    assert "+0.9 Nm" in told
 
 
 def test_what_was_found_in_the_cable_of_a_lever_is_written(tmp_path: Path) -> None:
@@ -319,7 +320,7 @@ def test_what_was_found_in_the_cable_of_a_lever_is_written(tmp_path: Path) -> No
 def test_what_was_found_outside_the_cable_of_a_lever_moves_its_scene() -> None:
     """By the formulas of the effects, where positive is where the cable pulls."""
     effects = {
-        "joint_stiffness": {"joint_stiffness": 3.0},
+        "joint_stiffness": {"joint_stiffness": 3.0, "joint_stiffness_moment": 0.4},
         "joint_gravity": {"gravity_sine": 2.0, "gravity_cosine": 1.5},
         "joint_inertia": {"joint_inertia": 0.02},
         "motor_inertia": {"motor_inertia": 1e-3},
@@ -343,7 +344,7 @@ def test_what_was_found_outside_the_cable_of_a_lever_moves_its_scene() -> None:
         )
     changed = np.array(forces[1]) - forces[0]
     cogging = 0.05 * np.cos(6.0 * motor) + 0.02 * np.sin(6.0 * motor)
-    against = 3.0 * joint + 2.0 * np.sin(joint) + 1.5 * np.cos(joint)
+    against = 3.0 * joint + 0.4 + 2.0 * np.sin(joint) + 1.5 * np.cos(joint)
     assert changed == pytest.approx([-cogging, -sign * against], abs=1e-6)
     heavier = [
         model.dof_M0[model.joint(n).dofadr[0]] - plain.dof_M0[plain.joint(n).dofadr[0]]

@@ -83,6 +83,24 @@ def test_a_trial_with_the_rig_turned_tells_a_weight_from_a_spring_that_softens(
     assert [effect.id for effect in found.missing] == [name]
 
 
+@pytest.mark.parametrize("rest", [0.0, -0.35, 0.8])
+def test_a_spring_is_named_wherever_it_rests(rest: float) -> None:
+    data = dataset(duration=3.0, seed=2)
+    pulled = tuple(
+        replace(t, joint_torque=t.joint_torque - 0.9 * (t.joint_angle - rest))
+        for t in data.trials
+    )
+    ids = (*SPRINGY, "torque_sensor_offset")
+    found = reason(replace(data, trials=pulled), BENCH, ids=ids).diagnosis
+    assert found.verdict in ("named", "tie"), found.statement
+    (spring,) = found.missing
+    assert spring.id == "joint_stiffness"
+    sizes = spring.parameters
+    assert sizes["joint_stiffness"].value == pytest.approx(0.9, rel=0.02)
+    moment = sizes["joint_stiffness_moment"].value
+    assert moment == pytest.approx(-0.9 * rest, abs=0.02)
+
+
 def crossed(*errors: float, groups: Sequence[str] = ()) -> Any:
     """A cross-validation with these RMS errors, by trial."""
     names = groups or [f"trial_{k}" for k in range(len(errors))]

@@ -146,7 +146,7 @@ def test_two_springs_on_the_joint_are_one(tmp_path: Path, rest: float) -> None:
     path = tmp_path / "scene.xml"
     path.write_text(text, encoding="utf-8")
     bench = Bench.of(path)
-    more = {"joint_stiffness": 0.5, "joint_stiffness_rest": rest}
+    more = {"joint_stiffness": 0.5, "joint_stiffness_moment": -0.5 * rest}
     spec = repaired(bench, bench.cables, {"joint_stiffness": more})
     model = spec.compile()
     data = mujoco.MjData(model)

@@ -64,7 +64,7 @@ class Diagnose:
 
             earlier = Earlier.of(self.earlier)
             scene = earlier.scene if scene is None else scene
-            dataset = earlier.dataset if dataset is None else dataset
+            dataset = earlier.with_more(data) if dataset is None else dataset
             data = (*earlier.data, *data)
 
         from tqdm import tqdm

@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cc_mujoco.diagnosis.data.folders import beside, data_files
 from cc_mujoco.errors import CableError
 
 VERDICT = "verdict.json"
@@ -60,6 +62,21 @@ class Earlier(NamedTuple):
             tuple(here[path] for path in said["data"]),
             here[scene["path"]],
             here[dataset["path"]] if dataset["path"] else None,
+        )
+
+    def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:
+        """What the columns of these trials and the earlier ones mean, in one file.
+
+        Raises:
+            CableError: there is another beside the new trials, which nobody would read.
+        """
+        own = beside(data_files(data))
+        if own is None or (self.dataset is not None and own.samefile(self.dataset)):
+            return self.dataset
+        first = f"{self.dataset} of the" if self.dataset else "none of the"
+        raise CableError(
+            f"there are {own} and {first} earlier trials; write one file that speaks "
+            "of all trials and give it with --dataset."
         )
 
 

@@ -89,3 +89,19 @@ def test_a_folder_without_a_diagnosis_is_refused(tmp_path: Path) -> None:
     (tmp_path / VERDICT).write_text("[]", encoding="utf-8")
     with pytest.raises(CableError, match="holds no diagnosis that can be continued"):
         Earlier.of(tmp_path)
+
+
+def test_what_is_known_of_new_trials_is_not_passed_over(
+    diagnosed: Path, tmp_path: Path
+) -> None:
+    new = tmp_path / "new"
+    new.mkdir()
+    (new / "c.csv").write_text("3", encoding="utf-8")
+    earlier = Earlier.of(diagnosed)
+    assert earlier.with_more([new]) == earlier.dataset
+    assert earlier.with_more([tmp_path / "a.csv"]) == earlier.dataset
+    (new / "dataset.toml").write_text("[trials.c]\ntilt = 1.57", encoding="utf-8")
+    with pytest.raises(CableError, match="one file that speaks of all trials"):
+        earlier.with_more([new])
+    with pytest.raises(CableError, match="none of the earlier trials"):
+        earlier._replace(dataset=None).with_more([new])

@@ -130,11 +130,18 @@ def parted(records: Sequence[Record]) -> list[Masks]:
     """Halves of the trials that are not reserved, first and last, every other.
 
     Trials in the order of their names, which tell load and speed as a rule; repetitions
-    stay together.
+    stay together. How the rig stood tells a weight from a spring and nothing else does,
+    so a half without any trial of a tilt has them all.
     """
-    groups = sorted({r.group for r in records if r.free.any()})
+    tilts = {r.group: r.tilt for r in records if r.free.any()}
+    groups = sorted(tilts)
     if len(groups) < LEAST:
         return []
     middle = len(groups) // 2
     halves = (groups[:middle], groups[middle:], groups[::2], groups[1::2])
-    return [tuple(r.free & (r.group in half) for r in records) for half in halves]
+    parts = []
+    for half in halves:
+        there = {tilts[group] for group in half}
+        wanted = {*half, *(g for g, tilt in tilts.items() if tilt not in there)}
+        parts.append(tuple(r.free & (r.group in wanted) for r in records))
+    return parts

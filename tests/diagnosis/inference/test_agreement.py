@@ -57,6 +57,11 @@ def test_parts_are_halves_that_keep_repetitions_together() -> None:
             assert not np.any(a & b)
     alike = tuple(replace(r, group=min(r.group, "b0")) for r in records)
     assert parted(alike) == []
+    turned = tuple(replace(r, tilt=1.57 * (r.group == "b1")) for r in records)
+    shows = np.array([record.tilt != 0.0 for record in turned])
+    for part in parted(turned):
+        there = np.array([mask.any() for mask in part])
+        assert there[shows].all() and there[~shows].any()
 
 
 def test_what_half_of_the_parts_name_in_place_of_it_is_tied_with_it() -> None:

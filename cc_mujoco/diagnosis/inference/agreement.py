@@ -139,7 +139,7 @@ def parted(records: Sequence[Record]) -> list[Masks]:
         return []
     middle = len(groups) // 2
     halves = (groups[:middle], groups[middle:], groups[::2], groups[1::2])
-    parts = []
+    parts: list[Masks] = []
     for half in halves:
         there = {tilts[group] for group in half}
         wanted = {*half, *(g for g, tilt in tilts.items() if tilt not in there)}

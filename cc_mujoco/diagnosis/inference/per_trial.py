@@ -7,7 +7,7 @@ trials then contradict each other, and nothing that is added explains them all.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit, huber_residual
 from cc_mujoco.diagnosis.verdict import TrialError
 from cc_mujoco.diagnosis.wording import number
+from cc_mujoco.page import listed
 
 LEAST = 3
 """Trials from which one can stand out."""
@@ -29,6 +30,9 @@ SUSPECTS = 2
 """Trials that are left out in turn, the worst first."""
 OWN = 0.6
 """Share of its squared error beyond the floor that a change of its own must take."""
+KEPT = 0.3
+"""Share of its error by the tuned scene that a trial keeps which contradicts the rest;
+of a large effect every model leaves something, most where it shows most."""
 WIDEST = math.log(8.0)
 """Logarithm of the largest such change."""
 
@@ -64,77 +68,112 @@ def trial_errors(
 
 
 class Odd(NamedTuple):
-    """A trial that the rest does not foretell.
+    """A trial that the rest does not foretell, or all that are declared turned.
 
     Attributes:
-        trial: its name.
+        trials: names.
         misfit: RMS error over the noise floor, by parameters fitted to the others.
         rest: the same of the others.
+        tilt: by which they are declared turned, where all that are so are meant [rad].
         own: what a parameter of its own would have to be, in words; empty where that
             does not explain it.
     """
 
-    trial: str
+    trials: tuple[str, ...]
     misfit: float
     rest: float
-    own: str
+    tilt: float = 0.0
+    own: str = ""
 
     @property
     def question(self) -> str:
         """What to ask whoever recorded it."""
+        several = len(self.trials) > 1
+        off = (
+            f"Trial{'s' * several} {listed(self.trials)} {'are' if several else 'is'} "
+            f"off by {number(self.misfit)} times the noise floor, the others, fitted "
+            f"without, by {number(self.rest)}: "
+        )
+        if self.tilt:
+            return (
+                f"{off}was the rig turned by {number(self.tilt)} rad, positive as the "
+                "joint is? Correct sign and size of `tilt` in dataset.toml."
+            )
         told = f" It looks as if {self.own}." if self.own else ""
-        name = self.trial
         return (
-            f"Trial {name} is off by {number(self.misfit)} times the noise floor, the "
-            f"others, fitted without it, by {number(self.rest)}: was its pretension or "
-            f"its route changed?{told} If so, declare its pretension in dataset.toml "
-            f"([trials.{name!r}] pretension), or leave it out."
+            f"{off}was its pretension, its route or the way the rig stands changed?"
+            f"{told} If so, declare it in dataset.toml ([trials.{self.trials[0]!r}] "
+            "pretension, tilt), or leave the trial out."
         )
 
 
-def odd_trial(problem: Problem, x: FloatArray) -> Odd | None:
+def odd_trial(
+    problem: Problem, x: FloatArray, tuned: Mapping[str, float] | None = None
+) -> Odd | None:
     """The trial that contradicts the others, if there is one.
 
     Args:
         problem: a model that explains the others.
         x: its parameters, fitted to all.
+        tuned: error of every trial by the tuned scene over the floor, see `misfits`;
+            None if that is the model.
     """
     places = _places(problem)
     if len(places) < LEAST:
         return None
-    errors = _errors(problem, x)
-    off = {
-        name: _misfit(problem, own, [errors[k] for k in own])
-        for name, own in places.items()
-    }
-    suspects = sorted(off, key=lambda name: -off[name])[:SUSPECTS]
-    found = [
-        _left_out(problem, x, name, places)
-        for name in suspects
-        if off[name] > OFF / 2.0
+    off = misfits(problem, x)
+    before = tuned or off
+    worst = sorted(off, key=lambda name: -off[name])[:SUSPECTS]
+    suspects: list[tuple[str, ...]] = [
+        (name,) for name in worst if off[name] > OFF / 2.0
     ]
+    tilts = {name: problem.plant.records[own[0]].tilt for name, own in places.items()}
+    suspects += [
+        names
+        for tilt in sorted(set(tilts.values()) - {0.0})
+        for names in [tuple(name for name, own in tilts.items() if own == tilt)]
+        if 2 * len(names) <= len(places) and max(off[n] for n in names) > OFF / 2.0
+    ]
+    found = [_left_out(problem, x, names, places) for names in dict.fromkeys(suspects)]
     odd = min(found, key=lambda each: each[0].rest, default=None)
     if odd is None or odd[0].misfit < max(OFF, APART * odd[0].rest):
         return None
-    return odd[0]._replace(own=_own(problem, odd[1], places[odd[0].trial]))
+    told, there = odd
+    if told.misfit < KEPT * max(before[name] for name in told.trials):
+        return None
+    tilt = tilts[told.trials[0]]
+    if tilt:
+        return told._replace(tilt=tilt)
+    return told._replace(own=_own(problem, there, places[told.trials[0]]))
+
+
+def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
+    """RMS error of every trial over the noise floor, by name."""
+    errors = _errors(problem, x)
+    return {
+        name: _misfit(problem, own, [errors[k] for k in own])
+        for name, own in _places(problem).items()
+    }
 
 
 def _left_out(
-    problem: Problem, x: FloatArray, name: str, places: dict[str, list[int]]
+    problem: Problem,
+    x: FloatArray,
+    names: tuple[str, ...],
+    places: dict[str, list[int]],
 ) -> tuple[Odd, FloatArray]:
-    """Fit all trials but one and predict that one."""
-    own = places[name]
+    """Fit all trials but some and predict these."""
+    own = [k for name in names for k in places[name]]
     masks = [
         record.free & (k not in own) for k, record in enumerate(problem.plant.records)
     ]
     there = fit(problem, x, masks).x
     errors = _errors(problem, there)
-    rest = [k for other, theirs in places.items() if other != name for k in theirs]
+    rest = [k for other, theirs in places.items() if other not in names for k in theirs]
     return Odd(
-        name,
+        names,
         _misfit(problem, own, [errors[k] for k in own]),
         _misfit(problem, rest, [errors[k] for k in rest]),
-        "",
     ), there
 
 

@@ -32,7 +32,7 @@ from cc_mujoco.diagnosis.inference.intervals import (
 )
 from cc_mujoco.diagnosis.inference.judgement import REFINES, Outcome, judged
 from cc_mujoco.diagnosis.inference.numerics import HARMLESS
-from cc_mujoco.diagnosis.inference.per_trial import odd_trial, trial_errors
+from cc_mujoco.diagnosis.inference.per_trial import misfits, odd_trial, trial_errors
 from cc_mujoco.diagnosis.inference.plausibility import doubtful, ordinary
 from cc_mujoco.diagnosis.inference.records import Record, prepare
 from cc_mujoco.diagnosis.inference.residual_maps import maps, ranked
@@ -171,7 +171,7 @@ def _concluded(
         if kind == "unknown"
         else (problem, x)
     )
-    odd = odd_trial(*asked)
+    odd = odd_trial(*asked, misfits(baseline_fit.problem, baseline_fit.whole.x))
     progress(0.95, "writing it down")
     rivals = [
         (c.crossed.problem, np.mean([f.x for f in c.crossed.fits], axis=0))

@@ -9,9 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.data.trials import Dataset
+from cc_mujoco.diagnosis.data.trials import Dataset, Facts
 from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline, plant_of
-from cc_mujoco.diagnosis.inference.per_trial import odd_trial, trial_errors
+from cc_mujoco.diagnosis.inference.fitting import fit
+from cc_mujoco.diagnosis.inference.per_trial import (
+    misfits,
+    odd_trial,
+    trial_errors,
+)
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
 from diagnosis.recorded import BENCH, dataset
@@ -51,11 +56,41 @@ def test_a_trial_with_other_cables_is_asked_about(
     found = baseline_fit(recorded(odd, changes))
     asked = odd_trial(found.problem, found.whole.x)
     assert asked is not None
-    assert asked.trial == f"run_{odd}"
+    assert asked.trials == (f"run_{odd}",)
     assert asked.misfit > 5.0 * asked.rest
     assert asked.rest < 2.0
     assert f"Trial run_{odd} is off by" in asked.question
     assert re.search(told, asked.question), asked.question
+
+
+def test_a_turn_the_wrong_way_is_asked_about_for_all_that_are_turned() -> None:
+    data = recorded()
+    trials = [
+        replace(
+            trial,
+            joint_torque=trial.joint_torque - 0.8 * np.sin(trial.joint_angle + tilt),
+            facts=Facts(tilt=-tilt),
+        )
+        for trial, tilt in zip(data.trials, (0.0, 0.0, 1.5, 1.5), strict=True)
+        if trial.joint_torque is not None
+    ]
+    found = baseline_fit(replace(data, trials=tuple(trials)))
+    size = {"gravity_sine": 0.8, "gravity_cosine": 0.0}
+    wider = found.problem.with_effect("joint_gravity", size)
+    every = [record.counts for record in wider.plant.records]
+    x = fit(wider, wider.placed(found.whole.x, size), every).x
+    asked = odd_trial(wider, x, misfits(found.problem, found.whole.x))
+    assert asked is not None and asked.trials == ("run_2", "run_3")
+    assert "turned by \u22121.50 rad" in asked.question
+    assert "Correct sign and size of `tilt`" in asked.question
+
+
+def test_what_a_large_effect_leaves_is_no_contradiction() -> None:
+    found = baseline_fit(recorded(2, {"pretension": 40.0}))
+    off = misfits(found.problem, found.whole.x)
+    assert odd_trial(found.problem, found.whole.x, off) is not None
+    larger = {name: 10.0 * size for name, size in off.items()}
+    assert odd_trial(found.problem, found.whole.x, larger) is None
 
 
 @pytest.fixture(scope="module")

@@ -48,12 +48,10 @@ REACH = 0.8
 SPEED = 3.0
 """Largest speed of the motor where none is given [rad/s]."""
 _TITLE = "# Trials to record"
-_LOOKALIKES = {"joint_gravity", "joint_stiffness"}
 _TURNED = (
-    "A spring that softens, as rubber does, pulls like a weight. If the rig can be "
-    "turned about the joint's axis, record one trial so and declare `tilt`, the angle "
-    "in radians by which it was turned, positive as the joint is: only the weight "
-    "notices."
+    "If the rig cannot be turned, leave that trial out: a spring that softens, as "
+    "rubber does, pulls like a weight, and only a weight notices the turn. Positive is "
+    "as the joint is, in radians (`tilt` in `dataset.toml`)."
 )
 
 
@@ -215,6 +213,8 @@ def _dataset(found: Plan, bench: Bench) -> str:
         lines += [f'[trials."trial_{k:02d}"]', f"pretension = {tension:g}"]
         if motion.description.startswith("joint locked"):
             lines.append('locked = "joint"')
+        if motion.tilt:
+            lines.append(f"tilt = {motion.tilt:.4g}")
         lines += [f'notes = "{motion.description}"', ""]
     return "\n".join(lines)
 
@@ -281,7 +281,7 @@ def page(
             "",
             resolved,
             "",
-            *((_TURNED, "") if _LOOKALIKES <= {r.id for r in found.resolved} else ()),
+            *((_TURNED, "") if any(motion.tilt for motion in found.trials) else ()),
             *(
                 ("Not testable with these instruments:", "", unseen, "")
                 if found.hidden

@@ -42,6 +42,7 @@ def test_effects_show_and_are_told_from_each_other(
     assert len(found.trials) < 10
     assert all(each.apart >= SEEN for each in found.resolved)
     assert all(each.clarity >= each.apart for each in found.resolved)
+    assert sum(motion.tilt > 0.0 for motion in found.trials) == 1
 
 
 def test_files_are_what_the_page_says(made: tuple[Plan, Path]) -> None:
@@ -55,8 +56,9 @@ def test_files_are_what_the_page_says(made: tuple[Plan, Path]) -> None:
         assert f"motion_{k:02d}.csv" in page
         told = facts[f"trial_{k:02d}"]
         assert told["pretension"] == pytest.approx(80.0 * motion.pretension)
+        assert told.get("tilt", 0.0) == pytest.approx(motion.tilt, abs=1e-3)
     assert all(name in page for name in IDS)
-    assert "declare `tilt`" in page and not any(m.tilt for m in found.trials)
+    assert "If the rig cannot be turned" in page
 
 
 def test_motions_stay_within_the_limits_and_have_no_jumps() -> None:

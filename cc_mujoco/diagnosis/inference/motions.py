@@ -32,7 +32,7 @@ class Motion:
         joint: angle of the joint (samples,) [rad].
         pretension: relative to what the data had.
         tilt: angle by which the rig is turned about the joint's axis [rad].
-        usual: whether every rig can run it, as far as its motor goes and as it stands.
+        usual: whether it stays within the limits of the motor.
     """
 
     description: str
@@ -144,7 +144,6 @@ def motions(
             sweep,
             free(sweep),
             tilt=QUARTER,
-            usual=False,
         ),
         Motion(
             "joint locked, slow triangles, pretension halved",

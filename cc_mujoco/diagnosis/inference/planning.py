@@ -168,6 +168,7 @@ def _record(motion: Motion, bench: Bench, rows: int) -> Record:
         start=0.0,
         split=None,
         group=motion.description,
+        tilt=motion.tilt,
     )
 
 

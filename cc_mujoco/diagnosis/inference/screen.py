@@ -179,6 +179,11 @@ def screen(
 
 
 def amplitudes(effect: Effect) -> list[EffectParameter]:
+    """Sizes of an effect; its other parameters shape it or come beside it."""
+    return [parameter for parameter in _linear(effect) if not parameter.beside]
+
+
+def _linear(effect: Effect) -> list[EffectParameter]:
     """Parameters whose 0 is off; the others only shape the effect."""
     return [parameter for parameter in effect.parameters if parameter.low <= 0.0]
 
@@ -189,7 +194,7 @@ def _columns(given: _Screen, name: str, place: int) -> FloatArray:
     start = effect.starts[place]
     wider = given.problem.with_effect(name, dict(start))
     columns = []
-    for parameter in amplitudes(effect):
+    for parameter in _linear(effect):
         size = start[parameter.name] / parameter.typical
 
         def simulate(key: str = parameter.name, size: float = size) -> list[FloatArray]:
@@ -213,14 +218,16 @@ def _sign(given: _Screen, name: str, place: int) -> Signature | None:
     except CableError:
         return None
     effect = given.problem.plant.library.effects[name]
-    start, parameters = dict(effect.starts[place]), amplitudes(effect)
+    start, parameters = dict(effect.starts[place]), _linear(effect)
     error, rest = given.error, given.rest
     signature = changes - (given.tangent @ (given.tangent.T @ changes))
     lengths = np.linalg.norm(signature, axis=0)
-    visible = float(lengths.max()) / np.sqrt(error.size) / given.problem.weight
-    if lengths.max() <= PIECE:
+    sizes = np.array([not parameter.beside for parameter in parameters])
+    own = float(lengths[sizes].max())
+    visible = own / np.sqrt(error.size) / given.problem.weight
+    if own <= PIECE:
         nothing = np.zeros((error.size, 0))
-        return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes)
+        return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes[:, sizes])
     kept = lengths > PIECE
     solved = np.zeros(len(parameters))
     wider = given.problem.with_effect(name, start).tuned[given.x.size :]
@@ -240,9 +247,13 @@ def _sign(given: _Screen, name: str, place: int) -> Signature | None:
     gained = (float(rest @ rest) - float(left @ left)) / beyond
     for parameter, amount in zip(parameters, solved.tolist(), strict=True):
         start[parameter.name] = amount * parameter.typical
-    basis, _ = np.linalg.qr(signature[:, kept])
+    # What comes beside an effect is tuned with it, and is nothing to know it by.
+    along, _ = np.linalg.qr(signature[:, kept & ~sizes])
+    alone = signature[:, kept & sizes]
+    basis, _ = np.linalg.qr(alone - along @ (along.T @ alone))
     foreseen = given.foresight(changes[:, kept] / lengths[kept]) if gained > 0 else 0.0
-    return Signature(name, start, max(gained, 0.0), foreseen, visible, basis, changes)
+    seen = changes[:, sizes]
+    return Signature(name, start, max(gained, 0.0), foreseen, visible, basis, seen)
 
 
 def within(

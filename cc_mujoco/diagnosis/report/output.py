@@ -233,8 +233,7 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
     """RMS difference of scene and replay on the first seconds of a record [Nm]."""
     problem = result.problem
     assert problem is not None
-    # The scene stands as it is, and is not turned.
-    record = replace(problem.plant.records[0], tilt=0.0)
+    record = problem.plant.records[0]
     values = problem.values(result.x)
     short = min(record.time.size, round(4.0 / record.dt))
     offset = values.get("joint_angle_offset", 0.0)
@@ -244,7 +243,12 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
     time = record.start + record.dt * np.arange(short)
     shown = np.array(
         rollout(
-            path, time, record.motor_angle[:short], joint, lead_in=distal / proximal
+            path,
+            time,
+            record.motor_angle[:short],
+            joint,
+            lead_in=distal / proximal,
+            tilt=record.tilt,
         )
     )
     quiet = {

@@ -31,6 +31,10 @@ PROBE_INERTIA = 1e-6
 """Of the body whose torque shows an acceleration [kg m^2]."""
 PLAY_DAMPING = 0.02
 """Damping ratio of a pulley that swings in its play on the cables alone."""
+GRAVITY = "joint_gravity"
+"""Actuator that pulls as a weight does."""
+_PHASE = 2
+"""Of the ripple, in the bias of a DC motor."""
 NO_INPUT = 16
 """`ctrlspec` of an actuator with `input="none"`: it adds nothing to `ctrl`."""
 
@@ -127,9 +131,17 @@ def gravity(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     cosine, sine = values["gravity_cosine"], values["gravity_sine"]
     if bench.lever is not None:
         cosine *= bench.lever.sign  # angle and torque are both turned round
-    _wave(spec, "joint_gravity", bench.joint, 1.0, -sine, -cosine)
+    _wave(spec, GRAVITY, bench.joint, 1.0, -sine, -cosine)
     if bench.lever is None:
-        add_part(spec, JOINT_TORQUE, force_sensor(spec, "joint_gravity"), 1.0)
+        add_part(spec, JOINT_TORQUE, force_sensor(spec, GRAVITY), 1.0)
+
+
+def turn(model: mujoco.MjModel, bench: Bench | None, tilt: float) -> None:
+    """Turn a rig about the joint's axis, positive as the joint of the bench [rad]."""
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRAVITY)
+    if number >= 0:
+        sign = bench.lever.sign if bench is not None and bench.lever else 1.0
+        model.actuator_biasprm[number, _PHASE] += sign * tilt
 
 
 def _wave(

@@ -62,7 +62,7 @@ REALISATIONS: dict[str, Realisation] = {
     "joint_gravity": Realisation(
         ("gravity_sine", "gravity_cosine"),
         "the same with one period per turn: independent of the joint's axis in space "
-        "and of the mass of the scene",
+        "and of the mass of the scene, as the rig stands that is not turned",
         mechanical.gravity,
         pulley=False,
     ),

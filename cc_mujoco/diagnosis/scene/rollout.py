@@ -28,6 +28,7 @@ from cc_mujoco.diagnosis.scene.instruments import (
     torque_weights,
     without_delay,
 )
+from cc_mujoco.diagnosis.scene.mechanical import turn
 from cc_mujoco.engine import settle
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError
@@ -44,6 +45,7 @@ def rollout(
     motor_angle: ArrayLike,
     joint_angle: ArrayLike,
     lead_in: float | None = None,
+    tilt: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Torques that the sensors of a scene show along a motion.
 
@@ -63,6 +65,8 @@ def rollout(
         lead_in: turns of the motor per turn of the joint (of a lever, per turn of the
             pulley that it is at 0), to come from rest in the pose 0 to the first
             sample, see `replays.with_lead_in`; None begins there at rest.
+        tilt: by which the rig was turned about the joint's axis, positive as the joint
+            is, for gravity that a diagnosis found [rad].
 
     Returns:
         Torque that the motor puts into its pulley, and torque that the transmission
@@ -80,9 +84,11 @@ def rollout(
         motor, joint = with_lead_in(
             angles[0], angles[1], lambda q: lead_in * turned(q), 1
         )
-        led_in = rollout(scene, np.concatenate([before, clock]), motor, joint)
+        clock = np.concatenate([before, clock])
+        led_in = rollout(scene, clock, motor, joint, tilt=tilt)
         return led_in[0][LEAD:], led_in[1][LEAD:]
     model, bench = _model(scene)
+    turn(model, bench, tilt)
     view = _Sensors(model) if bench is None else _Forces(model, bench)
     dt = float(clock[-1] - clock[0]) / (clock.size - 1)
     longest = model.opt.timestep if model.nv > 2 else dt

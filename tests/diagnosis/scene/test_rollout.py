@@ -87,6 +87,17 @@ def test_an_effect_adds_what_its_formula_says(tmp_path: Path, effect: str) -> No
     assert max(error(a, b) for a, b in zip(found, wanted, strict=True)) < 2e-6
 
 
+@pytest.mark.parametrize("lead_in", [None, 1.0])
+def test_a_turned_rig_has_its_weight_elsewhere(lead_in: float | None) -> None:
+    spec = repaired(BENCH, BENCH.cables, {"joint_gravity": EFFECTS["joint_gravity"][0]})
+    plain = rollout(spec, TIME, MOTOR, JOINT, lead_in)
+    turned = rollout(spec, TIME, MOTOR, JOINT, lead_in, tilt=0.7)
+    there = 0.3 * np.cos(JOINT + 0.7) - 0.5 * np.sin(JOINT + 0.7)
+    here = 0.3 * np.cos(JOINT) - 0.5 * np.sin(JOINT)
+    assert error(turned[1] - plain[1], there - here) < 1e-9
+    assert error(turned[0], plain[0]) < 1e-12
+
+
 def test_effects_add_up_with_sensors_last() -> None:
     names = ["sensor_delay", "torque_sensor_gain", "joint_gravity", "motor_cogging"]
     effects = {name: EFFECTS[name][0] for name in names}

@@ -57,8 +57,19 @@ def milli(columns: Columns) -> Columns:
     return {**columns, "time_s": 1e3 * columns["time_s"]}
 
 
-def thousandth(columns: Columns) -> Columns:
-    return {**columns, "time_s": 1e-3 * columns["time_s"]}
+def misnamed(columns: Columns) -> Columns:
+    return {
+        "time_ms": columns["time_s"],
+        **{n: values for n, values in columns.items() if n != "time_s"},
+    }
+
+
+def millionfold(columns: Columns) -> Columns:
+    return {**columns, "time_s": 1e6 * columns["time_s"]}
+
+
+def seldom(columns: Columns) -> Columns:
+    return {name: values[::500][:5] for name, values in columns.items()}
 
 
 def torn(columns: Columns) -> Columns:
@@ -74,8 +85,8 @@ def torn(columns: Columns) -> Columns:
         (cut(0.004), "lasts 0.002 s"),
         (milli, "declare [columns.time_s] unit = 'ms'"),
         (
-            thousandth,
-            "declare [columns.time_s] unit = 's' if that is what time_s holds",
+            misnamed,
+            "declare [columns.time_s] unit = 's' if that is what time_ms holds",
         ),
         (torn, "without a gap or a missing reading"),
     ],

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis.data.channels import ANGLES, TEMPERATURE, TIME, VALID
+from cc_mujoco.diagnosis.data.channels import ANGLES, CLOCK, TEMPERATURE, TIME, VALID
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
 from cc_mujoco.diagnosis.data.digits import read_at, resolution
 from cc_mujoco.diagnosis.data.findings import Finding, error, warning
@@ -28,7 +28,7 @@ SLOWEST, SLOW = 25.0, 100.0
 SHORTEST, FEWEST = 0.2, 20
 """A stretch is at least so long [s], and has so many samples."""
 
-_MILLI, _FASTEST = 1e3, 5e3  # rates of times that are milliseconds [Hz]
+_FASTEST = 5e3  # rate of any rig [Hz]
 _BUNCHED = 0.1  # intervals of less than so many usual ones come in bunches
 _MANY_BUNCHED = 0.05
 _EVEN = 0.1  # share of a step by which times may be off an even grid
@@ -74,7 +74,7 @@ def lay_out(
         return None, [error(told, name)]
     time = recording.values[TIME]
     step = float(np.median(np.diff(time)))
-    rate, found = _rate(recording, step)
+    rate, found = _rate(recording, file, step, float(time[-1] - time[0]))
     findings += found
     digits = {
         channel: resolution(value)
@@ -90,13 +90,14 @@ def lay_out(
     if not segments:
         lasts = float(time[-1] - time[0])
         told = f"lasts {lasts:.3g} s; a trial needs at least {SHORTEST} s."
-        if SLOWEST < rate / _MILLI < _FASTEST and _MILLI * lasts >= SHORTEST:
+        if other := _other_unit(recording, file, rate, lasts):
             told = (
-                f"lasts {lasts:.3g} s with {rate:.3g} samples per second; declare "
-                f"[columns.{TIME}] unit = 's' if that is what "
-                f"{recording.labels.get(TIME, TIME)} holds."
+                f"lasts {lasts:.3g} s with {len(time)} samples, {rate:.3g} per second; "
+                f"{other}."
             )
-        elif lasts >= SHORTEST and len(time) >= FEWEST:
+        elif lasts >= SHORTEST and len(time) < FEWEST:
+            told = f"has {len(time)} samples; a trial needs at least {FEWEST}."
+        elif lasts >= SHORTEST:
             told = (
                 f"has no stretch of {SHORTEST} s without a gap or a missing reading; "
                 "record without interruption."
@@ -108,16 +109,36 @@ def lay_out(
     return track, findings + found
 
 
-def _rate(recording: Recording, step: float) -> tuple[float, list[Finding]]:
+def _other_unit(
+    recording: Recording, file: DatasetFile, rate: float, lasts: float
+) -> str:
+    """What to declare if the times were in another unit; "" if none would do."""
+    label = recording.labels.get(TIME, TIME)
+    now = CLOCK.factors[file.unit(TIME, label)]
+    for unit, factor in CLOCK.factors.items():
+        scale = factor / now
+        if scale != 1.0 and SLOWEST < rate / scale < _FASTEST:
+            if scale * lasts < SHORTEST:
+                continue
+            if set(recording.paths.values()) - {recording.path}:
+                return f"check the `unit` of its files in [files]; {unit!r} would do"
+            return (
+                f"declare [columns.{TIME}] unit = {unit!r} if that is what {label} "
+                "holds"
+            )
+    return ""
+
+
+def _rate(
+    recording: Recording, file: DatasetFile, step: float, lasts: float
+) -> tuple[float, list[Finding]]:
     """Samples per second, and whether they are enough."""
     rate = 1.0 / step
     told = f"{recording.column(TIME)}: {rate:.4g} samples per second"
     if rate < SLOWEST:
         text = f"{told} are too few to see friction at reversals; record at 200 or more"
-        if SLOWEST < _MILLI * rate < _FASTEST:
-            text += (
-                f", or declare [columns.{TIME}] unit = 'ms' if that is what it holds"
-            )
+        if other := _other_unit(recording, file, rate, lasts):
+            text += f", or {other}"
         return rate, [error(f"{text}.", recording.name, TIME)]
     if rate < SLOW:
         text = f"{told} blur what happens at reversals; 200 or more are better."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -188,7 +189,7 @@ def _concluded(
         tuple(
             each
             for each in untestable(found.signatures, baseline_fit.problem, hidden)
-            if each.id not in problem.effects
+            if each.id not in {*problem.effects, *chain.from_iterable(ties)}
         ),
         propose(rivals, ties[0]) if ties else None,
         ranked(drawn),

@@ -60,6 +60,7 @@ def test_a_spring_that_softens_is_in_a_tie_with_gravity() -> None:
     found = reason(replace(data, trials=soft), BENCH, ids=SPRINGY).diagnosis
     assert found.verdict == "tie", found.statement
     assert found.ties == (("joint_gravity", "joint_stiffness"),)
+    assert not {"joint_gravity", "joint_stiffness"} & {n.id for n in found.not_testable}
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,6 @@ from cc_mujoco.diagnosis.inference.replays import shifted
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.report.drawings import STEMS
 from cc_mujoco.diagnosis.report.report import write_report
-from cc_mujoco.diagnosis.scene.mechanical import bends
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, has
 from cc_mujoco.diagnosis.scene.repair import repaired
 from cc_mujoco.diagnosis.scene.repair import write as write_scene
@@ -44,8 +43,6 @@ from cc_mujoco.page import listed
 SCENE = "scene.xml"
 SOMETIMES = (SCENE, "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
 """Files that only some verdicts come with."""
-_RESTS = 1e-4
-"""Torque of a spring at the scene's 0 that goes without saying [Nm]."""
 _DRAWN_WITH = (
     "matplotlib.backends.backend_agg",
     "cc_mujoco.diagnosis.report.recording",
@@ -177,8 +174,7 @@ def scene(result: Result, path: Path) -> list[str]:
     }
     said = []
     if bench.lever is None:
-        offset = values.get("joint_angle_offset", 0.0)
-        said += _at_scene_angle(effects, offset, bends(bench))
+        _at_scene_angle(effects, values.get("joint_angle_offset", 0.0))
     write_scene(path, repaired(bench, cables, effects))
     if left := [name for name in problem.effects if name not in effects]:
         said.append(
@@ -196,31 +192,19 @@ def scene(result: Result, path: Path) -> list[str]:
     ]
 
 
-def _at_scene_angle(
-    effects: dict[str, dict[str, float]], offset: float, bent: bool
-) -> list[str]:
+def _at_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> None:
     """Have what was found by the measured angle act by that of the scene.
 
-    The scene's is the measured one and the offset. A spring beside a `bent` one of the
-    scene's own has to rest at 0, and what that leaves out is told.
+    The scene's is the measured one and the offset.
     """
     if "joint_gravity" in effects:
         weight = effects["joint_gravity"]
         sine, cosine = weight["gravity_sine"], weight["gravity_cosine"]
         weight["gravity_sine"] = sine * cos(offset) + cosine * sin(offset)
         weight["gravity_cosine"] = cosine * cos(offset) - sine * sin(offset)
-    if "joint_stiffness" not in effects:
-        return []
-    spring = effects["joint_stiffness"]
-    moment = spring["joint_stiffness_moment"] - spring["joint_stiffness"] * offset
-    spring["joint_stiffness_moment"] = 0.0 if bent else moment
-    if not bent or abs(moment) < _RESTS:
-        return []
-    return [
-        "Beside a spring that is not linear scene.xml has that at the joint about the "
-        f"scene's 0, and not the constant {-moment:+.3g} Nm of a spring that rests "
-        "elsewhere."
-    ]
+    if "joint_stiffness" in effects:
+        spring = effects["joint_stiffness"]
+        spring["joint_stiffness_moment"] -= spring["joint_stiffness"] * offset
 
 
 def _writable(result: Result) -> list[str]:
@@ -258,11 +242,11 @@ def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
         **dict.fromkeys(CLOCKS, 0.0),
     }
     # The sensors of a scene show both torques, whatever those of the rig do.
-    whole = replace(problem.plant.limited([record]), instruments=TORQUE_SENSORS)
+    whole = replace(problem.plant, instruments=TORQUE_SENSORS)
     shows = _writable(result)
     if result.bench.lever is not None:  # MuJoCo shows of it what the cable does
         shows = [name for name in shows if name not in REALISATIONS]
-    played: FloatArray = whole.simulate(quiet, shows)[0]
+    played: FloatArray = whole.simulate(quiet, shows, only=(0,))[0]
     edge = round(1.0 / record.band / record.dt)
     passed = low_passed(shown, record.band, 1.0 / record.dt)
     error = (passed - played[:, :short])[:, edge:-edge]

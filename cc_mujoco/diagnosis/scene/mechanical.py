@@ -136,12 +136,11 @@ def gravity(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         add_part(spec, JOINT_TORQUE, force_sensor(spec, GRAVITY), 1.0)
 
 
-def turn(model: mujoco.MjModel, bench: Bench | None, tilt: float) -> None:
-    """Turn a rig about the joint's axis, positive as the joint of the bench [rad]."""
+def turn(model: mujoco.MjModel, tilt: float) -> None:
+    """Turn a rig about its joint's axis, for the weight that pulls there [rad]."""
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRAVITY)
     if number >= 0:
-        sign = bench.lever.sign if bench is not None and bench.lever else 1.0
-        model.actuator_biasprm[number, _PHASE] += sign * tilt
+        model.actuator_biasprm[number, _PHASE] += tilt
 
 
 def _wave(
@@ -171,14 +170,16 @@ def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     unit = math.degrees(1.0) if spec.compiler.degree else 1.0
     present, rest = float(joint.stiffness[0]), float(joint.springref) / unit
     total = present + added
-    if (rest != 0.0 or moment != 0.0) and (total == 0.0 or any(joint.stiffness[1:])):
+    joint.stiffness[0] = total
+    if total != 0.0 and not any(joint.stiffness[1:]):
+        joint.springref = unit * (present * rest - sign * moment) / total
+    elif rest != 0.0:
         raise CableError(
             f"joint {bench.joint!r} has a spring about {rest:g} rad that another "
-            f"one, of {moment:g} Nm at 0, cannot be added to; take it out of the scene"
+            "one cannot be added to; take it out of the scene"
         )
-    joint.stiffness[0] = total
-    if total != 0.0:
-        joint.springref = unit * (present * rest - sign * moment) / total
+    elif moment != 0.0:  # a spring that is not linear stays where it rests
+        _wave(spec, "joint_stiffness_moment", bench.joint, 0.0, 0.0, -sign * moment)
     if bench.lever is not None:
         return
     angle = "joint_stiffness_angle"
@@ -190,12 +191,6 @@ def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     )
     add_part(spec, JOINT_TORQUE, angle, -added)
     add_constant(spec, JOINT_TORQUE, -moment)
-
-
-def bends(bench: Bench) -> bool:
-    """Whether the joint has a spring of its own that is not linear."""
-    spec = mujoco.MjSpec.from_file(str(bench.path))
-    return any(spec.joint(bench.joint).stiffness[1:])
 
 
 def joint_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:

@@ -22,7 +22,7 @@ import mujoco
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.scene.instruments import instrument
 from cc_mujoco.diagnosis.scene.mechanical import Values, rim_stiffness
-from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, Realisation, has
+from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, has
 from cc_mujoco.engine import step_limits, to_mjcf
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
@@ -75,7 +75,7 @@ def repaired(
             instrument(spec, bench)
         for name, realisation in REALISATIONS.items():
             if name in effects:
-                _check(name, realisation, effects[name])
+                _check(name, realisation.parameters, effects[name])
                 if any(effects[name][key] != 0.0 for key in realisation.parameters):
                     realisation.apply(spec, bench, effects[name])
         spec.comment = _comment(bench, effects)
@@ -152,17 +152,15 @@ def _largest_step(spec: mujoco.MjSpec, bench: Bench) -> float:
     return 0.5 * min(limits)
 
 
-def _check(name: str, realisation: Realisation, values: Values) -> None:
-    for given, value in values.items():
-        if given not in realisation.parameters:
-            raise CableError.unknown(
-                f"parameter of {name}", given, realisation.parameters
-            )
-        if not math.isfinite(value):
-            raise CableError(f"effect {name}: `{given}` is not finite")
-    for wanted in realisation.parameters:
+def _check(name: str, parameters: Sequence[str], values: Values) -> None:
+    for given in values:
+        if given not in parameters:
+            raise CableError.unknown(f"parameter of {name}", given, parameters)
+    for wanted in parameters:
         if wanted not in values:
             raise CableError(f"effect {name} needs a value for `{wanted}`")
+        if not math.isfinite(values[wanted]):
+            raise CableError(f"effect {name}: `{wanted}` is not finite")
 
 
 def _comment(bench: Bench, effects: Mapping[str, Values]) -> str:

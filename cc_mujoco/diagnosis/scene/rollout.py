@@ -66,7 +66,7 @@ def rollout(
             pulley that it is at 0), to come from rest in the pose 0 to the first
             sample, see `replays.with_lead_in`; None begins there at rest.
         tilt: by which the rig was turned about the joint's axis, positive as the joint
-            is, for gravity that a diagnosis found [rad].
+            is, for gravity that a diagnosis found [rad]; of a lever nothing shows it.
 
     Returns:
         Torque that the motor puts into its pulley, and torque that the transmission
@@ -88,7 +88,7 @@ def rollout(
         led_in = rollout(scene, clock, motor, joint, tilt=tilt)
         return led_in[0][LEAD:], led_in[1][LEAD:]
     model, bench = _model(scene)
-    turn(model, bench, tilt)
+    turn(model, tilt)
     view = _Sensors(model) if bench is None else _Forces(model, bench)
     dt = float(clock[-1] - clock[0]) / (clock.size - 1)
     longest = model.opt.timestep if model.nv > 2 else dt

@@ -13,6 +13,7 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.scene.instruments import measured
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
 from cc_mujoco.diagnosis.scene.repair import repaired, write
+from cc_mujoco.diagnosis.scene.requirements import require_repairable
 from cc_mujoco.engine import from_mjcf
 from cc_mujoco.errors import CableError
 from diagnosis.rigs import BENCH, EFFECTS, MECHANICAL
@@ -135,6 +136,30 @@ def test_a_time_step_that_the_cables_outgrow_is_reduced() -> None:
     data = stirred(spec, 3000)[1]
     assert np.abs(data.qvel).max() < 10.0
     assert repaired(BENCH, BENCH.cables, {}).option.timestep == 1e-4
+
+
+@pytest.mark.parametrize("rest", [0.0, -0.2])
+def test_a_spring_beside_one_that_is_not_linear(tmp_path: Path, rest: float) -> None:
+    text = BENCH.path.read_text(encoding="utf-8").replace(
+        'axis="-1 0 0" damping="0.02"',
+        'axis="-1 0 0" damping="0.02" stiffness="2 0.5 0.3"',
+    )
+    path = tmp_path / "scene.xml"
+    path.write_text(text, encoding="utf-8")
+    bench = Bench.of(path)
+    require_repairable(bench)
+    more = {"joint_stiffness": 0.5, "joint_stiffness_moment": -0.5 * rest}
+    spec = repaired(bench, bench.cables, {"joint_stiffness": more})
+    dof = spec.compile().joint("joint").dofadr[0]
+    for angle in (-0.5, 0.0, 0.4):
+        pulls = []
+        for model in (repaired(bench, bench.cables, {}).compile(), spec.compile()):
+            data = mujoco.MjData(model)
+            data.joint("joint").qpos[0] = angle
+            mujoco.mj_forward(model, data)
+            pulls.append(data.qfrc_spring[dof] + data.qfrc_actuator[dof])
+        wanted = -0.5 * (angle - rest)
+        assert pulls[1] - pulls[0] == pytest.approx(wanted, abs=1e-9)
 
 
 @pytest.mark.parametrize("rest", [0.0, -0.2])

@@ -57,8 +57,11 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[Finding]:
             trial.name,
         )
         for original, trial in _repeats(trials)
-        for what in ("pretension", "tilt")
-        if getattr(original.facts, what) != getattr(trial.facts, what)
+        for what, one, other in (
+            ("pretension", original.facts.pretension, trial.facts.pretension),
+            ("tilt", original.facts.tilt or 0.0, trial.facts.tilt or 0.0),
+        )
+        if one is not None and other is not None and one != other
     ]
 
 

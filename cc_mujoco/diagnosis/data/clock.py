@@ -74,7 +74,8 @@ def lay_out(
         return None, [error(told, name)]
     time = recording.values[TIME]
     step = float(np.median(np.diff(time)))
-    rate, found = _rate(recording, file, step, float(time[-1] - time[0]))
+    lasts = float(time[-1] - time[0])
+    rate, found = _rate(recording, file, step, lasts)
     findings += found
     digits = {
         channel: resolution(value)
@@ -88,7 +89,6 @@ def lay_out(
     findings += found
     segments = _runs(good, breaks, max(FEWEST, round(SHORTEST * rate)))
     if not segments:
-        lasts = float(time[-1] - time[0])
         told = f"lasts {lasts:.3g} s; a trial needs at least {SHORTEST} s."
         if other := _other_unit(recording, file, rate, lasts):
             told = (
@@ -117,9 +117,8 @@ def _other_unit(
     now = CLOCK.factors[file.unit(TIME, label)]
     for unit, factor in CLOCK.factors.items():
         scale = factor / now
-        if scale != 1.0 and SLOWEST < rate / scale < _FASTEST:
-            if scale * lasts < SHORTEST:
-                continue
+        likely = SLOWEST < rate / scale < _FASTEST and scale * lasts >= SHORTEST
+        if scale != 1.0 and likely:
             if set(recording.paths.values()) - {recording.path}:
                 return f"check the `unit` of its files in [files]; {unit!r} would do"
             return (

@@ -54,6 +54,16 @@ class EffectParameter(NamedTuple):
     ordinary_of: Literal["", "cable", "pretension", "pretension per length"] = ""
     beside: bool = False
 
+    @property
+    def linear(self) -> bool:
+        """Whether 0 is off; what cannot be 0 only shapes the effect."""
+        return self.low <= 0.0
+
+    @property
+    def size(self) -> bool:
+        """Whether it is one of the sizes by which the effect is known."""
+        return self.linear and not self.beside
+
 
 @dataclass(frozen=True)
 class Torques:

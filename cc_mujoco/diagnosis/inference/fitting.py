@@ -39,7 +39,7 @@ def knob_as_tuned(parameter: EffectParameter, start: float, plant: Plant) -> Tun
     direction open, say an offset of both torques against that of an angle, it stays
     small.
     """
-    if parameter.low > 0.0:
+    if not parameter.linear:
         low, high = math.log(parameter.low / start), math.log(parameter.high / start)
         return Tuned(parameter.name, parameter.unit, start, 1.0, low, high, True)
     size = parameter.typical

@@ -142,7 +142,7 @@ def odd_trial(
     if told.misfit < KEPT * max(before[name] for name in told.trials):
         return None
     tilt = tilts[told.trials[0]]
-    if tilt:
+    if tilt and sum(each == tilt for each in tilts.values()) == len(told.trials):
         return told._replace(tilt=tilt)
     return told._replace(own=_own(problem, there, places[told.trials[0]]))
 

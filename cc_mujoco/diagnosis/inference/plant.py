@@ -40,7 +40,7 @@ _OFF = {
     parameter.name: 0.0
     for effect in EFFECTS.values()
     for parameter in effect.parameters
-    if parameter.low <= 0.0
+    if parameter.linear
 }
 """Parameters of effects that a rig does not have."""
 

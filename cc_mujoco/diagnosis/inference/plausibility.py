@@ -135,7 +135,7 @@ def _whole(of: str, cable: Cable) -> float:
 
 def shapes(problem: Problem, name: str) -> list[int]:
     """Indices of the parameters of an effect that are not 0 where it is off."""
-    own = {p.name for p in EFFECTS[name].parameters if p.low > 0.0}
+    own = {p.name for p in EFFECTS[name].parameters if not p.linear}
     return [k for k, parameter in enumerate(problem.tuned) if parameter.name in own]
 
 
@@ -145,6 +145,6 @@ def amplitudes(problem: Problem, names: Sequence[str]) -> list[int]:
         parameter.name
         for name in names
         for parameter in EFFECTS[name].parameters
-        if parameter.low <= 0.0 and not parameter.beside
+        if parameter.size
     }
     return [k for k, parameter in enumerate(problem.tuned) if parameter.name in off]

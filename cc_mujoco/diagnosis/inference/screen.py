@@ -180,12 +180,7 @@ def screen(
 
 def amplitudes(effect: Effect) -> list[EffectParameter]:
     """Sizes of an effect; its other parameters shape it or come beside it."""
-    return [parameter for parameter in _linear(effect) if not parameter.beside]
-
-
-def _linear(effect: Effect) -> list[EffectParameter]:
-    """Parameters whose 0 is off; the others only shape the effect."""
-    return [parameter for parameter in effect.parameters if parameter.low <= 0.0]
+    return [parameter for parameter in effect.parameters if parameter.size]
 
 
 def _columns(given: _Screen, name: str, place: int) -> FloatArray:
@@ -194,7 +189,7 @@ def _columns(given: _Screen, name: str, place: int) -> FloatArray:
     start = effect.starts[place]
     wider = given.problem.with_effect(name, dict(start))
     columns = []
-    for parameter in _linear(effect):
+    for parameter in filter(lambda each: each.linear, effect.parameters):
         size = start[parameter.name] / parameter.typical
 
         def simulate(key: str = parameter.name, size: float = size) -> list[FloatArray]:
@@ -218,11 +213,12 @@ def _sign(given: _Screen, name: str, place: int) -> Signature | None:
     except CableError:
         return None
     effect = given.problem.plant.library.effects[name]
-    start, parameters = dict(effect.starts[place]), _linear(effect)
+    start = dict(effect.starts[place])
+    parameters = [parameter for parameter in effect.parameters if parameter.linear]
     error, rest = given.error, given.rest
     signature = changes - (given.tangent @ (given.tangent.T @ changes))
     lengths = np.linalg.norm(signature, axis=0)
-    sizes = np.array([not parameter.beside for parameter in parameters])
+    sizes = np.array([parameter.size for parameter in parameters])
     own = float(lengths[sizes].max())
     visible = own / np.sqrt(error.size) / given.problem.weight
     if own <= PIECE:

@@ -334,10 +334,11 @@ def _objection(
     parameters = {parameter.name: parameter for parameter in effect.parameters}
     spread, mean = amplitude(crossed, name)
     # Where more than a size is fitted, one parameter may stand in for another.
-    if len(parameters) == 1 and spread > thresholds.agreement * mean:
+    alone = sum(not parameter.beside for parameter in parameters.values()) == 1
+    if alone and spread > thresholds.agreement * mean:
         return "its size differs between the halves of the data"
     for tuned, x in zip(crossed.problem.tuned, crossed.fits[0].x, strict=True):
-        if tuned.name in parameters and parameters[tuned.name].low <= 0.0:
+        if tuned.name in parameters and parameters[tuned.name].linear:
             if x >= tuned.high * 0.999:
                 return f"{tuned.name} runs to its bound"
     return implausible(

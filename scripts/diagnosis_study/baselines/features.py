@@ -133,6 +133,7 @@ FAMILIES = (
         BOTH,
         _every(_aged, _scales("dwell_dependent_stiction", "critical_slip_distance")),
     ),
+    Family("friction_drift", BOTH, _plain(lambda s, _: s.direction * s.time)),
     Family(
         "configuration_dependent_wrap",
         BOTH,
@@ -143,7 +144,10 @@ FAMILIES = (
         BOTH,
         _every(_relaxed, _scales("pretension_loss", "relaxation_time")),
     ),
-    Family("friction_drift", BOTH, _plain(lambda s, _: s.direction * s.time)),
+    Family(
+        "cable_stiffening", BOTH, _plain(lambda s, c: s.torque[c] * abs(s.torque[c]))
+    ),
+    Family("end_compliance", BOTH, _plain(lambda s, _: s.torque[1])),
     Family("backlash", BOTH, _plain(lambda s, _: np.sign(s.torque[1]))),
     Family("pulley_eccentricity", BOTH, (_wave(1.0),)),
     Family(
@@ -151,10 +155,6 @@ FAMILIES = (
         MOTOR,
         tuple(map(_wave, _scales("motor_cogging", "cogging_order"))),
     ),
-    Family(
-        "cable_stiffening", BOTH, _plain(lambda s, c: s.torque[c] * abs(s.torque[c]))
-    ),
-    Family("end_compliance", BOTH, _plain(lambda s, _: s.torque[1])),
     Family(
         "joint_gravity",
         JOINT,

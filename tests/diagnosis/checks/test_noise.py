@@ -116,6 +116,10 @@ def test_a_repeat_that_was_set_up_otherwise(tmp_path: Path) -> None:
         assert f"another {what}" in told and "correct repeat_of" in told
         (tmp_path / "dataset.toml").write_text(toml.format(what, what, 1.0))
         assert not [each for each in load(tmp_path)[1] if "repeat of" in each.statement]
+    for unsaid in "pretension = 80.0", "tilt = 0.0":
+        same = f"[trials.b]\nrepeat_of = 'a'\n{unsaid}"
+        (tmp_path / "dataset.toml").write_text(same)
+        assert not [each for each in load(tmp_path)[1] if "repeat of" in each.statement]
 
 
 @given(length=st.floats(60.0, 400.0))

@@ -85,6 +85,18 @@ def test_a_turn_the_wrong_way_is_asked_about_for_all_that_are_turned() -> None:
     assert "Correct sign and size of `tilt`" in asked.question
 
 
+def test_one_of_several_turned_trials_is_asked_about_its_pretension() -> None:
+    data = recorded(2, {"pretension": 40.0})
+    turned = tuple(
+        replace(trial, facts=Facts(tilt=1.5)) if k >= 2 else trial
+        for k, trial in enumerate(data.trials)
+    )
+    found = baseline_fit(replace(data, trials=turned))
+    asked = odd_trial(found.problem, found.whole.x)
+    assert asked is not None and asked.trials == ("run_2",)
+    assert "its pretension were" in asked.question
+
+
 def test_what_a_large_effect_leaves_is_no_contradiction() -> None:
     found = baseline_fit(recorded(2, {"pretension": 40.0}))
     off = misfits(found.problem, found.whole.x)

@@ -153,7 +153,7 @@ def _number(value: float, digits: int) -> str:
 
 def _figures(records: list[dict[str, Any]]) -> list[str]:
     """Sentences: the gap, what intervals cover, how long it took."""
-    found = []
+    found = _strengths(records)
     right = [r for r in records if r["kind"] == "named" and went(r) == "right"]
     if right:
         closed: dict[float, list[float]] = {}
@@ -175,15 +175,21 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
         )
     tied = [r for r in records if r.get("settled")]
     if tied:
-        well = sum(
-            r["settled"]["verdict"] == "named"
-            and set(r["hidden"]) <= set(r["settled"]["named"])
-            for r in tied
-        )
+        single = [r for r in tied if r["kind"] == "named"]
         found.append(
             f"Ties: {len(tied)}; with the proposed experiment done as well, what was "
-            f"hidden was named and no longer tied in {well}."
+            f"hidden was named and no longer tied in {sum(map(_well, tied))}; of the "
+            f"{len(single)} of single effects in {sum(map(_well, single))}."
         )
+        groups: dict[str, list[bool]] = {}
+        for r in single:
+            name = " or ".join(sorted(r["ties"][0]))
+            groups.setdefault(name, []).append(_well(r))
+        rows = [
+            (name, str(len(each)), str(sum(each)))
+            for name, each in sorted(groups.items())
+        ]
+        found.append(table(("tie of a single effect", "cases", "settled"), rows))
     more = [len(set(r["named"]) - set(r["hidden"])) for r in right]
     if more:
         found.append(
@@ -204,6 +210,50 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
                 f"Intervals of 95 % that cover, of {len(given)} rigs ({make}): "
                 f"{', '.join(told)}."
             )
+    return found
+
+
+def _well(record: dict[str, Any]) -> bool:
+    """Whether the proposed experiment settled a tie."""
+    told = record["settled"]
+    return told["verdict"] == "named" and set(record["hidden"]) <= set(told["named"])
+
+
+def _strengths(records: list[dict[str, Any]]) -> list[str]:
+    """Sentences: what was right by strength, effect-free rigs, times."""
+    found = []
+    for kind, what in (("named", "single effects"), ("pair", "pairs")):
+        some = [r for r in records if r["kind"] == kind]
+        sizes = sorted({r["strength"] for r in some})
+        told = []
+        for size in sizes:
+            words = [went(r) for r in some if r["strength"] == size]
+            right = words.count("right")
+            told.append(
+                f"{right} of {len(words)} at R = {size:g} ({exact(right, len(words))}%)"
+            )
+        if told:
+            found.append(f"Right, of {what}: {', '.join(told)}.")
+    free = [r for r in records if r["kind"] == "none"]
+    if free:
+        errors = [r.get("misfit", math.nan) for r in free]
+        coarse = sum(r["trials"] == "restful" for r in free)
+        found.append(
+            f"Effect-free rigs are {min(errors):.2f} to {max(errors):.2f} floors off; "
+            f"{coarse} of {len(free)} have coarse encoders and long rests."
+        )
+    times: dict[str, list[float]] = {}
+    for r in sorted(records, key=lambda record: record["strength"]):
+        size = "none hidden" if r["kind"] == "none" else f"R = {r['strength']:g}"
+        times.setdefault(size, []).append(r["seconds"])
+    if times:
+        by_size = [f"{np.median(each):.0f} s ({size})" for size, each in times.items()]
+        longest = max(records, key=lambda record: record["seconds"])
+        found.append(
+            f"Median time of a diagnosis: {', '.join(by_size)}; longest "
+            f"{longest['seconds']:.0f} s ({', '.join(longest['hidden']) or 'none'}, "
+            f"R = {longest['strength']:g})."
+        )
     return found
 
 

@@ -30,7 +30,13 @@ def judged_cases(draw: st.DrawFn) -> dict[str, Any]:
         hidden = (draw(st.sampled_from(FEW if kind == "named" else list(KINDS[kind]))),)
     named = draw(st.lists(st.sampled_from(FEW), unique=True, max_size=2))
     verdict = draw(st.sampled_from(["named", "tie"] if named else ["none", "unknown"]))
+    again = draw(st.sampled_from([None, ["backlash"], list(hidden)]))
+    settled = again and {"verdict": "named", "named": again}
     return {
+        "trials": draw(st.sampled_from(["rich", "restful"])),
+        "seconds": draw(st.floats(1.0, 500.0)),
+        "misfit": 1.2,
+        "settled": settled if verdict == "tie" else None,
         "kind": kind,
         "hidden": () if kind == "none" else hidden,
         "strength": draw(st.sampled_from(STRENGTHS)),
@@ -114,6 +120,12 @@ def test_rates_and_confusion_count_the_cases_below_them(
             rate, low, _, high = told_rate.replace("(", "").replace(")", "").split()
             assert (count, rate) == (str(len(mine)), f"{good:.0%}")
             assert int(low) <= round(100 * good) <= int(high)
+    (_, *three) = [row for row in rows(above) if len(row) == 3] or [[]]
+    ties = [(int(row[1]), int(row[2])) for row in three]
+    single = [r for r in records if r["kind"] == "named" and r["settled"]]
+    well = [r for r in single if set(r["hidden"]) <= set(r["settled"]["named"])]
+    assert sum(cases for cases, _ in ties) == len(single)
+    assert sum(settled for _, settled in ties) == len(well)
     counts = [
         int(part.rsplit(" ", 1)[1])
         for row in rows(above)

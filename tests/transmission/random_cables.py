@@ -90,7 +90,7 @@ def cable_of(rng: np.random.Generator, term: str = "coulomb") -> Cable:
     bent = rng.random(count) < 0.6
     bent[rng.integers(count)] = True
     angles = rng.dirichlet(np.ones(count)) * bent
-    angles *= wrap / angles.sum()
+    angles = np.minimum(angles * wrap / angles.sum(), 0.999 * MAX_WRAP)
     values = {
         "axial_stiffness": 10 ** rng.uniform(3, 5),
         "pretension": rng.choice([0.0, 1.0, 10.0, 50.0, 100.0]) * rng.uniform(0.5, 1.0),

@@ -1,0 +1,50 @@
+"""Friction on bristles: the tensions of every step obey its law."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cc_mujoco.transmission import kernel, packing
+from cc_mujoco.transmission.conduit import packed, rest_state
+from transmission.random_cables import cable_of, motion_of
+
+CYCLING = (63, 144, 159, 177, 216, 360, 442, 486, 804, 1234)
+"""Seeds of cables for which guessing all choices at once cycles in some step."""
+
+
+def largest_misfit(seed: int, *, pinched: bool, samples: int = 60) -> float:
+    """Return what a segment's tensions differ by from its bristles' force, relative.
+
+    Args:
+        seed: of cable and motion.
+        pinched: whether the ends yield by random amounts (implicit ends).
+        samples: steps of the motion.
+    """
+    rng = np.random.default_rng(seed)
+    cable = cable_of(rng, "presliding")
+    proximal, distal = motion_of(rng, cable)
+    n, prm = cable.segments, packed(cable)
+    state, work = rest_state(cable), np.empty(kernel.work_size(n))
+    new, worst = state.copy(), 0.0
+    for u in zip(proximal[:samples], distal[:samples], strict=True):
+        yields = 10.0 ** rng.uniform(-1.0, 2.0, 2) * packing.node_compliance(prm, n)[0]
+        if pinched:
+            kernel.expect_yielding(prm, *yields)
+        assert kernel.advance(prm, n, state, *u, 1e-3, new, work) == kernel.OK
+        tension = np.maximum(packing.tensions(new, n), 0.0)
+        misfit = np.abs(np.diff(tension) - packing.bristle_forces(new, n)).max()
+        worst = max(worst, misfit / max(tension.max(), cable.pretension, 1.0))
+        state[:] = new
+    return float(worst)
+
+
+@pytest.mark.parametrize("seed", [*range(20), *CYCLING])
+def test_a_segment_carries_what_its_bristles_hold(seed: int) -> None:
+    assert largest_misfit(seed, pinched=True) < 1e-9
+
+
+@pytest.mark.study
+def test_of_three_thousand_cables_every_one_does() -> None:
+    for seed in range(3000):
+        assert largest_misfit(seed, pinched=seed % 2 == 0) < 1e-9, seed

@@ -24,8 +24,8 @@ from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.diagnosis.data.instruments import Instruments
 from cc_mujoco.diagnosis.data.torques import derived_noise, expected
 from cc_mujoco.diagnosis.data.trials import Noise
-from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
-from cc_mujoco.diagnosis.inference.motions import DT, Motion
+from cc_mujoco.diagnosis.effects import EffectParameter
+from cc_mujoco.diagnosis.inference.motions import DT, Motion, middle
 from cc_mujoco.diagnosis.inference.planning import CLEARLY, Plan, planned
 from cc_mujoco.diagnosis.inference.testable import SEEN
 from cc_mujoco.diagnosis.scene.requirements import require_repairable
@@ -62,7 +62,7 @@ def plan(
     reach: float | None = None,
     speed: float = SPEED,
     dataset_toml: str | os.PathLike[str] | None = None,
-    ids: Sequence[str] = tuple(EFFECTS),
+    ids: Sequence[str] | None = None,
 ) -> Plan:
     """Choose trials by which every effect of the library shows and is told apart.
 
@@ -70,11 +70,11 @@ def plan(
         scene: MJCF file of the rig.
         out: folder for `plan.md`, one CSV a trial and the beginning of a
             `dataset.toml`; written whole or not at all.
-        reach: largest angle of the motor to either side [rad]; default what the
-            joint's range allows.
+        reach: largest angle of the motor to either side [rad], of 0 where the joint's
+            range allows that; default at most half of that range.
         speed: largest speed of the motor [rad/s].
         dataset_toml: what is known of the rig and the noise of its channels.
-        ids: effects to consider.
+        ids: effects to consider; default all.
 
     Raises:
         CableError: a scene that cannot be diagnosed, limits that are none or that the
@@ -170,16 +170,16 @@ def _require_possible(bench: Bench, reach: float) -> None:
 
 
 def _room(bench: Bench) -> float:
-    """Angle of the motor that takes the joint to the nearer end of its range [rad]."""
-    return float(np.abs(bench.following(np.array(bench.span))).min())
+    """Angle of the motor that takes the joint over half of its range [rad]."""
+    return 0.5 * float(np.ptp(bench.following(np.array(bench.span))))
 
 
 def _reach(bench: Bench) -> float:
-    """What the range of the joint allows the motor to either side [rad]."""
+    """Angle of the motor to either side that the range of the joint allows [rad]."""
     model = mujoco.MjModel.from_xml_path(str(bench.path))
     if bench.lever is None and not model.jnt_limited[model.joint(bench.joint).id]:
         return REACH
-    return min(REACH, _room(bench)) or REACH
+    return min(REACH, _room(bench))
 
 
 def _noise(file: DatasetFile) -> dict[str, Noise]:
@@ -262,7 +262,7 @@ def page(
         [
             _TITLE,
             "",
-            f"For {bench.path.name}: motor within {number(swing)} rad and "
+            f"For {bench.path.name}: motor within {_limits(bench, swing)} rad and "
             f"{number(speed)} rad/s; {known[0]}, {known[1]}.",
             "",
             trials,
@@ -289,6 +289,14 @@ def page(
             ),
         ]
     )
+
+
+def _limits(bench: Bench, swing: float) -> str:
+    """Angles within which the motor moves, in words."""
+    at = middle(bench, swing)
+    if at == 0.0:
+        return number(swing)
+    return f"{number(at - swing)} to {number(at + swing)}"
 
 
 def _size(first: EffectParameter, value: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,14 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.columns import DATASET_FILE
 from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
 from cc_mujoco.diagnosis.data.torques import expected
-from cc_mujoco.diagnosis.inference.motions import DT, motions
+from cc_mujoco.diagnosis.inference.motions import DT, middle, motions
 from cc_mujoco.diagnosis.inference.planning import Plan
 from cc_mujoco.diagnosis.inference.testable import SEEN
 from cc_mujoco.diagnosis.plan import PAGE, plan
 from cc_mujoco.errors import CableError
 
 REACH, SPEED = 0.8, 3.0
+ANKLE_RANGE = 'name="ankle" type="hinge" axis="0 -1 0" range="-0.9 0.6"'
 IDS = (
     "viscous_friction",
     "end_compliance",
@@ -175,6 +177,33 @@ def test_a_tendon_in_the_open_is_planned_within_its_range(tmp_path: Path) -> Non
     assert all(each.apart > SEEN for each in found.resolved)
     with pytest.raises(CableError, match="its lever is not known"):
         plan(bench.path, tmp_path / "far", reach=3.0)
+
+
+@pytest.mark.parametrize("limits", [(0.0, 1.2), (-0.1, 1.2), (-1.2, 0.0), (-1.2, 1.2)])
+def test_motions_stay_where_the_joint_can_turn(limits: tuple[float, float]) -> None:
+    """A range that begins at 0 has its middle elsewhere."""
+    bench = replace(Bench.of(scene_path("finger")), span=limits)
+    swing = 0.5 * float(np.ptp(bench.following(np.array(limits))))
+    for reach in (0.3 * swing, swing):
+        for motion in motions(bench, reach, SPEED):
+            if motion.usual:
+                assert motion.joint.min() > limits[0] - 1e-3
+                assert motion.joint.max() < limits[1] + 1e-3
+    assert (middle(bench, 0.3 * swing) == 0.0) is (limits == (-1.2, 1.2))
+
+
+def test_a_lever_that_turns_to_one_side_has_a_plan(tmp_path: Path) -> None:
+    text = Path(scene_path("ankle")).read_text(encoding="utf-8")
+    assert ANKLE_RANGE in text
+    scene = tmp_path / "one_sided.xml"
+    scene.write_text(
+        text.replace(ANKLE_RANGE, ANKLE_RANGE.replace("-0.9", "0")),
+        encoding="utf-8",
+    )
+    found = plan(scene, tmp_path / "out", ids=IDS[2:4])
+    low, high = Bench.of(scene).span
+    for motion in found.trials:
+        assert low - 1e-3 < motion.joint.min() < motion.joint.max() < high + 1e-3
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,16 +48,26 @@ def motions(
 ) -> list[Motion]:
     """Trials within these limits; one goes to twice the swing, one turns the rig.
 
+    They go to and fro about `middle`.
+
     Args:
         bench: the rig.
-        swing: largest angle of the motor to either side [rad].
+        swing: largest angle of the motor to either side of the middle [rad].
         rate: largest speed of the motor [rad/s].
         load: stiffness of a known load that the joint turns in every trial [Nm/rad].
     """
     from scipy.ndimage import gaussian_filter1d
 
-    ratio, free = bench.motor_radius / bench.joint_radius, bench.carried
+    ratio = bench.motor_radius / bench.joint_radius
     wind = wind_up(bench)
+    motor_middle = middle(bench, swing)
+    (joint_middle,) = bench.carried(np.array([motor_middle]))
+
+    def free(motor: FloatArray) -> FloatArray:
+        """Change of the joint's angle as the motor carries it along."""
+        found: FloatArray = bench.carried(motor_middle + motor) - joint_middle
+        return found
+
     time = np.arange(0.0, SECONDS, DT)
 
     def triangle(size: float, speed: float | FloatArray) -> FloatArray:
@@ -92,7 +102,7 @@ def motions(
     if load is not None:
         stiffness = len(bench.cables) * cable.axial_stiffness / cable.length
         kept = 1.0 / (1.0 + load / (stiffness * bench.joint_radius**2))
-        return [
+        found = [
             Motion(f"joint turning its load, {how}", each, free(kept * each), share)
             for how, each, share in (
                 ("triangles at five speeds", ladder, 1.0),
@@ -102,7 +112,8 @@ def motions(
                 ("slow triangle over the whole range, pretension halved", sweep, 0.5),
             )
         ]
-    return [
+        return [_about(each, motor_middle, joint_middle) for each in found]
+    found = [
         Motion(
             "joint free, triangles at five speeds from 2 % to 100 % of the fastest",
             ladder,
@@ -162,3 +173,21 @@ def motions(
             free(give * chirp),
         ),
     ]
+    return [_about(each, motor_middle, joint_middle) for each in found]
+
+
+def middle(bench: Bench, swing: float) -> float:
+    """Angle of the motor about which it can go to and fro by a swing [rad].
+
+    That is 0, or else what is nearest to 0 with the joint where the scene knows it; a
+    joint whose range begins at 0 turns to one side only.
+    """
+    low, high = np.sort(bench.following(np.array(bench.span)))
+    if high - low < 2.0 * swing:
+        return 0.5 * float(low + high)
+    return min(max(0.0, float(low) + swing), float(high) - swing)
+
+
+def _about(motion: Motion, motor: float, joint: float) -> Motion:
+    """The same motion about these angles of motor and joint [rad]."""
+    return replace(motion, motor=motor + motion.motor, joint=joint + motion.joint)

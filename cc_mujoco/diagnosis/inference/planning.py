@@ -81,7 +81,7 @@ def planned(
     rate: float,
     constants: Mapping[str, Constant],
     noise: Mapping[str, Noise],
-    ids: Sequence[str] = tuple(EFFECTS),
+    ids: Sequence[str] | None = None,
     instruments: Instruments = TORQUE_SENSORS,
 ) -> Plan:
     """The fewest trials of the catalogue that leave no effect untestable or tied.
@@ -92,7 +92,7 @@ def planned(
         rate: largest speed of the motor [rad/s].
         constants: what is known of the rig.
         noise: of the channels where it is known.
-        ids: effects to consider.
+        ids: effects to consider; default all.
         instruments: what the torques are to be known from.
     """
     load = None
@@ -106,8 +106,9 @@ def planned(
     plant = plant.limited(records)
     free = tuned(bench, records, constants, instruments)
     library = plant.library
-    hidden = {name: library.hidden[name] for name in ids if name in library.hidden}
-    ids = [name for name in ids if name in library.effects]
+    wanted = tuple(EFFECTS) if ids is None else ids
+    hidden = {name: library.hidden[name] for name in wanted if name in library.hidden}
+    able = [name for name in wanted if name in library.effects]
     place = np.zeros(len(free))
     blank = Problem(plant, free, (), (), ())
     torques = plant.simulate(blank.values(place))
@@ -129,7 +130,7 @@ def planned(
     # Torques are compared up to `BAND`: so many of the samples are independent.
     weight = min(1.0, 2.0 * BAND * DT) ** 0.5
     problem = Problem(seen, free, (), floor, floor, weight)
-    grams, owners = _grams(problem, place, ids)
+    grams, owners = _grams(problem, place, able)
     chosen = _chosen(grams, owners, len(free))
     together = np.sum([grams[k] for k in chosen], axis=0)
     resolved = _resolved(together, owners, len(free), library.effects)
@@ -138,7 +139,7 @@ def planned(
         tuple(sorted(resolved, key=lambda each: each.apart)),
         dict(zip(instruments.channels, sizes, strict=True)),
         hidden,
-        {name: library.effects[name].parameters[0] for name in ids},
+        {name: library.effects[name].parameters[0] for name in able},
     )
 
 

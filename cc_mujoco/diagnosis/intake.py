@@ -64,7 +64,7 @@ def load(
     if toml is not None and dataset_toml is None:
         findings.append(warning(f"{toml} says what the columns mean."))
     names, parts = _trials(files, file)
-    file.check_trials(names, around(files, file.path))
+    findings += file.check_trials(names, around(files, file.path))
     trials: list[Trial] = []
     known: dict[str, Path] = {}
     for path, name in names.items():

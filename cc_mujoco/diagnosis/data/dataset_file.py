@@ -72,10 +72,12 @@ from pathlib import Path
 from typing import Any, get_args
 
 from cc_mujoco.diagnosis.data import channels
+from cc_mujoco.diagnosis.data.findings import Finding, warning
 from cc_mujoco.diagnosis.data.tables import ENDINGS
 from cc_mujoco.diagnosis.data.toml_table import Table, finite
 from cc_mujoco.diagnosis.data.trials import Constant, Facts, Locked, Split
 from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.page import listed
 
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _PLAIN = {"1": 1.0}
@@ -234,7 +236,7 @@ class DatasetFile:
 
     def check_trials(
         self, names: Mapping[Path, str], others: Iterable[Path] = ()
-    ) -> None:
+    ) -> list[Finding]:
         """Check that every table of `[trials]` means a file, and so does `repeat_of`.
 
         Args:
@@ -242,8 +244,12 @@ class DatasetFile:
             others: data files that were not given but may be meant; only looked at
                 where none of the trials is.
 
+        Returns:
+            A warning for every `repeat_of` that names no file: a part of a dataset may
+            come without the trial that one of its own repeats.
+
         Raises:
-            CableError: one does not.
+            CableError: a table means no file, or a trial would repeat itself.
         """
         unread = (
             {path: self._trial_of(path) for path in others}
@@ -251,6 +257,7 @@ class DatasetFile:
             else {}
         )
         everything = {**unread, **names}
+        absent: list[Finding] = []
         for pattern, known in self.facts.items():
             where = f"{self.path}, [trials.{pattern!r}]"
             if not _any(everything, pattern):
@@ -258,14 +265,19 @@ class DatasetFile:
                 raise CableError.unknown(kind, pattern, everything.values())
             original = _named(known.get("repeat_of"), names)
             if original is not None and not _any(everything, original):
-                kind = f"trial in {where}, repeat_of"
-                raise CableError.unknown(kind, original, everything.values())
+                there = listed(sorted(everything.values()))
+                told = (
+                    f"{where}, repeat_of: there is no trial {original!r} among the "
+                    f"data ({there}); the trial is used without it."
+                )
+                absent.append(warning(told))
             meant = [n for path, n in names.items() if _matches(path, n, pattern)]
             if original in meant:
                 raise CableError(
                     f"{where}, repeat_of: {original!r} cannot repeat itself; name the "
                     "trial that was recorded first."
                 )
+        return absent
 
     def _trial_of(self, path: Path) -> str:
         """Name of the trial in this file, which may be one of several."""

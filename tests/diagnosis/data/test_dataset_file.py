@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cc_mujoco.diagnosis.checks.excitation import excitation
 from cc_mujoco.diagnosis.checks.repeatability import scatter
 from cc_mujoco.diagnosis.data import dataset_file
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, read_dataset_file
@@ -124,7 +125,6 @@ def test_a_file_that_is_not_there_or_not_text(tmp_path: Path) -> None:
     ("text", "sentence"),
     [
         ("[trials.run_9]\nsplit = 'test'", r"\[trials\] 'run_9': did you mean 'run_"),
-        ("[trials.run_1]\nrepeat_of = 'run_9'", "repeat_of 'run_9'"),
         ("[trials.run_1]\nrepeat_of = 'run_1'", "cannot repeat itself"),
         ("[trials.'run_*']\nrepeat_of = 'run_1'", "cannot repeat itself"),
     ],
@@ -158,13 +158,21 @@ def test_trials_of_the_folder_that_were_not_given_need_not_be_there(
     # What is said of a trial does not hang on which others are given, either.
     dataset, _ = load(tmp_path / "more" / "walk.csv", toml)
     assert dataset.trials[0].facts == Facts(temperature=20.0)
-    for wrong, told in (
-        ("[trials.run_7]", r"\[trials\] 'run_7': did you mean 'run_"),
-        ("[trials.run_1]\nrepeat_of = 'run_9'", "repeat_of 'run_9': did you mean"),
-    ):
-        toml.write_text(wrong, encoding="utf-8")
-        with pytest.raises(CableError, match=told):
-            load(tmp_path / "run_2.csv")
+    toml.write_text("[trials.run_7]", encoding="utf-8")
+    with pytest.raises(CableError, match=r"\[trials\] 'run_7': did you mean 'run_"):
+        load(tmp_path / "run_2.csv")
+
+
+def test_part_of_a_dataset_may_lack_what_its_trials_repeat(tmp_path: Path) -> None:
+    for name in ("run_2", "run_3"):
+        write(tmp_path / f"{name}.csv", recording(1.0))
+    toml = tmp_path / "dataset.toml"
+    toml.write_text("[trials.'run_*']\nrepeat_of = 'run_1'", encoding="utf-8")
+    dataset, findings = load([tmp_path / "run_2.csv"])
+    said = [f.statement for f in findings if "repeat_of" in f.statement]
+    assert len(said) == 1 and "no trial 'run_1'" in said[0] and "run_3" in said[0]
+    assert all(finding.severity == "warning" for finding in findings)
+    assert excitation(dataset).repeats == 0
 
 
 @settings(max_examples=20)

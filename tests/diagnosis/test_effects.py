@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.effects import EFFECTS, Rig
+from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter, Rig
+from cc_mujoco.diagnosis.inference.fitting import knob_as_tuned
 from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
 from cc_mujoco.transmission import TERMS, Cable
@@ -20,6 +26,7 @@ dwell_dependent_stiction configuration_dependent_wrap pretension_loss friction_d
 backlash pulley_eccentricity motor_cogging cable_stiffening end_compliance
 joint_gravity joint_stiffness joint_inertia motor_inertia torque_sensor_gain
 torque_sensor_offset sensor_delay""".split()
+DRAG = ("joint_drag", "joint_inertia")
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +63,49 @@ def test_off_is_the_baseline_bit_for_bit_and_on_is_not(name: str, plant: Plant) 
     on = plant.simulate({**values, **effect.starts[-1]}, (name,))
     moved = max(float(np.max(np.abs(a - b))) for a, b in zip(plain, on, strict=True))
     assert moved > 1e-4
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+@given(corner=st.randoms(use_true_random=False), radius=st.sampled_from((0.05, 0.004)))
+@settings(max_examples=20)
+def test_a_fit_that_ends_at_its_bounds_ends_at_a_cable(
+    name: str, corner: random.Random, radius: float, plant: Plant
+) -> None:
+    """Even where rounding takes a logarithm beyond its bound, and at the other ends."""
+    bench = replace(plant.bench, motor_radius=radius, joint_radius=radius)
+    plant = replace(plant, bench=bench)
+    values = {
+        p.name: p.value(corner.choice((p.low, 0.0, p.high)))
+        for p in tuned(bench, plant.records, {})
+    }
+    start = corner.choice(EFFECTS[name].starts)
+    for parameter in EFFECTS[name].parameters:
+        knob = knob_as_tuned(parameter, start[parameter.name], plant)
+        value = knob.value(corner.choice((knob.low, 0.0, knob.high)))
+        assert parameter.low <= value <= parameter.high
+        values[parameter.name] = value
+    assert len(plant.cables(values, (name,))) == 2
+
+
+def test_an_effect_that_is_registered_late_is_looked_for(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drag = replace(
+        EFFECTS["joint_inertia"],
+        id="joint_drag",
+        parameters=(EffectParameter("joint_drag", "Nm s/rad", 0.01, 0.0, 10.0),),
+        starts=({"joint_drag": 0.01},),
+        torques=lambda shown, values: shown.added(
+            joint=-values["joint_drag"] * np.gradient(shown.joint_angle, shown.dt)
+        ),
+    )
+    assert "joint_drag" not in plant.library.effects
+    monkeypatch.setitem(EFFECTS, "joint_drag", drag)
+    later = replace(plant)
+    assert later.library.effects["joint_drag"] == drag
+    later.simulate({}, ("joint_drag",))
+    found = reason(dataset({"joint_drag": {"joint_drag": 0.3}}, 2.0), BENCH, ids=DRAG)
+    assert [effect.id for effect in found.diagnosis.effects] == ["joint_drag"]
 
 
 @pytest.mark.parametrize("name", EFFECTS)

@@ -8,6 +8,7 @@ from cc_mujoco.diagnosis.effects.effect import (
     EffectParameter,
     Rig,
     Values,
+    limited,
     on_both,
 )
 from cc_mujoco.transmission import Cable
@@ -29,7 +30,7 @@ _FITTINGS = (
 
 def _wrap(given: tuple[Cable, ...], values: Values, rig: Rig) -> tuple[Cable, ...]:
     # The distal end of the agonist moves by minus the joint's rim.
-    growth = values["wrap_per_angle"] / rig.joint_radius
+    growth = limited("wrap_growth", values["wrap_per_angle"] / rig.joint_radius)
     signs = (-1.0, 1.0)
     return tuple(
         cable.replace(wrap_growth=sign * growth, wrap_reach=values["wrap_reach"])
@@ -50,7 +51,10 @@ def _stiffening(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable
             cable.replace(
                 bedding_strain=strain,
                 bedding_tension=half,
-                axial_stiffness=cable.axial_stiffness / max(1.0 - soft, _TAUTEST),
+                axial_stiffness=limited(
+                    "axial_stiffness",
+                    cable.axial_stiffness / max(1.0 - soft, _TAUTEST),
+                ),
             )
         )
     return tuple(found)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.transmission import Cable
+from cc_mujoco.transmission import PARAMETERS, Cable
 
 Values = Mapping[str, float]
 
@@ -149,3 +149,14 @@ def on_both(*names: str) -> Callable[..., tuple[Cable, ...]]:
         return tuple(cable.replace(**changes) for cable in given)
 
     return cables
+
+
+def limited(name: str, value: float) -> float:
+    """The value nearest to one that a parameter of a cable can have.
+
+    Args:
+        name: of the cable's parameter.
+        value: what the sizes of effects and the baseline come to, at bounds of a fit.
+    """
+    known = next(parameter for parameter in PARAMETERS if parameter.name == name)
+    return min(max(value, known.low), known.high)

@@ -8,16 +8,15 @@ from cc_mujoco.diagnosis.effects.effect import (
     EffectParameter,
     Rig,
     Values,
+    limited,
     on_both,
 )
-from cc_mujoco.transmission import PARAMETERS, Cable
+from cc_mujoco.transmission import Cable
 
 _ONE_WAY = (-0.5, 0.5)
 """Difference of friction between two directions, over its mean."""
 _TIGHT_END = 0.015
 """Friction of uneven bends and ends over the pretension."""
-_LARGEST = next(p.high for p in PARAMETERS if p.name == "friction")
-"""Largest coefficient that a cable takes."""
 
 
 def _stribeck(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
@@ -54,8 +53,8 @@ def _tension_dependent(
     return tuple(
         cable.replace(
             tension_exponent=exponent,
-            friction=min(
-                cable.friction * (cable.pretension / usual) ** exponent, _LARGEST
+            friction=limited(
+                "friction", cable.friction * (cable.pretension / usual) ** exponent
             ),
         )
         if cable.pretension > 0.0

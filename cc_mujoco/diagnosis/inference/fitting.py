@@ -39,20 +39,26 @@ def knob_as_tuned(parameter: EffectParameter, start: float, plant: Plant) -> Tun
     direction open, say an offset of both torques against that of an angle, it stays
     small.
     """
+    name, unit, low, high = parameter[:2] + parameter[3:5]
     if not parameter.linear:
-        low, high = math.log(parameter.low / start), math.log(parameter.high / start)
-        return Tuned(parameter.name, parameter.unit, start, 1.0, low, high, True)
+        bounds = math.log(low / start), math.log(high / start)
+        return _inside(Tuned(name, unit, start, 1.0, *bounds, True), low, high)
     size = parameter.typical
-    return Tuned(
-        parameter.name,
-        parameter.unit,
-        0.0,
-        size,
-        parameter.low / size,
-        parameter.high / size,
-        False,
-        0.5 * plausible(parameter, plant)[1] / size,
-    )
+    prior = 0.5 * plausible(parameter, plant)[1] / size
+    bounds = low / size, high / size
+    return _inside(Tuned(name, unit, 0.0, size, *bounds, False, prior), low, high)
+
+
+def _inside(tuned: Tuned, low: float, high: float) -> Tuned:
+    """The same with bounds at which no rounding takes the value beyond its own.
+
+    What a parameter of a cable may be ends there, and a fit ends at its bounds.
+    """
+    while tuned.value(tuned.low) < low:
+        tuned = tuned._replace(low=math.nextafter(tuned.low, math.inf))
+    while tuned.value(tuned.high) > high:
+        tuned = tuned._replace(high=math.nextafter(tuned.high, -math.inf))
+    return tuned
 
 
 @dataclass(frozen=True)

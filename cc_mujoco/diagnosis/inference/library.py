@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
 from typing import NamedTuple
 
 from cc_mujoco.diagnosis.data.instruments import Instrument, Instruments
@@ -54,7 +53,6 @@ class Library(NamedTuple):
     hidden: Mapping[str, str]
 
 
-@lru_cache
 def library(
     cables: int, instruments: Instruments, led: Leading = "", tied: bool = False
 ) -> Library:

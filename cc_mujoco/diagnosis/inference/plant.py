@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -35,14 +36,6 @@ from cc_mujoco.estimation.least_squares import Tuned, in_threads
 from cc_mujoco.transmission import Cable
 
 Values = Mapping[str, float]
-
-_OFF = {
-    parameter.name: 0.0
-    for effect in EFFECTS.values()
-    for parameter in effect.parameters
-    if parameter.linear
-}
-"""Parameters of effects that a rig does not have."""
 
 PRETENSION_KNOWN = 0.1
 """Relative standard deviation of a pretension that nobody measured."""
@@ -192,7 +185,7 @@ class Plant:
     instruments: Instruments = TORQUE_SENSORS
     constants: Mapping[str, Constant] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def library(self) -> Library:
         """The effects that can be seen."""
         bench = self.bench
@@ -268,7 +261,7 @@ class Plant:
             for cable, side in zip(self.bench.cables, (balance, -balance), strict=False)
         )
         rig = Rig(*self.radii(values), self.bench.exit_angle)
-        values = {**_OFF, **values}
+        values = {**_off(), **values}
         for name in effects:
             change = EFFECTS[name].cables
             if change is not None:
@@ -287,7 +280,7 @@ class Plant:
     ) -> FloatArray:
         """Torques (rows, samples) of a record as its instruments show them."""
         shown = self._torques(record, setting, values)
-        values = {**_OFF, **values}
+        values = {**_off(), **values}
         for sensor in (False, True):
             for name in effects:
                 effect = EFFECTS[name]
@@ -357,6 +350,16 @@ class Plant:
     def limited(self, records: Sequence[Record]) -> Plant:
         """The same plant for other records."""
         return replace(self, records=tuple(records))
+
+
+def _off() -> dict[str, float]:
+    """Sizes of effects that a rig does not have."""
+    return {
+        parameter.name: 0.0
+        for effect in EFFECTS.values()
+        for parameter in effect.parameters
+        if parameter.linear
+    }
 
 
 def plausible(parameter: EffectParameter, plant: Plant) -> tuple[float, float]:

@@ -48,7 +48,6 @@ _DRAWN_WITH = (
     "cc_mujoco.diagnosis.report.recording",
     "scipy.cluster.hierarchy",
 )
-TITLES = {name: effect.title for name, effect in EFFECTS.items()}
 
 
 def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
@@ -112,6 +111,7 @@ def write(
     diagnosis = replace(
         result.diagnosis, provenance=provenance(result, dataset, out, command, seed)
     )
+    titles = {name: effect.title for name, effect in EFFECTS.items()}
     with replacing_folder(out) as place:
         if result.problem is not None:
             try:
@@ -122,8 +122,8 @@ def write(
             except CableError as error:  # the verdict stands without it
                 said = [f"{NO_SCENE}: {error}."]
             diagnosis = replace(diagnosis, problems=(*diagnosis.problems, *said))
-            write_recording(place / "evidence.rrd", result.evidence, TITLES)
-        write_report(place, diagnosis, result.evidence, TITLES)
+            write_recording(place / "evidence.rrd", result.evidence, titles)
+        write_report(place, diagnosis, result.evidence, titles)
         diagnosis.write(place / VERDICT)
         written = {file.name for file in place.iterdir()}
     for name in SOMETIMES:

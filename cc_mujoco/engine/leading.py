@@ -103,14 +103,12 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
         tendon, size = load_word(block + ROUTE), pieces.shape_size(n)
         seen = floats(shape, size)
-        reference = floats(shape_at(block, n, REFERENCE), size)
-        before = memory(state, n) if state != 0 else np.zeros(pieces.memory_size(n))
         points, reach = pieces.survey(
-            model, data, tendon, load_word(block + MOUTH), guided, n, before, reference,
-            seen,
-        )  # fmt: skip
+            model, data, tendon, load_word(block + MOUTH), guided, n, seen
+        )
         if state == 0:
             return
+        reference = floats(shape_at(block, n, REFERENCE), size)
         assign(pieces.angles(seen, n)[:guided], pieces.angles(reference, n))
         assign(pieces.contacts(seen, n)[:guided], pieces.contacts(reference, n))
         if load_word(block + FOLLOWS) == 1:

@@ -7,14 +7,23 @@ the path turns is one segment, and the arc around a geom is a few. What `segment
 more than sites and geoms need goes to the arcs, or to the straight pieces of a path
 without any. Of a mixed path the conduit comes first, as far as the site of its mouth.
 
-What the cable slips on is the surface of the body that bends it. A straight piece ends
-on that surface, so what it gains in length is measured to a mark on the body: by how
-much the piece itself is longer, and the arc from where it touches to the mark. About a
-pulley that turns the pieces thus gain what the surface takes along. While a geom is
-not touched, both halves of the span gain alike; nothing rubs there.
+The cable slips on the surface of the body that bends it. What a straight piece gains in
+length is its unit direction times the motion of the material points at its ends, one of
+them the point of the surface that it touches:
 
-Each piece pulls the bodies at its ends with its own tension, along itself. With what
-the pieces gain as measured above that is virtual work: joints feel - sum T_j dl_j/dq.
+    dl = u . (dx_surface - dx_site) = d|p - a| - u . dp,
+
+with p the place of that point in the frame of the geom. The second term is what the
+surface takes along: about a pulley that turns its arc, about a cylinder on which the
+path climbs also its part along the axis. Between two states it is the integral over the
+great circle, or the helix, from one p to the other, by the trapezoidal rule in u. The
+piece behind the geom gains the rest, so that all gains add up to the change of the
+length of the path. While a geom is not touched, both halves of the span gain alike;
+nothing rubs there. Across its own direction the path moves over a surface without
+friction, for it remains the shortest one.
+
+Each piece pulls the bodies at its ends with its own tension, along itself. With these
+gains that is virtual work: joints feel - sum T_j dl_j/dq.
 An end that is tied to the tendon's last site has the tendon as transmission of its
 actuator; MuJoCo then applies that one force along the whole tendon, which is taken off.
 """
@@ -43,10 +52,15 @@ Floats = npt.NDArray[np.float64]
 _SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 _SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
 
-_ROWS = 8
-_CONTACT, _TOTAL, _TURNED, _TOUCH, _EXTENT, _PERIOD, _LENGTH = 1, 2, 3, 4, 5, 6, 7
-_SAME, _APART, _STRAIGHT = 0.0, -1.0, 4.0
-"""What `_TOUCH` may be; 1, 2 or 3 is a geom touched and the axis of its mark."""
+_CONTACT, _EXTENT, _LENGTH = 1, 2, 3
+_TOTAL, _TOUCH, _LEFT, _PLACE, _ALONG = 4, 5, 6, 7, 10
+_ROWS = _ALONG + 3
+"""Rows of a shape, for every node; those of a span are at its first node. From `_TOTAL`
+on they are remembered: length, what is touched, length before the geom, and, in the
+frame of the geom, place of the point touched first and direction in which the path
+arrives there."""
+_SAME, _APART, _STRAIGHT, _ON_SPHERE, _ON_CYLINDER = 0.0, -1.0, 1.0, 2.0, 3.0
+"""What `_TOUCH` may be."""
 ARC = 4
 """Segments that the arc around a geom gets unless told otherwise."""
 SHORTEST = 1e-6
@@ -62,7 +76,7 @@ def shape_size(n: int) -> int:
 @internal
 def memory_size(n: int) -> int:
     """Length of what a state remembers of the path, for a cable of n segments."""
-    return 3 * (n + 1)
+    return (_ROWS - _TOTAL) * (n + 1)
 
 
 @internal
@@ -86,6 +100,13 @@ def contacts(shape: Floats, n: int) -> Floats:
 def lengths(shape: Floats, n: int) -> Floats:
     """Length of path that every node stands for (n + 1,) [m]."""
     return _row(shape, n, _LENGTH)
+
+
+@internal
+def _put(shape: Floats, n: int, row: int, j: int, v: Point) -> None:
+    """Write a vector at node j, into three rows."""
+    for i in range(3):
+        _row(shape, n, row + i)[j] = v[i]
 
 
 @internal
@@ -168,43 +189,37 @@ def _axis(data: int, geom: int, i: int) -> Point:
 
 
 @internal
-def _mark(
-    model: int, data: int, geom: int, p: Point, d: Point, marked: int
-) -> tuple[float, float, int]:
-    """Where a mark on a geom is, from the point p at which the path arrives along d.
+def _seen(data: int, geom: int, v: Point) -> Point:
+    """A vector in the frame of a geom."""
+    return (
+        _dot(_axis(data, geom, 0), v),
+        _dot(_axis(data, geom, 1), v),
+        _dot(_axis(data, geom, 2), v),
+    )
 
-    Returns:
-        Path along the surface from p to the mark, negative behind it, and once around
-        [m]; the axis of the geom that is its mark: `marked`, or the best if that is -1.
+
+@internal
+def _taken(touch: float, p: Point, u: Point, q: Point, v: Point) -> float:
+    """Length of path that a surface takes along, positive away from the piece [m].
+
+    The path touched the surface at p, arriving along u, and does so at q along v; all
+    are in the frame of the geom.
     """
-    at = load_word(data + fields.GEOM_XPOS) + 24 * geom
-    c = load_real(at), load_real(at + 8), load_real(at + 16)
-    r = p[0] - c[0], p[1] - c[1], p[2] - c[2]
-    normal = _cross(r, d)
-    slope = 1.0  # cosine of the angle at which a helix climbs
-    if fields.integer(model, fields.GEOM_TYPE, geom) != _SPHERE:
-        axis = _axis(data, geom, 2)
-        sense = 1.0 if _dot(normal, axis) >= 0.0 else -1.0
-        normal = sense * axis[0], sense * axis[1], sense * axis[2]
-        low = _dot(r, normal)
-        r = r[0] - low * normal[0], r[1] - low * normal[1], r[2] - low * normal[2]
-        slope = math.sqrt(max(1.0 - _dot(d, normal) ** 2, 0.0))
-        marked = 0
+    axis = 0.0, 0.0, 1.0
+    along = 0.0
+    if touch == _ON_CYLINDER:
+        along = 0.5 * (u[2] + v[2]) * (q[2] - p[2])
+        p, q = (p[0], p[1], 0.0), (q[0], q[1], 0.0)
+    normal = _cross(p, q)
     size = math.sqrt(_dot(normal, normal))
-    radius = math.sqrt(_dot(r, r))
-    if not (size > 0.0 and radius > 0.0):
-        return 0.0, 1.0, max(marked, 0)
-    normal = normal[0] / size, normal[1] / size, normal[2] / size
-    if marked < 0:
-        least = 2.0
-        for i in range(3):
-            off = abs(_dot(_axis(data, geom, i), normal))
-            if off < least:
-                least, marked = off, i
-    mark = _axis(data, geom, marked)
-    ahead = math.atan2(_dot(normal, _cross(r, mark)), _dot(r, mark))
-    around = radius * slope
-    return around * ahead, 2.0 * math.pi * around, marked
+    if not size > 0.0:
+        return along
+    if touch == _ON_SPHERE:
+        axis = normal[0] / size, normal[1] / size, normal[2] / size
+    turned = math.atan2(_dot(axis, normal), _dot(p, q))
+    # Directions have a part across the surface where the path touches it from inside.
+    arm = 0.5 * (_dot(u, _cross(axis, p)) + _dot(v, _cross(axis, q)))
+    return along + arm * turned
 
 
 @internal
@@ -215,8 +230,6 @@ def survey(
     mouth: int,
     guided: int,
     n: int,
-    memory: Floats,
-    reference: Floats,
     shape: Floats,
 ) -> tuple[int, float]:
     """Measure the open part of a path at the last evaluated position.
@@ -228,8 +241,6 @@ def survey(
         mouth: place in its path of the site at which the conduit ends; 0: none.
         guided: number of segments in the conduit.
         n: number of segments in all.
-        memory: `memory_size(n)`, of the committed state.
-        reference: the path in the pose `qpos0`, or 0 where that is not known yet.
         shape: out, `shape_size(n)`; that of the segments and nodes behind the conduit.
 
     Returns:
@@ -243,10 +254,9 @@ def survey(
     spare = n - guided - needed(model, tendon, mouth) + wraps
     spans = number - 1 - mouth - wraps
     turn, contact = angles(shape, n), contacts(shape, n)
-    total, turned = _row(shape, n, _TOTAL), _row(shape, n, _TURNED)
-    touch, extent = _row(shape, n, _TOUCH), _row(shape, n, _EXTENT)
-    period, length = _row(shape, n, _PERIOD), lengths(shape, n)
-    fill(extent, 0.0)
+    extent, length = _row(shape, n, _EXTENT), lengths(shape, n)
+    total, touch = _row(shape, n, _TOTAL), _row(shape, n, _TOUCH)
+    fill(shape[_EXTENT * (n + 1) :], 0.0)
     seen, span = 0, 0  # geoms and spans
     j = guided
     k = 0
@@ -294,16 +304,20 @@ def survey(
             if touched:
                 length[j] = left + 0.5 * around / m
                 length[j + m] = right + 0.5 * around / m
-                known = touch_of(memory, n, j)
-                if known == _SAME:
-                    known = _row(reference, n, _TOUCH)[j]
-                marked = int(known) - 1 if 0.0 < known < _STRAIGHT else -1
-                ahead, once, marked = _mark(model, data, geom, p, leaving, marked)
-                turned[j], period[j], touch[j] = left + ahead, once, marked + 1.0
+                centre = load_word(data + fields.GEOM_XPOS) + 24 * geom
+                kind = fields.integer(model, fields.GEOM_TYPE, geom)
+                touch[j] = _ON_SPHERE if kind == _SPHERE else _ON_CYLINDER
+                _row(shape, n, _LEFT)[j] = left
+                from_centre = (
+                    p[0] - load_real(centre),
+                    p[1] - load_real(centre + 8),
+                    p[2] - load_real(centre + 16),
+                )
+                _put(shape, n, _PLACE, j, _seen(data, geom, from_centre))
+                _put(shape, n, _ALONG, j, _seen(data, geom, leaving))
             else:
                 for i in range(m + 1):
                     length[j + i] = straight / (m + 1)
-                turned[j], period[j] = 0.0, 1.0
                 touch[j] = _APART if geom >= 0 else _STRAIGHT
             j += m
         # Sites in one place have no path between them, and rub as one.
@@ -315,30 +329,38 @@ def survey(
 
 
 @internal
-def touch_of(memory: Floats, n: int, j: int) -> float:
-    """What a state remembers of whether the span from node j touched a geom."""
-    return float(memory[2 * (n + 1) + j])
-
-
-@internal
 def remember(shape: Floats, n: int, memory: Floats) -> None:
     """Write what a state remembers of a path."""
-    assign(memory, shape[_TOTAL * (n + 1) : (_TOUCH + 1) * (n + 1)])
+    assign(memory, shape[_TOTAL * (n + 1) :])
 
 
 @internal
-def _before(
-    reference: Floats, memory: Floats, n: int, j: int
-) -> tuple[float, float, float]:
-    """Total, turned and touch of the span from node j in a state, see `lengthen`."""
-    touch = touch_of(memory, n, j)
-    if touch == _SAME:
-        return (
-            _row(reference, n, _TOTAL)[j],
-            _row(reference, n, _TURNED)[j],
-            _row(reference, n, _TOUCH)[j],
-        )
-    return memory[j], memory[n + 1 + j], touch
+def _before(reference: Floats, memory: Floats, n: int, j: int, row: int) -> float:
+    """What a row had at node j in a state, see `lengthen`."""
+    at = (row - _TOTAL) * (n + 1) + j
+    if memory[(_TOUCH - _TOTAL) * (n + 1) + j] == _SAME:
+        return float(reference[_TOTAL * (n + 1) + at])
+    return float(memory[at])
+
+
+@internal
+def _vector_before(
+    reference: Floats, memory: Floats, n: int, j: int, row: int
+) -> Point:
+    return (
+        _before(reference, memory, n, j, row),
+        _before(reference, memory, n, j, row + 1),
+        _before(reference, memory, n, j, row + 2),
+    )
+
+
+@internal
+def _vector(shape: Floats, n: int, j: int, row: int) -> Point:
+    return (
+        float(_row(shape, n, row)[j]),
+        float(_row(shape, n, row + 1)[j]),
+        float(_row(shape, n, row + 2)[j]),
+    )
 
 
 @internal
@@ -348,7 +370,7 @@ def growth(shape: Floats, reference: Floats, memory: Floats, n: int) -> float:
     grown = 0.0
     for j in range(n + 1):
         if extent[j] != 0.0:
-            grown += total[j] - _before(reference, memory, n, j)[0]
+            grown += total[j] - _before(reference, memory, n, j, _TOTAL)
     return grown
 
 
@@ -356,7 +378,7 @@ def growth(shape: Floats, reference: Floats, memory: Floats, n: int) -> float:
 def lengthen(
     shape: Floats, reference: Floats, memory: Floats, n: int, gained: Floats
 ) -> None:
-    """What the path at every node has gained in length since a state.
+    """Compute what the path at every node has gained in length since a state.
 
     Args:
         shape: the path now, of `survey`.
@@ -367,24 +389,29 @@ def lengthen(
     """
     fill(gained, 0.0)
     extent, touch = _row(shape, n, _EXTENT), _row(shape, n, _TOUCH)
-    total, turned = _row(shape, n, _TOTAL), _row(shape, n, _TURNED)
-    period = _row(shape, n, _PERIOD)
+    total, left = _row(shape, n, _TOTAL), _row(shape, n, _LEFT)
     for j in range(n + 1):
         if extent[j] == 0.0:
             continue
         m = int(extent[j]) - 1
-        before = _before(reference, memory, n, j)
-        grown = total[j] - before[0]
+        grown = total[j] - _before(reference, memory, n, j, _TOTAL)
         if touch[j] == _STRAIGHT:
             for i in range(m + 1):
                 gained[j + i] = grown / (m + 1)
             continue
-        left = 0.5 * grown
-        if touch[j] > 0.0 and touch[j] == before[2]:
-            left = turned[j] - before[1]
-            left -= period[j] * np.rint(left / period[j])
-        gained[j] = left
-        gained[j + m] = grown - left
+        first = 0.5 * grown
+        before = _before(reference, memory, n, j, _TOUCH)
+        if touch[j] != _APART and touch[j] == before:
+            first = left[j] - _before(reference, memory, n, j, _LEFT)
+            first -= _taken(
+                before,
+                _vector_before(reference, memory, n, j, _PLACE),
+                _vector_before(reference, memory, n, j, _ALONG),
+                _vector(shape, n, j, _PLACE),
+                _vector(shape, n, j, _ALONG),
+            )
+        gained[j] = first
+        gained[j + m] = grown - first
 
 
 @internal

@@ -28,7 +28,7 @@ class Claim:
         ours: what we find, with numbers and units.
         verdict: `agrees`; `better` where ours keeps the claim and goes beyond it;
             `in part`; `disagrees`; `cannot` where the printed text does not give
-            what is needed; `misprint` where a printed formula cannot be meant.
+            what a test needs; `misprint` where a printed formula cannot be meant.
         why: one sentence.
         timed: whether `ours` holds times or speed ratios, which differ from run to run.
     """

@@ -21,6 +21,7 @@ from cc_mujoco.recording.conduit3d import (
     resample,
     tension_colors,
 )
+from cc_mujoco.recording.tendon3d import ROPE_COLOR, is_uncolored
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ class Capsules:
     def __init__(
         self, model: mujoco.MjModel, cables: Iterable[str], highest: float
     ) -> None:
-        """Take their measures, and hide their tendons in the model.
+        """Take their measures, hide their tendons in the model, and colour the others.
 
         Args:
             model: Compiled model, changed in place.
@@ -58,6 +59,9 @@ class Capsules:
             self._radius[cable] = THICKER * float(model.tendon_width[tendon])
             # MuJoCo draws what is transparent, but not this group, unless it is asked.
             model.tendon_group[tendon] = HIDDEN
+        for tendon in range(model.ntendon):
+            if is_uncolored(model, tendon):
+                model.tendon_rgba[tendon] = ROPE_COLOR
 
     def add(
         self,

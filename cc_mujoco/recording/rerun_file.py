@@ -196,7 +196,8 @@ def _about(log: EpisodeLog, metrics: Iterable[Metric]) -> rr.TextDocument:
         markdown.table(("", ""), facts),
         "# Results",
         markdown.table(("", "", "", ""), results, numbers=[1]),
-        "Conduits are coloured by tension, grey where the cable is slack.",
+        "Conduits are coloured by tension, grey where the cable is slack; other "
+        "tendons have their own colour, or are brown.",
     )
     return rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
 

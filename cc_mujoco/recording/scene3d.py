@@ -24,7 +24,7 @@ TIMELINE = "sim_time"
 HIDDEN_GROUP = 3
 """Geom groups from here on are not drawn, as in MuJoCo's own viewers."""
 
-_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
+DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 _SHAPE = mujoco.mjtGeom
 
 
@@ -150,7 +150,7 @@ def own_color(model: mujoco.MjModel, rgba: Array, material: int) -> Array:
         rgba: Colour of the geom or tendon (4,).
         material: Its material, -1 for none.
     """
-    if material < 0 or not np.allclose(rgba, _DEFAULT_RGBA):
+    if material < 0 or not np.allclose(rgba, DEFAULT_RGBA):
         return np.array(rgba, dtype=float)
     color = np.array(model.mat_rgba[material], dtype=float)
     texture = model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]

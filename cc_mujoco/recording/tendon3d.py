@@ -10,10 +10,12 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from cc_mujoco.recording.branch import Branch
-from cc_mujoco.recording.scene3d import TIMELINE, WORLD, own_color
+from cc_mujoco.recording.scene3d import DEFAULT_RGBA, TIMELINE, WORLD, own_color
 
 Array = NDArray[np.float64]
 
+ROPE_COLOR = np.array([0.55, 0.36, 0.18, 1.0])
+"""Colour of a tendon that has none of its own: brown."""
 PULLEY = -2
 """`wrap_obj` of a point that only separates the branches of a tendon."""
 
@@ -50,10 +52,27 @@ def visible_tendons(
     """Every spatial tendon that is drawn and not skipped, and its colour (4,)."""
     for tendon in range(model.ntendon):
         kind = model.wrap_type[model.tendon_adr[tendon]]
-        rgba = own_color(model, model.tendon_rgba[tendon], model.tendon_matid[tendon])
+        rgba = tendon_color(model, tendon)
         spatial = kind != mujoco.mjtWrap.mjWRAP_JOINT
         if tendon not in skipped and spatial and rgba[3] > 0:
             yield tendon, rgba
+
+
+def tendon_color(model: mujoco.MjModel, tendon: int) -> Array:
+    """Return the colour of a tendon (4,); of one that has none, not MuJoCo's grey.
+
+    Grey means slack where cables are coloured by tension, and such a tendon may well be
+    the taut rope between a conduit and a lever.
+    """
+    if is_uncolored(model, tendon):
+        return ROPE_COLOR.copy()
+    return own_color(model, model.tendon_rgba[tendon], model.tendon_matid[tendon])
+
+
+def is_uncolored(model: mujoco.MjModel, tendon: int) -> bool:
+    """Return whether a tendon has neither a colour nor a material."""
+    plain = np.allclose(model.tendon_rgba[tendon], DEFAULT_RGBA)
+    return bool(plain and model.tendon_matid[tendon] < 0)
 
 
 def tendon_paths(

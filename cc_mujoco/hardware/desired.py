@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 
 from cc_mujoco.checks import LONGEST, number
 from cc_mujoco.control import Drive
+from cc_mujoco.csv_files import read_sheet
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware.limits import Limits
 from cc_mujoco.hardware.packet import Readings
 from cc_mujoco.human import Task, task, trajectory
+from cc_mujoco.units import CLOCK, TORQUE, Kind
 
 Array = NDArray[np.float64]
 
-COLUMNS = ("time_s", "torque_nm")
+COLUMNS = {"time_s": CLOCK, "torque_nm": TORQUE}
 """Of a course in a CSV file."""
 _NEED_PHASE = ("assist", "swing")
 
@@ -136,30 +138,21 @@ def from_csv(path: Path) -> Course:
     return Course(times, torques)
 
 
-def points(path: Path, columns: Sequence[str]) -> tuple[Array, ...]:
+def points(path: Path, columns: Mapping[str, Kind]) -> tuple[Array, ...]:
     """Columns of a CSV file (n,) each; others are not looked at.
 
     Args:
-        path: Of the file.
-        columns: Their names; the first is time and must rise.
+        path: Of the file, in a form of `csv_files`.
+        columns: Their names and what they measure; the first is time and must rise.
 
     Raises:
         CableError: It cannot be read or used; names file, line and column.
     """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.reader(file))
-    except OSError as error:
-        raise CableError(f"cannot read {path}: {error.strerror}.") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise CableError(f"{path} is not a CSV text file: {error}.") from None
-    header = [name.strip() for name in rows[0]] if rows else []
-    if missing := [name for name in columns if name not in header]:
-        raise CableError(f"{path}, line 1: there is no column {missing[0]!r}.")
+    sheet = read_sheet(path)
+    places = [sheet.column(name, measured) for name, measured in columns.items()]
     found = [
-        [_value(path, line, row, header, name) for name in columns]
-        for line, row in enumerate(rows[1:], 2)
-        if any(cell.strip() for cell in row)
+        [sheet.number(row, place, -math.inf, math.inf) for place in places]
+        for row in sheet.rows
     ]
     if not found:
         raise CableError(f"{path} has no line of data below its header.")
@@ -167,23 +160,7 @@ def points(path: Path, columns: Sequence[str]) -> tuple[Array, ...]:
     times = table[0]
     if (late := np.flatnonzero(np.diff(times) <= 0.0)).size:
         raise CableError(
-            f"{path}, column {columns[0]}: {times[late[0] + 1]:g} s must be after the "
-            f"{times[late[0]]:g} s of the line before."
+            f"{path}, column {places[0].name}: {times[late[0] + 1]:g} s must be after "
+            f"the {times[late[0]]:g} s of the line before."
         )
     return tuple(table)
-
-
-def _value(
-    path: Path, line: int, row: list[str], header: list[str], name: str
-) -> float:
-    place = header.index(name)
-    text = row[place].strip() if place < len(row) else ""
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise CableError(
-            f"{path}, line {line}, column {name}: {text!r} must be a finite number."
-        )
-    return value

@@ -23,8 +23,9 @@ from cc_mujoco.files import replacing
 from cc_mujoco.hardware.desired import Array, points
 from cc_mujoco.hardware.limits import Limits
 from cc_mujoco.hardware.servo import APPROACH, Servo, Stiffness
+from cc_mujoco.units import ANGLE, CLOCK
 
-COLUMNS = ("time_s", "motor_angle_rad", "joint_angle_rad")
+COLUMNS = {"time_s": CLOCK, "motor_angle_rad": ANGLE, "joint_angle_rad": ANGLE}
 
 
 @dataclass(frozen=True)

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import csv
-import difflib
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
+from cc_mujoco.csv_files import read_sheet
 from cc_mujoco.errors import CableError
 from cc_mujoco.human.motion import Array, Motion, Trajectory, progress
-
-COLUMNS = ("time_s", "angle_rad")
-"""Columns that a trajectory file must have; others are ignored."""
+from cc_mujoco.units import ANGLE, CLOCK
 
 _SHORTEST = 4
 _CLOSEST = 1e-6
-_LIMITS = {"time_s": 1e6, "angle_rad": 1e3}
+_LATEST, _LARGEST = 1e6, 1e3
 
 
 @dataclass(frozen=True)
@@ -50,11 +45,34 @@ class Recorded(Trajectory):
         )
 
 
+def given_trajectory(given: str | Path | Trajectory) -> str | Trajectory:
+    """Return the trajectory that is meant, or its name where it is a scripted one.
+
+    Args:
+        given: A name, a CSV file (a string ending in `.csv`, or any `Path`), or a
+            trajectory.
+
+    Raises:
+        CableError: If it is none of these, or the file cannot be used.
+    """
+    if isinstance(given, Path) or (
+        isinstance(given, str) and given.lower().endswith(".csv")
+    ):
+        return from_csv(given)
+    if not isinstance(given, (str, Trajectory)):
+        raise CableError(
+            f"trajectory must be a name, the path of a CSV file or a Trajectory, "
+            f"not {given!r}."
+        )
+    return given
+
+
 def from_csv(path: str | Path) -> Recorded:
     """Read a trajectory from a CSV file with the columns `time_s` and `angle_rad`.
 
     The first line names the columns; time must increase from line to line and may start
-    anywhere.
+    anywhere. Other units are converted by the name of the column, as of `time_ms` and
+    `angle_deg`; other columns are ignored. Forms of CSV are those of `csv_files`.
 
     Args:
         path: The file.
@@ -65,67 +83,22 @@ def from_csv(path: str | Path) -> Recorded:
     Raises:
         CableError: If the file cannot be read or used; names file, line and column.
     """
-    path = Path(path)
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            times, angles = _columns(path, file)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise CableError(f"cannot read the trajectory {path}: {reason}.") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise CableError(f"{path} is not a CSV text file: {error}.") from error
-    return Recorded(tuple(t - times[0] for t in times), tuple(angles))
-
-
-def _columns(path: Path, file: TextIO) -> tuple[list[float], list[float]]:
-    """Read and check both columns."""
-    reader = csv.reader(file)
-    header = [name.strip() for name in next(reader, [])]
-    places = [_place(path, header, name) for name in COLUMNS]
+    sheet = read_sheet(path, "the trajectory")
+    clock, turned = sheet.column("time_s", CLOCK), sheet.column("angle_rad", ANGLE)
     times: list[float] = []
     angles: list[float] = []
-    for row in reader:
-        if not any(cell.strip() for cell in row):
-            continue
-        line = reader.line_num
-        time, angle = (
-            _number(path, line, name, row[place] if place < len(row) else "")
-            for name, place in zip(COLUMNS, places, strict=True)
-        )
+    for row in sheet.rows:
+        time = sheet.number(row, clock, -_LATEST, _LATEST)
+        angles.append(sheet.number(row, turned, -_LARGEST, _LARGEST))
         if times and time - times[-1] < _CLOSEST:
             raise CableError(
-                f"{path}, line {line}, column time_s: {time:g} s must be at least "
-                f"{_CLOSEST:g} s after the {times[-1]:g} s of the line before."
+                f"{path}, line {row.line}, column {clock.name}: {time:g} s must be at "
+                f"least {_CLOSEST:g} s after the {times[-1]:g} s of the line before."
             )
         times.append(time)
-        angles.append(angle)
     if len(times) < _SHORTEST:
         raise CableError(
             f"{path} has {len(times)} lines of data, but a trajectory needs at least "
             f"{_SHORTEST}."
         )
-    return times, angles
-
-
-def _place(path: Path, header: list[str], name: str) -> int:
-    """Index of a column."""
-    if name in header:
-        return header.index(name)
-    near = difflib.get_close_matches(name, header, n=1, cutoff=0.4)
-    hint = f"; did you mean to rename {near[0]!r}?" if near else "."
-    raise CableError(f"{path}, line 1: there is no column {name!r}{hint}")
-
-
-def _number(path: Path, line: int, name: str, text: str) -> float:
-    """Value of one cell."""
-    limit = _LIMITS[name]
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= limit:
-        raise CableError(
-            f"{path}, line {line}, column {name}: {text.strip()!r} must be a number "
-            f"between {-limit:g} and {limit:g}."
-        )
-    return value
+    return Recorded(tuple(t - times[0] for t in times), tuple(angles))

@@ -8,10 +8,10 @@ motor of `MOTORS` or a material of `MATERIALS` goes before that of `motor` or `r
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 
+from cc_mujoco.csv_files import read_sheet
 from cc_mujoco.errors import CableError
 from cc_mujoco.whatif.materials import MATERIALS
 from cc_mujoco.whatif.motors import MOTORS
@@ -43,17 +43,11 @@ def read_costs(path: str | Path = EXAMPLE) -> dict[str, float]:
         CableError: the file is no such table; says where and what would be right.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not text in UTF-8"
-        raise CableError(f"cannot read the costs {path}: {reason}.") from None
-    rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines())]
-    rows = [row for row in rows if any(row)]
-    if not rows or rows[0] != _HEAD:
+    sheet = read_sheet(path, "the costs")
+    if sheet.names != _HEAD:
         raise CableError(f"{path} must begin with the line {','.join(_HEAD)}.")
     found: dict[str, float] = {}
-    for row in rows[1:]:
+    for _, row in sheet.rows:
         if len(row) != len(_HEAD):
             raise CableError(f"{path}: the line {','.join(row)!r} must have 3 cells.")
         part, per, amount = row

@@ -10,7 +10,6 @@ are separated by commas. Samples and searches need no count.
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 import tomllib
@@ -22,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.csv_files import read_sheet
 from cc_mujoco.errors import CableError
 from cc_mujoco.whatif.variables import Value, Variable, find
 
@@ -140,15 +140,8 @@ def from_file(path: str | Path) -> list[dict[str, object]]:
     path = Path(path)
     if path.suffix.lower() not in (".csv", ".toml"):
         raise CableError(f"{path} is neither .csv nor .toml.")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise CableError(f"cannot read the designs {path}: {reason}.") from None
-    except UnicodeDecodeError:
-        raise CableError(f"{path} is not text in UTF-8.") from None
     read = _from_toml if path.suffix.lower() == ".toml" else _from_csv
-    designs = read(path, text)
+    designs = read(path)
     if not designs:
         raise CableError(f"{path} has no designs.")
     names = list(designs[0])
@@ -161,9 +154,14 @@ def from_file(path: str | Path) -> list[dict[str, object]]:
     return [{name: design[name] for name in names} for design in designs]
 
 
-def _from_toml(path: Path, text: str) -> list[dict[str, object]]:
+def _from_toml(path: Path) -> list[dict[str, object]]:
     try:
-        found = tomllib.loads(text)
+        found = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise CableError(f"cannot read the designs {path}: {reason}.") from None
+    except UnicodeDecodeError:
+        raise CableError(f"{path} is not text in UTF-8.") from None
     except tomllib.TOMLDecodeError as error:
         raise CableError(f"{path} is not TOML: {error}.") from None
     if unknown := [name for name in found if name != "design"]:
@@ -177,31 +175,19 @@ def _from_toml(path: Path, text: str) -> list[dict[str, object]]:
     return designs
 
 
-def _from_csv(path: Path, text: str) -> list[dict[str, object]]:
-    lines = text.splitlines()
-    blank = next((i for i, line in enumerate(lines) if line.strip()), len(lines))
-    require_count(max(1, len(lines) - blank - 1))
-    rows = csv.reader(lines[blank:])
-    names = [name.strip() for name in next(rows, [])]
-    other = [sign for sign in (";", "\t") if any(sign in name for name in names)]
-    if other:
-        sign = "a semicolon" if other[0] == ";" else "a tab"
-        raise CableError(
-            f"{path}, line {blank + 1}: {sign} is between the names; it must be a "
-            "comma, and numbers must have a point, 0.1."
-        )
+def _from_csv(path: Path) -> list[dict[str, object]]:
+    sheet = read_sheet(path, "the designs", lambda lines: require_count(max(1, lines)))
+    names = sheet.names
     if twice := [name for name in names if names.count(name) > 1]:
         raise CableError(f"{path} names {twice[0]!r} twice; name every variable once.")
     designs: list[dict[str, object]] = []
-    for row in rows:
-        if not row:
-            continue
-        if len(row) != len(names):
+    for line, values in sheet.rows:
+        if len(values) != len(names):
             raise CableError(
-                f"{path}, line {blank + rows.line_num}: it must have as many values "
-                "as the first line has names."
+                f"{path}, line {line}: it must have as many values as the first line "
+                "has names."
             )
-        designs.append(dict(zip(names, (v.strip() for v in row), strict=True)))
+        designs.append(dict(zip(names, values, strict=True)))
     return designs
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TRAJECTORIES, from_csv
+from cc_mujoco.units import ANGLE, CLOCK
 
 EXAMPLE = Path(__file__).parents[2] / "assets" / "trajectories" / "example_reach.csv"
 RNG = np.random.default_rng(0)
@@ -60,15 +61,30 @@ GOOD = "0,0\n1,0.1\n2,0.2\n3,0.1\n"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "{}, line 1: there is no column 'time_s'."),
+        ("", "{} is empty; its first line must name the columns."),
         (
             "time,angle_rad\n" + GOOD,
-            "{}, line 1: there is no column 'time_s'; did you mean to rename 'time'?",
+            "{}, line 1: there is no column 'time_s'; if it is 'time', name it by its "
+            "unit: time_s or time_ms or time_us or time_ns.",
         ),
         (
-            "time_s,angle_deg\n" + GOOD,
-            "{}, line 1: there is no column 'angle_rad'; "
-            "did you mean to rename 'angle_deg'?",
+            "time_s,wrist_deg\n" + GOOD,
+            "{}, line 1: there is no column 'angle_rad'; name it: "
+            "angle_rad or angle_mrad or angle_deg or angle_rev.",
+        ),
+        (
+            "time_s,angel_deg\n" + GOOD,
+            "{}, line 1: there is no column 'angle_rad'; if it is 'angel_deg', name it "
+            "angle_deg.",
+        ),
+        (
+            "time_ms,time_us,angle_rad\n0,0,0\n",
+            "{}, line 1: time_ms and time_us are both time_s; keep one of them.",
+        ),
+        (
+            "time_s,angle_deg\n0,1e6\n",
+            "{}, line 2, column angle_deg: '1e6' must be a number between -57295.8 and "
+            "57295.8.",
         ),
         (
             "time_s,angle_rad\n0,0\n1,0\n1,0\n2,0\n",
@@ -116,6 +132,45 @@ def test_unreadable_files(tmp_path: Path) -> None:
     with pytest.raises(CableError, match="cannot read the trajectory"):
         from_csv(tmp_path)
     binary = tmp_path / "motion.csv"
-    binary.write_bytes(b"\xff\xfe\x00\x81")
-    with pytest.raises(CableError, match="is not a CSV text file"):
-        from_csv(binary)
+    for content in (b"\xff\xfe\x00\x81", b"\x89PNG\r\n\x1a\n\x00\x00", b"PK\x03\x04"):
+        binary.write_bytes(content)
+        with pytest.raises(CableError, match=r"is no text|there is no column"):
+            from_csv(binary)
+
+
+ROWS = [(0.0, 0.0), (0.25, 0.125), (0.5, -0.25), (0.75, 0.5)]
+
+
+@pytest.mark.parametrize("unit", ["rad", "mrad", "deg", "rev"])
+@pytest.mark.parametrize("clock", ["s", "ms", "us", "ns"])
+@pytest.mark.parametrize("style", ["{}_{}", "{} [{}]", "{} ({})"])
+def test_units_are_converted_by_the_name_of_the_column(
+    tmp_path: Path, unit: str, clock: str, style: str
+) -> None:
+    names = style.format("time", clock), style.format("Angle", unit)
+    factors = CLOCK.factors[clock], ANGLE.factors[unit]
+    lines = [f"{t / factors[0]!r},{a / factors[1]!r}" for t, a in ROWS]
+    found = from_csv(write(tmp_path, "\n".join([",".join(names), *lines])))
+    assert found.times == pytest.approx([t for t, _ in ROWS])
+    assert found.angles == pytest.approx([a for _, a in ROWS])
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+@pytest.mark.parametrize("separator", [",", ";", "\t", "|"])
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("above", ["", "sep={}", "# recorded at 20 \N{DEGREE SIGN}C"])
+def test_forms_that_spreadsheets_write_read_the_same(
+    tmp_path: Path, encoding: str, separator: str, decimal: str, end: str, above: str
+) -> None:
+    if separator == decimal:
+        return
+    lines = [("time_s", "angle_rad", "note", "")]
+    lines += [(*(f"{x}".replace(".", decimal) for x in row), "", "") for row in ROWS]
+    text = [above.format(separator)] * bool(above)
+    text += [separator.join(line) for line in lines]
+    path = tmp_path / "motion.csv"
+    path.write_bytes(end.join([*text, separator * 3, ""]).encode(encoding))
+    found = from_csv(path)
+    assert found.times == tuple(t for t, _ in ROWS)
+    assert found.angles == tuple(a for _, a in ROWS)

@@ -265,7 +265,8 @@ def test_a_table_of_costs_replaces_the_example(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "wrong"),
     [
-        ("", "must begin with the line part,per,cost"),
+        ("", "is empty; its first line must name the columns"),
+        ("part;cost\n", "must begin with the line part,per,cost"),
         (HEAD + "motor,piece,3\n", "lacks the cost of pulley, rope"),
         (ALL + "motor,piece,3\n", "'motor' twice"),
         (ALL + "screw,piece,3\n", "unknown part 'screw'"),

@@ -6,11 +6,15 @@ same column in another unit may be called by that unit: `motor_angle_deg`.
 
 from __future__ import annotations
 
-import math
 import re
-from typing import NamedTuple
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.units import ANGLE as ANGLE
+from cc_mujoco.units import CLOCK as CLOCK
+from cc_mujoco.units import FORCE as FORCE
+from cc_mujoco.units import TORQUE as TORQUE
+from cc_mujoco.units import Kind, last_word
+from cc_mujoco.units import unit_of as unit_of
 
 TIME = "time_s"
 VALID = "valid"
@@ -32,39 +36,6 @@ _TENSION = re.compile(r"tension_(?:(.+)_)?(proximal|distal)_n")
 _TENSION_IN = re.compile(r"(tension_(?:.+_)?(?:proximal|distal)_)([a-z]+)")
 
 
-class Kind(NamedTuple):
-    """What a channel measures.
-
-    Attributes:
-        name: the word for it.
-        unit: the unit it has inside the program.
-        factors: that unit in every unit that a file may use.
-    """
-
-    name: str
-    unit: str
-    factors: dict[str, float]
-
-
-_TURN = 2.0 * math.pi
-CLOCK = Kind("time", "s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
-ANGLE = Kind(
-    "angle", "rad", {"rad": 1.0, "mrad": 1e-3, "deg": _TURN / 360, "rev": _TURN}
-)
-_KGF, _LBF, _INCH = 9.80665, 4.4482216152605, 0.0254
-TORQUE = Kind(
-    "torque",
-    "Nm",
-    {
-        "Nm": 1.0,
-        "mNm": 1e-3,
-        "Nmm": 1e-3,
-        "Ncm": 1e-2,
-        "kgfcm": 1e-2 * _KGF,
-        "lbfin": _INCH * _LBF,
-    },
-)
-FORCE = Kind("force", "N", {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": _KGF, "lbf": _LBF})
 CURRENT = Kind("current", "A", {"A": 1.0, "mA": 1e-3})
 WARMTH = Kind("temperature", "degC", {"degC": 1.0})
 MASK = Kind("mask", "1", {"1": 1.0})
@@ -80,15 +51,6 @@ _KINDS = {
     VALID: MASK,
 }
 
-_WORDS = {
-    "\N{DEGREE SIGN}": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "turns": "rev",
-    "sec": "s",
-    "\N{MICRO SIGN}s": "us",
-}
-"""What some call a unit."""
 _ELSE = {
     **dict.fromkeys(
         ("mm", "cm"), "a length; over the radius of its pulley it is an angle in rad"
@@ -111,10 +73,6 @@ _ELSE = {
     ),
 }
 """What readings in other units are, and how to make a channel of them."""
-_APART = re.compile(r"[\s_.,:;|(){}\[\]-]+")
-_UNITS = {
-    unit.lower() for kind in (CLOCK, ANGLE, TORQUE, FORCE) for unit in kind.factors
-} | {"m", "mm"}
 
 
 def kind(channel: str) -> Kind:
@@ -172,20 +130,6 @@ def tension(column: str) -> str:
     return ""
 
 
-def unit_of(column: str, measured: Kind) -> str | None:
-    """Unit of a quantity in which the name of a column ends, or None."""
-    word = _last(column)
-    return next((unit for unit in measured.factors if unit.lower() == word), None)
-
-
 def no_channel(column: str) -> str:
     """What a column measures by its unit, and what to do, if it is no channel's."""
-    return _ELSE.get(_last(column), "")
-
-
-def _last(column: str) -> str:
-    """The word in which a name ends, as its unit would be spelled; empty for a rate."""
-    words = [word for word in _APART.split(column.lower()) if word]
-    if not words or (len(words) > 1 and words[-2] in _UNITS):
-        return ""
-    return _WORDS.get(words[-1], words[-1])
+    return _ELSE.get(last_word(column), "")

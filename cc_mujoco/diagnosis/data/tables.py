@@ -1,18 +1,16 @@
 """Columns of numbers from a file, as they stand there; `arrays` reads MATLAB and HDF5.
 
 CSV and Parquet files are streamed, so that of a large one no more is held than the
-columns wanted. CSV files may be separated by commas, semicolons, tabs or bars, have
-comment lines (`#`) on top and, unless separated by commas, decimal commas.
+columns wanted. `csv_files` says what forms CSV may have.
 """
 
 from __future__ import annotations
 
-import codecs
 import csv
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -20,6 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
+from cc_mujoco.csv_files import HEAD, Layout, is_number, layout
 from cc_mujoco.diagnosis.data import arrays
 from cc_mujoco.diagnosis.data.trials import FloatArray
 from cc_mujoco.errors import CableError
@@ -29,27 +28,7 @@ ENDINGS = (".csv", ".parquet", *arrays.ENDINGS)
 
 _ABSENT = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None"]
 _SWITCHES = {"true": "1", "false": "0"}
-_SEPARATORS = ",;\t|"
-_HEAD = 1 << 16
 _BLOCK = 1 << 23
-
-
-class _Layout(NamedTuple):
-    """How a CSV file is written.
-
-    Attributes:
-        encoding: of the text.
-        top: lines before the first line of data.
-        separator: between cells.
-        decimal: point or comma.
-        names: of the columns.
-    """
-
-    encoding: str
-    top: int
-    separator: str
-    decimal: str
-    names: list[str]
 
 
 def column_names(path: Path) -> list[str]:
@@ -88,11 +67,11 @@ def read_columns(
     with _Readable(path):
         if path.suffix.lower() == ".parquet":
             return _gathered(names, _parquet_batches(path, names))
-        layout = _layout(path)
+        form = _layout(path)
         try:
-            return _gathered(names, _csv_batches(path, layout, names, switches))
+            return _gathered(names, _csv_batches(path, form, names, switches))
         except pa.ArrowInvalid as error:
-            raise _csv_error(path, layout, names, switches, error) from None
+            raise _csv_error(path, form, names, switches, error) from None
 
 
 def _gathered(
@@ -135,50 +114,18 @@ def _parquet_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
         yield pa.RecordBatch.from_arrays(columns, names)
 
 
-def _layout(path: Path) -> _Layout:
-    """Find out how a CSV file is written."""
+def _layout(path: Path) -> Layout:
+    """Find out the form of a CSV file."""
     with path.open("rb") as file:
-        head = file.read(_HEAD)
-    encoding = _encoding(head)
-    lines = head.decode(encoding, errors="ignore").removeprefix("\ufeff").splitlines()
-    top = 0
-    while top < len(lines) and (not lines[top].strip() or lines[top].startswith("#")):
-        top += 1
-    if top == len(lines):
-        raise CableError(f"{path} is empty; its first line must name the columns.")
-    header = lines[top]
-    separator = max(_SEPARATORS, key=header.count)
-    names = [cell.strip() for cell in next(csv.reader([header], delimiter=separator))]
-    if not all(name.isprintable() for name in names):
-        raise CableError(
-            f"{path} is no text; give CSV, or Parquet with the ending .parquet."
-        )
-    if all(_is_number(name) for name in names):
-        raise CableError(
-            f"{path}, line {top + 1} is numbers; the first line must name the columns."
-        )
-    below = lines[top + 1] if top + 1 < len(lines) else ""
-    decimal = "," if separator != "," and "," in below else "."
-    return _Layout(encoding, top + 1, separator, decimal, names)
-
-
-def _encoding(head: bytes) -> str:
-    """Encoding of a text by its beginning."""
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return "utf-16"
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(head)
-    except UnicodeDecodeError:
-        return "latin-1"
-    return "utf-8"
+        return layout(path, file.read(HEAD))
 
 
 def _csv_batches(
-    path: Path, layout: _Layout, names: list[str], texts: Iterable[str] = ()
+    path: Path, form: Layout, names: list[str], texts: Iterable[str] = ()
 ) -> Iterator[pa.RecordBatch]:
     """Columns of a CSV file as numbers, some as the text that stands there."""
     # Names of their own, for the file's may be there twice.
-    own = [name if name in names else f"#{k}" for k, name in enumerate(layout.names)]
+    own = [name if name in names else f"#{k}" for k, name in enumerate(form.names)]
     kinds = dict.fromkeys(names, pa.float64()) | dict.fromkeys(texts, pa.string())
     try:
         reader = pa_csv.open_csv(
@@ -187,16 +134,16 @@ def _csv_batches(
                 use_threads=False,
                 block_size=_BLOCK,
                 column_names=own,
-                skip_rows=layout.top,
-                encoding=layout.encoding,
+                skip_rows=form.top,
+                encoding=form.encoding,
             ),
-            pa_csv.ParseOptions(delimiter=layout.separator),
+            pa_csv.ParseOptions(delimiter=form.separator),
             pa_csv.ConvertOptions(
                 include_columns=names,
                 column_types=kinds,
                 null_values=_ABSENT,
                 strings_can_be_null=True,
-                decimal_point=layout.decimal,
+                decimal_point=form.decimal,
             ),
         )
     except pa.ArrowInvalid as error:
@@ -208,7 +155,7 @@ def _csv_batches(
 
 def _csv_error(
     path: Path,
-    layout: _Layout,
+    form: Layout,
     names: list[str],
     switches: Iterable[str],
     error: Exception,
@@ -216,13 +163,13 @@ def _csv_error(
     """The error for a CSV file that is not all numbers, with the place."""
     rows = 0
     try:
-        for batch in _csv_batches(path, layout, names, names):
+        for batch in _csv_batches(path, form, names, names):
             for name in names:
                 words = _SWITCHES if name in switches else {}
                 for k, cell in enumerate(batch.column(name).to_pylist()):
                     if cell is None or cell.strip().lower() in words:
                         continue
-                    if not _is_number(cell, layout.decimal):
+                    if not is_number(cell, form.decimal):
                         return CableError(
                             f"{path}, column {name}, row {rows + k + 1} of the data: "
                             f"{cell.strip()[:40]!r} must be a number."
@@ -233,17 +180,8 @@ def _csv_error(
     told = " ".join(str(error).split())
     return CableError(
         f"{path} is not a table: {told[:160]}; every line must have the "
-        f"{len(layout.names)} cells that the first line names."
+        f"{len(form.names)} cells that the first line names."
     )
-
-
-def _is_number(cell: str, decimal: str = ".") -> bool:
-    """Whether a cell holds a number."""
-    try:
-        float(cell.strip().replace(decimal, "."))
-    except ValueError:
-        return False
-    return True
 
 
 class _Readable:

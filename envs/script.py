@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Motion, Task, Trajectory, from_csv, gait, trajectory
+from cc_mujoco.human import Motion, Task, Trajectory, gait, trajectory
+from cc_mujoco.human.recorded import given_trajectory
 
 from .device import Device
 
@@ -215,13 +216,5 @@ def find_trajectory(given: str | Path | Trajectory, reach: float) -> Trajectory:
     Raises:
         CableError: If there is no such trajectory, or the file cannot be used.
     """
-    if isinstance(given, Trajectory):
-        return given
-    if not isinstance(given, (str, Path)):
-        raise CableError(
-            f"trajectory must be a name, the path of a CSV file or a Trajectory, "
-            f"not {given!r}."
-        )
-    if isinstance(given, Path) or given.lower().endswith(".csv"):
-        return from_csv(given)
-    return trajectory(given, reach)
+    found = given_trajectory(given)
+    return trajectory(found, reach) if isinstance(found, str) else found

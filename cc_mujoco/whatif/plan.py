@@ -16,7 +16,8 @@ from typing import Any
 
 from cc_mujoco.checks import LONGEST, listed, named, number
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.human import from_csv
+from cc_mujoco.human import Trajectory
+from cc_mujoco.human.recorded import given_trajectory
 from cc_mujoco.identity import made_by
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.across import Across, read_across
@@ -45,6 +46,9 @@ MEMORY, SAMPLE = 250e6, 150.0
 _FEW = 8
 """Designs that are simulated together where there are few."""
 
+_LONGEST_TEXT = 200
+"""Characters of a trajectory's `repr` that stand in a description as they are."""
+
 SAMPLINGS = ("grid", "lhs")
 
 VALUES = "values"
@@ -67,7 +71,7 @@ class Plan:
     batches: tuple[tuple[int, ...], ...]
     """Indices of designs that are simulated together."""
     source: str
-    """Name of the trajectory, or path of its CSV file."""
+    """Name of the trajectory, path of its CSV file, or what it is as an object."""
     search: Mapping[str, Any] | None = None
     """What a search for the best goes by, as plain JSON, where designs follow from it;
     else None."""
@@ -129,7 +133,7 @@ def make_plan(
     *,
     sampling: str = "grid",
     samples: int | None = None,
-    trajectory: str | None = None,
+    trajectory: str | Path | Trajectory | None = None,
     task: str | None = None,
     controllers: Sequence[str] = DEFAULT_CONTROLLERS,
     duration: float = 10.0,
@@ -187,7 +191,7 @@ def make_plan(
         names = list(checked[0])
         ranges = {n: Range(tuple(dict.fromkeys(d[n] for d in checked))) for n in names}
     full = designs is None and samples is None
-    source = builder.device.trajectory if trajectory is None else trajectory
+    source = _source(builder.device.trajectory if trajectory is None else trajectory)
     batches = _batches(cases, builder, checked, max(duration, CHIRP_TIME))
     return Plan(protocol, tuple(checked), ranges, full, batches, source)
 
@@ -195,7 +199,7 @@ def make_plan(
 def empty_plan(
     scene: str,
     *,
-    trajectory: str | None = None,
+    trajectory: str | Path | Trajectory | None = None,
     task: str | None = None,
     controllers: Sequence[str] = DEFAULT_CONTROLLERS,
     duration: float = 10.0,
@@ -219,7 +223,7 @@ def empty_plan(
         scene, trajectory, task, controllers, duration, seed, timestep, metrics,
         across, rank, goals, costs, named,
     )  # fmt: skip
-    source = builder.device.trajectory if trajectory is None else trajectory
+    source = _source(builder.device.trajectory if trajectory is None else trajectory)
     return Plan(protocol, (), {}, False, (), source), builder
 
 
@@ -240,7 +244,7 @@ def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
 
 def _trial(
     scene: str,
-    trajectory: str | None,
+    trajectory: str | Path | Trajectory | None,
     task: str | None,
     laws: Sequence[str],
     duration: float,
@@ -271,7 +275,8 @@ def _trial(
     turned = [goal.name for goal in goals if goal.high != METRICS[goal.name].high]
     cases = read_across(across, rank, builder.cables, turned)
     home = builder.device
-    source = home.trajectory if trajectory is None else trajectory
+    given_motion = home.trajectory if trajectory is None else trajectory
+    motion, source = given_trajectory(given_motion), _source(given_motion)
     chosen = tuple(dict.fromkeys(metrics))
     said = {name.rpartition(".")[2] for name in (*named, *cases.names)}
     given = home.task if task is None else task
@@ -298,7 +303,7 @@ def _trial(
         )
     protocol = EpisodeProtocol(
         scene,
-        from_csv(source) if source.lower().endswith(".csv") else source,
+        motion,
         given,
         laws,
         duration,
@@ -310,6 +315,16 @@ def _trial(
     )
     rehearse(protocol, builder)
     return protocol, builder
+
+
+def _source(trajectory: str | Path | Trajectory) -> str:
+    """Return the text by which a trajectory is known again in a description."""
+    if isinstance(trajectory, (str, Path)):
+        return str(trajectory)
+    text = repr(trajectory)
+    if len(text) <= _LONGEST_TEXT:
+        return text
+    return f"{type(trajectory).__name__} {hashlib.sha256(text.encode()).hexdigest()}"
 
 
 def _had(said: Collection[str], costs: bool) -> tuple[str, ...]:

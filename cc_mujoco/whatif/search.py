@@ -26,6 +26,7 @@ import pyarrow as pa
 
 from cc_mujoco.checks import listed, named
 from cc_mujoco.errors import CableError
+from cc_mujoco.human import Trajectory
 from cc_mujoco.identity import told
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.across import plant
@@ -61,7 +62,7 @@ def optimise(
     subject_to: Sequence[str] = (),
     *,
     evaluations: int = 400,
-    trajectory: str | None = None,
+    trajectory: str | Path | Trajectory | None = None,
     task: str | None = None,
     controllers: Sequence[str] = DEFAULT_CONTROLLERS,
     duration: float = 10.0,

@@ -11,6 +11,7 @@ import mujoco
 
 from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError
+from cc_mujoco.human import TRAJECTORIES
 from cc_mujoco.identity import differences, made_by, seal
 from cc_mujoco.recording import EpisodeLog, play
 from cc_mujoco.recording.columns import MODEL_XML
@@ -50,6 +51,13 @@ def show(
     about = read_study(folder)
     design = _design(folder, row, about["variables"])
     protocol = about["protocol"]
+    motion = protocol["trajectory"]
+    if motion not in TRAJECTORIES and not motion.lower().endswith(".csv"):
+        raise CableError(
+            f"the study in {folder} plays a trajectory that was given as a Python "
+            f"object, {motion}; its designs can be shown only where it plays a name or "
+            "a CSV file."
+        )
     builder = Builder(protocol["scene"], protocol["timestep"])
     played = case_of(folder, row, case)
     design |= plant(played)

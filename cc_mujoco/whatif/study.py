@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from cc_mujoco.human import Trajectory
 from cc_mujoco.identity import told
 from cc_mujoco.whatif.designs import Given
 from cc_mujoco.whatif.evaluate import Trial
@@ -27,7 +28,7 @@ def study(
     *,
     sampling: str = "grid",
     samples: int | None = None,
-    trajectory: str | None = None,
+    trajectory: str | Path | Trajectory | None = None,
     task: str | None = None,
     controllers: Sequence[str] = DEFAULT_CONTROLLERS,
     duration: float = 10.0,
@@ -53,8 +54,8 @@ def study(
         designs: instead of `vary`, the designs themselves, or a CSV or TOML file.
         sampling: `grid`, every combination; or `lhs`, a Latin hypercube.
         samples: designs of the Latin hypercube.
-        trajectory: how the wearer moves, a name or the path of a CSV file; that of the
-            scene by default, as is the task.
+        trajectory: how the wearer moves, a name, the path of a CSV file or a
+            `human.Trajectory`; that of the scene by default, as is the task.
         task: what the wearer should feel.
         controllers: that drive the motor; of several, the metrics of a design are
             those with the one that tracks best, and `METRIC@CONTROLLER` has each.

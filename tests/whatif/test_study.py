@@ -18,6 +18,7 @@ from cc_mujoco import cli
 from cc_mujoco.control import Controller, Drive, Network, write_policy
 from cc_mujoco.control.controllers import CONTROLLERS
 from cc_mujoco.errors import CableError
+from cc_mujoco.human import Sine, from_csv
 from cc_mujoco.sensing import MEASURED
 from cc_mujoco.whatif import METRICS, VARIABLES, carry_out, make_plan, study
 from cc_mujoco.whatif.build import Builder
@@ -26,7 +27,7 @@ from cc_mujoco.whatif.laws import Laws
 from cc_mujoco.whatif.metrics import measure_episode
 from cc_mujoco.whatif.sections import controllers_out
 from cc_mujoco.whatif.show import show
-from cc_mujoco.whatif.store import read_table
+from cc_mujoco.whatif.store import read_study, read_table
 
 EPISODE = tuple(
     name
@@ -86,6 +87,28 @@ def test_the_table_is_the_same_on_any_number_of_threads() -> None:
     tables = [study("wrist", vary, threads=n, **SHORT) for n in (1, 3)]
     assert len(tables[0]) == 12
     assert tables[1].equals(tables[0], check_metadata=True)
+
+
+def test_a_motion_is_a_name_a_file_or_an_object(tmp_path: Path) -> None:
+    path = tmp_path / "motion.csv"
+    path.write_text("time_s,angle_deg\n0,0\n0.1,2\n0.2,4\n0.3,2\n")
+    vary = {"friction": [0.05, 0.1]}
+    given = {"metrics": ["rms_motor_torque"], "duration": 0.3}
+    tables = [
+        study("wrist", vary, trajectory=motion, **given)
+        for motion in (path, str(path), from_csv(path))
+    ]
+    assert tables[0].equals(tables[1]) and tables[0].equals(tables[2])
+    sine = Sine(amplitude=0.2)
+    folder = tmp_path / "runs"
+    first = study("wrist", vary, trajectory=sine, out=folder, **given)
+    again = study("wrist", vary, trajectory=Sine(0.2), out=folder, **given)
+    assert first.equals(again) and not first.equals(tables[0])
+    assert read_study(folder)["protocol"]["trajectory"] == repr(sine)
+    with pytest.raises(CableError, match=r"a Python object, Sine\(.*a name or a CSV"):
+        show(folder, 0)
+    with pytest.raises(CableError, match="trajectory must be a name"):
+        study("wrist", vary, trajectory=3, **given)
 
 
 def test_a_design_is_the_same_in_any_company() -> None:

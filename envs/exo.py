@@ -21,7 +21,16 @@ from cc_mujoco.checks import LONGEST, number
 from cc_mujoco.control.observed import ACTION
 from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TASKS, Perturbed, Task, Trajectory, Walk, Wearer, paced
+from cc_mujoco.human import (
+    TASKS,
+    Perturbed,
+    Task,
+    Trajectory,
+    Walk,
+    Wearer,
+    gait,
+    paced,
+)
 from cc_mujoco.human import task as find_task
 
 from .device import Array, Device, Physics
@@ -125,6 +134,12 @@ class Exo:
         """Control steps in an episode."""
         self.samples = hold * self.steps
         source = find_trajectory(trajectory, setup.reach)
+        if isinstance(_base(source), Walk) and setup.joint not in gait.ANGLES:
+            raise CableError(
+                f"a walk moves {', '.join(gait.ANGLES)}, and scene {setup.scene!r} "
+                f"drives the joint {setup.joint!r}; choose another trajectory, such as "
+                f"{setup.trajectory!r}."
+            )
         self.task = _task_of(task, source)
         self.author = Author(self.device, source, self.samples, frame_skip)
         self.drive = self.device.drive(self.period)
@@ -248,7 +263,12 @@ def _task_of(task: str | Task, source: Trajectory) -> Task:
     """A task itself, or one by name at the pace of the walk that is played."""
     if not isinstance(task, str):
         return task
-    found = find_task(task)
+    found, source = find_task(task), _base(source)
+    return paced(found, source.pace) if isinstance(source, Walk) else found
+
+
+def _base(source: Trajectory) -> Trajectory:
+    """Return the trajectory inside perturbations."""
     while isinstance(source, Perturbed):
         source = source.base
-    return paced(found, source.pace) if isinstance(source, Walk) else found
+    return source

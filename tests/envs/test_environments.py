@@ -646,6 +646,17 @@ def test_stepping_before_reset_is_refused() -> None:
         WristHandle().step(np.zeros(1, np.float32))
 
 
+@pytest.mark.parametrize("motion", ["walk", Walk(), Perturbed(Walk(), "ankle")])
+def test_a_joint_that_does_not_walk_is_not_made_to(motion: Any) -> None:
+    for device in DEVICES.values():
+        if device.joint in ("hip", "ankle"):
+            gymnasium.make(device.environment, trajectory=motion)
+            continue
+        wrong = f"a walk moves .*'{device.joint}'; choose another .*{device.trajectory}"
+        with pytest.raises(CableError, match=wrong):
+            gymnasium.make(device.environment, trajectory=motion)
+
+
 def test_help_by_name_has_the_pace_of_the_walk_as_in_a_what_if() -> None:
     for scene, joint in (("AnkleExo", "ankle"), ("HipKneeExosuit", "hip")):
         name = f"cc_mujoco/{scene}-v1"

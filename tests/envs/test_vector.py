@@ -59,7 +59,7 @@ def march(a: VectorEnv, b: VectorEnv, steps: int) -> int:
 @pytest.mark.parametrize(
     ("name", "trajectory", "threads"),
     [
-        (WRIST, "walk", 1),
+        (WRIST, "reversals", 1),
         *((device.environment, "multisine", 2) for device in DEVICES.values()),
     ],
 )

@@ -46,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Matrices here are small: threads of OpenBLAS wait for each other, which costs a
     # diagnosis a fourth of its processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _open_closed_streams()
     left = "nothing was written"
     interrupts: list[int] = []
     try:
@@ -89,6 +90,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _interrupted(left: str) -> int:
     print(f"{PROGRAM}: interrupted, {left}.", file=sys.stderr)
     return 130
+
+
+def _open_closed_streams() -> None:
+    """Open what the caller closed, as `cc-mujoco list >&-` does, to nowhere.
+
+    Python has None in its place, and a file opened next would get its number.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))
 
 
 def _discard_output() -> None:

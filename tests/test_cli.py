@@ -103,11 +103,11 @@ def test_play_has_the_sensors_that_its_controllers_need(
 def test_a_task_beyond_the_motor_is_played_with_a_warning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["play", "wrist", "--trajectory", "walk", "--duration"]
+    words = ["play", "wrist", "--trajectory", "sine", "--duration"]
     beyond = ["1", "--task", "assist", "--out", str(tmp_path / "a")]
     assert cli.main([*words, *beyond]) == 0
     (warning,) = capsys.readouterr().err.splitlines()
-    assert warning.startswith("warning: assist: the task asks for -11.48 to 0 Nm ")
+    assert warning.startswith("warning: assist: the task asks for -28.81 to 0 Nm ")
     assert warning.endswith("the motor gives -5.2 to 5.2 Nm even without friction.")
     within = ["0.1", "--task", "spring", "--out", str(tmp_path / "b")]
     assert cli.main([*words, *within]) == 0
@@ -349,6 +349,40 @@ def test_a_reader_that_has_enough_ends_the_command_without_a_word() -> None:
     done = command("--help", capture_output=False, stdout=writer, stderr=-1)
     os.close(writer)
     assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.parametrize("stream", ["stdin", "stdout", "stderr"])
+def test_a_closed_stream_changes_no_exit_code(
+    stream: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python has None in its place."""
+    lines = {"--version": 0, "--help": 0, "list": 0, "nonsense": 2}
+    lines |= {f"{name} --nonsense": 2 for name in COMMANDS}
+    lines |= {f"{name} --help": 0 for name in COMMANDS}
+    for line, code in lines.items():
+        monkeypatch.setattr(sys, stream, None)
+        assert _code(line.split()) in (code, None), line
+        getattr(sys, stream).close()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="its shell has no such words")
+def test_a_shell_may_close_standard_output() -> None:
+    program = "import sys; from cc_mujoco import cli; sys.exit(cli.main())"
+    words = ["sh", "-c", 'exec "$0" -c "$1" --version >&-', sys.executable, program]
+    done = subprocess.run(words, capture_output=True, text=True, env=ENVIRONMENT)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_word_that_is_none_leads_to_the_help_of_its_command(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([name, "--nonsense"]) == 2
+    assert capsys.readouterr().err.endswith(
+        f"`cc-mujoco {name} --help` shows what works.\n"
+    )
+    assert cli.main(["--nonsense"]) == 2
+    assert capsys.readouterr().err.endswith("`cc-mujoco --help` shows what works.\n")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device is full here")

@@ -73,7 +73,9 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
         if not stop.code:
             raise
         sentence = _sentence(said.getvalue())
-        raise CableError(f"{sentence}`{program} --help` shows what works.") from None
+        named = [word for word in arguments[:1] if word in COMMANDS]
+        asked = " ".join([program, *named, "--help"])
+        raise CableError(f"{sentence}`{asked}` shows what works.") from None
 
 
 def _require_full(arguments: Sequence[str]) -> None:

@@ -10,6 +10,7 @@ JSON. Nothing in it is executed, and NumPy alone reads and plays it.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -128,16 +129,18 @@ class Policy(Controller):
         for what, its, here in (
             ("for the device", observed.device, own.device),
             ("on", ", ".join(observed.columns), ", ".join(own.columns)),
-            (
-                "with samples every",
-                f"{1e3 * observed.period:g} ms",
-                f"{1e3 * drive.period:g} ms",
-            ),
         ):
             if its != here:
                 raise CableError(
                     f"policy {name!r} was trained {what} {its}, not {here}."
                 )
+        if not math.isclose(observed.period, drive.period):
+            raise CableError(
+                f"policy {name!r} was trained with samples every "
+                f"{1e3 * observed.period:g} ms, but is called every "
+                f"{1e3 * drive.period:g} ms; give the environment the `frame_skip` of "
+                "its training and hold=1, for a policy holds its actions itself."
+            )
         self._observed = observed
         self._whole = own.torque
         self._sight: Sight | None = None

@@ -152,7 +152,7 @@ def test_a_policy_for_other_samples_or_no_environment_is_refused(
 ) -> None:
     path = written(tmp_path, OBSERVED)
     slow = Drive(5.2, -1.0, 1.0, 2e-3, observed=OBSERVED)
-    with pytest.raises(CableError, match="with samples every 1 ms, not 2 ms"):
+    with pytest.raises(CableError, match=r"1 ms, but is called every 2 ms; .*hold=1"):
         controller(path, slow)
     with pytest.raises(CableError, match="observed"):
         controller(path, Drive(5.2, -1.0, 1.0, 1e-3))

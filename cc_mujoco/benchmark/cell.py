@@ -18,12 +18,13 @@ import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
+from cc_mujoco.benchmark import entry
 from cc_mujoco.benchmark.conditions import ERRORS, LEAST, Condition
 from cc_mujoco.benchmark.plant import Belief, Plant, believed, draw
 from cc_mujoco.benchmark.references import REFERENCES, Reference
 from cc_mujoco.benchmark.scores import SCORES, Limits, score
 from cc_mujoco.benchmark.sensors import DrawnSensors
-from cc_mujoco.control import Controller, Drive, controller
+from cc_mujoco.control import Controller, Drive
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.episode import Columns, Trace, run
@@ -182,7 +183,7 @@ def stage(cells: Sequence[Cell]) -> Stage:
     sensing = one.sensing or setup.sensing
     drive = believed(sensing.equip(exo.drive), driven, plants, beliefs)
     name = reference.controller if reference else one.controller
-    law = Unpowered(drive) if name is None else controller(name, drive)
+    law = Unpowered(drive) if name is None else entry.made(name, drive)
     sensors = DrawnSensors(sensing, drive, driven, plants, fleet.steps)
     return Stage(
         plants,

@@ -7,6 +7,8 @@ machine.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import platform
 from collections.abc import Mapping, Sequence
@@ -95,24 +97,37 @@ def write_results(
             told |= {name: v[row] for name, v in played.plants.items()}
             for name, value in told.items():
                 columns.setdefault(name, []).append(value)
-    conditions = {
-        f"{c.condition.scene} {c.condition.name}": repr(c.condition) for c, _ in results
+    played = {
+        f"{c.condition.scene} {c.condition.name}": c.condition for c, _ in results
     }
+    table = pa.table(columns)
     about = {
         "suite": suite,
-        "conditions": conditions,
+        "conditions": {name: repr(condition) for name, condition in played.items()},
+        "durations": {name: condition.duration for name, condition in played.items()},
         "made_by": dict(makers),
         "machine": machine(),
     }
+    about["digest"] = _digest(table, about)
     with replacing(path) as partial:
-        pq.write_table(sealed(pa.table(columns), about), partial)
+        pq.write_table(sealed(table, about), partial)
 
 
-def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
-    """RMS errors of a file of results, and what made them.
+def _digest(table: pa.Table, about: Mapping[str, Any]) -> str:
+    """Return the digest of all rows and of what made them, itself excepted."""
+    digest = hashlib.sha256()
+    made = {name: value for name, value in about.items() if name != "digest"}
+    digest.update(json.dumps(made, sort_keys=True).encode())
+    for name in table.column_names:
+        digest.update(json.dumps([name, table[name].to_pylist()]).encode())
+    return digest.hexdigest()
+
+
+def read_rows(path: str | os.PathLike[str]) -> tuple[pa.Table, dict[str, Any]]:
+    """Read the rows of a file of results, and what made them.
 
     Raises:
-        CableError: If it is no such file.
+        CableError: If it is no such file, or was changed after it was written.
     """
     try:
         table = pq.read_table(path)
@@ -121,12 +136,41 @@ def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
     about = seal(table)
     if not (isinstance(about, dict) and {"suite", "conditions"} <= about.keys()):
         raise CableError(f"{path} is no file of results of `cc-mujoco benchmark`.")
+    if "digest" not in about:
+        raise CableError(
+            f"{path} has no digest of its rows: an earlier version of cc_mujoco wrote "
+            "it; run the benchmark again."
+        )
+    if about["digest"] != _digest(table, about):
+        raise CableError(
+            f"{path} was changed after it was written: its rows do not have the digest "
+            "that stands in it; run the benchmark again."
+        )
+    return table, about
+
+
+def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
+    """RMS errors of a file of results, and what made them.
+
+    Returns:
+        The errors, and what `write_results` was told, with the seeds of every
+        condition (`seeds`).
+
+    Raises:
+        CableError: If it is no such file, or was changed after it was written.
+    """
+    table, about = read_rows(path)
     found: dict[str, dict[str, dict[str, list[tuple[int, float]]]]] = {}
     names = ("scene", "controller", "condition", "seed", "rms_error")
     rows = zip(*(table[name].to_pylist() for name in names), strict=True)
     for scene, law, condition, seed, error in rows:
         own = found.setdefault(scene, {}).setdefault(law, {})
         own.setdefault(condition, []).append((seed, error))
+    about["seeds"] = {
+        f"{scene} {condition}": sorted(seed for seed, _ in values)
+        for scene, laws in found.items()
+        for condition, values in laws[SCALE].items()
+    }
     return {
         scene: {
             law: {c: np.array([e for _, e in sorted(v)]) for c, v in own.items()}
@@ -157,15 +201,20 @@ def joined(
     found: Errors = {}
     for scene in common:
         a, b = first[scene], second[scene]
-        shapes = [{c: len(v) for c, v in own[SCALE].items()} for own in (a, b)]
         texts = [
-            {n: t for n, t in told["conditions"].items() if n.startswith(f"{scene} ")}
+            {
+                (kind, n): t
+                for kind in ("conditions", "seeds")
+                for n, t in told[kind].items()
+                if n.startswith(f"{scene} ")
+            }
             for told in (about, of_other)
         ]
-        if shapes[0] != shapes[1] or texts[0] != texts[1]:
+        if texts[0] != texts[1]:
             raise CableError(
                 f"the conditions or the seeds of {scene} are not the same in both "
-                "files; run both with the same suite, --conditions and --seeds."
+                "files; run both with the same suite, --conditions, --seeds and "
+                "--first-seed."
             )
         own = found.setdefault(scene, {})
         for name in dict.fromkeys((*a, *b)):

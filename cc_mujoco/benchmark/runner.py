@@ -17,19 +17,22 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from cc_mujoco.benchmark import entry
 from cc_mujoco.benchmark.cell import Cell, CellResult, play_group, stage, together
 from cc_mujoco.benchmark.conditions import SUITES, Condition
 from cc_mujoco.benchmark.references import REFERENCES, SCALE, require_free
 from cc_mujoco.benchmark.timing import Times, time_steps
-from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.files import is_marked, replacing, require_signed
 from cc_mujoco.files import require_ours as require_ours_in
-from cc_mujoco.identity import differences, made_by, seal, sealed, told
+from cc_mujoco.identity import differences, seal, sealed, told
 from cc_mujoco.workers import WORKER_TIMEOUT, Tick, run_here, run_on_cluster
 
 MAX_SEEDS = 1000
 """Of more, not even the names of the results are quickly listed."""
+
+MAX_SEED = 2**31
+"""Largest first seed."""
 
 CELLS, RESULTS, TABLE = "cells", "results.parquet", "table.md"
 FIGURES = ("pareto", "cycle", "levels")
@@ -47,6 +50,8 @@ class Plan:
     """Names of some, of the devices that have them."""
     seeds: int = 0
     """How many; 0 is what the suite has."""
+    first_seed: int = 0
+    """The first of them; the others follow. Who judges may choose it afterwards."""
     duration: float | None = None
     """Of an episode; that of the conditions by default [s]."""
 
@@ -91,7 +96,11 @@ class Plan:
             raise CableError(
                 f"a benchmark has 1 to {MAX_SEEDS:,} seeds, not {self.seeds:,}."
             )
-        seeds = tuple(range(count))
+        if not 0 <= self.first_seed <= MAX_SEED:
+            raise CableError(
+                f"the first seed must be 0 to {MAX_SEED:,}, not {self.first_seed:,}."
+            )
+        seeds = tuple(range(self.first_seed, self.first_seed + count))
         found: dict[str, Cell] = {}
         for condition in self.played():
             for name in self.players():
@@ -125,11 +134,11 @@ class Playing:
         for condition in shortest.values():
             drive = stage([Cell(condition, SCALE)]).drive
             for name in self.plan.controllers:
-                controller(name, drive)
+                entry.made(name, drive)
 
     def made_by(self) -> dict[str, Any]:
         """See `Job.made_by`."""
-        return made_by(*self.plan.controllers)
+        return entry.makers(*self.plan.controllers)
 
     def size(self, piece: Sequence[Cell]) -> int:
         """Number of cells."""
@@ -242,7 +251,7 @@ def _files(cell: Cell) -> list[str]:
 
 def _about(cell: Cell) -> dict[str, Any]:
     """What decides a cell, whose controller was made before."""
-    return {"cell": repr(cell), "made_by": made_by(cell.controller)}
+    return {"cell": repr(cell), "made_by": entry.makers(cell.controller)}
 
 
 def _tables(

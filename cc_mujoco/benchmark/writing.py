@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from cc_mujoco.benchmark import drawing
+from cc_mujoco.benchmark import drawing, entry
 from cc_mujoco.benchmark.report import BASELINE, markdown
 from cc_mujoco.benchmark.results import Results, write_results
 from cc_mujoco.benchmark.runner import FIGURES, RESULTS, TABLE, Plan
 from cc_mujoco.figures import save, style
 from cc_mujoco.files import WRITTEN, replacing, sign
-from cc_mujoco.identity import made_by
 
 
 def write(
@@ -23,7 +22,7 @@ def write(
         The tables, as Markdown.
     """
     out = Path(out)
-    makers = made_by(*plan.controllers)
+    makers = entry.makers(*plan.controllers)
     write_results(out / RESULTS, results, plan.suite, makers)
     text = markdown(results, baseline)
     (out / WRITTEN).unlink(missing_ok=True)  # until all is written

@@ -32,6 +32,8 @@ class Benchmark:
     """Some of the suite's conditions by name, as in its tables; all unless given."""
     seeds: int = 0
     """Number of seeds: plants, noise, motions; all that the suite has if 0."""
+    first_seed: int = 0
+    """The first of them; to judge, one that the entrant did not know."""
     duration: Annotated[float | None, in_words("FLOAT")] = None
     """Length of an episode in seconds, more than 1; that of the suite unless given."""
     baseline: Annotated[str | None, in_words("NAME")] = None
@@ -49,6 +51,10 @@ class Benchmark:
     """Play also what an earlier run of the same code has finished."""
     compare: Pair = None
     """Two files of results to rank together, instead of playing."""
+    verify: Annotated[Path | None, in_words("FILE.parquet")] = None
+    """A file of results of which random rows are played again, instead of playing."""
+    rows: int = 5
+    """How many rows --verify draws; all of their cells are compared."""
 
     def run(self) -> None:
         """Play what is not done yet; print the tables."""
@@ -61,6 +67,12 @@ class Benchmark:
 
             one, other = map(read_results, self.compare)
             print(comparison(*joined(one, other)))
+            return
+
+        if self.verify is not None:
+            from cc_mujoco.benchmark.verifying import verify
+
+            print(verify(self.verify, self.rows))
             return
 
         from tqdm import tqdm
@@ -77,6 +89,7 @@ class Benchmark:
             self.scene,
             self.conditions,
             self.seeds,
+            self.first_seed,
             self.duration,
         )
         players = plan.players()

@@ -64,6 +64,9 @@ def test_the_suite_crosses_what_depends_and_varies_the_rest_one_at_a_time() -> N
     assert crossed <= set(WRIST)
 
 
+WRONG = "benchmark.entries:wrong"
+
+
 def test_a_seed_and_a_condition_are_one_plant_whoever_else_is_drawn() -> None:
     first, second = draw(USUAL, (3, 5))
     (again,) = draw(USUAL, (5,))
@@ -209,34 +212,26 @@ def test_a_run_resumes_replays_other_code_and_is_the_same_in_two_processes(
 
 
 def test_a_controller_that_gives_no_number_fails_and_a_wrong_shape_is_refused() -> None:
-    short = Cell(USUAL, f"{__name__}:infinite", (0, 1))
+    short = Cell(USUAL, WRONG, (0, 1))
     assert play(short).scores["failed"].tolist() == [1.0, 1.0]
-    for law in ("too_many", "raising"):
-        with pytest.raises(CableError, match=law):
-            play(dataclasses.replace(short, controller=f"{__name__}:{law}"))
+    for seeds, why in (
+        ((0,), r"'benchmark\.entries:wrong' gave torques of shape \(17,\)"),
+        ((0, 1, 2), r"raised KeyError in .*entries\.py, line \d+: 'tension_flexor"),
+        ((0, 1, 2, 3), "ended its process, with exit code 7"),
+    ):
+        with pytest.raises(CableError, match=why):
+            play(dataclasses.replace(short, seeds=seeds))
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_report_says_which_controller_gave_no_number() -> None:
-    laws = (*REFERENCES, "none", f"{__name__}:infinite")
+    laws = (*REFERENCES, "none", WRONG)
     cells = [Cell(USUAL, law, (0, 1)) for law in laws]
     results = [(cell, play(cell)) for cell in cells]
     told = markdown(results, "none")
     assert "no number, in 2 of 2 episodes" in told
     assert "nan" not in told
     pareto(results, USUAL.scene)
-
-
-def infinite(drive: Any) -> Any:
-    return lambda seen: np.full_like(seen["joint_torque_nm"], np.inf)
-
-
-def too_many(drive: Any) -> Any:
-    return lambda seen: np.zeros(17)
-
-
-def raising(drive: Any) -> Any:
-    return lambda seen: seen["tension_flexor_distal_n"]
 
 
 def test_what_cannot_be_played_is_refused() -> None:
@@ -260,6 +255,7 @@ def test_what_cannot_be_played_is_refused() -> None:
         ({"suite": "v0"}, "unknown suite"),
         ({"conditions": ("rain",)}, "unknown condition"),
         ({"seeds": 1001}, "1 to 1,000 seeds"),
+        ({"first_seed": -1}, "first seed must be 0 to"),
     ):
         with pytest.raises(CableError, match=why):
             dataclasses.replace(SHORT, **changes).cells()

@@ -1,0 +1,121 @@
+"""What an entrant can and cannot change of the results of the benchmark."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cc_mujoco import cli
+from cc_mujoco.benchmark import SUITES, Cell, Plan, play, run
+from cc_mujoco.benchmark.entry import makers
+from cc_mujoco.benchmark.results import _digest, joined, read_results, write_results
+from cc_mujoco.benchmark.runner import CELLS
+from cc_mujoco.errors import CableError
+from cc_mujoco.identity import seal, sealed
+
+SHORT = Plan(
+    ("none",), scenes=("wrist",), conditions=("ordinary-rough",), seeds=2, duration=1.05
+)
+CHEAT = "benchmark.entries:cheat"
+
+
+def test_an_entry_changes_neither_its_own_scores_nor_the_judge() -> None:
+    """It gives no torque, so it gets what a motor without current gets."""
+    usual = next(c for c in SUITES["v1"].conditions("wrist") if c.usual)
+    usual = dataclasses.replace(usual, duration=1.05)
+    honest = play(Cell(usual, "motor-off", (0, 1)))
+    cheated = play(Cell(usual, CHEAT, (0, 1)))
+    again = play(Cell(usual, "motor-off", (0, 1)))
+    for name, values in honest.scores.items():
+        assert np.array_equal(values, cheated.scores[name], equal_nan=True)
+        assert np.array_equal(values, again.scores[name], equal_nan=True)
+    assert honest.scores["rms_error"].min() > 0.1
+    assert "entries.py" in "".join(makers(CHEAT)["files"])
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file of results of two seeds that an entrant did not choose."""
+    plan = dataclasses.replace(SHORT, first_seed=7)
+    folder = tmp_path_factory.mktemp("results")
+    found = run(plan, folder)
+    assert (folder / CELLS).is_dir()
+    path = folder / "results.parquet"
+    write_results(path, found, plan.suite, makers(*plan.controllers))
+    return path
+
+
+def test_a_file_is_verified_by_random_rows(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert pq.read_table(results)["seed"].to_pylist() == [7, 8] * 5
+    assert cli.main(["benchmark", "--verify", str(results), "--rows", "3"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("3 random rows of 10, and with them all ")
+    assert said.endswith("are what a replay gives, bit for bit.\n")
+    assert cli.main(["benchmark", "--verify", str(results), "--rows", "11"]) == 2
+
+
+def rewritten(
+    path: Path, change: Callable[[str, list[Any]], list[Any]], *, signed: bool
+) -> Path:
+    """Write a copy with changed columns, and a digest that fits where `signed`."""
+    table = pq.read_table(path)
+    about = seal(table)
+    table = pa.table({n: change(n, table[n].to_pylist()) for n in table.column_names})
+    if signed:
+        about["digest"] = _digest(table, about)
+    other = path.with_name("changed.parquet")
+    pq.write_table(sealed(table, about), other)
+    return other
+
+
+@pytest.mark.parametrize("column", ["rms_error", "error", "failed", "seed"])
+def test_an_edited_file_is_refused(results: Path, column: str) -> None:
+    def edit(name: str, values: list[Any]) -> list[Any]:
+        return [*values[:-1], values[-1] * 2 + 1] if name == column else values
+
+    path = rewritten(results, edit, signed=False)
+    with pytest.raises(CableError, match="was changed after it was written"):
+        read_results(path)
+    with pytest.raises(CableError, match="was changed after it was written"):
+        read_results(rewritten(results, lambda name, v: v[::-1], signed=False))
+
+
+def test_a_forged_file_is_found_out_by_a_replay(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def better(name: str, values: list[Any]) -> list[Any]:
+        return [0.5 * v for v in values] if name == "rms_error" else values
+
+    path = rewritten(results, better, signed=True)
+    assert cli.main(["benchmark", "--verify", str(path), "--rows", "1"]) == 2
+    said = capsys.readouterr().err
+    assert "is not what a replay gives: rms_error of" in said
+
+    def flattering(name: str, values: list[Any]) -> list[Any]:
+        return [0.0 for _ in values] if name == "error" else values
+
+    path = rewritten(results, flattering, signed=True)
+    assert cli.main(["benchmark", "--verify", str(path), "--rows", "1"]) == 2
+    assert "its RMS errors make it" in capsys.readouterr().err
+
+
+def test_files_of_other_seeds_are_not_compared(results: Path) -> None:
+    def later(name: str, values: list[Any]) -> list[Any]:
+        return [v + 1 for v in values] if name == "seed" else values
+
+    one, other = (
+        read_results(results),
+        read_results(rewritten(results, later, signed=True)),
+    )
+    assert len(joined(one, one)[0]) == 1
+    with pytest.raises(CableError, match="--first-seed"):
+        joined(one, other)

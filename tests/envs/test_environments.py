@@ -646,12 +646,9 @@ def test_stepping_before_reset_is_refused() -> None:
         WristHandle().step(np.zeros(1, np.float32))
 
 
-@pytest.mark.parametrize("motion", ["walk", Walk(), Perturbed(Walk(), "ankle")])
+@pytest.mark.parametrize("motion", ["walk", Perturbed(Walk(), "ankle")])
 def test_a_joint_that_does_not_walk_is_not_made_to(motion: Any) -> None:
-    for device in DEVICES.values():
-        if device.joint in ("hip", "ankle"):
-            gymnasium.make(device.environment, trajectory=motion)
-            continue
+    for device in (DEVICES["wrist"], DEVICES["finger"]):
         wrong = f"a walk moves .*'{device.joint}'; choose another .*{device.trajectory}"
         with pytest.raises(CableError, match=wrong):
             gymnasium.make(device.environment, trajectory=motion)

@@ -93,12 +93,12 @@ def test_a_motion_is_a_name_a_file_or_an_object(tmp_path: Path) -> None:
     path = tmp_path / "motion.csv"
     path.write_text("time_s,angle_deg\n0,0\n0.1,2\n0.2,4\n0.3,2\n")
     vary = {"friction": [0.05, 0.1]}
-    given = {"metrics": ["rms_motor_torque"], "duration": 0.3}
+    given = {"metrics": ["rms_motor_torque"], "duration": 0.1}
     tables = [
         study("wrist", vary, trajectory=motion, **given)
-        for motion in (path, str(path), from_csv(path))
+        for motion in (path, from_csv(path))
     ]
-    assert tables[0].equals(tables[1]) and tables[0].equals(tables[2])
+    assert tables[0].equals(tables[1])
     sine = Sine(amplitude=0.2)
     folder = tmp_path / "runs"
     first = study("wrist", vary, trajectory=sine, out=folder, **given)

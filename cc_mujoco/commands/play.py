@@ -27,8 +27,8 @@ class Play:
     replay: Annotated[Path | None, in_words("LOG")] = None
     """Instead of an episode: show a log of `cc-mujoco run`; SCENE may be a file."""
     trajectory: Name = None
-    """How the wearer moves: a name, or FILE.csv with columns time_s and angle_rad; the
-    default depends on the scene."""
+    """How the wearer moves: a name, or FILE.csv with columns time_s and angle_rad (or
+    time_ms, angle_deg); the default depends on the scene."""
     task: Name = None
     """What the device should make the wearer feel; the default depends on the scene."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"

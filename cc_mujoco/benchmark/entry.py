@@ -20,7 +20,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -224,19 +224,19 @@ def _answer(laws: list[Controller], what: str, key: int, about: Any) -> bytes:
     return _SHAPE.pack(key, torque.ndim, flat.size, spent) + flat.tobytes()
 
 
-def _send(pipe: BinaryIO, content: bytes) -> None:
+def _send(pipe: IO[bytes], content: bytes) -> None:
     pipe.write(_LENGTH.pack(len(content)) + content)
     pipe.flush()
 
 
-def _receive(pipe: BinaryIO) -> bytes:
+def _receive(pipe: IO[bytes]) -> bytes:
     (length,) = _LENGTH.unpack(_read(pipe, _LENGTH.size))
     if not 0 <= length <= _MOST:
         raise EOFError
     return _read(pipe, length)
 
 
-def _read(pipe: BinaryIO, length: int) -> bytes:
+def _read(pipe: IO[bytes], length: int) -> bytes:
     content = pipe.read(length)
     if len(content) < length:
         raise EOFError

@@ -97,14 +97,12 @@ def write_results(
             told |= {name: v[row] for name, v in played.plants.items()}
             for name, value in told.items():
                 columns.setdefault(name, []).append(value)
-    played = {
-        f"{c.condition.scene} {c.condition.name}": c.condition for c, _ in results
-    }
+    used = {f"{c.condition.scene} {c.condition.name}": c.condition for c, _ in results}
     table = pa.table(columns)
     about = {
         "suite": suite,
-        "conditions": {name: repr(condition) for name, condition in played.items()},
-        "durations": {name: condition.duration for name, condition in played.items()},
+        "conditions": {name: repr(condition) for name, condition in used.items()},
+        "durations": {name: condition.duration for name, condition in used.items()},
         "made_by": dict(makers),
         "machine": machine(),
     }

@@ -113,8 +113,10 @@ class Exo:
             )
         if not (wearer is None or isinstance(wearer, Wearer)):
             raise CableError(f"wearer must be a Wearer or None, not {wearer!r}.")
-        if not (isinstance(frame_skip, int) and frame_skip >= 1):
+        whole = isinstance(frame_skip, (int, np.integer)) and frame_skip is not True
+        if not (whole and frame_skip >= 1):
             raise CableError(f"frame_skip must be an integer >= 1, not {frame_skip!r}.")
+        frame_skip = int(frame_skip)
         number("smoothness", smoothness, 0.0, 1e3, "")
         self.smoothness = float(smoothness)
         self.setup = setup
@@ -148,6 +150,20 @@ class Exo:
         self.plants = Ranges(randomise, self.device.cables, nominal, setup.strength)
         self.observation_space = self.observed.space
         self.action_space = ACTION
+
+    def require_timestep(self) -> None:
+        """Refuse a time step that was changed after `sampling` followed from it.
+
+        Raises:
+            CableError: If it was.
+        """
+        step = float(self.device.model.opt.timestep)
+        if self.frame_skip * step != self.sampling:
+            raise CableError(
+                f"the time step of the model is {step:g} s now, but the period of "
+                f"{self.period:g} s follows from the one it was made with; give the "
+                "changed model as the argument `model`, and a `frame_skip` that fits."
+            )
 
     def normalised(self, action: Any, going: Any = True) -> Any:
         """Actions (..., 1) as numbers in [-1, 1].

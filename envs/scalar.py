@@ -226,10 +226,12 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
             options: What the plant is, by name; see the class.
 
         Raises:
-            CableError: If an option is unknown or impossible.
+            CableError: If an option is unknown or impossible, or the time step of the
+                model was changed.
         """
         super().reset(seed=seed)
         exo = self.exo
+        exo.require_timestep()
         before, self.plant = self.plant, exo.plants.draw(self.np_random, options)
         if self.plant is not before:
             exo.device.become(self.plant)

@@ -179,6 +179,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         Raises:
             CableError: If an option is unknown or impossible, or the mask is none.
         """
+        self.exo.require_timestep()
         options = dict(named("options", options))
         masked = self._mask(options.pop("reset_mask", None))
         seeds: Sequence[int | None]

@@ -423,6 +423,21 @@ def test_a_copy_of_what_was_changed_by_hand_is_refused() -> None:
         copy.deepcopy(env)
 
 
+@pytest.mark.parametrize(("skip", "hold"), [(1, 1), (2, 1), (3, 2), (4, 5)])
+def test_a_step_takes_what_the_drive_says(skip: int, hold: int) -> None:
+    env = gymnasium.make(WRIST, duration=0.1, frame_skip=np.int64(skip), hold=hold)
+    env = env.unwrapped
+    env.reset(seed=0)
+    for step in (1, 2):
+        info = env.step(np.zeros(1, np.float32))[-1]
+        assert info["time_s"] == pytest.approx(step * env.drive.period)
+        assert env.data.time == pytest.approx(step * env.drive.period)
+    assert env.drive.period == pytest.approx(5e-4 * skip * hold)
+    env.model.opt.timestep = 1e-3
+    with pytest.raises(CableError, match=r"0\.001 s now.*`frame_skip`"):
+        env.reset()
+
+
 def test_a_variant_of_the_scene_is_played_and_pickled() -> None:
     spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
     for cable, config in engine.from_mjcf(spec).items():
@@ -628,6 +643,7 @@ def test_an_action_of_another_shape_or_kind_is_one_sentence(
         ("duration", "long", "duration must be"),
         ("frame_skip", 0, "frame_skip must be"),
         ("frame_skip", 1.5, "frame_skip must be"),
+        ("frame_skip", True, "frame_skip must be"),
         ("wearer", "strong", "wearer must be"),
         ("render_mode", "human", "rgb_array"),
     ],

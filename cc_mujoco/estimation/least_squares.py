@@ -72,18 +72,29 @@ class Tuned(NamedTuple):
             return self.start * math.exp(self.scale * x)
         return self.start + self.scale * x
 
+    def place(self, value: float) -> float:
+        """Return the place of the fit of this value, within the bounds."""
+        if not self.factor:
+            found = (value - self.start) / self.scale
+        elif value > 0.0:
+            found = math.log(value / self.start) / self.scale
+        else:
+            found = -math.inf
+        return min(max(found, self.low), self.high)
+
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted number with its 95 % confidence interval."""
+    """A fitted number with its 95 % confidence interval, NaN if not determined."""
 
     value: float
     unit: str
     ci95: tuple[float, float]
 
     def holds(self, value: float) -> bool:
-        """Whether a value lies in the interval."""
-        return self.ci95[0] <= value <= self.ci95[1]
+        """Return whether a value lies in the interval; without one, any may."""
+        low, high = self.ci95
+        return math.isnan(low) or low <= value <= high
 
 
 class Fit(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,10 +44,28 @@ class BaselineFit:
     """RMS change by a finer simulation, over the floor."""
 
 
-def plant_of(dataset: Dataset, bench: Bench, records: tuple[Record, ...]) -> Plant:
-    """The plant to begin with."""
-    known, constants = dataset.instruments, dataset.constants
-    return Plant(bench, records, SEGMENTS, instruments=known, constants=constants)
+def plant_of(
+    dataset: Dataset,
+    bench: Bench,
+    records: tuple[Record, ...],
+    given: Mapping[str, float] | None = None,
+) -> Plant:
+    """Return the plant to begin with.
+
+    Args:
+        dataset: of the records.
+        bench: to start from.
+        records: to explain.
+        given: values of the scene that the bench no longer has, see `Plant`.
+    """
+    return Plant(
+        bench,
+        records,
+        SEGMENTS,
+        instruments=dataset.instruments,
+        constants=dataset.constants,
+        given=given or {},
+    )
 
 
 def fit_baseline(
@@ -55,7 +73,9 @@ def fit_baseline(
 ) -> BaselineFit:
     """Fit the baseline, simulated as finely as it needs to be."""
     records = plant.records
-    free = tuned(plant.bench, records, dataset.constants, dataset.instruments)
+    free = tuned(
+        plant.bench, records, dataset.constants, dataset.instruments, plant.given
+    )
     counts = [record.free for record in records]
     x = np.zeros(len(free))
     while True:

@@ -157,7 +157,9 @@ def left_after_fit(
 def _record(problem: Problem, motion: Motion) -> Record:
     base = problem.plant.records[0]
     size = min(motion.motor.size, motion.joint.size)
-    tension = base.pretension or problem.plant.bench.cables[0].pretension
+    tension = base.pretension
+    if tension is None:
+        tension = problem.plant.bench.cables[0].pretension
     return replace(
         base,
         trial="next",

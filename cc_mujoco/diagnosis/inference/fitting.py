@@ -126,6 +126,15 @@ class Problem:
             for parameter, place in zip(self.tuned, x, strict=True)
         }
 
+    def place(self, values: Mapping[str, float]) -> FloatArray:
+        """Return the place of the fit of these values, and of the start elsewhere."""
+        return np.array(
+            [
+                parameter.place(values.get(parameter.name, parameter.start))
+                for parameter in self.tuned
+            ]
+        )
+
     def with_effect(self, name: str, start: dict[str, float]) -> Problem:
         """The same with an effect more, its shape parameters from `start`."""
         more = tuple(

@@ -13,7 +13,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.channels import TORQUE
-from cc_mujoco.diagnosis.inference.plant import Plant
+from cc_mujoco.diagnosis.inference.plant import Plant, Values
 from cc_mujoco.diagnosis.wording import capital, channel, number
 from cc_mujoco.page import listed
 
@@ -21,26 +21,39 @@ ALIKE = 0.8
 """Correlation from which on measured and simulated torque differ in size only."""
 NEAR = 1.3
 """Factor up to which a scene may be off in torque, and a unit or a sign still shows."""
+OTHERWISE = 0.25
+"""Squared error over that of the scene in another unit, from which on other values of
+the scene are the explanation."""
 PUSHES = 0.95
 """Share of the samples in which a cable pushes from which on it is a sign."""
 
+_NONE: Values = {}
 
-def misread(plant: Plant) -> str:
+
+def misread(plant: Plant, start: Plant | None = None, values: Values = _NONE) -> str:
     """Why the torques cannot be what they say by this scene; else empty.
 
-    A generic scene may be off by any factor; only one that a unit makes is told.
+    A generic scene may be off by any factor; only one that a unit makes is told, and
+    only where no other friction, stiffness or pretension explains the readings.
 
     Args:
         plant: of the scene as it is given, with what is known of the rig.
+        start: the plant with estimates in place of what the data contradict.
+        values: that the estimates come with; empty where there are none.
     """
     told: list[str] = []
     units: set[str] = set()
     played = plant.simulate({})
+    better = start.simulate(values) if start and values else None
     for row, name in enumerate(plant.instruments.channels):
         if plant.instruments[plant.instruments.rows[row]] != "torque sensor":
             continue
         measured, simulated = _compared(plant, played, row)
         times = _times(measured, simulated)
+        if better is not None and _explained(
+            measured, simulated, times, _compared(plant, better, row)[1]
+        ):
+            continue
         alone = len(plant.bench.cables) == 1
         if (alone and _pushes(measured, simulated)) or (
             times is not None and _near(-times)
@@ -59,6 +72,25 @@ def misread(plant: Plant) -> str:
         f"{listed(told)} what the scene foretells before anything is tuned{guess}. "
         "Declare unit or sign of the columns in dataset.toml, or put pretension, "
         "friction and pulleys of the scene right."
+    )
+
+
+def _explained(
+    measured: Sequence[FloatArray],
+    simulated: Sequence[FloatArray],
+    times: float | None,
+    better: Sequence[FloatArray],
+) -> bool:
+    """Return whether other values explain a torque better than the scene in a unit."""
+    scaled = [(times or 0.0) * torque for torque in simulated]
+    return _left(measured, better) < OTHERWISE * _left(measured, scaled)
+
+
+def _left(measured: Sequence[FloatArray], simulated: Sequence[FloatArray]) -> float:
+    """Return the sum of squares between two torques, their means aside."""
+    return sum(
+        float(np.sum((one - other - np.mean(one - other)) ** 2))
+        for one, other in zip(measured, simulated, strict=True)
     )
 
 

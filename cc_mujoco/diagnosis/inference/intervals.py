@@ -75,6 +75,9 @@ def spread(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
 def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Estimate]:
     """Value and interval of every parameter.
 
+    An interval over more than six powers of ten says nothing and is NaN: the data do
+    not determine that parameter.
+
     Args:
         problem: the model.
         x: where it was fitted.
@@ -91,6 +94,10 @@ def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Esti
             strict=True,
         )
     }
+    for parameter in problem.tuned:
+        if parameter.factor and _spans(found[parameter.name]) > 2.0 * _WIDEST:
+            nothing = replace(found[parameter.name], ci95=(math.nan, math.nan))
+            found[parameter.name] = nothing
     for name in problem.effects:
         for index in amplitudes(problem, [name]):
             tuned = problem.tuned[index]
@@ -103,6 +110,12 @@ def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Esti
                 within = max(told.ci95[0], 0.0), told.ci95[1]
                 found[tuned.name] = replace(told, ci95=within)
     return found
+
+
+def _spans(found: Estimate) -> float:
+    """Return the logarithm of the factor between the ends of an interval."""
+    low, high = found.ci95
+    return math.log(high / low) if low > 0.0 else math.inf
 
 
 def _positive(found: Estimate) -> Estimate:

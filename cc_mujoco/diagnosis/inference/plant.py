@@ -9,7 +9,7 @@ file says they are uncertain, the pulleys.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -33,12 +33,16 @@ from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.inference.replays import Setting, played, shifted
 from cc_mujoco.estimation.least_squares import Tuned, in_threads
-from cc_mujoco.transmission import Cable
+from cc_mujoco.transmission import PARAMETERS, Cable
 
 Values = Mapping[str, float]
 
 PRETENSION_KNOWN = 0.1
 """Relative standard deviation of a pretension that nobody measured."""
+PRETENSION_GUESSED = 1.0
+"""The same of one that is guessed by the data."""
+STIFFEST = 0.9 * max(p.high for p in PARAMETERS if p.name == "axial_stiffness")
+"""Largest axial stiffness that is fitted, short of what a cable takes [N]."""
 _TURNS = 0.01
 """Share of its usual top speed at which a motor's own friction has its direction."""
 OFFSETS = ("motor_torque_offset", "joint_torque_offset")
@@ -67,6 +71,7 @@ def tuned(
     records: Sequence[Record],
     constants: Mapping[str, Constant],
     instruments: Instruments = TORQUE_SENSORS,
+    guessed: Collection[str] = (),
 ) -> tuple[Tuned, ...]:
     """The baseline's parameters for these data.
 
@@ -75,6 +80,7 @@ def tuned(
         records: that it is to explain.
         constants: of the rig's file, for their uncertainties.
         instruments: what the torques are known from.
+        guessed: names of what the scene does not know.
     """
     cable = bench.cables[0]
     step = records[0].step
@@ -83,8 +89,13 @@ def tuned(
         given = constants.get(name, Constant(value)).uncertainty
         return given / max(value, 1e-9) or otherwise
 
-    known = unsure("pretension", cable.pretension, PRETENSION_KNOWN)
+    known = unsure(
+        "pretension",
+        cable.pretension,
+        PRETENSION_GUESSED if "pretension" in guessed else PRETENSION_KNOWN,
+    )
     wide = math.log(100.0)
+    stiffest = min(wide, math.log(STIFFEST / cable.axial_stiffness))
     whole = np.concatenate([record.measured for record in records], axis=1)
     rms = dict(zip(instruments.rows, np.std(whole, axis=1).tolist(), strict=True))
     # A load by its motion has no sensor that could be off or late.
@@ -96,7 +107,7 @@ def tuned(
         Tuned(name, unit, value, 1.0, -wide, high, True, unsure(name, value, math.inf))
         for name, unit, value, high in (
             ("friction", "1", friction, most),
-            ("axial_stiffness", "N", cable.axial_stiffness, wide),
+            ("axial_stiffness", "N", cable.axial_stiffness, stiffest),
         )
     ]
     found += [
@@ -176,6 +187,8 @@ class Plant:
         substeps: simulation steps per sample.
         instruments: what the torques of the records are known from.
         constants: of the rig's file; of motor and load.
+        given: values of the scene that the data contradict, by name; the bench has
+            estimates in their place.
     """
 
     bench: Bench
@@ -184,6 +197,7 @@ class Plant:
     substeps: int = 1
     instruments: Instruments = TORQUE_SENSORS
     constants: Mapping[str, Constant] = field(default_factory=dict)
+    given: Values = field(default_factory=dict)
 
     @cached_property
     def library(self) -> Library:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple
 
@@ -35,7 +36,7 @@ from cc_mujoco.diagnosis.inference.judgement import REFINES, Outcome, judged
 from cc_mujoco.diagnosis.inference.numerics import HARMLESS
 from cc_mujoco.diagnosis.inference.per_trial import misfits, odd_trial, trial_errors
 from cc_mujoco.diagnosis.inference.plausibility import doubtful, ordinary
-from cc_mujoco.diagnosis.inference.records import Record, prepare
+from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.inference.residual_maps import maps, ranked
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.inference.screen import Signature, signature_cosine
@@ -47,6 +48,7 @@ from cc_mujoco.diagnosis.inference.search import (
     search,
     shares_of,
 )
+from cc_mujoco.diagnosis.inference.starting import prepared
 from cc_mujoco.diagnosis.inference.testable import confounded, strayed, untestable
 from cc_mujoco.diagnosis.verdict import (
     Baseline,
@@ -88,11 +90,11 @@ def reason(
     """
     limits = thresholds or Thresholds()
     bench = bench.known(dataset.constants)
-    records, filtering = prepare(dataset, bench)
+    start, records, filtering = prepared(dataset, bench)
     if useless := _insufficient_excitation(records):
         return _empty(bench, useless, notes)
-    plant = plant_of(dataset, bench, records)
-    if wrong := misread(plant):
+    plant = plant_of(dataset, start.bench, records, start.given)
+    if wrong := misread(replace(plant, bench=bench), plant, start.values):
         return _empty(bench, wrong, notes)
     progress(0.02, "fitting the baseline")
     baseline_fit = fit_baseline(dataset, plant, filtering, seed)

@@ -50,6 +50,8 @@ _LEVEL = 0.3
 """Height over the play within which a turn has its level."""
 RESTS = 0.03
 """Share of its usual top speed below which a motor rests."""
+_NEVER = 100.0
+"""Friction times wrap from which on no motion carries the whole cable along."""
 SHORTEST = 50
 """Least samples of a stretch that is used."""
 
@@ -263,7 +265,7 @@ def _passed(trial: Trial, band: float) -> float:
 def wind_up(bench: Bench) -> float:
     """Motor rotation that takes up the whole cable against its friction [rad]."""
     cable = bench.cables[0]
-    a = max(cable.friction * cable.wrap, 1e-6)
+    a = min(max(cable.friction * cable.wrap, 1e-6), _NEVER)
     strain = cable.pretension / cable.axial_stiffness
     slip = 2.0 * strain * cable.length * (math.expm1(a) / a - 1.0)
     return slip / bench.motor_radius

@@ -190,6 +190,8 @@ def strayed(
             continue
         apart = abs(place - home) / known
         given = parameter.value(home)
+        if (scene := problem.plant.given.get(name)) is not None:
+            given, apart = scene, _far(parameter, place, scene) / known
         if apart < FAR or estimated[name].holds(given):
             continue
         others = [
@@ -199,7 +201,7 @@ def strayed(
         ]
         told = (
             f"{plain(name)} had to be tuned to {_value(parameter, place)}, where "
-            f"{_value(parameter, home)} is given: either it is so"
+            f"{_of(given, parameter)} is given: either it is so"
         )
         if name == "axial_stiffness" and (
             unit := _misread(parameter.value(place) / given)
@@ -212,6 +214,13 @@ def strayed(
         remedy = ZERO_REMEDY if name == "joint_angle_offset" else REMEDY[name]
         found.append(Strayed(name, given, estimated[name], apart, f"{told}; {remedy}."))
     return tuple(found)
+
+
+def _far(parameter: Tuned, place: float, given: float) -> float:
+    """Return how far a place is from a value of the scene, which may be 0 [scales]."""
+    if given <= 0.0:
+        return math.inf
+    return abs(math.log(parameter.value(place) / given)) / parameter.scale
 
 
 def untestable(
@@ -255,4 +264,8 @@ def _size(name: str, value: float, unit: str) -> str:
 
 
 def _value(parameter: Tuned, place: float) -> str:
-    return f"{number(parameter.value(place))} {parameter.unit}".removesuffix(" 1")
+    return _of(parameter.value(place), parameter)
+
+
+def _of(value: float, parameter: Tuned) -> str:
+    return f"{number(value)} {parameter.unit}".removesuffix(" 1")

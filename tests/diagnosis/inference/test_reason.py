@@ -97,8 +97,15 @@ def test_an_effect_outside_the_library_is_unknown() -> None:
 def test_a_motor_that_hardly_moves_cannot_be_judged() -> None:
     data = dataset(duration=3.0, chosen=(1,))
     trial = data.trials[0]
-    still = type(trial)(**{**trial.__dict__, "motor_angle": 0.01 * trial.motor_angle})
-    found = reason(type(data)((still,), noise=data.noise), BENCH).diagnosis
+    motor, joint = 0.01 * trial.motor_angle, trial.joint_angle
+    played = BENCH.replay(trial.step, motor, joint)
+    still = replace(
+        trial,
+        motor_angle=motor,
+        motor_torque=played.motor_torque,
+        joint_torque=played.joint_torque,
+    )
+    found = reason(replace(data, trials=(still,)), BENCH).diagnosis
     assert found.verdict == "fix-data"
     assert "larger motions" in found.statement
 

@@ -1,0 +1,257 @@
+"""Values to start the fit from, where those of the scene contradict the data.
+
+A fit of friction and stiffness finds its way from a few times their size, but not from
+a hundred, and nothing starts from a pretension of 0. The mean tension of a cable is its
+stiffness times its stretch, whatever its friction; so a line through torques and
+stretch gives the stiffness, and a coarse grid of simulations the rest. Where nothing on
+the grid is much better than the scene, the scene is the start.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.trials import Dataset
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit
+from cc_mujoco.diagnosis.inference.plant import (
+    FRICTION_MOST,
+    STIFFEST,
+    Plant,
+    tuned,
+)
+from cc_mujoco.diagnosis.inference.records import Filtering, Record, prepare
+
+_NAMES = ("friction", "axial_stiffness", "pretension")
+"""What is estimated."""
+OFF = 3.0
+"""Factor by which a value of the scene has to be off to be no start."""
+BETTER = 0.5
+"""Cost, over that of the scene, from which on the data contradict the scene."""
+_STEP = 0.04
+"""Time between the samples of a thinned record [s]."""
+_SEGMENTS = 4
+_TOLERANCE = 0.1
+"""Error that counts as one, over the standard deviation of the readings."""
+_SETTLED = 0.1
+"""Share of a record's travel after which its beginning no longer counts."""
+_WRAPS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""Friction times wrap on the grid."""
+_STIFF = (0.25, 0.5, 1.0, 2.0, 4.0)
+"""Stiffness on the grid, over that of the line."""
+_TAUT = (0.1, 0.3, 1.0, 3.0, 10.0)
+"""Pretension on the grid, over the usual tension that readings show."""
+_LEAST_ARM, _LEAST_WRAP = 0.1, 0.1
+"""Least share of a lever's arm at 0, and wrap [rad], that are divided by."""
+_FEWEST = 50
+"""Samples of thinned records below which nothing is estimated."""
+_REFINED = 3
+"""Points of the grid from which fits start."""
+_EVALUATIONS = 12
+
+
+class Start(NamedTuple):
+    """Where the fit of the baseline starts.
+
+    Attributes:
+        bench: with estimates in place of values that the data contradict.
+        given: those values of the scene, by name.
+        values: that the estimates come with; empty where the scene is the start.
+    """
+
+    bench: Bench
+    given: Mapping[str, float]
+    values: Mapping[str, float]
+
+
+def prepared(
+    dataset: Dataset, bench: Bench
+) -> tuple[Start, tuple[Record, ...], Filtering]:
+    """Return the start, and records of which samples count by its values.
+
+    Args:
+        dataset: of `intake.load`.
+        bench: of the scene, with what `[rig]` declares.
+    """
+    records, filtering = prepare(dataset, bench)
+    start = started(dataset, bench, records)
+    if start.bench is not bench:
+        records, filtering = prepare(dataset, start.bench)
+    return start, records, filtering
+
+
+def started(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> Start:
+    """Return the start: the scene, or estimates of what the data contradict of it.
+
+    What `[rig]` declares is not replaced.
+
+    Args:
+        dataset: the trials, for what is declared of them.
+        bench: of the scene, with what `[rig]` declares.
+        records: of the trials; which of their samples count does not matter.
+    """
+    declared = [t.facts.pretension for t in dataset.trials if t.facts.pretension]
+    if bench.cables[0].pretension == 0.0 and declared:
+        bench = _with(bench, {"pretension": float(np.median(declared))})
+    thin = [_thinned(record) for record in records]
+    if sum(int(record.counts.sum()) for record in thin) < _FEWEST:
+        return Start(bench, {}, {})
+    best = _best(dataset, bench, thin)
+    scene = bench.cables[0]
+    given = {
+        name: getattr(scene, name)
+        for name in _NAMES
+        if name in best and _apart(best[name], getattr(scene, name)) > OFF
+    }
+    if not given:
+        return Start(bench, {}, {})
+    return Start(_with(bench, {name: best[name] for name in given}), given, best)
+
+
+def _with(bench: Bench, values: Mapping[str, float]) -> Bench:
+    """Return the bench with these parameters in all of its cables."""
+    cables = tuple(cable.replace(**values) for cable in bench.cables)
+    return replace(bench, cables=cables)
+
+
+def _apart(one: float, other: float) -> float:
+    """Factor between two values, of which the first is positive."""
+    return max(one / other, other / one) if other > 0.0 else math.inf
+
+
+def _thinned(record: Record) -> Record:
+    """Return a record with fewer samples, of which all but the first part count."""
+    every = max(1, round(_STEP / record.dt))
+    moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
+    travel = np.concatenate([[0.0], np.cumsum(moved)])
+    counts = (travel > _SETTLED * travel[-1]) & (record.split != "test")
+    return replace(
+        record,
+        dt=every * record.dt,
+        time=record.time[::every],
+        motor_angle=record.motor_angle[::every].copy(),
+        joint_angle=record.joint_angle[::every].copy(),
+        read=record.read[:, ::every],
+        measured=record.measured[:, ::every].copy(),
+        counts=counts[::every],
+    )
+
+
+class _Line(NamedTuple):
+    """Tension of the cables, agonist less antagonist, by how far the motor leads.
+
+    Attributes:
+        slope: tension per lead at the motor's rim [N/m].
+        start: tension without lead [N].
+        spread: standard deviation of the tension [N].
+    """
+
+    slope: float
+    start: float
+    spread: float
+
+    def offset(self, bench: Bench, pretension: float) -> float:
+        """Return the joint's angle at which the cables have their pretension [rad]."""
+        rest = pretension if len(bench.cables) == 1 else 0.0
+        return (rest - self.start) / (self.slope * bench.joint_radius)
+
+
+def _line(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> _Line:
+    """Fit the line by least squares; its slope is not positive without a stretch."""
+    rows, tensions = [], []
+    for place, record in enumerate(records):
+        used = record.counts
+        along = bench.motor_radius * bench.following(record.joint_angle)
+        lead = bench.motor_radius * record.motor_angle - along
+        row = np.zeros((record.time.size, 2 + len(records)))
+        row[:, 0], row[:, 2 + place] = lead, 1.0
+        row[:, 1] = np.gradient(along, record.dt)  # clocks that differ
+        rows.append(row[used])
+        tensions.append(_tension(dataset, bench, record)[used])
+    table, tension = np.concatenate(rows), np.concatenate(tensions)
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    slope, _, *starts = np.linalg.lstsq(table / size, tension)[0] / size
+    return _Line(float(slope), float(np.median(starts)), float(np.std(tension)))
+
+
+def _tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
+    """Return the mean tension of the cables, agonist less antagonist (samples,) [N]."""
+    shown = dict(zip(dataset.instruments.rows, record.measured, strict=True))
+    ends = [shown[0] / bench.motor_radius] if 0 in shown else []
+    if 1 in shown and bench.lever is None:
+        ends.append(shown[1] / bench.joint_radius)
+    elif not ends:
+        arm = bench.lever.share(record.joint_angle) if bench.lever else np.ones(1)
+        ends.append(shown[1] / (bench.joint_radius * np.maximum(arm, _LEAST_ARM)))
+    found: FloatArray = np.mean(ends, axis=0)
+    return found
+
+
+def _best(
+    dataset: Dataset, bench: Bench, records: Sequence[Record]
+) -> dict[str, float]:
+    """Return the best values; none where the scene's are not much worse."""
+    scene, line = bench.cables[0], _line(dataset, bench, records)
+    wrap = max(scene.wrap, _LEAST_WRAP)
+    stiff = line.slope * scene.length / len(bench.cables)
+    if not (stiff > 0.0 and line.spread > 0.0):
+        stiff = scene.axial_stiffness
+    tried = {
+        "friction": [min(each / wrap, FRICTION_MOST) for each in _WRAPS],
+        "axial_stiffness": [min(each * stiff, STIFFEST) for each in _STIFF],
+        "pretension": [each * max(line.spread, 1e-3) for each in _TAUT],
+    }
+    unknown = scene.pretension == 0.0
+    if not unknown:
+        del tried["pretension"]
+    tried = {
+        name: each for name, each in tried.items() if name not in dataset.constants
+    }
+    centre = {name: each[len(each) // 2] for name, each in tried.items()}
+    problem = _problem(dataset, _with(bench, centre), records, tried)
+    masks = [record.counts for record in records]
+
+    def place(values: Mapping[str, float]) -> FloatArray:
+        taut = values.get("pretension", scene.pretension)
+        known = dict(values)
+        if line.slope > 0.0:
+            known["joint_angle_offset"] = line.offset(bench, taut)
+        return problem.place(known)
+
+    def cost(x: FloatArray) -> float:
+        error = problem.residual(x, masks)
+        return float(error @ error)
+
+    grid = [
+        place(dict(zip(tried, values, strict=True)))
+        for values in product(*tried.values())
+    ]
+    costs = [cost(x) for x in grid]
+    given = {name: getattr(scene, name) for name in tried}
+    if "pretension" not in tried and min(costs) > BETTER * cost(place(given)):
+        return {}
+    order = np.argsort(costs)[:_REFINED]
+    fits = [fit(problem, grid[k], masks, _EVALUATIONS) for k in order]
+    return problem.values(min(fits, key=lambda each: each.cost).x)
+
+
+def _problem(
+    dataset: Dataset, bench: Bench, records: Sequence[Record], guessed: Collection[str]
+) -> Problem:
+    """Return the problem of fitting the baseline to records, roughly."""
+    known, constants = dataset.instruments, dataset.constants
+    plant = Plant(
+        bench, tuple(records), _SEGMENTS, instruments=known, constants=constants
+    )
+    whole = np.concatenate([record.measured for record in records], axis=1)
+    size = _TOLERANCE * np.std(whole, axis=1, keepdims=True) + 1e-9
+    floor = tuple(np.broadcast_to(size, record.measured.shape) for record in records)
+    free = tuned(bench, records, constants, known, guessed)
+    return Problem(plant, free, (), floor, floor)

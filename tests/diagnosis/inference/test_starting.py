@@ -1,0 +1,139 @@
+"""The fit ends at the same values from every start that a scene may give it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.trials import Constant, Dataset, Facts
+from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
+from cc_mujoco.diagnosis.inference.foretold import misread
+from cc_mujoco.diagnosis.inference.intervals import estimates, spread
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.records import wind_up
+from cc_mujoco.diagnosis.inference.starting import prepared
+from cc_mujoco.estimation.least_squares import Estimate
+from diagnosis.recorded import BENCH, dataset
+
+TRUTH = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
+DATA = dataset(changes=TRUTH, duration=2.5, seed=2)
+
+
+def scene(**values: float) -> Bench:
+    """Return the bench as a scene with these values has it."""
+    return replace(BENCH, cables=tuple(c.replace(**values) for c in BENCH.cables))
+
+
+def baseline(data: Dataset, bench: Bench) -> Mapping[str, Estimate]:
+    """Return the fitted parameters of the tuned scene."""
+    start, records, filtering = prepared(data, bench)
+    assert sum(int(record.counts.sum()) for record in records) > 500
+    plant = plant_of(data, start.bench, records, start.given)
+    assert not misread(replace(plant, bench=bench), plant, start.values)
+    fitted = fit_baseline(data, plant, filtering, 0)
+    problem, x = fitted.problem, fitted.whole.x
+    wide = spread(problem, x, [r.free for r in problem.plant.records])
+    return estimates(problem, x, wide)
+
+
+def require_truth(found: Mapping[str, Estimate]) -> None:
+    """Check that every value is the true one, as far as it is determined."""
+    for name, value in TRUTH.items():
+        low, high = found[name].ci95
+        slack = 0.01 * value
+        assert low - slack <= value <= high + slack, (name, found[name])
+        assert high < 2.0 * low
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"friction": 2.0},
+        pytest.param(
+            {"friction": 0.0, "axial_stiffness": 47e5}, marks=pytest.mark.study
+        ),
+        {"friction": 1e-9, "axial_stiffness": 4.7e-4, "pretension": 0.0},
+    ],
+)
+def test_impossible_values_of_the_scene_end_at_the_same_rig(
+    values: dict[str, float],
+) -> None:
+    require_truth(baseline(DATA, scene(**values)))
+
+
+@pytest.mark.study
+@settings(max_examples=60)
+@given(
+    friction=st.one_of(st.just(0.0), st.floats(-8.0, 1.5)),
+    stiffness=st.floats(-8.0, 2.0),
+    pretension=st.sampled_from((80.0, 0.0)),
+    seed=st.integers(0, 3),
+    chosen=st.sampled_from(((0, 1, 2), (0, 2), (0, 1))),
+)
+def test_every_start_ends_at_the_same_rig(
+    friction: float,
+    stiffness: float,
+    pretension: float,
+    seed: int,
+    chosen: tuple[int, ...],
+) -> None:
+    """Friction and stiffness by their powers of ten over the truth."""
+    data = dataset(changes=TRUTH, duration=3.0, seed=seed, chosen=chosen)
+    start = scene(
+        friction=TRUTH["friction"] * 10.0**friction if friction else 0.0,
+        axial_stiffness=TRUTH["axial_stiffness"] * 10.0**stiffness,
+        pretension=pretension,
+    )
+    found = baseline(data, start)
+    usual = baseline(data, BENCH)
+    for name in TRUTH:
+        one, other = found[name], usual[name]
+        assert one.holds(other.value) or other.holds(one.value), (name, one, other)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"friction": 2.0}, pytest.param({"pretension": 0.0}, marks=pytest.mark.study)],
+)
+def test_a_bad_start_changes_no_verdict_and_is_told(values: dict[str, float]) -> None:
+    found = reason(DATA, scene(**values), ids=("viscous_friction",)).diagnosis
+    assert found.verdict == "none", found.statement
+    (name,) = values
+    (told,) = [each for each in found.strayed if each.parameter == name]
+    assert told.given == values[name]
+    assert f"{name} had to be tuned to" in told.statement
+
+
+def test_a_scene_that_is_near_is_the_start() -> None:
+    for factor in (0.5, 1.0, 2.0):
+        near = scene(friction=factor * 0.12, axial_stiffness=5e4 / factor)
+        start, _, _ = prepared(DATA, near)
+        assert start.bench is near and not start.given
+
+
+def test_what_is_declared_is_not_replaced() -> None:
+    known = {"friction": Constant(2.0, 0.1)}
+    start, _, _ = prepared(replace(DATA, constants=known), scene(friction=2.0))
+    assert "friction" not in start.given
+    assert start.bench.cables[0].friction == 2.0
+
+
+def test_pretensions_of_the_trials_stand_for_a_scene_without_one() -> None:
+    trials = tuple(replace(t, facts=Facts(pretension=81.0)) for t in DATA.trials)
+    data = replace(DATA, trials=trials)
+    start, records, _ = prepared(data, scene(pretension=0.0))
+    assert start.bench == scene(pretension=81.0) and not start.given
+    _, usual, _ = prepared(data, start.bench)
+    for one, other in zip(records, usual, strict=True):
+        assert np.array_equal(one.counts, other.counts)
+
+
+def test_no_motion_carries_a_cable_that_cannot_slide() -> None:
+    assert math.isfinite(wind_up(scene(friction=5.0)))

@@ -60,6 +60,8 @@ It is no more than two of them; beyond that it is an effect.
 """
 RATIO_KNOWN = 0.003
 """Relative standard deviation of the ratio of two pulleys of nominal size."""
+FRICTION_LEAST = 1e-3
+"""Least coefficient of friction that a fit starts from."""
 FRICTION_MOST = 3.5
 """Largest coefficient of friction that is fitted; cables take 5, some unbalanced."""
 BALANCE_KNOWN = 0.03
@@ -101,13 +103,14 @@ def tuned(
     # A load by its motion has no sensor that could be off or late.
     sensors = [k for k in instruments.rows if instruments[k] != "known load"]
     centre = _angle_offset(bench, records)
-    friction = max(cable.friction, 1e-3)
-    most = max(0.0, min(wide, math.log(FRICTION_MOST / friction)))
+    friction = max(cable.friction, FRICTION_LEAST)
+    most = max(0.0, math.log(FRICTION_MOST / friction))
+    least = min(-wide, math.log(FRICTION_LEAST / friction))
     found = [
-        Tuned(name, unit, value, 1.0, -wide, high, True, unsure(name, value, math.inf))
-        for name, unit, value, high in (
-            ("friction", "1", friction, most),
-            ("axial_stiffness", "N", cable.axial_stiffness, stiffest),
+        Tuned(name, unit, value, 1.0, low, high, True, unsure(name, value, math.inf))
+        for name, unit, value, low, high in (
+            ("friction", "1", friction, least, most),
+            ("axial_stiffness", "N", cable.axial_stiffness, -wide, stiffest),
         )
     ]
     found += [

@@ -33,7 +33,7 @@ _NAMES = ("friction", "axial_stiffness", "pretension")
 """What is estimated."""
 OFF = 3.0
 """Factor by which a value of the scene has to be off to be no start."""
-BETTER = 0.5
+BETTER = 0.8
 """Cost, over that of the scene, from which on the data contradict the scene."""
 _STEP = 0.04
 """Time between the samples of a thinned record [s]."""

@@ -94,7 +94,9 @@ def reason(
     if useless := _insufficient_excitation(records):
         return _empty(bench, useless, notes)
     plant = plant_of(dataset, start.bench, records, start.given)
-    if wrong := misread(replace(plant, bench=bench), plant, start.values):
+    # Without a pretension a scene foretells nothing.
+    given = bench if bench.cables[0].pretension > 0.0 else start.bench
+    if wrong := misread(replace(plant, bench=given), plant, start.values):
         return _empty(bench, wrong, notes)
     progress(0.02, "fitting the baseline")
     baseline_fit = fit_baseline(dataset, plant, filtering, seed)

@@ -40,6 +40,9 @@ _STEP = 0.04
 _SEGMENTS = 4
 _TOLERANCE = 0.1
 """Error that counts as one, over the standard deviation of the readings."""
+_EXPLAINED = 9.0
+"""Mean squared error, over `_TOLERANCE`, up to which estimates are believed: torques of
+another sign are explained by none."""
 _SETTLED = 0.1
 """Share of a record's travel after which its beginning no longer counts."""
 _WRAPS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
@@ -239,7 +242,11 @@ def _best(
         return {}
     order = np.argsort(costs)[:_REFINED]
     fits = [fit(problem, grid[k], masks, _EVALUATIONS) for k in order]
-    return problem.values(min(fits, key=lambda each: each.cost).x)
+    best = min(fits, key=lambda each: each.cost).x
+    size = len(dataset.instruments.rows) * sum(int(mask.sum()) for mask in masks)
+    if "pretension" not in tried and cost(best) > _EXPLAINED * size:
+        return {}
+    return problem.values(best)
 
 
 def _problem(

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from cc_mujoco.control import Controller, Drive, controller
 from cc_mujoco.control.external import blamed
 from cc_mujoco.errors import CableError
-from cc_mujoco.identity import made_by
+from cc_mujoco.identity import POLICY, is_outside, made_by
 
 _LENGTH = struct.Struct("<q")
 _SHAPE = struct.Struct("<qqqd")
@@ -49,7 +49,7 @@ def is_entry(name: str) -> bool:
 
     The file of a policy has none: it is numbers.
     """
-    return ":" in name
+    return is_outside(name) and not name.endswith(POLICY)
 
 
 def made(name: str, drive: Drive) -> Controller:

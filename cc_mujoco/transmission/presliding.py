@@ -269,7 +269,7 @@ def preslide(
             proximal_p, proximal_q, distal_p, distal_q, shift, node, rest,
         )  # fmt: skip
         for s in range(n):
-            free[s] = 1.0 if own[s] == 0.0 else 0.0
+            free[s] = 1.0 if own[s] == 0.0 and offset[s] == 0.0 else 0.0
         lay_slack(
             n, free, tension, stiffness, slack,
             proximal_p, proximal_q, distal_p, distal_q, shift,

@@ -66,6 +66,11 @@ def _drop_stale_code() -> None:
 _drop_stale_code()
 
 _NOTICE = "cc_mujoco: compiling; this happens once, 1-2 min\n"
+_NOT_KEPT = (
+    "cc_mujoco: compiling, 1-2 min, at every start: Numba may keep what it compiles "
+    "neither beside the sources in {root} nor in the cache folder of this user; set "
+    "NUMBA_CACHE_DIR to a folder that may be written\n"
+)
 _PATIENCE = 6.0
 """Time that is compiled without a word [s]."""
 
@@ -105,6 +110,7 @@ def compiled(function: Function) -> Function:
     try:
         return cast("Function", njit(cache=True, **options)(function))
     except RuntimeError:  # Numba finds no folder that it may write its cache to
+        _notice.is_kept = False
         return cast("Function", njit(**options)(function))
 
 
@@ -118,6 +124,8 @@ class _Notice(event.Listener):
         self._depth, self._began, self._spent = 0, 0.0, 0.0
         self._told = False
         self._timer: threading.Timer | None = None
+        self.is_kept = True
+        """Whether Numba keeps what it compiles."""
 
     def on_start(self, event: Any) -> None:
         """Begin to wait, where nothing else is being compiled."""
@@ -142,16 +150,18 @@ class _Notice(event.Listener):
             self._spent += time.monotonic() - self._began
 
     def _tell(self) -> None:
-        if not self._told:
+        if not self._told and sys.stderr is not None:
             self._told = True
-            sys.stderr.write(_NOTICE)
+            text = _NOTICE if self.is_kept else _NOT_KEPT
+            sys.stderr.write(text.format(root=Path(__file__).parent))
 
 
 def _is_ours(event: Any) -> bool:
     return str(event.data["module"]).startswith("cc_mujoco")
 
 
-event.register("numba:run_pass", _Notice())  # type: ignore[no-untyped-call]
+_notice = _Notice()
+event.register("numba:run_pass", _notice)  # type: ignore[no-untyped-call]
 
 _EXPORTED: dict[str, Any] = {}
 """Signatures of exported functions, by what they are called in compiled code."""
@@ -169,6 +179,7 @@ def exported(signature: Any) -> Callable[[Function], Function]:
         try:
             code = cfunc(signature, cache=True, error_model="numpy")(function)
         except RuntimeError:
+            _notice.is_kept = False
             code = cfunc(signature, error_model="numpy")(function)
         llvmlite.binding.add_symbol(name, code.address)
         _EXPORTED[name] = signature, code  # the code lives as long as its name

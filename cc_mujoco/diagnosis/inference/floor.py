@@ -137,6 +137,8 @@ def _unexplained(
         for each, record in zip(noise, plant.records, strict=True)
         if record.trial in compared
     ]
+    if not sum(each.shape[1] for each in there):  # none of them moves enough
+        return np.zeros(len(names))
     known = np.concatenate(there, axis=1).mean(axis=1)
     short: FloatArray = np.maximum(deviation**2 - known, 0.0)
     return short

@@ -268,4 +268,5 @@ def _value(parameter: Tuned, place: float) -> str:
 
 
 def _of(value: float, parameter: Tuned) -> str:
-    return f"{number(value)} {parameter.unit}".removesuffix(" 1")
+    told = number(value) if value else "0"
+    return f"{told} {parameter.unit}".removesuffix(" 1")

@@ -217,3 +217,14 @@ def test_repetitions_differ_by_no_more_than_their_readings_do(apart: float) -> N
     floor = noise_floor(data, Plant(BENCH, records, SEGMENTS), filtering, {})
     assert float(floor.scatter[1, 0]) <= 0.5 * apart
     assert apart == 0.0 or float(floor.scatter[1, 0]) > 0.2 * apart
+
+
+def test_repetitions_that_do_not_count_say_nothing_of_noise() -> None:
+    data = dataset(*rests())
+    (one,) = data.trials
+    again = replace(one, name="two", path="two.csv", facts=Facts(repeat_of="one"))
+    records, filtering = prepare(replace(data, trials=(one, again)), BENCH)
+    idle = [replace(r, counts=np.zeros(r.counts.size, dtype=bool)) for r in records]
+    floor = noise_floor(data, Plant(BENCH, tuple(idle), SEGMENTS), filtering, {})
+    assert not floor.scatter.any()
+    assert all(np.isfinite(noise).all() for noise in floor.noise)

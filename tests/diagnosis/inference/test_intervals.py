@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,6 +19,8 @@ from cc_mujoco.diagnosis.inference.form import form_error
 from cc_mujoco.diagnosis.inference.intervals import Spread, estimates, narrowest, spread
 from cc_mujoco.diagnosis.inference.plant import Plant, tuned
 from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.testable import strayed
+from cc_mujoco.diagnosis.wording import interval
 from cc_mujoco.estimation.least_squares import Tuned, covariance
 from diagnosis.recorded import BENCH, dataset
 
@@ -148,6 +151,26 @@ def test_a_spread_has_all_that_noise_makes_and_a_t_for_every_parameter() -> None
         assert estimate.ci95[0] <= slim[name].ci95[0]
         assert estimate.ci95[1] >= slim[name].ci95[1]
     assert isinstance(whole, Spread)
+
+
+@pytest.mark.parametrize("deviation", [0.5, 5.0, 1e9])
+def test_an_interval_over_many_powers_of_ten_is_not_determined(
+    deviation: float,
+) -> None:
+    records, _ = prepare(dataset(duration=1.5), BENCH)
+    free = tuned(BENCH, records, {})
+    problem = fitting.Problem(Plant(BENCH, records, 4), free, (), (), ())
+    place = [parameter.name for parameter in free].index("axial_stiffness")
+    variance, x = 1e-6 * np.eye(len(free)), np.zeros(len(free))
+    variance[place, place], x[place] = deviation**2, 3.0
+    found = estimates(problem, x, Spread(variance, np.full(len(free), np.inf)))
+    unsure = {name for name, each in found.items() if not math.isfinite(each.ci95[0])}
+    assert unsure == ({"axial_stiffness"} if deviation > 4.0 else set())
+    assert found["axial_stiffness"].holds(1.0) is (deviation > 4.0)
+    (far,) = strayed(problem, x, found, ()) or (None,)
+    assert (far is None) is (deviation > 4.0)
+    shown = interval(found["axial_stiffness"])
+    assert (shown == "not determined") is (deviation > 4.0)
 
 
 def test_a_fit_whose_end_is_told_goes_on_along_a_flat_valley(

@@ -16,6 +16,14 @@ from cc_mujoco.errors import CableError
 
 DATASET_FILE = "dataset.toml"
 
+_SIDES = {
+    "motor": ("motor", "drive", "actuator", "proximal", "input", "pulley"),
+    "joint": (
+        *("joint", "handle", "output", "distal", "load", "finger", "wrist"),
+        *("elbow", "shoulder", "hip", "knee", "ankle"),
+    ),
+}
+"""Words in names of columns that speak of either end of a cable."""
 _PLOTJUGGLER = "__time"
 _STAMP = re.compile(r"(.*stamp[._/])(secs?)")
 _NANO = {"sec": ("nanosec", "nsec"), "secs": ("nsecs",)}
@@ -112,7 +120,8 @@ def sources(
         found[channel] = (column, file.unit(channel, column))
     for channel in absent:
         if not (channel in channels.TORQUES and file.stands_in(channel, found)):
-            raise _missing(where, channel, channel, names)
+            taken = [column for column, _ in found.values()]
+            raise _missing(where, channel, channel, names, taken)
     return found
 
 
@@ -132,14 +141,21 @@ def _tension(where: str, column: str) -> str:
         raise CableError(f"{where}: {error}") from None
 
 
-def _missing(where: str, channel: str, name: str, names: Sequence[str]) -> CableError:
-    """The error for a column that is not there.
+def _missing(
+    where: str,
+    channel: str,
+    name: str,
+    names: Sequence[str],
+    used: Sequence[str] = (),
+) -> CableError:
+    """Return the error for a column that is not there.
 
     Args:
         where: the file.
         channel: that it is for, or what else.
         name: of the column.
         names: of all columns.
+        used: columns that are other channels already.
     """
     told = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     if channel != name:
@@ -151,7 +167,13 @@ def _missing(where: str, channel: str, name: str, names: Sequence[str]) -> Cable
     missing = f"{where} has no column {channel!r}, only {told}"
     measured = channels.kind(channel)
     taken = {own for other in channels.REQUIRED for own in channels.spellings(other)}
-    free = [n for n in names if n not in taken and not channels.tension(n)]
+    free = [
+        n
+        for n in names
+        if n not in (*taken, *used)
+        and not channels.tension(n)
+        and not _of_other_side(n, channel)
+    ]
     alike = [n for n in free if channels.unit_of(n, measured)]
     if column := _nearest(name, alike, 0.0):
         return CableError(
@@ -168,7 +190,19 @@ def _missing(where: str, channel: str, name: str, names: Sequence[str]) -> Cable
     told = f"{missing}; rename one or map it in {DATASET_FILE}"
     if channel in channels.TORQUES:
         told += f", or declare [columns.{channel}] measured = false"
+    if channel in channels.ANGLES:
+        told += "; without this angle there is nothing to play through the cables"
     return CableError(f"{told}.")
+
+
+def _of_other_side(column: str, channel: str) -> bool:
+    """Return whether the name of a column speaks of the other end of the cable only."""
+    word = column.lower()
+    sides = {
+        side: any(each in word for each in words) for side, words in _SIDES.items()
+    }
+    own = channel.partition("_")[0]
+    return own in sides and not sides[own] and any(sides.values())
 
 
 def _nearest(name: str, names: Sequence[str], cutoff: float = 0.6) -> str:

@@ -322,6 +322,29 @@ def read_dataset_file(path: str | Path) -> DatasetFile:
     )
 
 
+def _is_measured(table: Table, channel: str) -> bool:
+    """Return the value of `measured`, true unless it is declared.
+
+    Raises:
+        CableError: it is no truth value, or false of a channel that nothing replaces.
+    """
+    value = table.content.get("measured", True)
+    if not isinstance(value, bool):
+        raise table.wrong("measured", "true or false")
+    if value or channel in channels.TORQUES:
+        return value
+    if channel in channels.ANGLES:
+        raise CableError(
+            f"{table.where}: `measured = false` is possible for one of the two torques "
+            "only; a diagnosis plays both angles through the cables, so this one must "
+            "be recorded."
+        )
+    raise CableError(
+        f"{table.where}: `measured = false` is possible for one of the two torques "
+        "only; a channel that was not recorded needs no table."
+    )
+
+
 def _source(table: Table, channel: str) -> Source:
     """One table of `[columns]`."""
     try:
@@ -332,9 +355,7 @@ def _source(table: Table, channel: str) -> Source:
         table.only("name")
     elif channel == channels.TIME:
         table.only("name", "unit", "offset")
-    elif "measured" in table.content:
-        if channel not in channels.TORQUES or table.content["measured"] is not False:
-            raise table.wrong("measured", "false, of one of the two torques")
+    elif not _is_measured(table, channel):
         table.only("measured")
         return Source(measured=False)
     else:

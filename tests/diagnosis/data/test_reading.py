@@ -313,3 +313,29 @@ def test_any_bytes_are_a_table_or_a_sentence(
             assert "run.csv" in str(error)
         else:
             assert recorded.rows >= 0
+
+
+@pytest.mark.parametrize(
+    ("columns", "toml", "told"),
+    [
+        ("joint2_position_rad", "joint_angle_rad", ""),
+        ("encoder_2_rad", "joint_angle_rad", ""),
+        ("elbow_angle_deg,wrist_angle_deg", "", ""),
+        ("joint_angle_rad,second_joint_angle_rad", "", ""),
+        ("joint_angle_rad,encoder_1_deg", "", "if it is 'encoder_1_deg'"),
+        ("joint_angle_rad,drive_angle_deg", "", "if it is 'drive_angle_deg'"),
+    ],
+)
+def test_a_missing_motor_angle_is_not_looked_for_at_the_joint(
+    tmp_path: Path, columns: str, toml: str, told: str
+) -> None:
+    """Not in a column that is the joint's already, nor in that of another joint."""
+    mapped = {toml: Source(name=columns, unit="rad")} if toml else {}
+    names = f"time_s,motor_torque_nm,joint_torque_nm,{columns}"
+    row = ",".join("0" * (names.count(",") + 1))
+    path = put(tmp_path, f"{names}\n{row}\n{row}\n")
+    with pytest.raises(CableError, match="no column 'motor_angle_rad'") as error:
+        read(path, DatasetFile(columns=mapped))
+    assert ("if it is" in str(error.value)) == bool(told)
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)

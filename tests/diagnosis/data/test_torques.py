@@ -10,8 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.data.channels import ANGLES, TORQUES
 from cc_mujoco.diagnosis.data.findings import Finding
-from cc_mujoco.diagnosis.data.instruments import Instruments
+from cc_mujoco.diagnosis.data.instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.errors import CableError
@@ -194,8 +195,10 @@ def test_what_is_no_torque_is_told_in_a_sentence(
 @pytest.mark.parametrize(
     ("toml", "told"),
     [
-        ("[columns.motor_angle_rad]\nmeasured = false\n", "of one of the two torques"),
-        ("[columns.motor_torque_nm]\nmeasured = true\n", "must be false"),
+        ("[columns.motor_angle_rad]\nmeasured = false\n", "must be recorded"),
+        ("[columns.joint_angle_rad]\nmeasured = false\n", "must be recorded"),
+        ("[columns.motor_current_a]\nmeasured = false\n", "needs no table"),
+        ("[columns.motor_torque_nm]\nmeasured = 0\n", "must be true or false, not 0"),
         ("[rig]\ntorque_constant = 1\ngear_efficiency = 1.2\n", "no more than 1"),
         ("[rig]\nload_stiffness = -1\n", "at least 0"),
     ],
@@ -205,3 +208,9 @@ def test_declarations_that_cannot_be_are_refused(
 ) -> None:
     with pytest.raises(CableError, match=told):
         read(tmp_path, plain, toml)
+
+
+def test_a_channel_that_is_measured_may_say_so(tmp_path: Path, plain: Columns) -> None:
+    tables = [f"[columns.{name}]\nmeasured = true\n" for name in (*TORQUES, *ANGLES)]
+    data = read(tmp_path, plain, "".join(tables))
+    assert data.instruments == TORQUE_SENSORS

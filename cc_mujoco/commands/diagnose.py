@@ -70,6 +70,7 @@ class Diagnose:
         from tqdm import tqdm
 
         from cc_mujoco.diagnosis.diagnose import diagnose
+        from cc_mujoco.diagnosis.wording import NO_SCENE, NOT_IN_SCENE
 
         with tqdm(
             total=1.0,
@@ -98,7 +99,11 @@ class Diagnose:
         if found.question:
             print(f"  {found.question}")
         if found.verdict == "unknown":
-            for problem in found.problems:
+            for place in found.where[:1]:
+                print(f"  {place.statement}")
+        for problem in found.problems:
+            lacking = problem.startswith((NO_SCENE, NOT_IN_SCENE))
+            if found.verdict == "unknown" or lacking:
                 print(f"  noticed: {problem}")
         for tie in found.ties:
             print(f"  cannot tell apart: {', '.join(tie)}")

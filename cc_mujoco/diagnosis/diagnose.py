@@ -30,7 +30,7 @@ from cc_mujoco.estimation.least_squares import plain_algebra
 
 
 def diagnose(
-    data: Iterable[str | os.PathLike[str]],
+    data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
     scene: str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
@@ -42,7 +42,8 @@ def diagnose(
     """Diagnose trials against a scene and write report, verdict, scene and recording.
 
     Args:
-        data: files of trials (see `data.tables.ENDINGS`) or folders of them.
+        data: files of trials (see `data.tables.ENDINGS`) or folders of them; a single
+            one need not be in a list.
         scene: MJCF file of the rig.
         out: folder for what is found; written whole or not at all.
         dataset_toml: what the columns mean and what is known, see `dataset_file`.
@@ -56,7 +57,7 @@ def diagnose(
             the diagnosis of other data or with other files that would be replaced.
     """
     bench = Bench.of(Path(scene))
-    given = [Path(path) for path in data]
+    given = _paths(data)
     require_ours(Path(out), Path(scene), given)
     prepare()
     result, dataset = inferred(
@@ -66,7 +67,7 @@ def diagnose(
 
 
 def inferred(
-    data: Iterable[str | os.PathLike[str]],
+    data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
     bench: Bench,
     *,
     dataset_toml: str | os.PathLike[str] | None = None,
@@ -92,7 +93,7 @@ def inferred(
         )
     require_repairable(bench)
     progress(0.0, "reading the data")
-    dataset, findings = load(list(data), dataset_toml, bench)
+    dataset, findings = load(_paths(data), dataset_toml, bench)
     known = bench.known(dataset.constants)
     findings += check_bench(dataset.trials, known) + check_lead(dataset.trials, known)
     notes = [finding.statement for finding in findings]
@@ -108,6 +109,27 @@ def inferred(
     with plain_algebra():
         result = reason(dataset, bench, notes, seed=seed, progress=progress)
     return _asked(result, findings), dataset
+
+
+def _paths(
+    data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
+) -> list[Path]:
+    """Return the paths of files and folders, of which there may be a single one.
+
+    Raises:
+        CableError: something in their place is no path.
+    """
+    if isinstance(data, str | os.PathLike):
+        return [Path(data)]
+    paths = []
+    for path in data:
+        if not isinstance(path, str | os.PathLike):
+            raise CableError(
+                f"data must be a path or a list of paths, but holds {path!r}, a "
+                f"{type(path).__name__}."
+            )
+        paths.append(Path(path))
+    return paths
 
 
 def _asked(result: Result, findings: Sequence[Finding]) -> Result:

@@ -28,8 +28,8 @@ MEANING = {
     "closer to data that were not used to find it.",
     "none": "What is left of the error looks like noise. This holds for the motions "
     "and loads in the data.",
-    "unknown": "Every known effect was tried, and none explains enough of the error; "
-    "one that is added takes the place of what is really there. "
+    "unknown": "No known effect explains enough of the error; one that is added takes "
+    "the place of what is really there. "
     "Where the error lies is the best hint at what it is.",
     "tie": "Each of these explains the data as well as the other, so naming one would "
     "be a guess.",
@@ -43,6 +43,8 @@ MEANING = {
 
 NO_SCENE = "scene.xml cannot be written"
 """Beginning of the problem that says why."""
+NOT_IN_SCENE = "scene.xml does not contain"
+"""Beginning of the problem that names an effect that the written scene lacks."""
 
 
 class Names:
@@ -101,6 +103,27 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
         "fix-data": "The data must be put right first",
         "fix-numerics": "The numerics of the simulation must be put right first",
     }[diagnosis.verdict]
+
+
+def tried(diagnosis: Diagnosis) -> str:
+    """Return how many of the known effects were screened and refitted, as a sentence.
+
+    It is empty where the search did not begin.
+    """
+    if not diagnosis.runner_ups:
+        return ""
+    refitted = {each.id for step in diagnosis.runner_ups for each in step}
+    start = "All effects that these data can show were compared with the error; "
+    if not refitted:
+        return (
+            f"{start}none was refitted, since to first order none takes enough of it."
+        )
+    count = len(refitted)
+    return (
+        f"{start}the {count} most promising were refitted."
+        if count > 1
+        else (f"{start}the most promising one was refitted.")
+    )
 
 
 def share(value: float) -> str:

@@ -30,15 +30,14 @@ from cc_mujoco.diagnosis.inference.replays import shifted
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.report.drawings import STEMS
 from cc_mujoco.diagnosis.report.report import write_report
-from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, has
+from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, has, why_not
 from cc_mujoco.diagnosis.scene.repair import repaired
 from cc_mujoco.diagnosis.scene.repair import write as write_scene
 from cc_mujoco.diagnosis.scene.rollout import rollout
 from cc_mujoco.diagnosis.verdict import Diagnosis
-from cc_mujoco.diagnosis.wording import NO_SCENE
+from cc_mujoco.diagnosis.wording import NO_SCENE, NOT_IN_SCENE
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing_folder
-from cc_mujoco.page import listed
 
 SCENE = "scene.xml"
 SOMETIMES = (SCENE, "evidence.rrd", *(f"{stem}.png" for stem in STEMS))
@@ -165,22 +164,23 @@ def scene(result: Result, path: Path) -> list[str]:
     cables = problem.plant.cables(values, problem.effects)
     proximal, distal = problem.plant.radii(values)
     bench = replace(result.bench, motor_radius=proximal, joint_radius=distal)
-    effects = {
+    found = {
         name: {
             parameter.name: values.get(parameter.name, 0.0)
             for parameter in EFFECTS[name].parameters
         }
-        for name in _writable(result)
+        for name in problem.effects
     }
-    said = []
+    effects = {name: found[name] for name in _writable(result)}
+    left_out = {name: own for name, own in found.items() if name not in effects}
+    said = [
+        f"{NOT_IN_SCENE} {EFFECTS[name].title}, which was found: "
+        f"{why_not(result.bench, name)}. Take its values from verdict.json."
+        for name in left_out
+    ]
     if bench.lever is None:
         _at_scene_angle(effects, values.get("joint_angle_offset", 0.0))
-    write_scene(path, repaired(bench, cables, effects))
-    if left := [name for name in problem.effects if name not in effects]:
-        said.append(
-            f"scene.xml has not {listed(left)}: what pulls at a lever is no sum of "
-            "sensors, and play takes a pulley; take the values from verdict.json."
-        )
+    write_scene(path, repaired(bench, cables, effects, left_out))
     try:
         apart, size = compared(result, path)
     except CableError as error:

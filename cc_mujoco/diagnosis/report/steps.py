@@ -5,6 +5,7 @@ from __future__ import annotations
 from cc_mujoco.diagnosis.verdict import Diagnosis, Found
 from cc_mujoco.diagnosis.wording import (
     NO_SCENE,
+    NOT_IN_SCENE,
     Names,
     capital,
     fitted,
@@ -16,6 +17,7 @@ from cc_mujoco.diagnosis.wording import (
 from cc_mujoco.page import Html, bullets, element, joined, listed
 
 AGAIN = "run the same command again"
+NOWHERE = "No quantity that was recorded explains more of the error than chance does."
 
 
 def steps(diagnosis: Diagnosis, names: Names) -> Html:
@@ -49,7 +51,7 @@ def _none(diagnosis: Diagnosis, names: Names) -> list[Html]:
 
 
 def _unknown(diagnosis: Diagnosis, names: Names) -> list[Html]:
-    where = diagnosis.where[0].statement if diagnosis.where else ""
+    where = next((each.statement for each in diagnosis.where), NOWHERE)
     close = [
         f"{names(each.id)} {each.reason}"
         for step in diagnosis.runner_ups[-1:]
@@ -88,6 +90,7 @@ def _use(diagnosis: Diagnosis) -> Html:
     if any(problem.startswith(NO_SCENE) for problem in diagnosis.problems):
         return Html()
     gaps = [gap_sentence(name, each) for name, each in list(diagnosis.gap.items())[:1]]
+    lacks = [each for each in diagnosis.problems if each.startswith(NOT_IN_SCENE)]
     has = "what is missing and the tuned values" if diagnosis.effects else "what tuning"
     has += "" if diagnosis.effects else " found"
     return joined(
@@ -96,7 +99,7 @@ def _use(diagnosis: Diagnosis) -> Html:
             "simulate with ",
             element("code", "scene.xml"),
             f" beside this report, which has {has}. ",
-            " ".join(gaps) if diagnosis.effects else "",
+            " ".join([*lacks, *gaps]) if diagnosis.effects else "",
         ]
     )
 

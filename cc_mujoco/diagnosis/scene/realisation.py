@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import mujoco
 
 from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.scene import mechanical, sensing
 from cc_mujoco.diagnosis.scene.mechanical import Values
 
@@ -115,6 +116,18 @@ REALISATIONS: dict[str, Realisation] = {
 
 
 def has(bench: Bench, name: str) -> bool:
-    """Whether a scene can have an effect; of a lever not all outside its cable."""
+    """Return whether a scene can have an effect."""
+    return not why_not(bench, name)
+
+
+def why_not(bench: Bench, name: str) -> str:
+    """Return why a scene cannot have an effect; empty where it can."""
     realisation = REALISATIONS.get(name)
-    return realisation is None or bench.lever is None or not realisation.pulley
+    if realisation is not None:
+        if bench.lever is None or not realisation.pulley:
+            return ""
+        return "it takes pulleys at both ends, and the joint of this scene has a lever"
+    effect = EFFECTS.get(name)
+    if effect is not None and effect.cables is not None and effect.torques is None:
+        return ""  # keys of the cables
+    return "no entry of scene.realisation.REALISATIONS says how MuJoCo has it"

@@ -22,7 +22,7 @@ import mujoco
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.scene.instruments import instrument
 from cc_mujoco.diagnosis.scene.mechanical import Values, rim_stiffness
-from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, has
+from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, has, why_not
 from cc_mujoco.engine import step_limits, to_mjcf
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
@@ -30,14 +30,19 @@ from cc_mujoco.transmission import Cable
 
 
 def repaired(
-    bench: Bench, cables: Sequence[Cable], effects: Mapping[str, Values]
+    bench: Bench,
+    cables: Sequence[Cable],
+    effects: Mapping[str, Values],
+    left_out: Mapping[str, Values] | None = None,
 ) -> mujoco.MjSpec:
-    """The scene of a bench with other cables, and with effects.
+    """Return the scene of a bench with other cables, and with effects.
 
     Args:
         bench: whose scene it is; its radii become the gears.
         cables: in place of `bench.cables`, already with what effects change in them.
         effects: parameters by id; those that act in the cables are only named in the
+            comment of the file.
+        left_out: parameters, by id, of effects that the scene cannot have, for the
             comment of the file.
 
     Raises:
@@ -47,6 +52,12 @@ def repaired(
     if len(cables) != len(bench.cables):
         raise CableError(
             f"the scene {bench.path} has {len(bench.cables)} cables, got {len(cables)}"
+        )
+    beyond = [name for name in effects if not has(bench, name)]
+    if beyond:
+        raise CableError(
+            f"the scene {bench.path} cannot have {', '.join(beyond)}: "
+            f"{why_not(bench, beyond[0])}; take the values from verdict.json"
         )
     in_cables = [name for name in effects if name not in REALISATIONS]
     if in_cables and tuple(cables) == bench.cables:
@@ -63,12 +74,6 @@ def repaired(
     if bench.lever is not None and not bench.tied:
         (_, end) = [a for a in spec.actuators if a.plugin.name == bench.names[0]]
         end.gear[0] *= bench.joint_radius / bench.drawn_radius
-    beyond = [name for name in effects if not has(bench, name)]
-    if beyond:
-        raise CableError(
-            f"the scene {bench.path} has a lever, and {', '.join(beyond)} can be added "
-            "to scenes with pulleys only; take the values from verdict.json"
-        )
     try:
         spec.option.timestep = min(spec.option.timestep, _largest_step(spec, bench))
         if bench.lever is None:
@@ -78,7 +83,7 @@ def repaired(
                 _check(name, realisation.parameters, effects[name])
                 if any(effects[name][key] != 0.0 for key in realisation.parameters):
                     realisation.apply(spec, bench, effects[name])
-        spec.comment = _comment(bench, effects)
+        spec.comment = _comment(bench, effects, left_out or {})
         spec.compile()
     except CableError:
         raise
@@ -163,11 +168,16 @@ def _check(name: str, parameters: Sequence[str], values: Values) -> None:
             raise CableError(f"effect {name}: `{wanted}` is not finite")
 
 
-def _comment(bench: Bench, effects: Mapping[str, Values]) -> str:
+def _comment(
+    bench: Bench, effects: Mapping[str, Values], left_out: Mapping[str, Values]
+) -> str:
     lines = [f" {bench.path.name}, sha256 {bench.sha256[:16]}, refitted"]
     for name, values in effects.items():
         written = ", ".join(f"{key} {value:.6g}" for key, value in values.items())
         realisation = REALISATIONS.get(name)
         how = realisation.note if realisation else "keys of the cable plugin"
         lines.append(f"    {name}: {written} ({how})")
+    for name, values in left_out.items():
+        written = ", ".join(f"{key} {value:.6g}" for key, value in values.items())
+        lines.append(f"    not in this scene, {name}: {written}")
     return ";\n".join(lines).replace("--", "- -") + " "

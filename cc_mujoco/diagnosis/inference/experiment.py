@@ -15,6 +15,7 @@ from cc_mujoco.diagnosis.inference.motions import DT, Motion, motions
 from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.inference.search import FORM
 from cc_mujoco.diagnosis.verdict import NextExperiment
+from cc_mujoco.diagnosis.wording import number
 
 CLEAR = 5.0
 """Difference over its standard deviation, by noise and form, that settles it."""
@@ -84,8 +85,8 @@ def propose(
             channel = problem.plant.instruments.channels[row]
             told = (
                 f"{channel} differs by {sizes[row] * noise[row, 0]:.3g} Nm RMS "
-                f"even when all else is tuned, {sizes[row]:.1f} times the noise; at "
-                f"{most * DT:.1f} s {EFFECTS[ids[0]].title} gives "
+                f"even when all else is tuned, {number(sizes[row])} times the noise; "
+                f"at {most * DT:.1f} s {EFFECTS[ids[0]].title} gives "
                 f"{shown[0][row, most]:.3g} Nm and {EFFECTS[ids[1]].title} "
                 f"{shown[1][row, most]:.3g} Nm"
             )

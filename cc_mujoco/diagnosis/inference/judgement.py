@@ -107,7 +107,7 @@ def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdic
         )
     if misfit < HINT:
         told += (
-            f" The tuned scene is only {misfit:.2f} times the noise floor off."
+            f" The tuned scene is only {number(misfit)} times the noise floor off."
             f"{_AS_MUCH}"
         )
     tie = next(iter(outcome.ties), ())
@@ -125,9 +125,8 @@ def _nothing(
     """The verdict where no effect is missing from this model."""
     misfit = model.misfit
     scene = "tuned scene" if model is found.before else "model"
-    off = (
-        f"on data it has not seen the {scene} is {misfit:.2f} times the noise floor off"
-    )
+    off = f"on data it has not seen the {scene} is {number(misfit)} times the noise "
+    off += "floor off"
     usual = f"rigs without any hidden effect reach up to {limits.misfit:g}"
     if misfit <= limits.misfit:
         return "none", f"Nothing is missing: {off}; {usual}."
@@ -138,7 +137,7 @@ def _nothing(
             "no evidence."
         )
     return "unknown", (
-        f"Something is missing (error {misfit:.2f} times the noise floor) and it "
+        f"Something is missing (error {number(misfit)} times the noise floor) and it "
         f"is none of the effects in the library{_impossible(found)}; see where the "
         f"error lies.{_AS_MUCH if misfit < HINT else ''}"
     )

@@ -25,6 +25,7 @@ from cc_mujoco.diagnosis.inference.screen import (
     screen,
     signature_cosine,
 )
+from cc_mujoco.diagnosis.wording import number
 from cc_mujoco.errors import CableError
 
 REFITTED = 6
@@ -329,7 +330,7 @@ def _objection(
         taken = round(reduction, 2) + 0.0  # no minus before a zero
         return f"takes {taken:.0%} of the error, less than {thresholds.reduction:.0%}"
     if certainty < thresholds.certainty:
-        return f"its gain is {certainty:.1f} standard errors"
+        return f"its gain is {number(certainty, 1.0)} standard errors"
     effect = crossed.problem.plant.library.effects[name]
     parameters = {parameter.name: parameter for parameter in effect.parameters}
     spread, mean = amplitude(crossed, name)

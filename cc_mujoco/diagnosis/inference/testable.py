@@ -46,8 +46,7 @@ REMEDY = {
     "friction": "declare friction that was measured another way ([rig] friction with "
     "its uncertainty), or record other loads",
     "axial_stiffness": "declare a measured stiffness ([rig] axial_stiffness with its "
-    "uncertainty), or record the joint locked; angles in turns make it 6.3 times as "
-    "large",
+    "uncertainty), or record the joint locked",
     "friction_balance": "pull each cable by itself, the other one slack, and compare "
     "their friction",
     "motor_radius": "measure the motor's pulley and declare it ([rig] motor_radius)",
@@ -206,7 +205,7 @@ def strayed(
         if name == "axial_stiffness" and (
             unit := _misread(parameter.value(place) / given)
         ):
-            told += f", or angles that are in {unit} were taken for another unit"
+            told += f", or angles in {unit} were taken for another unit"
         if others:
             told += f", or these data hide {listed(others, 'or')}"
         else:
@@ -237,8 +236,8 @@ def untestable(
             continue
         first = problem.plant.library.effects[sign.id].parameters[0]
         typical = _size(first.name, first.typical, first.unit)
-        told = f"a plausible size ({typical}) would stand out by {clarity:.1f} "
-        told += "standard deviations only; "
+        told = f"a plausible size ({typical}) would stand out by "
+        told += f"{number(clarity, 1.0)} standard deviations only; "
         if each := confused.get(sign.id):
             told += f"tuning {plain(each.parameter)} hides it: {each.remedy}"
         else:

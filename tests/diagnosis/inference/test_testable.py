@@ -11,7 +11,7 @@ from cc_mujoco.diagnosis.inference.intervals import Spread, estimates
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.inference.result import Result
-from cc_mujoco.diagnosis.inference.testable import strayed
+from cc_mujoco.diagnosis.inference.testable import REMEDY, _misread, strayed
 from diagnosis.recorded import BENCH, dataset
 
 HIDDEN = {"load_independent_friction": 8.0, "seal_proximal": 0.0, "seal_distal": 0.0}
@@ -61,6 +61,13 @@ def test_a_stiffness_far_from_the_scene_is_told_though_nobody_declared_it() -> N
     (away,) = reason(data, BENCH, ids=IDS[1:]).diagnosis.strayed
     assert away.parameter == "axial_stiffness"
     assert "angles in turns" in away.statement
+
+
+def test_a_unit_is_suspected_only_where_its_factor_is_about_right() -> None:
+    assert _misread(1.0 / 6.0) == _misread(6.0) == "turns"
+    assert _misread(57.0) == "degrees or radians"
+    assert _misread(3.5) == _misread(1.0) == _misread(20.0) == ""
+    assert not any("times" in remedy for remedy in REMEDY.values())
 
 
 def test_shapes_of_effects_do_not_stray() -> None:

@@ -33,11 +33,12 @@ from cc_mujoco.diagnosis.inference.intervals import (
     undetermined,
 )
 from cc_mujoco.diagnosis.inference.judgement import REFINES, Outcome, judged
+from cc_mujoco.diagnosis.inference.location import Fitted, Trials, located, ordinates
 from cc_mujoco.diagnosis.inference.numerics import HARMLESS
 from cc_mujoco.diagnosis.inference.per_trial import misfits, odd_trial, trial_errors
 from cc_mujoco.diagnosis.inference.plausibility import doubtful, ordinary
 from cc_mujoco.diagnosis.inference.records import Record
-from cc_mujoco.diagnosis.inference.residual_maps import maps, ranked
+from cc_mujoco.diagnosis.inference.residual_maps import maps
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.inference.screen import Signature, signature_cosine
 from cc_mujoco.diagnosis.inference.search import (
@@ -50,6 +51,7 @@ from cc_mujoco.diagnosis.inference.search import (
 )
 from cc_mujoco.diagnosis.inference.starting import prepared
 from cc_mujoco.diagnosis.inference.testable import confounded, strayed, untestable
+from cc_mujoco.diagnosis.inference.trial_trends import trial_constants
 from cc_mujoco.diagnosis.verdict import (
     Baseline,
     Diagnosis,
@@ -57,7 +59,7 @@ from cc_mujoco.diagnosis.verdict import (
     Gap,
     RunnerUp,
 )
-from cc_mujoco.diagnosis.wording import capital
+from cc_mujoco.diagnosis.wording import capital, number
 from cc_mujoco.estimation.least_squares import Estimate, Fit
 from cc_mujoco.page import listed
 
@@ -111,7 +113,12 @@ def reason(
     found = search(
         baseline_fit.crossed, interleaved_folds(records), names, limits, told
     )
-    return _concluded(baseline_fit, found, bench, limits, notes, seed, progress)
+    warmth = {
+        trial.name: float(np.nanmean(trial.temperature))
+        for trial in dataset.trials
+        if trial.temperature is not None and np.any(np.isfinite(trial.temperature))
+    }
+    return _concluded(baseline_fit, found, bench, limits, notes, seed, progress, warmth)
 
 
 def _insufficient_excitation(records: Sequence[Record]) -> str:
@@ -142,6 +149,7 @@ def _concluded(
     notes: Sequence[str],
     seed: int,
     progress: Progress,
+    warmth: Mapping[str, float],
 ) -> Result:
     agreed = agreement(
         baseline_fit,
@@ -177,6 +185,8 @@ def _concluded(
         else (problem, x)
     )
     odd = odd_trial(*asked, misfits(baseline_fit.problem, baseline_fit.whole.x))
+    constants = trial_constants(*asked)
+    along = ordinates(problem, constants[0].trials if constants else (), warmth)
     progress(0.95, "writing it down")
     rivals = [
         (c.crossed.problem, np.mean([f.x for f in c.crossed.fits], axis=0))
@@ -196,7 +206,12 @@ def _concluded(
             if each.id not in {*problem.effects, *chain.from_iterable(ties)}
         ),
         propose(rivals, ties[0]) if ties else None,
-        ranked(drawn),
+        located(
+            Fitted(baseline_fit.problem, baseline_fit.whole.x),
+            Fitted(problem, x),
+            drawn,
+            Trials(constants, along),
+        ),
         model.held.gap,
         Baseline(
             {p.name: estimated[p.name] for p in baseline_fit.problem.tuned},
@@ -418,7 +433,7 @@ def _numerics(bench: Bench, baseline_fit: BaselineFit, notes: Sequence[str]) -> 
     statement = (
         f"A simulation with {2 * plant.segments} segments or {2 * plant.substeps} "
         "steps per sample "
-        f"differs by {baseline_fit.change:.2f} times the noise floor, more "
+        f"differs by {number(baseline_fit.change)} times the noise floor, more "
         f"than {HARMLESS:g}: what would be named could be the numerics. Record faster "
         f"than {1.0 / plant.records[0].dt:.0f} Hz, or reduce the wrap."
     )

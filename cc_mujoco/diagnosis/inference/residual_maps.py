@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.evidence import Map, Trace
 from cc_mujoco.diagnosis.verdict import Where
+from cc_mujoco.diagnosis.wording import number, share
 
 BINS = 14
 SHIFTS = 30
@@ -200,9 +201,12 @@ def sentence(drawn: Map) -> str:
     # Middles of bins that are even about 0 miss it by rounding.
     place = np.where(np.abs(centre) < 1e-9 * np.max(np.abs(centre)), 0.0, centre)
     unit = "" if drawn.unit == "1" else f" {drawn.unit}"
+    step = float(np.ptp(centre)) / BINS
+    first, last = (
+        f"{error[k]:+.3g} Nm at {number(place[k], step)}{unit}" for k in (low, high)
+    )
     return (
-        f"{drawn.share:.0%} of the squared {_WORDS[drawn.channel]} error lies along "
-        f"{drawn.axis} (chance gives {drawn.chance:.0%}): measured minus simulated is "
-        f"{error[low]:+.3g} Nm at {place[low]:.3g}{unit} and "
-        f"{error[high]:+.3g} Nm at {place[high]:.3g}{unit}."
+        f"{share(drawn.share)} of the squared {_WORDS[drawn.channel]} error lies along "
+        f"{drawn.axis} (chance gives {share(drawn.chance)}): measured minus simulated "
+        f"is {first} and {last}."
     )

@@ -27,6 +27,7 @@ from cc_mujoco.diagnosis.wording import (
     number,
     plain,
     share,
+    tried,
 )
 from cc_mujoco.estimation.least_squares import Estimate
 from cc_mujoco.page import (
@@ -49,7 +50,16 @@ def header(diagnosis: Diagnosis, names: Names) -> Html:
         element("h1", headline(diagnosis, names)),
         steps(diagnosis, names),
         paragraph(diagnosis.statement),
-        paragraph(MEANING[diagnosis.verdict]),
+        paragraph(
+            " ".join(
+                each
+                for each in (
+                    tried(diagnosis) if diagnosis.verdict == "unknown" else "",
+                    MEANING[diagnosis.verdict],
+                )
+                if each
+            )
+        ),
     )
 
 
@@ -108,7 +118,7 @@ def trials(diagnosis: Diagnosis) -> Html | None:
 
 
 def where(diagnosis: Diagnosis) -> Html | None:
-    """Where the error lies, worst first."""
+    """Return where the error lies, the main sentence first."""
     if not diagnosis.where:
         return None
     items = []
@@ -117,6 +127,8 @@ def where(diagnosis: Diagnosis) -> Html | None:
             f" ({channel(each.channel)} over {plain(each.axis)}: "
             f"{share(each.share_of_error)} of its variance)"
         )
+        if each.axis == "channel":  # the main sentence, which has its numbers
+            note = ""
         items.append(joined([each.statement, element("span", note, class_="small")]))
     return bullets(items, ranked=True)
 
@@ -162,7 +174,8 @@ def candidates(diagnosis: Diagnosis, names: Names) -> Html | None:
     """Every effect that was refitted, what it removed and why it was not named."""
     rounds = [each for each in diagnosis.runner_ups if each]
     if not rounds:
-        return None
+        told = tried(diagnosis)
+        return paragraph(told) if told else None
     parts: list[Html] = []
     for count, each in enumerate(rounds, start=1):
         if len(rounds) > 1:

@@ -1,0 +1,71 @@
+"""Where an error lies: the first sentence names the torque and the structure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.report.steps import steps
+from cc_mujoco.diagnosis.verdict import Diagnosis
+from cc_mujoco.diagnosis.wording import MEANING, Names, tried
+from diagnosis.inference.test_trial_trends import day
+from diagnosis.recorded import BENCH, dataset
+
+IDS = ("motor_inertia",)
+
+
+def rippled(side: str, by_torque: bool) -> Diagnosis:
+    """A diagnosis of trials in which one torque has a ripple, 16 per turn."""
+    data = dataset(duration=3.0, seed=3, chosen=(0, 2))
+    trials = []
+    for trial in data.trials:
+        torque = np.asarray(getattr(trial, f"{side}_torque"))
+        phase = 16.0 * getattr(trial, f"{side}_angle") + 0.4
+        more = 0.2 * (torque if by_torque else 1.0) * np.cos(phase)
+        trials.append(replace(trial, **{f"{side}_torque": torque + more}))
+    return reason(replace(data, trials=tuple(trials)), BENCH, ids=IDS).diagnosis
+
+
+@pytest.mark.parametrize(("side", "by_torque"), [("motor", True), ("joint", False)])
+def test_the_first_sentence_names_torque_period_and_amplitude(
+    side: str, by_torque: bool
+) -> None:
+    found = rippled(side, by_torque)
+    assert found.verdict == "unknown", found.statement
+    first, second = found.where[:2]
+    assert first.channel == second.channel == f"{side}_torque_nm"
+    assert f"The error is in the {side} torque only" in first.statement
+    assert f"periodic in the {side} angle, 16 per turn" in first.statement
+    amplitude = "proportional to the torque" if by_torque else "the same at every"
+    assert amplitude in first.statement
+    assert second.axis == f"{side} angle" and second.share_of_error > 0.5
+    assert first.statement in str(steps(found, Names()))
+
+
+def test_friction_that_falls_from_trial_to_trial_is_the_first_sentence() -> None:
+    data = day([1.3, 1.15, 1.0, 0.85, 0.7])
+    found = reason(data, BENCH, ids=IDS).diagnosis
+    assert found.verdict == "unknown", found.statement
+    first, second = found.where[:2]
+    assert "The error is in both torques" in first.statement
+    assert "falls steadily from trial to trial" in first.statement
+    assert "degrees of freedom, p =" in second.statement
+
+
+def test_nothing_is_claimed_of_a_rig_that_is_as_its_scene() -> None:
+    found = reason(dataset(duration=1.5, seed=3), BENCH, ids=IDS).diagnosis
+    assert found.verdict == "none"
+    assert "No torque is far off" in found.where[0].statement
+    assert all("periodic" not in each.statement for each in found.where)
+    assert all("trial to trial" not in each.statement for each in found.where)
+
+
+def test_no_step_is_empty_and_no_effect_tried_that_was_not() -> None:
+    nothing = Diagnosis("unknown", "Something is missing.", runner_ups=((),))
+    assert "Where to look: </strong>No quantity" in str(steps(nothing, Names()))
+    assert "none was refitted" in tried(nothing)
+    assert tried(Diagnosis("fix-data", "A fault.")) == ""
+    assert "tried" not in MEANING["unknown"]

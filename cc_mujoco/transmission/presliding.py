@@ -303,6 +303,10 @@ def preslide(
                 now, wanted = 1.0, most
             elif elastic < least:
                 now, wanted = -1.0, least
+            both = slack[s] != 0.0 and slack[s + 1] != 0.0
+            if both and slip_direction[s] != 0.0 and own[s] == 0.0 != offset[s]:
+                # No displacement balances drag without tension: its bristles give way.
+                now, settled = 0.0, False
             if now != slip_direction[s]:
                 scale = abs(proximal) + abs(node[s + 1]) + drag[s]
                 if abs(node[s + 1] - wanted) > _ROUNDING * scale:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.episode import unsafe_from
 from cc_mujoco.recording.signals import lag, loop_opening
 
 Array = NDArray[np.float64]
@@ -20,8 +21,6 @@ THIN = 5
 """Samples in a step of the correlation, whose peak is refined beyond it."""
 TAUT = 0.1
 """Share of the largest desired torque above which a cable that only pulls is taut."""
-TOO_LONG = 0.01
-"""Time for which a torque beyond what is safe is a failure [s]."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +114,7 @@ def score(
         else math.nan
     )
     angle = columns["joint_angle_rad"]
-    unsafe = _longest(np.abs(torque) > limits.torque) * period >= TOO_LONG
+    unsafe = unsafe_from(torque, limits.torque, period) is not None
     torn = bool(np.max(columns["tension_n"]) > limits.strength)
     return {
         "rms_error": _rms(error),
@@ -129,12 +128,6 @@ def score(
         "slack": float(np.mean(wrong)),
         "failed": float(unsafe or torn),
     }
-
-
-def _longest(mask: NDArray[np.bool_]) -> int:
-    """Length of the longest run of samples for which a mask is set."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def _smooth(values: Array, period: float) -> Array:

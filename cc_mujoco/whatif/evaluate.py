@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.control import controller
+from cc_mujoco.episode import unsafe_from
 from cc_mujoco.human import Wearer
 from cc_mujoco.identity import made_by
 from cc_mujoco.sensing import PERFECT
@@ -59,7 +60,8 @@ class Result(NamedTuple):
     metrics: dict[str, float]
     """All `numbers`; NaN where one cannot be had."""
     failed: str
-    """Why it failed in simulation; empty where it did not."""
+    """Why it failed in simulation, where it diverged or put more into the joint than is
+    safe; empty where it did not."""
     controller: str = ""
     """The one that metrics are of; empty where the design failed."""
     worst: tuple[str, ...] = ()
@@ -143,6 +145,8 @@ def _tried(
             episode = dataclasses.replace(episode, task=task)
         played = play(episode, models, tick=_within(tick, start, part))
         for index, why in enumerate(played.failed):
+            if not why and test == "episode":
+                why = _unsafe(played, index, builder.device.safe_torque)
             of = (law,) if law else laws
             if why:
                 where = "" if test == "episode" else f"{test} test: "
@@ -336,6 +340,16 @@ def _measure(
     if any(METRICS[name].strides for name in protocol.metrics):
         found |= measure_strides(row, gait.pace_of(design), gait.body_of(design).moment)
     return found
+
+
+def _unsafe(played: Rollout, index: int, safe: float) -> str:
+    """Return why the torque of a design is a failure; empty where it is none."""
+    time = played.columns["time_s"][index]
+    torque = played.columns["joint_torque_nm"][index]
+    first = unsafe_from(torque, safe, float(time[1] - time[0]))
+    if first is None:
+        return ""
+    return f"the joint torque exceeds the safe {safe:g} Nm at {time[first]:.3f} s"
 
 
 def _within(tick: Tick, start: float, part: float) -> Callable[[float], None]:

@@ -423,7 +423,7 @@ def test_a_saved_policy_drives_designs_as_their_environments(
     network = Network((weights,), (np.zeros(1),), "identity", False, *still)
     law = str(tmp_path / "policy.safetensors")
     write_policy(law, network, observed)
-    folder, vary = tmp_path / "study", {"motor_torque": [0.5, 40.0]}
+    folder, vary = tmp_path / "study", {"motor_torque": [0.5, 4.0]}
     about: dict[str, Any] = {**SHORT, "trajectory": "sine", "controllers": [law]}
     table = study(scene, vary, out=folder, **about)
     for row in range(2):
@@ -526,3 +526,17 @@ def test_the_table_says_what_its_columns_are() -> None:
     assert unit == METRICS["peak_motor_power"].unit.encode()
     assert table.schema.field("reflected_torque").type == pa.float64()
     assert not set(METRICS) & set(VARIABLES)
+
+
+@pytest.mark.parametrize("drag", [0.0, 200.0])
+def test_a_design_that_pulls_harder_than_is_safe_has_failed(drag: float) -> None:
+    """As in the benchmark; it was ranked by its metrics."""
+    vary = {"load_independent_friction": [drag]}
+    plan = make_plan("ankle", vary, controllers=["none"], duration=1.3,
+                     metrics=("tracking_error",))  # fmt: skip
+    (result,) = evaluate(plan.protocol, plan.designs)
+    if drag:
+        assert result.failed.startswith("the joint torque exceeds the safe 60 Nm at ")
+    else:
+        assert result.failed == ""
+    assert math.isnan(result.metrics["tracking_error"]) == bool(result.failed)

@@ -216,6 +216,7 @@ class Device:
             inertia=float(self.model.dof_M0[self.places.motor_v]),
             damping=float(self.model.dof_damping[self.places.motor_v]),
             joint_inertia=float(self.model.dof_M0[self.places.joint_v]),
+            safe_torque=self.setup.safe_torque,
             crossed=self.winding.others(self.model) if self.winding else (),
             observed=self.observed(period),
         )

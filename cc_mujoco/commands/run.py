@@ -76,7 +76,13 @@ class Run:
 
         limits, period = settings.limits, settings.period
         require_told(settings.scene, limits)
-        drive = drive_of(settings.scene, self.rig.parent, period, limits.torque)
+        drive = drive_of(
+            settings.scene,
+            self.rig.parent,
+            period,
+            limits.torque,
+            limits.joint_torque,
+        )
         if isinstance(desired, Course):
             desired.require_within(drive, limits)
         law = controller(self.controller, drive)

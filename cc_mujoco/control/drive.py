@@ -66,6 +66,10 @@ class Drive:
     """Control steps by which what is measured comes late."""
     torque_noise: float = 0.0
     """Standard deviation of the joint torque sensor [Nm]."""
+    safe_torque: float = math.inf
+    """Most that the cables may put into the joint [Nm]; of a lever, in the neutral
+    pose. Long before it is reached, controllers with a model let the joint go, see
+    `guard`."""
     crossed: tuple[str, ...] = ()
     """Joints besides the driven one whose motion winds the cables. Then controllers
     with a model need `sensing.WINDING`."""
@@ -87,6 +91,10 @@ class Drive:
             raise CableError(
                 f"Drive.period must be a positive number of seconds, "
                 f"not {self.period!r}."
+            )
+        if not self.safe_torque > 0.0:
+            raise CableError(
+                f"Drive.safe_torque must be above 0 Nm, not {self.safe_torque!r}."
             )
         shapes = {
             tuple((s.proximal, s.distal, s.cable.segments) for s in row)

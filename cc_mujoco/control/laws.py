@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled, internal
-from cc_mujoco.control import compensation
+from cc_mujoco.control import compensation, guard
 from cc_mujoco.transmission.parameter import Parameter, parameter, parameters_of
 from cc_mujoco.transmission.stepper import Counts
 
@@ -31,9 +31,10 @@ SEEN = (
 """What the laws read, of `sensing.MEASURED`."""
 ANGLE, VELOCITY, JOINT_VELOCITY, TORQUE, DESIRED = range(len(SEEN))
 
-INTEGRAL, SENSE = range(2)
-"""Of the memory: torque of the integral [Nm]; sense in which the motor shall turn."""
-MEMORY = 2
+INTEGRAL, SENSE, RELEASED = range(3)
+"""Of the memory: torque of the integral [Nm]; sense in which the motor shall turn;
+1 while the guard has the motor follow the joint."""
+MEMORY = 3
 """Numbers that a law keeps."""
 
 
@@ -99,6 +100,13 @@ class Gains:
         default=0.0,
         meaning="torque at the joint below which the sense does not turn",
     )
+    safe_torque: float = parameter(
+        unit="Nm",
+        bounds=(0.0, guard.UNLIMITED),
+        default=guard.UNLIMITED,
+        low_open=True,
+        meaning="most that the cables may put into the joint",
+    )
 
     @property
     def packed(self) -> FloatArray:
@@ -111,8 +119,18 @@ GAINS: tuple[Parameter, ...] = parameters_of(Gains)
 
 (
     _RATIO, _LOW, _HIGH, PERIOD, _ONE_WAY, _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL,
-    _SETTLING, _PREVIEW, _TOLERANCE,
+    _SETTLING, _PREVIEW, _TOLERANCE, _SAFE,
 ) = range(len(GAINS))  # fmt: skip
+
+
+@internal
+def _limited(gains: FloatArray, torque: float) -> float:
+    """Return a torque within the limits of the motor [Nm]; no number stays none."""
+    if torque < gains[_LOW]:
+        return float(gains[_LOW])
+    if torque > gains[_HIGH]:
+        return float(gains[_HIGH])
+    return float(torque)
 
 
 @compiled
@@ -132,15 +150,11 @@ def closed(
     if gains[_ONE_WAY] != 0.0:
         following = np.maximum(following, -np.maximum(feedforward, 0.0))
     torque = feedforward + gains[_PROPORTIONAL] * error / ratio + following
-    limited = torque  # no number stays none
-    if torque < gains[_LOW]:
-        limited = gains[_LOW]
-    elif torque > gains[_HIGH]:
-        limited = gains[_HIGH]
+    limited = _limited(gains, torque)
     # Beyond a limit, and the error would push further.
     if not (torque - limited) * (error / ratio) > 0.0:
         memory[INTEGRAL] = following
-    return float(limited)
+    return limited
 
 
 @compiled
@@ -160,6 +174,28 @@ def _damping(gains: FloatArray, stiffness: float, seen: FloatArray) -> float:
     ratio = gains[_RATIO]
     ahead = seen[VELOCITY] - ratio * seen[JOINT_VELOCITY]
     return float(gains[_SETTLING] * stiffness / (ratio * ratio) * ahead)
+
+
+@internal
+def _lets_go(gains: FloatArray, memory: FloatArray, seen: FloatArray) -> bool:
+    """Return whether the motor is to follow the joint; then the law begins anew."""
+    memory[RELEASED] = guard.released(
+        memory[RELEASED], seen[TORQUE], seen[DESIRED], gains[_SAFE]
+    )
+    if memory[RELEASED] == 0.0:
+        return False
+    memory[INTEGRAL], memory[SENSE] = 0.0, 0.0
+    return True
+
+
+@compiled
+def guarded(
+    gains: FloatArray, stiffness: float, memory: FloatArray, seen: FloatArray
+) -> float:
+    """Motor torque of `proportional_integral`, guarded [Nm]; see `model_based`."""
+    if _lets_go(gains, memory, seen):
+        return _limited(gains, -_damping(gains, stiffness, seen))
+    return proportional_integral(gains, memory, seen[DESIRED], seen[TORQUE])
 
 
 @compiled
@@ -195,6 +231,8 @@ def model_based(
         seen: what is measured.
         scratch: (compensation.SCRATCH, cables).
     """
+    if _lets_go(gains, memory, seen):
+        return _limited(gains, -_damping(gains, stiffness, seen))
     feedforward = compensation.dynamic(
         prm, n, arm, distal, state, slip_direction, gain, seen[JOINT_VELOCITY],
         seen[DESIRED], scratch,
@@ -220,6 +258,8 @@ def stiction(
 
     `state` is that of the model (cables, numbers).
     """
+    if _lets_go(gains, memory, seen):
+        return _limited(gains, -_damping(gains, stiffness, seen))
     error = seen[DESIRED] - seen[TORQUE]
     motion = stiffness * gains[_PREVIEW] * seen[JOINT_VELOCITY]
     # Positive at the motor is what winds towards a positive ratio.

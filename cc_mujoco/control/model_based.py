@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.checks import number
 from cc_mujoco.compiled import FloatArray, compiled
@@ -84,12 +84,7 @@ class ModelBased(ProportionalIntegral):
         self.mismatch = mismatch
         self.stiffness = np.array([joint_stiffness(row) for row in drive.cable_drives])
         """Of all cables at the joint, one for all environments or one each [Nm/rad]."""
-        if drive.inertia > 0.0:
-            # A damper sampled this slowly would drive the motor, not calm it.
-            most = _STEADY * drive.inertia / drive.period
-            at_motor = float(self.stiffness.max()) / drive.ratio**2
-            settling = min(settling, most / at_motor)
-        self.settling = settling
+        self.settling = steady(drive, self.stiffness, settling)
         self.model = CableModel(drive)
         self._calls: Any = 0
 
@@ -150,6 +145,22 @@ class ModelBased(ProportionalIntegral):
     def disturbance(self) -> Any:
         """Motor torque that is added to what is fed forward [Nm]: none."""
         return 0.0
+
+
+def steady(drive: Drive, stiffness: ArrayLike, settling: float) -> float:
+    """Return a time in which a damped motor settles that is stable [s].
+
+    Args:
+        drive: The device.
+        stiffness: Of all cables at the joint, one or one each [Nm/rad].
+        settling: The time that is wanted [s].
+    """
+    if not drive.inertia > 0.0:
+        return settling
+    # A damper sampled this slowly would drive the motor, not calm it.
+    most = _STEADY * drive.inertia / drive.period
+    at_motor = float(np.max(stiffness)) / drive.ratio**2
+    return min(settling, most / at_motor)
 
 
 @compiled

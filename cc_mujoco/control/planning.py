@@ -5,7 +5,10 @@ cables: the rotor as an observer has it, with the torque that the model does not
 explain; motion of the joint and of the desired torque, per control step, by filters of
 third order; the sense in which the motor turns; the torque through a low-pass; by how
 many control steps measurements are late; energy that the joint was given beyond what is
-desired; bias of the torque sensor; logarithms of the factors of friction.
+desired; bias of the torque sensor; whether the guard has the motor follow the joint; by
+how much the torque sensor has shifted the joint of a single cable's model so that it
+pulls, now and when it last pulled no more than desired; logarithms of the factors of
+friction.
 
 Which torque made the rotor move as it was seen to tells how late that was: there is an
 observer of the rotor for every delay that may be, and the one that errs least is
@@ -20,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled, internal
-from cc_mujoco.control import rollout
+from cc_mujoco.control import guard, rollout
 from cc_mujoco.control.tuning import (
     BELIEF,
     DAMPER,
@@ -41,6 +44,7 @@ from cc_mujoco.control.tuning import (
     RATIO,
     ROTOR_0,
     ROTOR_1,
+    SAFE,
     SLOW,
     SPAN,
     SPEND,
@@ -56,7 +60,7 @@ from cc_mujoco.transmission.packing import segment_angles, slips, tensions
 
 ANGLE, VELOCITY, UNEXPLAINED, LOAD = 0, 1, 2, 3
 JOINT, AIM, SENSE, STARTED, FELT = 4, 7, 10, 11, 12
-LATE, ENERGY, BIAS, FRICTION = 13, 14, 15, 16
+LATE, ENERGY, BIAS, RELEASED, SHIFT, TAUT, FRICTION = 13, 14, 15, 16, 17, 18, 19
 """Places in the memory; behind the last there is a number for every cable."""
 
 ERROR, ROTOR = 3, 4
@@ -81,6 +85,10 @@ _UNSURE = 0.3
 """Relative error of friction for which a bias may be taken."""
 _BIASED = 2.0
 """Greatest bias of the torque sensor, over the torque that is one for sure."""
+_SETTLING = 0.03
+"""Time in which a motor that follows the joint gives in [s]."""
+_STEADY = 0.8
+"""Damping over what is the edge of stability, late as it is, at most."""
 _COULOMB = law.INDEX["friction"]
 
 
@@ -211,10 +219,19 @@ def _observe(
         made += tune[BELIEF] * (torque - made)
         if cables.n.size == 1 and made * cables.distal[0] > 0.0:
             made = 0.0  # noise may push, a cable cannot
-        joint = rollout.joint_for(
+        to = rollout.joint_for(
             cables, state, motor, joint, made, tune[STIFFNESS], 0.02 * tune[NOISE],
             tune[PERIOD], new, room.work,
         )  # fmt: skip
+        if cables.n.size == 1:
+            side = np.sign(cables.distal[0])
+            shift = _shift(
+                memory, side * (to - joint), -side * torque, -side, room, tune
+            )
+            if shift < side * (to - joint):
+                to = joint + side * shift
+                stepper.move(cables, state, motor, to, tune[PERIOD], new, room.work)
+        joint = to
     _copy(new, state)
     load = stepper.torque(cables, state, False, motor)[0]
     felt = 0.5 * (load + memory[LOAD])
@@ -235,6 +252,44 @@ def _observe(
     )
     memory[UNEXPLAINED] = rotors[believed, UNEXPLAINED]
     return joint
+
+
+@internal
+def _shift(
+    memory: FloatArray,
+    wanted: float,
+    pull: float,
+    way: float,
+    room: Room,
+    tune: FloatArray,
+) -> float:
+    """Return by how much the joint of a single cable's model is shifted [rad].
+
+    Drag keeps up a pull that no paying out ends. A model without that drag would be
+    shifted for as long, and its motor would pay out cable without an end. So while the
+    cable pulls more than desired, the shift is no more than what that pull stretches
+    it by, and what the motor takes up in half of the horizon.
+
+    Args:
+        memory: of the device.
+        wanted: by the torque sensor, above 0 where the cable is to pull more [rad].
+        pull: measured torque in the direction in which the cable pulls [Nm].
+        way: sign of such a torque.
+        room: of the plan.
+        tune: see `tuning.Tuning.packed`.
+    """
+    shift = memory[SHIFT] + wanted
+    if pull > max(way * memory[AIM], 0.0) + tune[NOISE]:
+        half = 0.5 * tune[SPAN] * room.push.size
+        quick = max(abs(tune[LOW]), abs(tune[HIGH])) / tune[INERTIA]
+        reach = 0.25 * quick * half * half / abs(tune[RATIO])
+        most = memory[TAUT] + pull / tune[STIFFNESS] + reach
+        shift = min(shift, max(most, memory[SHIFT]))
+    elif pull > tune[NOISE]:
+        memory[TAUT] = shift
+    wanted = shift - memory[SHIFT]
+    memory[SHIFT] = shift
+    return float(wanted)
 
 
 @compiled
@@ -410,6 +465,13 @@ def _plan(
     return 0.5 * cost / count
 
 
+@internal
+def _damping(tune: FloatArray, delay: int) -> float:
+    """Damping of a motor that follows the joint [Nm s/rad]."""
+    steady = _STEADY * tune[INERTIA] / (tune[PERIOD] * (1 + delay))
+    return float(min(_SETTLING * tune[STIFFNESS] / tune[RATIO] ** 2, steady))
+
+
 @compiled
 def act(
     cables: stepper.Cables,
@@ -460,6 +522,11 @@ def act(
     load = 0.5 * (load + stepper.torque(cables, room.new, False, angle)[0])
     torque = load + tune[INERTIA] * best[0] + tune[DAMPING] * velocity
     torque -= memory[UNEXPLAINED]
+    own = device.memory
+    own[RELEASED] = guard.released(own[RELEASED], seen[2], seen[3], tune[SAFE])
+    if own[RELEASED] != 0.0:
+        ahead = velocity - tune[RATIO] * memory[JOINT + 1] / dt
+        torque = -_damping(tune, delay) * ahead
     torque = min(max(torque, tune[LOW]), tune[HIGH])
     for i in range(applied.size - 1):
         applied[i] = applied[i + 1]

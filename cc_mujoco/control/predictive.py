@@ -17,6 +17,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control import planning
 from cc_mujoco.control.controller import Controller, readings, wound
 from cc_mujoco.control.drive import Drive
+from cc_mujoco.control.guard import UNLIMITED
 from cc_mujoco.control.model import CableModel, has_changed, joint_stiffness
 from cc_mujoco.control.tuning import Tuning
 from cc_mujoco.errors import CableError
@@ -217,6 +218,7 @@ class PredictiveCompensation(Controller):
             leak=period / ACCOUNT,
             yielding=yielding / known if (known := drive.joint_inertia) else 0.0,
             late=drive.delay,
+            safe_torque=min(drive.safe_torque, UNLIMITED),
         )
         """Numbers of the compiled functions, by name."""
         self.tables = planning.Tables(gains, unexplained, self.tuning.packed(stiffness))

@@ -13,6 +13,7 @@ from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.control import laws
 from cc_mujoco.control.controller import Controller, readings
 from cc_mujoco.control.drive import Drive
+from cc_mujoco.control.guard import UNLIMITED
 
 
 class ProportionalIntegral(Controller):
@@ -78,6 +79,7 @@ class ProportionalIntegral(Controller):
             feed_forward=float(self.feed_forward),
             proportional=self.proportional,
             integral=self.integral,
+            safe_torque=min(drive.safe_torque, UNLIMITED),
         )
 
     def memory(self, rows: int) -> FloatArray:

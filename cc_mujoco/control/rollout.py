@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import FloatArray, compiled, internal
 from cc_mujoco.transmission import stepper
-from cc_mujoco.transmission.packing import tensions
+from cc_mujoco.transmission.packing import node_stiffness, tensions
 
 _EVALUATIONS = 12
 _SLOWLY = 0.5
@@ -69,6 +69,30 @@ def joint_for(
     return start + at
 
 
+@internal
+def _pull(cables: stepper.Cables, state: FloatArray, distal: bool) -> float:
+    """Return the tension at one end of the first cable [N].
+
+    Where that end is slack it is below 0: what the cable that lies slack there would
+    need to be drawn taut as a whole. Drag that needs no tension keeps slack where it
+    is.
+    """
+    n = cables.n[0]
+    tension = tensions(state[0], n)
+    end, way = (n, -1) if distal else (0, 1)
+    if tension[end] >= 0.0:
+        return float(tension[end])
+    stiffness = node_stiffness(cables.prm[0], n)
+    slack, compliance, lies = 0.0, 0.0, True
+    for i in range(n + 1):
+        j = end + way * i
+        lies = lies and tension[j] < 0.0
+        if lies:
+            slack += tension[j] / stiffness[j]
+        compliance += 1.0 / stiffness[j]
+    return slack / compliance
+
+
 @compiled
 def made(cables: stepper.Cables, state: FloatArray, motor: float) -> float:
     """Torque of the cables at the joint [Nm].
@@ -77,8 +101,24 @@ def made(cables: stepper.Cables, state: FloatArray, motor: float) -> float:
     paid out nor left behind further than needed.
     """
     if cables.n.size == 1:
-        return float(-cables.distal[0] * tensions(state[0], cables.n[0])[cables.n[0]])
+        return float(-cables.distal[0] * _pull(cables, state, True))
     return stepper.torque(cables, state, True, motor)[0]
+
+
+@internal
+def _lack(
+    cables: stepper.Cables, state: FloatArray, motor: float, torque: float
+) -> float:
+    """Return what the cables lack of a torque, as far as the motor changes it [Nm].
+
+    A single cable whose end at the motor is slack cannot be made to pull less. So where
+    it pulls too much, that end is to be neither slack nor taut.
+    """
+    lack = torque - made(cables, state, motor)
+    if cables.n.size > 1 or lack * cables.distal[0] <= 0.0:
+        return lack
+    held = cables.distal[0] * _pull(cables, state, False)
+    return float(min(lack, held) if cables.distal[0] > 0.0 else max(lack, held))
 
 
 @compiled
@@ -101,9 +141,11 @@ def motor_for(
 ) -> float:
     """Nearest angle of the motor, `way` from where it is, that makes a torque [rad].
 
-    Where that way leads away from the torque or has no effect, the motor stays. Where
-    friction depends on speed, the motor gets there slowly and goes on with the joint:
-    the torque is that with which the cables are then drawn, not that of a leap.
+    Where that way leads away from the torque, the motor stays. Drag that needs no
+    tension leaves a pull that no paying out ends; then the motor goes to the nearest
+    torque that it can reach, see `_lack`. Where friction depends on speed, the
+    motor gets there slowly and goes on with the joint: the torque is that with which
+    the cables are then drawn, not that of a leap.
 
     Args:
         cables: of the transmission.
@@ -126,15 +168,16 @@ def motor_for(
     along = turned * cables.distal[0] / cables.proximal[0] if drags else 0.0
     toward = way * np.sign(rise)
     low, f_low, high, f_high = 0.0, 0.0, 0.0, 0.0
-    known, side, at, step = False, 0, 0.0, 0.0
+    known, side, at, step, tried = False, 0, 0.0, 0.0, 0.0
     for turn in range(_EVALUATIONS):
+        tried = at
         if drags:
             stepper.move(
                 cables, state, start + way * at - along, joint - turned,
                 _SLOWLY, leapt, work,
             )  # fmt: skip
         stepper.move(cables, before, start + way * at, joint, dt, new, work)
-        lack = toward * (torque - made(cables, new, start))
+        lack = toward * _lack(cables, new, start, torque)
         if abs(lack) <= tolerance:
             known = True
             break
@@ -157,6 +200,5 @@ def motor_for(
             at = low - f_low * (high - low) / (f_high - f_low)
         else:
             at = min(low + step, most)
-    if not known and cables.n.size == 1 and way * cables.proximal[0] > 0.0:
-        return start  # what is slack there already does not get any slacker
-    return start + way * at
+    # `new` is the state at the last angle that was tried.
+    return start + way * (at if known else tried)

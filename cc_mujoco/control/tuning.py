@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
+from cc_mujoco.control import guard
 from cc_mujoco.transmission.parameter import Parameter, parameter, parameters_of
 
 
@@ -118,6 +119,11 @@ class Tuning:
         meaning="by how many measurements are thought to be late at first",
     )  # fmt: skip
 
+    safe_torque: float = parameter(
+        unit="Nm", bounds=(0.0, guard.UNLIMITED), default=guard.UNLIMITED,
+        low_open=True, meaning="most that the cables may put into the joint",
+    )  # fmt: skip
+
     def packed(self, stiffness: float) -> FloatArray:
         """The numbers as the functions have them.
 
@@ -133,5 +139,5 @@ TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
 (
     PERIOD, INERTIA, DAMPING, RATIO, LOW, HIGH, SPAN, TOLERANCE, TURNING, NOISE, BELIEF,
     LEARNING, ZEROING, LEAST, SPEND, SLOW, DAMPER, ROTOR_0, ROTOR_1, MOTION_0, MOTION_1,
-    MOTION_2, FORGETTING, LEAK, YIELDING, LATE_FIRST, STIFFNESS,
+    MOTION_2, FORGETTING, LEAK, YIELDING, LATE_FIRST, SAFE, STIFFNESS,
 ) = range(len(TUNING) + 1)  # fmt: skip

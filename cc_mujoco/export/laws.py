@@ -68,7 +68,7 @@ _FEEDBACK = Law(
     entries.set_gains,
     entries.step_proportional_integral,
     False,
-    _SENSE | {"settling"},
+    _SENSE | {"settling", "safe_torque"},
 )
 LAWS: dict[type[Controller], Law] = {
     ProportionalIntegral: _FEEDBACK,

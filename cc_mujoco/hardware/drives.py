@@ -15,7 +15,13 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.hardware.limits import Limits
 
 
-def drive_of(scene: str, folder: Path, period: float, torque: float) -> Drive:
+def drive_of(
+    scene: str,
+    folder: Path,
+    period: float,
+    torque: float,
+    joint_torque: float = math.inf,
+) -> Drive:
     """The drive of a scene.
 
     Args:
@@ -23,6 +29,7 @@ def drive_of(scene: str, folder: Path, period: float, torque: float) -> Drive:
         folder: That a file is relative to.
         period: Of the loop [s].
         torque: Limit of the motor's, either way [Nm].
+        joint_torque: Limit of the joint's; of a device, that which is safe is one too.
 
     Returns:
         The drive, readings a period late and without tension sensors.
@@ -44,7 +51,13 @@ def drive_of(scene: str, folder: Path, period: float, torque: float) -> Drive:
             raise CableError.unknown("scene", scene, SCENES)
         drive = bench_drive(path, period)
     return dataclasses.replace(
-        drive, low=-torque, high=torque, period=period, sensors=(), delay=1
+        drive,
+        low=-torque,
+        high=torque,
+        period=period,
+        sensors=(),
+        delay=1,
+        safe_torque=min(drive.safe_torque, joint_torque),
     )
 
 

@@ -1,0 +1,250 @@
+"""Does any friction make a controller pull a joint harder than it should?
+
+    python scripts/benchmarks/check_friction.py --scenes ankle exosuit --out runs/f.csv
+
+Every friction term of the library is switched on at every device, small and large, and
+every controller drives the device once with a model that knows the term and once with
+one that does not. Sensors have the device's noise. A row passes where the joint torque
+never exceeds what is safe, and neither exceeds by more than `MARGIN` the largest
+desired torque, or else what the same device has with its motor let go: that much
+friction alone makes unavoidable.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+from cc_mujoco.benchmark.cell import FRAME_SKIP, WARM_UP
+from cc_mujoco.control import CONTROLLERS, Drive, controller
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.envs.exo import Exo
+from cc_mujoco.episode import Trace, run, unsafe_from
+from cc_mujoco.errors import CableError
+from cc_mujoco.markdown import table
+from cc_mujoco.sensing import Measuring
+from cc_mujoco.transmission.parameters import PARAMETERS
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.laws import Laws, Unpowered
+from cc_mujoco.whatif.simulate import Fleet
+
+Array = NDArray[np.float64]
+Term = Mapping[str, float]
+
+LARGE: dict[str, Term] = {
+    "none": {},
+    "static": {"static_friction": 0.4, "critical_slip_distance": 2e-3},
+    "viscous": {"viscous_friction": 30.0},
+    "grease": {"grease_drag": 5.0},
+    "stribeck": {"stribeck_friction": 0.1},
+    "load-independent": {"load_independent_friction": 10.0},
+    "seals": {"seal_proximal": 15.0, "seal_distal": 15.0},
+    "asymmetric": {"friction_asymmetry": 0.4},
+    "bristles": {"bristle_length": 5e-4},
+    "tension": {"tension_exponent": -0.3},
+    "ageing": {"ageing_friction": 0.05, "ageing_time": 0.1},
+    "wrap": {"wrap_growth": 30.0},
+    "drift": {"friction_drift": 0.2},
+    "heating": {"friction_heating": 2.0, "cooling_time": 2.0},
+}
+"""Friction terms at a size that is large for every device."""
+
+SHARES = 0.02, 1.0
+"""Sizes that are tried, over the large one."""
+MARGIN = 1.1
+"""Joint torque over the largest of desired and unavoidable that passes."""
+DRAG = "viscous", "grease", "load-independent", "seals"
+"""Terms that need no tension."""
+
+
+class Row(NamedTuple):
+    """What became of one episode; torques are largest sizes at the joint [Nm]."""
+
+    scene: str
+    controller: str
+    term: str
+    share: float
+    known: bool
+    rms_error: float
+    torque: float
+    desired: float
+    unavoidable: float
+    safe: float
+    unsafe: bool
+
+    @property
+    def passed(self) -> bool:
+        """Whether the joint was not pulled harder than it should be."""
+        return not self.unsafe and self.torque <= MARGIN * max(
+            self.desired, self.unavoidable
+        )
+
+
+def sized(term: Term, share: float) -> dict[str, float]:
+    """Return a term at a share of its size; lengths and times stay."""
+    units = {parameter.name: parameter.unit for parameter in PARAMETERS}
+    shapes = {"cooling_time", "ageing_time", "critical_slip_distance", "bristle_length"}
+    return {
+        name: value if name in shapes else share * value
+        for name, value in term.items()
+        if name in units
+    }
+
+
+def designs(scene: str, terms: Sequence[str], shares: Sequence[float]) -> list[Any]:
+    """Return name, share and design of every device that can be built."""
+    builder, found = Builder(scene), []
+    for name in terms:
+        for share in shares if LARGE[name] else (1.0,):
+            design = sized(LARGE[name], share)
+            if scene in ("finger", "exosuit"):  # open paths have no seals
+                design = {k: v for k, v in design.items() if "seal" not in k}
+                if not design and LARGE[name]:
+                    continue
+            design = {
+                f"{cable}.{key}": value
+                for cable in builder.cables
+                for key, value in design.items()
+            }
+            found.append((name, share, design))
+    return found
+
+
+def play(
+    scene: str,
+    law: str,
+    cases: Sequence[Any],
+    known: bool,
+    duration: float,
+    seed: int = 0,
+) -> list[Row]:
+    """Return what becomes of devices with friction terms, all at once.
+
+    Args:
+        scene: Name of the device's scene.
+        law: Name of a controller.
+        cases: Of `designs`.
+        known: Whether the controller's model has the terms; devices whose terms it
+            refuses are left out.
+        duration: Of an episode [s].
+        seed: Of motion and noise.
+    """
+    setup, builder = DEVICES[scene], Builder(scene)
+
+    def exo(design: Term) -> Exo:
+        model = builder.model(design)
+        return Exo(
+            setup, setup.trajectory, setup.task, duration, FRAME_SKIP, None, model
+        )
+
+    exos = [exo(design) for _, _, design in cases]
+    first, count = exos[0], len(exos)
+    script = first.author.write(seeding.np_random(seed)[0])
+    drives = [one.drive for one in exos]
+    if not known:
+        believed = exo({}).drive.cable_drives
+        drives = [dataclasses.replace(one, cable_drives=believed) for one in drives]
+    kept_back = [_refuses(law, setup.sensing.equip(drive)) for drive in drives]
+    if any(kept_back):  # a model that has no place for such a term
+        cases = [c for c, no in zip(cases, kept_back, strict=True) if not no]
+        return play(scene, law, cases, known, duration, seed) if cases else []
+    kept = "joint_torque_nm", "desired_torque_nm"
+    columns = []
+    for name in (law, None):
+        fleet = Fleet(first, [one.device for one in exos], (script,), 1, name or "")
+        measuring = Measuring(
+            setup.sensing, drives[0], first.device.driven, [seed] * count, fleet.steps
+        )
+        trace = Trace(kept, fleet.steps, fleet.going)
+        control = Unpowered(drives[0]) if name is None else Laws(name, drives)
+        with np.errstate(all="ignore"):  # what diverged is not a number
+            run(fleet, control, trace.keep, measure=measuring.measure, name=name or "")
+        columns.append(trace.columns)
+    start = round(min(WARM_UP, 0.5 * duration) / first.period)
+    torque, desired = (columns[0][name][start:] for name in kept)
+    free = columns[1][kept[0]][start:]
+    rows = []
+    for k, (term, share, _) in enumerate(cases):
+        error = torque[:, k] - desired[:, k]
+        rows.append(
+            Row(
+                scene,
+                law,
+                term,
+                share,
+                known,
+                float(np.sqrt(np.mean(error**2))),
+                float(np.max(np.abs(torque[:, k]))),
+                float(np.max(np.abs(desired[:, k]))),
+                float(np.max(np.abs(free[:, k]))),
+                setup.safe_torque,
+                unsafe_from(torque[:, k], setup.safe_torque, first.period) is not None,
+            )
+        )
+    return rows
+
+
+def _refuses(law: str, drive: Drive) -> bool:
+    try:
+        controller(law, drive)
+    except CableError:
+        return True
+    return False
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Play all rows; print those that do not pass, and how many do."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", nargs="+", default=list(DEVICES))
+    parser.add_argument("--controllers", nargs="+", default=list(CONTROLLERS))
+    parser.add_argument("--terms", nargs="+", default=list(LARGE), choices=LARGE)
+    parser.add_argument("--shares", nargs="+", type=float, default=list(SHARES))
+    parser.add_argument("--duration", type=float, default=3.0)
+    parser.add_argument("--out", type=Path)
+    given = parser.parse_args(argv)
+    rows = []
+    for scene in given.scenes:
+        cases = designs(scene, given.terms, given.shares)
+        for law in given.controllers:
+            for known in (True, False):
+                found = play(scene, law, cases, known, given.duration)
+                rows += found
+                failed = [row for row in found if not row.passed]
+                print(
+                    f"{scene}, {law}, {'known' if known else 'unknown'}: "
+                    f"{len(found) - len(failed)} of {len(found)} pass",
+                    file=sys.stderr,
+                    flush=True,
+                )
+    head = [*Row._fields]
+    print(
+        table(
+            head,
+            [
+                [
+                    f"{value:.3g}" if isinstance(value, float) else str(value)
+                    for value in row
+                ]
+                for row in rows
+                if not row.passed
+            ],
+        )
+    )
+    if given.out:
+        given.out.parent.mkdir(parents=True, exist_ok=True)
+        with given.out.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerows([head, *rows])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""Friction that needs no tension: what one cable pulls too much cannot be paid out."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from benchmarks.check_friction import DRAG, LARGE, SHARES, designs, play, sized
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cc_mujoco.control import CONTROLLERS, rollout
+from cc_mujoco.control.model import joint_stiffness
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.transmission import stepper
+from cc_mujoco.transmission.packing import tensions
+from control.devices import single
+
+DT = 0.003
+
+
+@given(
+    term=st.sampled_from(DRAG),
+    share=st.floats(1e-3, 1.0),
+    moved=st.floats(-2e-3, 2e-3),
+    wanted=st.floats(0.0, 30.0),
+)
+def test_a_cable_is_paid_out_to_the_nearest_torque_that_can_be_reached(
+    term: str, share: float, moved: float, wanted: float
+) -> None:
+    """And no further; the state that is left is that of the angle."""
+    (own,) = single().cables
+    cable = own.cable.replace(**sized(LARGE[term], share))
+    cables = stepper.between([cable], [own.proximal], [own.distal])
+    start = stepper.at_rest(cables, 0.0, 0.0)
+    new, leapt = np.zeros_like(start), np.zeros_like(start)
+    work, tolerance = stepper.scratch(cables), 0.01
+    rise = joint_stiffness([dataclasses.replace(own, cable=cable)])
+
+    def pull(paid: float) -> float:
+        stepper.move(cables, start, -paid, moved, DT, leapt, work)
+        return max(float(tensions(leapt[0], cable.segments)[-1]), 0.0)
+
+    found = -rollout.motor_for(
+        cables, start, 0.0, -1.0, moved, moved, wanted, rise, 2.0, tolerance, DT,
+        False, leapt, new, work,
+    )  # fmt: skip
+    assert found >= 0.0
+    left = pull(found)
+    if found > 0.0:
+        assert max(float(tensions(new[0], cable.segments)[-1]), 0.0) == left
+    reached = [pull(paid) for paid in np.linspace(0.0, 0.05, 101)]
+    if pull(0.0) > wanted:
+        best = min(one for one in reached if one >= wanted - tolerance) - wanted
+        assert abs(left - wanted) <= best + 0.02 * left + 3.0 * tolerance
+        # No slack at the motor, up to what the tolerance is of the end's stiffness.
+        assert float(tensions(new[0], cable.segments)[0]) > -1.0
+    else:
+        assert found == 0.0
+
+
+@pytest.mark.parametrize(
+    ("scene", "term", "most"),
+    [("ankle", "load-independent", 0.5), ("exosuit", "grease", 0.5)],
+)
+def test_a_drag_that_is_known_leaves_no_more_than_it_has_to(
+    scene: str, term: str, most: float
+) -> None:
+    """The motor stood still, and a walking ankle was pulled with 90 Nm."""
+    (row,) = play(scene, "predictive", designs(scene, [term], [0.02]), True, 1.7)
+    assert row.passed
+    assert row.rms_error < most
+
+
+def test_a_drag_that_is_not_known_is_not_paid_out_for_without_an_end() -> None:
+    """It was: the error was 3.9 Nm, and 2.9 of a controller that knows the seals."""
+    cases = designs("ankle", ["seals"], [1.0])
+    (row,) = play("ankle", "predictive", cases, False, 2.2)
+    assert row.passed
+    assert row.rms_error < 3.3
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("scene", DEVICES)
+@pytest.mark.parametrize("law", CONTROLLERS)
+def test_no_friction_makes_a_controller_pull_harder_than_it_should(
+    scene: str, law: str
+) -> None:
+    cases = designs(scene, list(LARGE), SHARES)
+    for known in (True, False):
+        for row in play(scene, law, cases, known, 3.0):
+            assert row.passed, row

@@ -56,7 +56,9 @@ def test_friction_that_falls_from_trial_to_trial_is_the_first_sentence() -> None
 
 
 def test_nothing_is_claimed_of_a_rig_that_is_as_its_scene() -> None:
-    found = reason(dataset(duration=1.5, seed=3), BENCH, ids=IDS).diagnosis
+    found = reason(
+        dataset(duration=1.0, seed=3, chosen=(0, 2)), BENCH, ids=IDS
+    ).diagnosis
     assert found.verdict == "none"
     assert "No torque is far off" in found.where[0].statement
     assert all("periodic" not in each.statement for each in found.where)

@@ -44,3 +44,15 @@ def test_a_trial_s_pretension_is_relative_to_the_known_one() -> None:
     plant = Plant(bench, records, 8)
     cables = plant.cables({"pretension": 44.0}, (), pretension=20.0)
     assert cables[0].pretension == pytest.approx(22.0)
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-3, 80.0, 8e5])
+def test_a_pretension_as_uncertain_as_large_stays_one_of_a_cable(value: float) -> None:
+    constants = {"pretension": Constant(value, value or 5.0)}
+    bench = BENCH.known(constants)
+    records, _ = prepare(dataset(duration=1.0), bench)
+    (free,) = [p for p in tuned(bench, records, constants) if p.name == "pretension"]
+    plant = Plant(bench, records, 8, constants=constants)
+    for place in (free.low, 0.0, free.high):
+        cable, _ = plant.cables({"pretension": free.value(place)}, ())
+        assert cable.pretension == free.value(place)

@@ -43,6 +43,8 @@ PRETENSION_GUESSED = 1.0
 """The same of one that is guessed by the data."""
 STIFFEST = 0.9 * max(p.high for p in PARAMETERS if p.name == "axial_stiffness")
 """Largest axial stiffness that is fitted, short of what a cable takes [N]."""
+TAUTEST = 0.9 * max(p.high for p in PARAMETERS if p.name == "pretension")
+"""Largest pretension that is fitted, short of what a cable takes [N]."""
 _TURNS = 0.01
 """Share of its usual top speed at which a motor's own friction has its direction."""
 OFFSETS = ("motor_torque_offset", "joint_torque_offset")
@@ -89,7 +91,7 @@ def tuned(
 
     def unsure(name: str, value: float, otherwise: float) -> float:
         given = constants.get(name, Constant(value)).uncertainty
-        return given / max(value, 1e-9) or otherwise
+        return given / value if given > 0.0 and value > 0.0 else otherwise
 
     known = unsure(
         "pretension",
@@ -113,8 +115,18 @@ def tuned(
             ("axial_stiffness", "N", cable.axial_stiffness, -wide, stiffest),
         )
     ]
+    tautest = math.log(TAUTEST / max(cable.pretension, 1e-9)) / known
     found += [
-        Tuned("pretension", "N", cable.pretension, known, -10.0, 10.0, True, 1.0),
+        Tuned(
+            "pretension",
+            "N",
+            cable.pretension,
+            known,
+            -10.0,
+            min(10.0, tautest),
+            True,
+            1.0,
+        ),
         *(
             Tuned(OFFSETS[k], "Nm", 0.0, size, -2.0, 2.0, False, 1.0)
             for k in sensors

@@ -60,6 +60,7 @@ from cc_mujoco.engine.block import (
     SHAPE,
     STAGE,
     STAGES,
+    STIFFEST,
     TEXT_CAPACITY,
     TEXT_SIZE,
     TIED,
@@ -87,6 +88,7 @@ from cc_mujoco.engine.evaluation import (
     follow_others,
     inputs,
     repack,
+    stiffened,
     up_to_date,
 )
 from cc_mujoco.engine.leading import compile_leading, follow, lay, pull, refer
@@ -118,7 +120,7 @@ from cc_mujoco.engine.telling import (
     warn_jump,
     warn_once,
 )
-from cc_mujoco.transmission import kernel, packing
+from cc_mujoco.transmission import kernel, material, packing
 from cc_mujoco.transmission.parameters import MAX_SECTIONS
 
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
@@ -283,10 +285,17 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             refer(block, model, data)
         n = load_word(block + SEGMENTS)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
-        state = fields.state(model, data, instance)
+        at_state = fields.state(model, data, instance)
+        state = floats(at_state, kernel.state_size(n))
+        if opens(block):
+            # The packed nodes are those of the next step.
+            prm = prm.copy()
+            reference = floats(shape_at(block, n, REFERENCE), pieces.shape_size(n))
+            before = pieces.lengths_before(reference, memory(at_state, n), n)
+            material.loosen(prm, n, packing.tensions(state, n), before)
         found = floats(out, n + 2)
         assign(found[: n + 1], packing.node_compliance(prm, n))
-        found[n + 1] = kernel.stored(prm, n, floats(state, kernel.state_size(n)))
+        found[n + 1] = kernel.stored(prm, n, state)
 
     export("cc_mujoco_compliance", compliance.address)
 
@@ -338,9 +347,9 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         limit = longest[worst]
         if step <= limit:
             return
-        used = steps.explain(message, start, worst, limit, step)
+        used = steps.name(message, start, worst, step)
         if not said_before(message, used, fields.signature(model)):
-            warn(message, used)
+            warn(message, steps.explain(message, start, worst, limit, step))
 
     export("cc_mujoco_check", check.address)
 
@@ -423,6 +432,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         if block == 0 or not up_to_date(block, model, instance):
             return
         store_real(block + CHECKED, 0.0)
+        store_real(block + STIFFEST, 0.0)
         # The pose `qpos0` may be another since.
         store_word(block + REFERRED, 0)
         proximal_length = rest_displacement(model, block, PROXIMAL)
@@ -456,7 +466,9 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             if load_word(block + WALKED) != evaluation:
                 follow(block, model, data, state)
                 store_word(block + WALKED, evaluation)
-            if load_real(block + CHECKED) != fields.timestep(model):
+            # A piece that has become short needs a shorter step.
+            shorter = opens(block) and stiffened(block)
+            if shorter or load_real(block + CHECKED) != fields.timestep(model):
                 store_real(block + CHECKED, fields.timestep(model))
                 _check(model, data, instance)
             looks = ahead.implicit(model, block)

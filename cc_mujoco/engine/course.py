@@ -21,6 +21,7 @@ from cc_mujoco.engine.block import (
     memory,
     opens,
     parameters_at,
+    scratch_at,
     shape_at,
 )
 from cc_mujoco.engine.leading import follow
@@ -54,7 +55,8 @@ def course_of(
     place = int(model.joint(joint).qposadr[0])
     n, count = walk.wrap.size, angles.size
     wrap, contact = np.empty((2, count, n))
-    gained, distal = np.empty((count, n + 1)), np.empty(count)
+    gained, length = np.empty((2, count, n + 1))
+    distal = np.empty(count)
     start = int(np.searchsorted(angles, 0.0))
     pose = model.qpos0.copy()
     for rows in (range(start, count), range(start - 1, -1, -1)):
@@ -66,7 +68,10 @@ def course_of(
             distal[k] = walk.lay(pose) - rest
             total += walk.longer
             wrap[k], contact[k], gained[k] = walk.wrap, walk.contact, total
-    length, guided = walk.mesh()
+            length[k] = walk.length
+    guided = walk.guided()
+    if guided == n:
+        length = np.empty((0, n + 1))
     return Course(np.array(angles), wrap, contact, gained, distal, length, guided)
 
 
@@ -101,6 +106,7 @@ class _Walk:
         wrap: of the segments in the last pose (n,) [rad].
         contact: length over which they rub (n,) [m].
         longer: what the path gained at every node since the pose before (n + 1,) [m].
+        length: of an open path at every node (n + 1,) [m].
     """
 
     def __init__(self, model: mujoco.MjModel, cable: str) -> None:
@@ -115,7 +121,8 @@ class _Walk:
         self._model, self._data = model, mujoco.MjData(model)
         self._instance = known[cable]
         n = cable_of(model, self._instance, cable).segments
-        self.wrap, self.contact, self.longer = np.empty(n), np.empty(n), np.empty(n + 1)
+        self.wrap, self.contact = np.empty((2, n))
+        self.longer, self.length = np.empty((2, n + 1))
         self.lay(model.qpos0)
 
     def lay(self, pose: FloatArray) -> float:
@@ -130,14 +137,13 @@ class _Walk:
                 self.wrap,
                 self.contact,
                 self.longer,
+                self.length,
             )
         )
 
-    def mesh(self) -> tuple[FloatArray, int]:
-        """Length that the nodes of an open path stand for; segments in a conduit."""
-        length = np.empty(self.longer.size)
-        guided = int(_mesh(self._data._address, self._instance, length))
-        return (length if guided < self.wrap.size else np.empty(0)), guided
+    def guided(self) -> int:
+        """Number of segments in a conduit."""
+        return int(_guided(self._data._address, self._instance))
 
 
 @compiled
@@ -148,6 +154,7 @@ def _lay(
     wrap: FloatArray,
     contact: FloatArray,
     longer: FloatArray,
+    length: FloatArray,
 ) -> float:
     block, state = fields.block(data, instance), fields.state(model, data, instance)
     n = load_word(block + SEGMENTS)
@@ -157,16 +164,13 @@ def _lay(
     assign(contact, packing.contact_length(prm, n))
     fill(longer, 0.0)
     if opens(block):
-        assign(longer, packing.lengthening(prm, n))
         shape = floats(shape_at(block, n, 0), pieces.shape_size(n))
+        assign(longer, floats(scratch_at(block, n), n + 1))
+        assign(length, pieces.lengths(shape, n))
         pieces.remember(shape, n, memory(state, n))
     return displacement(data, block, DISTAL)
 
 
 @compiled
-def _mesh(data: int, instance: int, length: FloatArray) -> int:
-    block = fields.block(data, instance)
-    n = load_word(block + SEGMENTS)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
-    assign(length, packing.node_length(prm, n))
-    return load_word(block + GUIDED)
+def _guided(data: int, instance: int) -> int:
+    return load_word(fields.block(data, instance) + GUIDED)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from cc_mujoco.engine import fields
+from cc_mujoco.engine import fields, pieces
 from cc_mujoco.engine.block import (
     INPUTS,
     KNOWN,
     SEGMENTS,
     SHAPE,
+    STIFFEST,
     TEXT_SIZE,
     WALKED,
     committed_time,
@@ -164,6 +165,19 @@ def begin(
     )
     if opens(block):
         fill(memory(state, n), 0.0)
+
+
+@internal
+def stiffened(block: int) -> bool:
+    """Whether a piece is twice as stiff as it was when this was last so."""
+    n = load_word(block + SEGMENTS)
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    shape = floats(shape_at(block, n, 0), pieces.shape_size(n))
+    now = pieces.stiffest(shape, kernel.node_stiffness(prm, n), n)
+    if now <= 2.0 * load_real(block + STIFFEST):
+        return False
+    store_real(block + STIFFEST, now)
+    return True
 
 
 @internal

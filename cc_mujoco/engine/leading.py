@@ -17,7 +17,6 @@ from cc_mujoco.engine.block import (
     FRESH,
     GUIDED,
     INSTANCE,
-    KNOWN,
     MOUTH,
     PROXIMAL,
     REFERENCE,
@@ -39,7 +38,6 @@ from cc_mujoco.engine.memory import (
     Floats,
     add,
     assign,
-    equal,
     evaluate_bodies,
     evaluate_tendons,
     export,
@@ -52,7 +50,7 @@ from cc_mujoco.engine.memory import (
     store_word,
     types,
 )
-from cc_mujoco.transmission import kernel, packing, prepare
+from cc_mujoco.transmission import kernel, material, packing, prepare
 from cc_mujoco.transmission.parameters import MAX_SECTIONS
 
 _FOLLOW = types.void(types.intp, types.intp, types.intp, types.intp)
@@ -111,10 +109,13 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         reference = floats(shape_at(block, n, REFERENCE), size)
         assign(pieces.angles(seen, n)[:guided], pieces.angles(reference, n))
         assign(pieces.contacts(seen, n)[:guided], pieces.contacts(reference, n))
+        if guided > 0:
+            inside = pieces.lengths(reference, n)
+            assign(pieces.lengths(seen, n)[: guided + 1], inside)
         if load_word(block + FOLLOWS) == 1:
             length = fields.real(data, fields.TEN_LENGTH, tendon) - reach
-            inside = pieces.contacts(reference, n)[:guided]
-            path.bend(model, data, tendon, points, length, inside, seen[:guided])
+            rubs = pieces.contacts(reference, n)[:guided]
+            path.bend(model, data, tendon, points, length, rubs, seen[:guided])
 
     export("cc_mujoco_survey", survey_path.address)
 
@@ -151,8 +152,7 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         _, count = config.read(attributes, values, sections)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
         angles, contacts = kernel.segment_angles(prm, n), packing.contact_length(prm, n)
-        lengths = packing.node_length(prm, n)
-        fill(lengths, 0.0)
+        lengths = pieces.lengths(reference, n)
         if guided > 0:
             inside = np.empty(kernel.parameter_size(guided))
             kernel.pack(values, sections[:count], guided, inside)
@@ -161,9 +161,7 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
             rubs = packing.contact_length(inside, guided)
             assign(pieces.contacts(reference, n)[:guided], rubs)
             assign(lengths[: guided + 1], packing.node_length(inside, guided))
-        outside = pieces.lengths(reference, n)
-        for i in range(guided + 1 if guided > 0 else 0, n + 1):
-            lengths[i] = max(outside[i], pieces.SHORTEST)
+        assign(packing.node_length(prm, n), lengths)
         assign(angles, pieces.angles(reference, n))
         assign(contacts, pieces.contacts(reference, n))
         prm[packing.LENGTH] = lengths.sum()
@@ -189,10 +187,14 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
             reference = floats(shape_at(block, n, REFERENCE), size)
             gained = floats(scratch_at(block, n), n + 1)
             contacts = pieces.contacts(path_now, n)
-            pieces.lengthen(path_now, reference, memory(state, n), n, gained)
-            if not equal(gained, packing.lengthening(prm, n)):
-                assign(packing.lengthening(prm, n), gained)
-                store_word(block + KNOWN, 0)
+            before = memory(state, n)
+            pieces.lengthen(path_now, reference, before, n, gained)
+            material.carry(
+                prm, n, packing.tensions(floats(state, kernel.state_size(n)), n),
+                pieces.lengths_before(reference, before, n),
+                pieces.lengths(path_now, n), gained,
+            )  # fmt: skip
+            outdate(block)
         if prepare.relay(prm, n, floats(shape, n), contacts):
             outdate(block)
 

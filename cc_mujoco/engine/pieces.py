@@ -52,19 +52,19 @@ Floats = npt.NDArray[np.float64]
 _SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 _SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
 
-_CONTACT, _EXTENT, _LENGTH = 1, 2, 3
-_TOTAL, _TOUCH, _LEFT, _PLACE, _ALONG = 4, 5, 6, 7, 10
+_CONTACT, _EXTENT = 1, 2
+_LENGTH, _TOTAL, _TOUCH, _LEFT, _PLACE, _ALONG = 3, 4, 5, 6, 7, 10
 _ROWS = _ALONG + 3
-"""Rows of a shape, for every node; those of a span are at its first node. From `_TOTAL`
-on they are remembered: length, what is touched, length before the geom, and, in the
-frame of the geom, place of the point touched first and direction in which the path
-arrives there."""
+"""Rows of a shape, for every node; those of a span are at its first node. From
+`_LENGTH` on they are remembered: length of the node, length of the span, what is
+touched, length before the geom, and, in the frame of the geom, place of the point
+touched first and direction in which the path arrives there."""
 _SAME, _APART, _STRAIGHT, _ON_SPHERE, _ON_CYLINDER = 0.0, -1.0, 1.0, 2.0, 3.0
 """What `_TOUCH` may be."""
 ARC = 4
 """Segments that the arc around a geom gets unless told otherwise."""
 SHORTEST = 1e-6
-"""Least length of a node [m]."""
+"""By which every node is longer than its path, for none may have no length [m]."""
 
 
 @internal
@@ -76,7 +76,7 @@ def shape_size(n: int) -> int:
 @internal
 def memory_size(n: int) -> int:
     """Length of what a state remembers of the path, for a cable of n segments."""
-    return (_ROWS - _TOTAL) * (n + 1)
+    return (_ROWS - _LENGTH) * (n + 1)
 
 
 @internal
@@ -300,10 +300,10 @@ def survey(
             total[j], extent[j] = left + around + right, m + 1.0
             for i in range(m):
                 turn[j + i], contact[j + i] = corner / m, around / m
-                length[j + i] = around / m
+                length[j + i] = SHORTEST + around / m
             if touched:
-                length[j] = left + 0.5 * around / m
-                length[j + m] = right + 0.5 * around / m
+                length[j] = SHORTEST + left + 0.5 * around / m
+                length[j + m] = SHORTEST + right + 0.5 * around / m
                 centre = load_word(data + fields.GEOM_XPOS) + 24 * geom
                 kind = fields.integer(model, fields.GEOM_TYPE, geom)
                 touch[j] = _ON_SPHERE if kind == _SPHERE else _ON_CYLINDER
@@ -317,7 +317,7 @@ def survey(
                 _put(shape, n, _ALONG, j, _seen(data, geom, leaving))
             else:
                 for i in range(m + 1):
-                    length[j + i] = straight / (m + 1)
+                    length[j + i] = SHORTEST + straight / (m + 1)
                 touch[j] = _APART if geom >= 0 else _STRAIGHT
             j += m
         # Sites in one place have no path between them, and rub as one.
@@ -329,18 +329,36 @@ def survey(
 
 
 @internal
+def stiffest(shape: Floats, stiffness: Floats, n: int) -> float:
+    """Largest stiffness of the straight pieces, by that of all nodes [N/m]."""
+    extent, most = _row(shape, n, _EXTENT), 0.0
+    for j in range(n + 1):
+        if extent[j] != 0.0:
+            last = j + int(extent[j]) - 1
+            most = max(most, stiffness[j], stiffness[last])
+    return most
+
+
+@internal
 def remember(shape: Floats, n: int, memory: Floats) -> None:
     """Write what a state remembers of a path."""
-    assign(memory, shape[_TOTAL * (n + 1) :])
+    assign(memory, shape[_LENGTH * (n + 1) :])
 
 
 @internal
 def _before(reference: Floats, memory: Floats, n: int, j: int, row: int) -> float:
     """What a row had at node j in a state, see `lengthen`."""
-    at = (row - _TOTAL) * (n + 1) + j
-    if memory[(_TOUCH - _TOTAL) * (n + 1) + j] == _SAME:
-        return float(reference[_TOTAL * (n + 1) + at])
+    at = (row - _LENGTH) * (n + 1) + j
+    if memory[(_TOUCH - _LENGTH) * (n + 1) + j] == _SAME:
+        return float(reference[_LENGTH * (n + 1) + at])
     return float(memory[at])
+
+
+@internal
+def lengths_before(reference: Floats, memory: Floats, n: int) -> Floats:
+    """Length of path of every node in a state (n + 1,) [m], see `lengthen`."""
+    # Every node has a length, unless nothing is remembered yet.
+    return lengths(reference, n) if memory[0] == 0.0 else memory[: n + 1]
 
 
 @internal

@@ -65,7 +65,7 @@ def read(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> CableReading:
     Raises:
         CableError: the model has no cable of that name.
     """
-    reading = Reader(model, name, data).read(data.plugin_state)
+    reading = Reader(model, name).read(data.plugin_state)
     return CableReading(
         reading.tension,
         reading.slip,
@@ -98,15 +98,12 @@ class Reader:
     bits in both.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, name: str, data: mujoco.MjData | None = None
-    ) -> None:
+    def __init__(self, model: mujoco.MjModel, name: str) -> None:
         """Look the cable up.
 
         Args:
             model: the model.
             name: the cable.
-            data: a simulation of it, which saves making one for an open path.
 
         Raises:
             CableError: the model has no cable of that name.
@@ -122,13 +119,11 @@ class Reader:
         self.energy = self.start + 2
         """Where the energy dissipated since reset is [J]."""
         self._segments = cable.segments
-        self._compliance = (
-            _compliance(cable)
-            if cable.path == PATHS[0]
-            else _measured(model, data or mujoco.MjData(model), index, cable.segments)[
-                :-1
-            ]
-        )
+        self._compliance, self._strain, self._lengths = _compliance(cable), 0.0, -1
+        if cable.path != PATHS[0]:
+            # Behind the cable's own state and a time, see `block.memory`.
+            self._lengths = self.start + kernel.state_size(cable.segments) + 1
+            self._compliance, self._strain = _slack_compliance(cable)
         self._total = int(model.npluginstate)
 
     def read(self, plugin_state: Floats) -> CableReading:
@@ -147,7 +142,10 @@ class Reader:
         tension = np.empty((len(states), n + 1))
         slip = np.empty((len(states), n), np.int8)
         numbers = np.empty((5, len(states)))
-        _read(states, self.start, self._compliance, tension, slip, numbers)
+        _read(
+            states, self.start, self._lengths, self._compliance, self._strain, tension,
+            slip, numbers,
+        )  # fmt: skip
         return CableReading(
             tension.reshape(*shape, n + 1),
             slip.reshape(*shape, n),
@@ -159,14 +157,18 @@ class Reader:
 def _read(
     states: Floats,
     start: int,
+    lengths: int,
     compliance: Floats,
+    strain: float,
     tension: Floats,
     slip: NDArray[np.int8],
     numbers: Floats,
 ) -> None:
     """Read a cable whose state begins at `start` in each of some states (k, m).
 
-    `numbers` (5, k) are the last five of `CableReading`.
+    `lengths` is where they have the lengths of an open path's nodes, or -1; then a
+    slack node has `strain` by tension [1/N]. `numbers` (5, k) are the last five of
+    `CableReading`.
     """
     n = slip.shape[1]
     for row in range(states.shape[0]):
@@ -179,6 +181,9 @@ def _read(
         for i in range(n + 1):
             if not node[i] >= 0.0:
                 slack -= node[i] * compliance[i]
+                if lengths >= 0:
+                    stretched = 1.0 + node[i] * strain
+                    slack += states[row, lengths + i] * (1.0 / stretched - 1.0)
         for j in range(n):
             slip[row, j] = (slipped[j] > 0.0) - (slipped[j] < 0.0)
             moving += slipped[j] != 0.0
@@ -304,3 +309,13 @@ def _instance(model: mujoco.MjModel, name: str) -> int:
 def _compliance(cable: Cable) -> Floats:
     """Compliance of the nodes [m/N]."""
     return 1.0 / kernel.node_stiffness(packed(cable), cable.segments)
+
+
+def _slack_compliance(cable: Cable) -> tuple[Floats, float]:
+    """Compliance of the springs at the nodes [m/N], strain of slack cable [1/N]."""
+    springs = np.zeros(cable.segments + 1)
+    springs[0], springs[-1] = cable.proximal_compliance, cable.end_compliance
+    strain = 1.0 / cable.axial_stiffness
+    if cable.bedding_strain > 0.0:
+        strain += cable.bedding_strain / cable.bedding_tension
+    return springs, strain

@@ -163,6 +163,17 @@ def _pieces(model: int, data: int, block: int, out: Floats) -> None:
 
 
 @internal
+def name(message: Bytes, used: int, part: int, step: float) -> int:
+    """Add a part and a time step, by which a warning is known whatever the limit.
+
+    Returns:
+        The new length.
+    """
+    used = append(message, used, _ENDS[part])
+    return append_milliseconds(message, used, step)
+
+
+@internal
 def explain(message: Bytes, used: int, part: int, limit: float, step: float) -> int:
     """Add that a time step is too long for a part, as in `limits`; times in seconds.
 

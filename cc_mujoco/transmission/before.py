@@ -9,7 +9,7 @@ import math
 
 from cc_mujoco.compiled import FloatArray, internal
 from cc_mujoco.transmission import friction as law
-from cc_mujoco.transmission import nodes, prepare
+from cc_mujoco.transmission import material, nodes, prepare
 from cc_mujoco.transmission import packing as at
 
 _PRETENSION = law.INDEX["pretension"]
@@ -50,11 +50,26 @@ def relax_stress(
 
 
 @internal
-def lengthen(prm: FloatArray, n: int, old: FloatArray, work: FloatArray) -> FloatArray:
-    """Stretch every node by what its path gained; return the tension of the nodes."""
+def lengthen(
+    prm: FloatArray,
+    n: int,
+    old: FloatArray,
+    proximal: float,
+    distal: float,
+    work: FloatArray,
+) -> FloatArray:
+    """Stretch every node by what its path gained; return the tension of the nodes.
+
+    `proximal` and `distal` are the motions of the ends in this step [m].
+    """
     tension, gained = at.node_row(work, n, BEFORE), at.lengthening(prm, n)
     for i in range(n + 1):
-        tension[i] = nodes.pulled(prm, n, i, old[i], gained[i])
+        moved = gained[i]
+        if i == 0:
+            moved += material.wound(prm, proximal)
+        if i == n:
+            moved -= material.wound(prm, distal)
+        tension[i] = nodes.pulled(prm, n, i, old[i], moved)
     return tension
 
 

@@ -31,7 +31,7 @@ from cc_mujoco.compiled import (
     exported,
     internal,
 )
-from cc_mujoco.transmission import before, curved, nodes, prepare
+from cc_mujoco.transmission import before, curved, material, nodes, prepare
 from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission import packing as at
 from cc_mujoco.transmission.chain import lay
@@ -364,7 +364,10 @@ def _commit(
         # Mean friction over the slip; after a reversal slip begins at the new friction.
         if before * moved > 0.0:
             force = 0.5 * (force + before)
-        lost += max(force * moved, 0.0)
+        taken = max(force * moved, 0.0)
+        if prm[at.LENGTHENS] != 0.0:
+            taken *= material.heating(prm, node[j], node[j + 1])
+        lost += taken
         same = moved * before_slip[j] > 0.0
         slip[j] = moved + before_slip[j] if same else moved
         if ages:
@@ -469,7 +472,7 @@ def step(
     if prm[_STRESS_RELAXATION] > 0.0:
         tension = before.relax_stress(prm, n, state, dt, new_state, work)
     if lengthens:
-        tension = before.lengthen(prm, n, tension, work)
+        tension = before.lengthen(prm, n, tension, proximal_moved, distal_moved, work)
     yielding = yields[0] > 0.0 or yields[1] > 0.0
     if yielding:
         tension = before.give_way(prm, n, state, tension, yields, new_state, work)
@@ -563,4 +566,7 @@ def step(
     )
     if yielding:
         before.hold_ends(prm, n, state, yields, new_state)
+    if lengthens:
+        new_state[2] += prm[at.MIXED]
+        material.correct(prm, n, at.tensions(state, n), node)
     return OK

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from cc_mujoco.compiled import FloatArray, compiled, internal
 from cc_mujoco.errors import CableError
-from cc_mujoco.transmission import kernel, packing, stepper
+from cc_mujoco.transmission import kernel, material, packing, stepper
 from cc_mujoco.transmission.conduit import packed
 from cc_mujoco.transmission.parameters import Cable
 from cc_mujoco.transmission.prepare import relay
@@ -39,8 +39,8 @@ class Course:
             [m]; 0 inside a conduit.
         distal: (angles,) displacement of the distal end from where it is at 0 [m]; 0
             where it is tied to the end of the path.
-        length: (n + 1,) of cable that every node stands for [m]; empty where the
-            sections of the cable say so.
+        length: (angles, n + 1) of path that every node stands for [m]; empty where
+            the sections of the cable say so.
         guided: number of segments inside a conduit.
     """
 
@@ -154,6 +154,7 @@ class Led:
                 float(step),
                 course.wrap,
                 course.contact,
+                course.length,
                 course.gained,
                 np.gradient(course.gained, step, axis=0),
                 reached,
@@ -178,8 +179,8 @@ def _prepared(cable: Cable, course: Course) -> FloatArray:
     if course.open:
         packing.segment_angles(prm, n)[:] = course.wrap[0]
         packing.contact_length(prm, n)[:] = course.contact[0]
-        packing.node_length(prm, n)[:] = course.length
-        prm[packing.LENGTH] = course.length.sum()
+        packing.node_length(prm, n)[:] = course.length[0]
+        prm[packing.LENGTH] = course.length[0].sum()
         prm[packing.GUIDED] = course.guided
         kernel.pack_mesh(np.array(cable.scalars), n, prm)
     kernel.expect_change(prm)
@@ -195,6 +196,7 @@ class _Tables(NamedTuple):
     step: float
     wrap: FloatArray
     contact: FloatArray
+    length: FloatArray
     gained: FloatArray
     gain: FloatArray
     distal: FloatArray
@@ -236,9 +238,12 @@ def _play(
     work = np.empty(kernel.work_size(n))
     wrap, contact = np.empty(n), np.empty(n)
     before, gained, gain = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)
+    longer, length, was = np.zeros(n + 1), np.empty(n + 1), np.empty(n + 1)
     lengthens = prm[packing.LENGTHENS] != 0.0
     row, share = _place(tables, joint[0])
     _between(tables.gained[row], tables.gained[row + 1], share, before)
+    if lengthens:
+        _between(tables.length[row], tables.length[row + 1], share, length)
     u_distal = tables.distal[row] + share * (
         tables.distal[row + 1] - tables.distal[row]
     )
@@ -257,10 +262,12 @@ def _play(
             )
             relay(prm, n, wrap, contact)
         if lengthens:
-            longer = packing.lengthening(prm, n)
+            was[:] = length
+            _between(tables.length[row], tables.length[row + 1], share, length)
             for i in range(n + 1):
                 longer[i] = gained[i] - before[i]
                 before[i] = gained[i]
+            material.carry(prm, n, packing.tensions(state, n), was, length, longer)
         kernel.advance(prm, n, state, u_proximal, u_distal, dt, new, work)
         state[:] = new
         tension = packing.tensions(state, n)

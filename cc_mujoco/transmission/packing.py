@@ -33,12 +33,13 @@ SCALARS = len(PARAMETERS)
 """Numbers that a packed cable begins with, in the order of `PARAMETERS`."""
 (
     CHANGES, STATE_DEPENDENT, CONSTANT_COULOMB, LENGTH, GUIDED, LENGTHENS,
-    YIELD_PROXIMAL, YIELD_DISTAL,
-) = range(SCALARS, SCALARS + 8)  # fmt: skip
+    YIELD_PROXIMAL, YIELD_DISTAL, MIXED,
+) = range(SCALARS, SCALARS + 9)  # fmt: skip
 """Behind them: whether bends may change, the two questions of `friction.py`, length,
-number of segments inside a conduit, whether the path itself may lengthen, and how far
-what holds the ends yields to their tension [m/N]."""
-_ROWS = SCALARS + 8
+number of segments inside a conduit, whether the path itself may lengthen, how far what
+holds the ends yields to their tension [m/N], and the energy that `material.carry` took
+for the next step [J]."""
+_ROWS = SCALARS + 9
 
 STATE_HEADER = 7
 """Numbers before the tensions."""
@@ -106,7 +107,10 @@ def node_stiffness(prm: FloatArray, n: int) -> FloatArray:
 
 @compiled
 def node_length(prm: FloatArray, n: int) -> FloatArray:
-    """Length of cable that every node stands for (n + 1,) [m]."""
+    """Length of cable that every node stands for (n + 1,) [m].
+
+    Where the path may lengthen: by which the node is a spring, see `material.py`.
+    """
     return prm[_ROWS + 6 * n + 2 : _ROWS + 7 * n + 3]
 
 
@@ -118,7 +122,7 @@ def contact_length(prm: FloatArray, n: int) -> FloatArray:
 
 @compiled
 def lengthening(prm: FloatArray, n: int) -> FloatArray:
-    """What the path at every node gains in length in the next step (n + 1,) [m]."""
+    """Stretch of every node by its path in the next step (n + 1,) [m]."""
     return prm[_ROWS + 8 * n + 3 : _ROWS + 9 * n + 4]
 
 

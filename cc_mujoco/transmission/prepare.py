@@ -75,8 +75,7 @@ def expect_change(prm: FloatArray) -> None:
 def expect_lengthening(prm: FloatArray) -> None:
     """Have every step of a packed cable take up what its path gained in length before.
 
-    That is `packing.lengthening` [m] at every node, for that step alone. Call
-    `expect_change` too.
+    Call `material.carry` before each step, and `expect_change` too.
     """
     prm[at.LENGTHENS] = 1.0
 
@@ -90,7 +89,7 @@ def pack_mesh(values: FloatArray, n: int, out: FloatArray) -> None:
     """
     for i in range(at.SCALARS):
         out[i] = values[i]
-    out[at.CHANGES] = out[at.LENGTHENS] = 0.0
+    out[at.CHANGES] = out[at.LENGTHENS] = out[at.MIXED] = 0.0
     expect_yielding(out, 0.0, 0.0)
     out[at.CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(values) else 0.0
     out[at.STATE_DEPENDENT] = 1.0 if law.is_state_dependent(values) else 0.0

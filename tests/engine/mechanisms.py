@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -37,7 +38,7 @@ def mechanism(
     geoms: tuple[str, ...],
     inside: tuple[bool, ...],
     joints: tuple[str, ...],
-    **keys: object,
+    **keys: Any,
 ) -> Mechanism:
     """Draw a mechanism.
 
@@ -92,7 +93,7 @@ def mechanism(
         f"</option><worldbody>{world}</worldbody><tendon>"
         f'<spatial name="rope">{rope}</spatial></tendon></mujoco>'
     )
-    given = {
+    given: dict[str, Any] = {
         "friction": FRICTION,
         "axial_stiffness": STIFFNESS,
         "pretension": PRETENSION,
@@ -109,7 +110,7 @@ def mechanism(
     return Mechanism(spec.compile(), tuple(spans))
 
 
-def drawn(seed: int, **keys: object) -> Mechanism:
+def drawn(seed: int, **keys: Any) -> Mechanism:
     """Draw also what it is made of."""
     random = np.random.default_rng([seed, 7])
     count = int(random.integers(1, 3))
@@ -189,7 +190,7 @@ def play(
         )
         row = row[0]
         if k == (turns - 1) * steps:
-            start_heat = read(m, d, "rope").dissipated
+            start_heat = float(read(m, d, "rope").dissipated)
             start_stored = stored(m, d, "rope")
         if k > 0:
             mujoco.mj_differentiatePos(m, moved, 1.0, before, poses[k % steps])
@@ -207,7 +208,7 @@ def play(
     return Balance(
         work,
         stored(m, d, "rope") - start_stored,
-        read(m, d, "rope").dissipated - start_heat,
+        float(read(m, d, "rope").dissipated) - start_heat,
         gross,
         jump,
         off / largest if largest > 0.0 else 0.0,

@@ -1,9 +1,10 @@
 """A tendon over sites with Coulomb friction at each, written without the product.
 
-Straight pieces are springs, `stiffness` over their length in the first pose; at a site
-the cable slips as far as the tensions beside it would differ by more than
-exp(friction * turn). One site after another is put right until none is wrong, which is
-slow and knows neither kernel nor fronts.
+Each straight piece of path holds some unstretched length of cable, m, and has the
+tension EA (l / m - 1). At a site the cable slips, from one piece to the next, as far as
+the tensions beside it would differ by more than exp(friction * turn). One site after
+another is put right until none is wrong, which is slow and knows neither kernel nor
+fronts.
 """
 
 from __future__ import annotations
@@ -29,11 +30,9 @@ class Chain:
     ) -> None:
         self.model, self.friction = model, friction
         self.sites = [model.site(name).id for name in sites]
-        rest = self.lengths(data)
-        self.length = rest
-        self.spring = stiffness / rest
-        # What each piece would have to be shortened by to have no tension.
-        self.stretch = pretension / self.spring
+        self.stiffness = stiffness
+        self.strained = 1.0 + pretension / stiffness
+        self.cable = self.lengths(data) / self.strained
         self.wound = 0.0
 
     def points(self, data: mujoco.MjData) -> Array:
@@ -45,31 +44,32 @@ class Chain:
     def tension(self, data: mujoco.MjData, wound: float) -> Array:
         """Tension of the pieces (n,) after the pose or the drum [m] changed."""
         now = self.lengths(data)
-        stretch = self.stretch + now - self.length
-        stretch[0] += wound - self.wound
-        self.length, self.wound = now, wound
+        m = self.cable
+        m[0] -= (wound - self.wound) / self.strained
+        self.wound = wound
         along = np.diff(self.points(data), axis=0) / now[:, None]
         cosine = np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0)
         most = np.exp(self.friction * np.arccos(cosine))
-        k = self.spring
+        pull = self.stiffness * (now / m - 1.0)
         for _ in range(20000):
             worst = 0.0
             for j, ratio in enumerate(most):
                 for a, b in ((j, j + 1), (j + 1, j)):
                     # Slip from a to b, so that b is no tighter than friction holds.
-                    excess = k[b] * stretch[b] - ratio * max(k[a] * stretch[a], 0.0)
-                    if excess > 0.0 and k[b] * stretch[b] > 0.0:
-                        slack = min(stretch[a], 0.0)
-                        slip = excess / (k[b] + ratio * k[a])
-                        if k[b] * (stretch[b] - slip) < 0.0 or slack < 0.0:
-                            slip = min(excess / k[b], slip - slack)
-                        stretch[a] += slip
-                        stretch[b] -= slip
+                    excess = pull[b] - ratio * max(pull[a], 0.0)
+                    if excess > 0.0 and pull[b] > 0.0:
+                        stiff = [self.stiffness * now[i] / m[i] ** 2 for i in (a, b)]
+                        slip = excess / (stiff[1] + ratio * stiff[0])
+                        if pull[a] < 0.0:
+                            slip = min(excess / stiff[1], slip - pull[a] / stiff[0])
+                        m[a] -= slip
+                        m[b] += slip
+                        for i in (a, b):
+                            pull[i] = self.stiffness * (now[i] / m[i] - 1.0)
                         worst = max(worst, excess)
-            if worst < 1e-6 * (1.0 + np.max(k * np.abs(stretch))):
+            if worst < 1e-6 * (1.0 + np.max(np.abs(pull))):
                 break
-        self.stretch = stretch
-        return np.maximum(k * stretch, 0.0)
+        return np.maximum(pull, 0.0)
 
     def torque(self, data: mujoco.MjData, tension: Array) -> Array:
         """Forces of these tensions on the degrees of freedom (nv,)."""

@@ -43,6 +43,7 @@ def test_parameters_fill_their_vector_once(n: int) -> None:
             packing.LENGTHENS,
             packing.YIELD_PROXIMAL,
             packing.YIELD_DISTAL,
+            packing.MIXED,
         ]
     ]
     rows = [packing.scalars(prm), flags, *(row(prm, n) for row in ROWS_OF_PARAMETERS)]

@@ -117,6 +117,7 @@ def _turned(course: Course) -> Course:
         joint=-course.joint[::-1],
         wrap=course.wrap[::-1].copy(),
         contact=course.contact[::-1].copy(),
+        length=course.length[::-1].copy(),
         gained=course.gained[::-1].copy(),
         distal=course.distal[::-1].copy(),
     )

@@ -1,0 +1,187 @@
+"""The law of a cable on a path whose pieces change their length, compiled.
+
+A node is what lies of the cable along so much of the path. With l the length of path
+now, m the unstretched length of cable in it and T its tension,
+
+    1 + strain(T) = l / m,        T = EA (l - m) / m without bedding.
+
+So a piece of 0.2 m is ten times as stiff as one of 2 m. The unstretched lengths follow
+from path and tensions; they are moved between nodes and never made, by slip and where
+the path moves over a cable that sticks: a pulley that turns carries it from one piece
+to the next, with the strain that it has.
+
+A step is found in unstretched lengths too: near the tension before it a node is a
+spring of EA (1 + strain)^2 / l, and what its path gained counts divided by 1 + strain.
+`correct` then replaces the straight line by the law, so that no cable is lost or made
+over any number of steps. A drum takes cable in at the strain of the pretension.
+
+Cable that is moved from node a to node b takes its energy along. Where m dU/dm at fixed
+l is T + (integral of strain over T), slip costs friction (T_b - T_a) (1 + mean strain)
+per unstretched length, which is the heat (`heating`), and cable that is carried to a
+node of another strain than its own loses what this differs from the work that it does.
+"""
+
+from __future__ import annotations
+
+from cc_mujoco.compiled import FloatArray, compiled, internal
+from cc_mujoco.transmission import elasticity as elastic
+from cc_mujoco.transmission import friction as law
+from cc_mujoco.transmission import nodes
+from cc_mujoco.transmission import packing as at
+
+_EA = law.INDEX["axial_stiffness"]
+_PRETENSION = law.INDEX["pretension"]
+_END_COMPLIANCE = law.INDEX["end_compliance"]
+_PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
+_BEDDING = law.INDEX["bedding_strain"]
+_HALF = law.INDEX["bedding_tension"]
+_MOST = 0.5
+"""Part of a node's cable that a step may take out of it."""
+_ROUNDS = 6
+
+
+@internal
+def _unit(prm: FloatArray) -> elastic.Piece:
+    """Cable per unstretched length."""
+    return elastic.Piece(1.0 / prm[_EA], prm[_BEDDING], prm[_HALF])
+
+
+@internal
+def stretched(prm: FloatArray, tension: float) -> float:
+    """Length of cable by its unstretched length; below 1 where slack."""
+    if not nodes.is_curved(prm):
+        return float(1.0 + tension / prm[_EA])
+    return 1.0 + elastic.stretch_of(_unit(prm), tension)
+
+
+@internal
+def wound(prm: FloatArray, moved: float) -> float:
+    """By how much a drum that winds a length takes less cable, unstretched [m]."""
+    return moved - moved / stretched(prm, prm[_PRETENSION])
+
+
+@internal
+def heating(prm: FloatArray, proximal: float, distal: float) -> float:
+    """Heat of slip by tension difference and unstretched slip, see above.
+
+    `proximal` and `distal` are the tensions beside the segment [N].
+    """
+    low, high = max(proximal, 0.0), max(distal, 0.0)
+    return 0.5 * (stretched(prm, low) + stretched(prm, high))
+
+
+@internal
+def _carried(
+    prm: FloatArray,
+    n: int,
+    tension: FloatArray,
+    length: FloatArray,
+    j: int,
+    flow: float,
+) -> tuple[float, float]:
+    """Unstretched length that a flow of path takes from node j to the next [m].
+
+    `flow` is in stretched lengths [m], negative towards node j.
+
+    Returns:
+        That, of its sign, and the elastic energy that is lost in mixing [J].
+    """
+    if flow == 0.0:
+        return 0.0, 0.0
+    k, way = (j, -1) if flow > 0.0 else (j + 1, 1)
+    left, total = abs(flow), 0.0
+    while left > 0.0:
+        last = k + way < 0 or k + way > n
+        part = left if last else min(left, length[k])
+        total += part / stretched(prm, tension[k])
+        left -= part
+        k += way
+    total = total if flow > 0.0 else -total
+    low, high = max(tension[j], 0.0), max(tension[j + 1], 0.0)
+    return total, (high - low) * (total * heating(prm, low, high) - flow)
+
+
+@compiled
+def carry(
+    prm: FloatArray,
+    n: int,
+    tension: FloatArray,
+    before: FloatArray,
+    now: FloatArray,
+    gained: FloatArray,
+) -> None:
+    """Lay the nodes of a packed cable along another path, for the next step.
+
+    Args:
+        prm: packed parameters; `LENGTHENS` is set.
+        n: number of segments.
+        tension: of the state before the step (n + 1,) [N].
+        before: length of path of every node then (n + 1,) [m].
+        now: the same now (n + 1,) [m].
+        gained: by how much the path of a node would be longer if nothing slipped
+            (n + 1,) [m]; their sum is that of the changes in length.
+    """
+    longer, length = at.lengthening(prm, n), at.node_length(prm, n)
+    flow, carried, mixed = 0.0, 0.0, 0.0
+    for i in range(n + 1):
+        came = carried
+        flow += gained[i] - (now[i] - before[i])
+        carried = 0.0
+        if i < n:
+            carried, lost = _carried(prm, n, tension, before, i, flow)
+            mixed += lost
+        strain = stretched(prm, tension[i])
+        longer[i] = (now[i] - before[i]) / strain + carried - came
+        length[i] = now[i] / (strain * strain)
+        nodes.set_node(prm, n, i)
+    prm[at.MIXED] = max(mixed, 0.0)
+
+
+@internal
+def _spring(prm: FloatArray, n: int, i: int) -> float:
+    """Compliance of the spring at a node [m/N]."""
+    if i == n:
+        return float(prm[_END_COMPLIANCE])
+    return float(prm[_PROXIMAL_COMPLIANCE]) if i == 0 else 0.0
+
+
+@internal
+def _by_law(prm: FloatArray, n: int, i: int, before: float, after: float) -> float:
+    """Tension of node i by the law, where a straight line found `after` [N]."""
+    start, spring = stretched(prm, before), _spring(prm, n, i)
+    if spring == 0.0 and not nodes.is_curved(prm):
+        share = min((after - before) / (prm[_EA] + before), _MOST)
+        return float(before + (prm[_EA] + before) * share / (1.0 - share))
+    length = at.node_length(prm, n)[i] * start * start
+    moved = nodes.stretched(prm, n, i, before, after)
+    unit, tension = _unit(prm), after
+    for _ in range(_ROUNDS):
+        strain = max(stretched(prm, tension), start * (1.0 - _MOST))
+        off = length / start - length / strain + spring * (tension - before) - moved
+        slope = length * elastic.compliance_at(unit, tension) / (strain * strain)
+        tension -= off / (slope + spring)
+    return tension
+
+
+@internal
+def correct(prm: FloatArray, n: int, before: FloatArray, after: FloatArray) -> None:
+    """Replace the tensions of a step by those of the law (n + 1,) [N].
+
+    They are those before the step and, in and out, after it.
+    """
+    for i in range(n + 1):
+        if after[i] != before[i]:
+            after[i] = _by_law(prm, n, i, before[i], after[i])
+
+
+@compiled
+def loosen(prm: FloatArray, n: int, tension: FloatArray, length: FloatArray) -> None:
+    """Give the nodes of a packed cable the unstretched lengths of a state.
+
+    With them its elastic energy and its slack are right. `tension` [N] and `length` of
+    path [m] are of the state (n + 1,).
+    """
+    own = at.node_length(prm, n)
+    for i in range(n + 1):
+        own[i] = length[i] / stretched(prm, tension[i])
+        nodes.set_node(prm, n, i)

@@ -32,8 +32,11 @@ def conduit_shares(model: mujoco.MjModel, cable: str) -> Array:
         return node_places(described) / described.length
     reader = engine.Reader(model, cable)
     nodes = described.segments + 1
-    # Slack of a newton at one node alone goes as the length for which the node stands.
-    state = np.zeros((nodes, model.npluginstate))
+    # Slack of a newton at one node alone goes as the length for which the node stands,
+    # which the state of a cable at rest has.
+    data = mujoco.MjData(model)
+    engine.settle(model, data)
+    state = np.tile(data.plugin_state, (nodes, 1))
     state[:, reader.nodes] = -np.eye(nodes)
     along = np.concatenate([[0.0], np.cumsum(reader.read(state).slack)])
     return np.asarray(along / along[-1])

@@ -38,6 +38,8 @@ _HALF = law.INDEX["bedding_tension"]
 _MOST = 0.5
 """Part of a node's cable that a step may take out of it."""
 _ROUNDS = 6
+_STILL = 1e-15
+"""Flow that is rounding [m]."""
 
 
 @internal
@@ -67,6 +69,8 @@ def heating(prm: FloatArray, proximal: float, distal: float) -> float:
     `proximal` and `distal` are the tensions beside the segment [N].
     """
     low, high = max(proximal, 0.0), max(distal, 0.0)
+    if not nodes.is_curved(prm):
+        return float(1.0 + 0.5 * (low + high) / prm[_EA])
     return 0.5 * (stretched(prm, low) + stretched(prm, high))
 
 
@@ -86,7 +90,7 @@ def _carried(
     Returns:
         That, of its sign, and the elastic energy that is lost in mixing [J].
     """
-    if flow == 0.0:
+    if abs(flow) <= _STILL:
         return 0.0, 0.0
     k, way = (j, -1) if flow > 0.0 else (j + 1, 1)
     left, total = abs(flow), 0.0
@@ -122,6 +126,8 @@ def carry(
             (n + 1,) [m]; their sum is that of the changes in length.
     """
     longer, length = at.lengthening(prm, n), at.node_length(prm, n)
+    compliance, stiffness = at.node_compliance(prm, n), at.node_stiffness(prm, n)
+    soft = 1.0 / prm[_EA]
     flow, carried, mixed = 0.0, 0.0, 0.0
     for i in range(n + 1):
         came = carried
@@ -130,10 +136,14 @@ def carry(
         if i < n:
             carried, lost = _carried(prm, n, tension, before, i, flow)
             mixed += lost
-        strain = stretched(prm, tension[i])
-        longer[i] = (now[i] - before[i]) / strain + carried - came
-        length[i] = now[i] / (strain * strain)
-        nodes.set_node(prm, n, i)
+        share = 1.0 / stretched(prm, tension[i])
+        longer[i] = (now[i] - before[i]) * share + carried - came
+        length[i] = now[i] * share * share
+        if i == 0 or i == n:
+            nodes.set_node(prm, n, i)
+        else:
+            compliance[i] = length[i] * soft
+            stiffness[i] = 1.0 / compliance[i]
     prm[at.MIXED] = max(mixed, 0.0)
 
 
@@ -150,8 +160,9 @@ def _by_law(prm: FloatArray, n: int, i: int, before: float, after: float) -> flo
     """Tension of node i by the law, where a straight line found `after` [N]."""
     start, spring = stretched(prm, before), _spring(prm, n, i)
     if spring == 0.0 and not nodes.is_curved(prm):
-        share = min((after - before) / (prm[_EA] + before), _MOST)
-        return float(before + (prm[_EA] + before) * share / (1.0 - share))
+        whole = prm[_EA] + before
+        risen = min(after - before, _MOST * whole)
+        return float(before + risen * whole / (whole - risen))
     length = at.node_length(prm, n)[i] * start * start
     moved = nodes.stretched(prm, n, i, before, after)
     unit, tension = _unit(prm), after

@@ -1,8 +1,9 @@
 """A tendon over posts in one plane, by closed forms: a rig that shares no code.
 
 From a winch over a post, through an eye and over the knuckle of a finger, as the scene
-`finger` has it: straight pieces are springs, and so are the parts of an arc; where the
-tendon is bent it rubs as a capstan,
+`finger` has it: straight pieces and the parts of an arc hold some unstretched length of
+tendon, m, along their length l and have the tension EA (l / m - 1). The knuckle takes
+along what lies on it. Where the tendon is bent it rubs as a capstan,
 
     T_high = T_low E + (f l + c l v) (E - 1) / ln E,   E = exp(mu wrap),
 
@@ -100,33 +101,77 @@ def played(rig: Tendon, dt: float, motor: Array, joint: Array) -> tuple[Array, A
         motor: angle of the winch, positive where it winds [rad].
         joint: angle of the finger, positive where the tendon pulls it [rad].
     """
-    spring = 1.0 / _compliance(rig)
-    tension = np.full(spring.size, rig.pretension)
-    way = np.zeros(spring.size - 1, dtype=np.int64)
+    length = _lengths(path(-joint[0]))
+    tension = np.full(length.size, rig.pretension)
+    strained = 1.0 + rig.pretension / rig.stiffness
+    way = np.zeros(length.size - 1, dtype=np.int64)
     torques = np.empty((2, motor.size))
     for k in range(motor.size):
         if k:
-            tension[0] += spring[0] * WINCH_RADIUS * (motor[k] - motor[k - 1])
-            tension[-1] -= spring[-1] * KNUCKLE_RADIUS * (joint[k] - joint[k - 1])
-        tension, way = _settled(rig, path(-joint[k]), spring, tension, dt, way)
+            here, held = path(-joint[k]), length / (1.0 + tension / rig.stiffness)
+            turned = KNUCKLE_RADIUS * (joint[k] - joint[k - 1])
+            now = _lengths(here)
+            held = _carried(held, length, now, turned)
+            held[0] -= WINCH_RADIUS * (motor[k] - motor[k - 1]) / strained
+            tension, way = _stepped(rig, here, now, held, tension, dt, way)
+            length = now
         if not tension.min() > 0.0:
             raise ValueError(f"the tendon goes slack at sample {k}; pull more")
         torques[:, k] = WINCH_RADIUS * tension[0], KNUCKLE_RADIUS * tension[-1]
     return torques[0], torques[1]
 
 
-def _compliance(rig: Tendon) -> Array:
-    """Of straight pieces and parts of arcs, from winch to finger [m/N]."""
-    rest = path(0.0)
-    first, second, third, fourth = rest.pieces
-    post, knuckle = rest.contact[0] / PARTS, rest.contact[2] / PARTS
+def _lengths(here: Path) -> Array:
+    """Of straight pieces and parts of arcs, from winch to finger [m]."""
+    first, second, third, fourth = here.pieces
+    post, knuckle = here.contact[0] / PARTS, here.contact[2] / PARTS
     inner = [post] * (PARTS - 1), [knuckle] * (PARTS - 1)
     length = np.array([first, *inner[0], second, third, *inner[1], fourth])
     for place, part in ((0, post), (PARTS, post), (PARTS + 1, knuckle), (-1, knuckle)):
         length[place] += 0.5 * part
-    found: Array = length / rig.stiffness
-    found[-1] += rig.compliance
-    return found
+    return length
+
+
+def _carried(held: Array, before: Array, now: Array, turned: float) -> Array:
+    """Unstretched lengths along another path, if nothing slips [m].
+
+    The parts move over a tendon that is stuck, of which the last piece gains what the
+    knuckle takes away, `turned`.
+    """
+    gained = np.zeros(held.size)
+    gained[-1] = -turned
+    edges = np.concatenate([[0.0], np.cumsum(before)])
+    places = edges[1:-1] - np.cumsum(gained - (now - before))[:-1]
+    whole = np.concatenate([[0.0], np.cumsum(held)])
+    inside = np.interp(places, edges, whole)
+    return np.diff(np.concatenate([[0.0], inside, whole[-1:]]))
+
+
+def _stepped(
+    rig: Tendon,
+    here: Path,
+    length: Array,
+    held: Array,
+    tension: Array,
+    dt: float,
+    way: Ways,
+) -> tuple[Array, Ways]:
+    """Tensions once all has slipped that does, and which way it did.
+
+    `held` is the unstretched length before it slips [m]. Straight lines near the
+    tensions before the step tell the slip, the law then the tensions.
+    """
+    ratio = 1.0 + tension / rig.stiffness
+    soft = length / (rig.stiffness * ratio**2)
+    soft[-1] += rig.compliance
+    near = tension + (length / ratio - held) / soft
+    after, way = _settled(rig, here, 1.0 / soft, near, dt, way)
+    left = length / ratio - (after - tension) * soft
+    found = rig.stiffness * (length / left - 1.0)
+    # The spring at the finger is drawn by the last piece, whose line is right enough.
+    if rig.compliance > 0.0:
+        found[-1] = after[-1]
+    return found, way
 
 
 def _settled(

@@ -36,6 +36,8 @@ class Found:
         disputed: whether these are too few to call it missing.
         ordinary: whether it is no larger than any rig may have without being told: it
             is in the model, but not called missing.
+        own: RMS error over the noise floor that opens again without it.
+        rivals: ids that the data do not tell from it.
     """
 
     id: str
@@ -46,6 +48,8 @@ class Found:
     agreement: float = 1.0
     disputed: bool = False
     ordinary: bool = False
+    own: float = math.nan
+    rivals: tuple[str, ...] = ()
 
     @property
     def missing(self) -> bool:
@@ -143,7 +147,7 @@ class Gap:
         rmse_before: of the baseline.
         rmse_after: of the model with the named effects.
         noise_floor: what the noise of the sensors makes of it, an estimate.
-        gap_closed: 1 - (MSE after - floor^2)/(MSE before - floor^2); more than 1 below
+        gap_closed: 1 - (RMS after - floor)/(RMS before - floor); more than 1 below
             the floor, NaN where the error before is not above it.
         ci95: of `gap_closed`, block bootstrap; NaN where there is hardly a gap.
     """
@@ -230,6 +234,8 @@ class Diagnosis:
         question: about a trial that contradicts the others, or empty.
         strayed: parameters that had to be tuned beyond what is known of them.
         confounded: effects that tuning would hide.
+        remaining: RMS error of the repaired model on held-out data, over the noise
+            floor.
     """
 
     verdict: Verdict
@@ -248,6 +254,7 @@ class Diagnosis:
     question: str = ""
     strayed: tuple[Strayed, ...] = ()
     confounded: tuple[Confounded, ...] = ()
+    remaining: float = math.nan
 
     @property
     def missing(self) -> tuple[Found, ...]:

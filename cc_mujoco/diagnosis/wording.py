@@ -85,11 +85,14 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
     """The verdict as one line."""
     tied = {name for group in diagnosis.ties for name in group}
     named = [found.id for found in diagnosis.missing if found.id not in tied]
+    remains = ""
+    if math.isfinite(diagnosis.remaining):
+        remains = f"; {diagnosis.remaining:.1f} times the noise remain"
     if diagnosis.verdict == "named":
-        return f"Missing: {names.list(named)}"
+        return f"Missing: {names.list(named)}{remains}"
     if diagnosis.verdict == "tie":
         rivals = [f"either {names.list(group, 'or')}" for group in diagnosis.ties]
-        return f"Missing: {listed([*map(names, named), *rivals])}"
+        return f"Missing: {listed([*map(names, named), *rivals])}{remains}"
     if diagnosis.verdict == "unknown" and diagnosis.question:
         return "Something is missing, or one trial was recorded otherwise"
     if diagnosis.verdict == "unknown" and diagnosis.effects:

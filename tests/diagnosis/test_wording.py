@@ -25,6 +25,10 @@ from diagnosis.report_examples import DIAGNOSES, TITLES
 def test_headlines_name_what_is_missing() -> None:
     names = Names(TITLES)
     assert headline(DIAGNOSES["named"], names) == "Missing: Stribeck friction"
+    off = replace(DIAGNOSES["named"], remaining=4.31)
+    assert headline(off, names) == (
+        "Missing: Stribeck friction; 4.3 times the noise remain"
+    )
     tie = replace(DIAGNOSES["tie"], effects=DIAGNOSES["named"].effects)
     tie = replace(tie, ties=(("backlash", "end_compliance"),))
     assert headline(tie, names) == (

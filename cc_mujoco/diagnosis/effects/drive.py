@@ -188,6 +188,7 @@ DRIVE = (
         mujoco="`stiffness` and `springref` of the joint",
         source="statics",
         torques=_spring,
+        form_of=("joint_gravity",),  # a band softens as a weight turns
     ),
     Effect(
         id="joint_inertia",

@@ -118,6 +118,8 @@ class Effect:
         confounded_with: ids that it is easily confused with.
         generalises: ids that are special cases of it; where one of them does as well,
             this one is no rival.
+        form_of: ids of effects whose form it has on some rigs, so that they are not
+            told apart by how well they fit.
         mujoco: how a scene has it.
         source: publication.
         cables: the cables with the effect, agonist first.
@@ -139,6 +141,11 @@ class Effect:
     torques: Callable[[Torques, Values], Torques] | None = None
     sensor: bool = False
     generalises: tuple[str, ...] = ()
+    form_of: tuple[str, ...] = ()
+
+    def confused(self, other: Effect) -> bool:
+        """Return whether either is easily confused with the other."""
+        return other.id in self.confounded_with or self.id in other.confounded_with
 
 
 def on_both(*names: str) -> Callable[..., tuple[Cable, ...]]:

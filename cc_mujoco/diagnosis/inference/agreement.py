@@ -20,10 +20,13 @@ from cc_mujoco.diagnosis.inference.baseline import BaselineFit
 from cc_mujoco.diagnosis.inference.fitting import Masks
 from cc_mujoco.diagnosis.inference.folds import Fold, cross_validate, interleaved_folds
 from cc_mujoco.diagnosis.inference.records import Record
-from cc_mujoco.diagnosis.inference.search import Search, Thresholds, search
+from cc_mujoco.diagnosis.inference.search import (
+    REACHED,
+    Search,
+    Thresholds,
+    search,
+)
 
-REACHED = 2.4
-"""Error over the floor up to which a model explains the data, part by part."""
 LEAST = 4
 """Trials that can be parted."""
 AGREED = 0.9

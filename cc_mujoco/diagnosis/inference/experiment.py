@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
+from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.effects import EFFECTS
-from cc_mujoco.diagnosis.inference.fitting import Problem
+from cc_mujoco.diagnosis.inference.fitting import Problem, huber_residual
+from cc_mujoco.diagnosis.inference.folds import CrossValidation
 from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
 from cc_mujoco.diagnosis.inference.motions import DT, Motion, motions
 from cc_mujoco.diagnosis.inference.records import Record
-from cc_mujoco.diagnosis.inference.search import FORM
+from cc_mujoco.diagnosis.inference.search import FORM, Thresholds, rivalry
 from cc_mujoco.diagnosis.verdict import NextExperiment
 from cc_mujoco.diagnosis.wording import number
 
 CLEAR = 5.0
 """Difference over its standard deviation, by noise and form, that settles it."""
+FOLLOWS = 0.9
+"""Correlation with a motion from which on a trial is one of it."""
 
 
 def catalogue(problem: Problem) -> list[Motion]:
@@ -32,91 +37,258 @@ def catalogue(problem: Problem) -> list[Motion]:
     return motions(problem.plant.bench, swing, rate)
 
 
-def propose(
-    rivals: Sequence[tuple[Problem, FloatArray]], ids: Sequence[str]
-) -> NextExperiment | None:
-    """The trial on which two fitted rivals differ most, whatever else is tuned.
+class Rivals(NamedTuple):
+    """Two effects that the data do not tell apart.
+
+    Attributes:
+        ids: of the effects.
+        before: the model without either.
+        models: with either.
+        confused: whether they are easily confused.
+    """
+
+    ids: tuple[str, str]
+    before: CrossValidation
+    models: tuple[CrossValidation, CrossValidation]
+    confused: bool
+
+    @property
+    def fitted(self) -> list[tuple[Problem, FloatArray]]:
+        """The two models and where they were fitted."""
+        return [
+            (model.problem, np.mean([fit.x for fit in model.fits], axis=0))
+            for model in self.models
+        ]
+
+
+def propose(rivals: Rivals, thresholds: Thresholds) -> NextExperiment | None:
+    """Return the trial that tells two fitted rivals apart; None where none does.
 
     If one of them were true, the other would be fitted again, to the old data and the
     new; the difference that counts is what would be left then. A difference that comes
     from friction, say, which the two estimate differently, settles nothing; nor does
-    one that is no more than effects are off by in their form.
+    one that is no more than effects are off by in their form. A trial is proposed only
+    if it is clearly no chance, if the rule that found the tie would find none with it,
+    whichever effect is true, and if the data have no such trial yet.
 
     Args:
-        rivals: two models and where they were fitted.
-        ids: of the effects that they have.
+        rivals: the tie.
+        thresholds: of decisions.
     """
-    if len(rivals) < 2:
-        return None
-    problem = rivals[0][0]
-    noise = np.array(
-        [
-            [np.median(np.concatenate([f[row] for f in problem.noise]))]
-            for row in range(len(problem.plant.instruments.rows))
-        ]
-    )
+    fitted = rivals.fitted
+    problem = fitted[0][0]
+    floor, noise = _usual(problem.floor), _usual(problem.noise)
     known = [
-        jacobian(other, x, [r.free for r in other.plant.records])
-        for other, x in rivals[:2]
+        jacobian(other, x, [r.free for r in other.plant.records]) for other, x in fitted
     ]
-    best: tuple[float, str, str] | None = None
-    for motion in catalogue(problem):
+    best: tuple[float, NextExperiment] | None = None
+    every = catalogue(problem)
+    done = recorded(every, problem.plant.bench, problem.plant.records)
+    for motion in every:
+        if motion.description in done:
+            continue
         record = _record(problem, motion)
         shown = [
             other.plant.limited([record]).simulate(other.values(x), other.effects)[0]
-            for other, x in rivals[:2]
+            for other, x in fitted
         ]
         apart = (shown[0] - shown[1]) / noise
-        unsure = form_error(rivals[:2], ids, record, shown, noise)
-        left = min(
-            (
-                left_after_fit(
-                    other, x, replace(record, measured=torque), noise, old, apart
-                )
-                for (other, x), torque, old in zip(rivals, shown, known, strict=False)
-            ),
-            key=np.linalg.norm,
-        )
-        score = float(np.linalg.norm(left / np.hypot(1.0, unsure))) * problem.weight
-        if best is None or score > best[0]:
-            sizes = np.sqrt(np.mean(left**2, axis=1))
-            row = int(np.argmax(sizes))
-            most = int(np.argmax(np.abs(left[row])))
-            channel = problem.plant.instruments.channels[row]
-            told = (
-                f"{channel} differs by {sizes[row] * noise[row, 0]:.3g} Nm RMS "
-                f"even when all else is tuned, {number(sizes[row])} times the noise; "
-                f"at {most * DT:.1f} s {EFFECTS[ids[0]].title} gives "
-                f"{shown[0][row, most]:.3g} Nm and {EFFECTS[ids[1]].title} "
-                f"{shown[1][row, most]:.3g} Nm"
+        without = _without(fitted, rivals.ids, record)
+        unsure = form_error(shown, without, noise)
+        lefts = [
+            left_after_fit(
+                other, x, replace(record, measured=torque), noise, old, apart
             )
-            best = (score, motion.description, told)
-    assert best is not None
-    settled = "" if best[0] > CLEAR else " (may not be enough)"
-    return NextExperiment(f"{best[1]}{settled}", tuple(ids[:2]), best[2])
+            for (other, x), torque, old in zip(fitted, shown, known, strict=True)
+        ]
+        share = noise / floor
+        made = [(s - w) / floor for s, w in zip(shown, without, strict=True)]
+        left = min(lefts, key=np.linalg.norm)
+        score = float(np.linalg.norm(left / np.hypot(1.0, unsure))) * problem.weight
+        # Where one is true, what is left is of the other one, fitted again.
+        if score < CLEAR or not all(
+            told_apart(rivals, record, true, made[true], share * off, thresholds)
+            for true, off in ((1, lefts[0]), (0, lefts[1]))
+        ):
+            continue
+        if best is None or score > best[0]:
+            told = _difference(problem, rivals.ids, shown, left, noise)
+            best = score, NextExperiment(motion.description, rivals.ids, told)
+    return best[1] if best else None
+
+
+def _difference(
+    problem: Problem,
+    ids: tuple[str, str],
+    shown: Sequence[FloatArray],
+    left: FloatArray,
+    noise: FloatArray,
+) -> str:
+    """Return by how much two models differ on a trial, in words."""
+    sizes = np.sqrt(np.mean(left**2, axis=1))
+    row = int(np.argmax(sizes))
+    most = int(np.argmax(np.abs(left[row])))
+    channel = problem.plant.instruments.channels[row]
+    return (
+        f"{channel} differs by {sizes[row] * noise[row, 0]:.3g} Nm RMS even when all "
+        f"else is tuned, {number(sizes[row])} times the noise; at {most * DT:.1f} s "
+        f"{EFFECTS[ids[0]].title} gives {shown[0][row, most]:.3g} Nm and "
+        f"{EFFECTS[ids[1]].title} {shown[1][row, most]:.3g} Nm"
+    )
+
+
+def recorded(
+    every: Sequence[Motion], bench: Bench, records: Sequence[Record]
+) -> set[str]:
+    """Return the descriptions of motions of which the data have a trial.
+
+    That is, one of the same pretension and tilt whose motor and joint move as far, and
+    whose motor follows the motion, begun at any time. Of several it is the one by which
+    the joint lags as much.
+
+    Args:
+        every: motion of the catalogue.
+        bench: the rig.
+        records: of the data.
+    """
+    known = [r.pretension for r in records if r.pretension is not None]
+    usual = float(np.median(known)) if known else 1.0
+
+    def lag(motor: FloatArray, joint: FloatArray) -> float:
+        return float(np.ptp(bench.carried(motor) - joint))
+
+    found = set()
+    for record in records:
+        tension = usual if record.pretension is None else record.pretension
+        own = lag(record.motor_angle, record.joint_angle)
+        alike = [m for m in every if _alike(m, record, tension / usual)]
+        if alike:
+            nearest = min(alike, key=lambda m: abs(lag(m.motor, m.joint) - own))
+            found.add(nearest.description)
+    return found
+
+
+def _alike(motion: Motion, record: Record, pretension: float) -> bool:
+    """Return whether a record may be one of a motion.
+
+    Args:
+        motion: of the catalogue.
+        record: of the data.
+        pretension: of it, over the usual one of the data.
+    """
+    if abs(pretension - motion.pretension) > 0.1 * motion.pretension:
+        return False
+    if abs(record.tilt - motion.tilt) > 0.1:
+        return False
+    spans = [
+        (float(np.ptp(there)), float(np.ptp(here)))
+        for there, here in (
+            (record.motor_angle, motion.motor),
+            (record.joint_angle, motion.joint),
+        )
+    ]
+    largest = max(max(pair) for pair in spans)
+    if any(abs(a - b) > 0.2 * max(a, b) + 0.02 * largest for a, b in spans):
+        return False
+    known = record.dt * np.arange(record.motor_angle.size)
+    there = np.interp(np.arange(0.0, known[-1], DT), known, record.motor_angle)
+    there = there - there.mean()
+    motor = motion.motor - motion.motor.mean()
+    size = there.size + motor.size
+    product = np.fft.rfft(there, size) * np.conj(np.fft.rfft(motor, size))
+    most = float(np.max(np.fft.irfft(product, size)))
+    norm = float(np.linalg.norm(there) * np.linalg.norm(motor))
+    return norm == 0.0 or most > FOLLOWS * norm
+
+
+def told_apart(
+    rivals: Rivals,
+    record: Record,
+    true: int,
+    made: FloatArray,
+    left: FloatArray,
+    thresholds: Thresholds,
+) -> bool:
+    """Return whether two effects would be in no tie with a trial more.
+
+    Args:
+        rivals: the tie.
+        record: the trial.
+        true: index of the effect that is true.
+        made: (rows, samples) what it changes there, over the floor.
+        left: (rows, samples) what the other one, fitted again, is off by there.
+        thresholds: of decisions.
+    """
+    model, other = rivals.models[true], rivals.models[1 - true]
+    names = rivals.ids[true], rivals.ids[1 - true]
+    before = _longer(rivals.before, record, made)
+    better = _longer(model, record, np.zeros_like(left))
+    worse = _longer(other, record, left)
+    return not rivalry(before, better, worse, names, rivals.confused, thresholds)
+
+
+def _longer(
+    crossed: CrossValidation, record: Record, error: FloatArray
+) -> CrossValidation:
+    """Return the same with one trial more, of which a model is off by this, and noise.
+
+    Args:
+        crossed: held-out errors.
+        record: the trial.
+        error: (rows, samples) over the floor.
+    """
+    problem = crossed.problem
+    base = problem.plant.records[0]
+    times = max(1, round(record.dt / base.dt))
+    floor, noise = (
+        np.repeat(_usual(each), times * record.time.size, axis=1)
+        for each in (problem.floor, problem.noise)
+    )
+    more = replace(record, dt=base.dt, group=record.trial)
+    wider = replace(
+        problem,
+        plant=problem.plant.limited([*problem.plant.records, more]),
+        floor=(*problem.floor, floor),
+        noise=(*problem.noise, noise),
+        slopes=Slopes(),
+    )
+    off = np.hypot(huber_residual(np.repeat(error, times, axis=1)), noise / floor)
+    return crossed._replace(problem=wider, errors=(*crossed.errors, off))
+
+
+def _usual(each: Sequence[FloatArray]) -> FloatArray:
+    """Return the median of every row of (rows, samples) of all records (rows, 1)."""
+    found: FloatArray = np.median(np.concatenate(each, axis=1), axis=1)[:, None]
+    return found
+
+
+def _without(
+    fitted: Sequence[tuple[Problem, FloatArray]], ids: Sequence[str], record: Record
+) -> list[FloatArray]:
+    """Return the torques (rows, samples) of each model without its effect [Nm]."""
+    found = []
+    for (problem, x), name in zip(fitted, ids, strict=True):
+        rest = [effect for effect in problem.effects if effect != name]
+        found.append(
+            problem.plant.limited([record]).simulate(problem.values(x), rest)[0]
+        )
+    return found
 
 
 def form_error(
-    rivals: Sequence[tuple[Problem, FloatArray]],
-    ids: Sequence[str],
-    record: Record,
-    shown: Sequence[FloatArray],
-    noise: FloatArray,
+    shown: Sequence[FloatArray], without: Sequence[FloatArray], noise: FloatArray
 ) -> FloatArray:
-    """What the form of an effect may be off by, over the noise (2, 1).
+    """Compute what the form of an effect may be off by, over the noise (rows, 1).
 
     Args:
-        rivals: two models and where they were fitted.
-        ids: of the effects that they have.
-        record: the trial.
-        shown: what each model says of it (2, samples) [Nm].
-        noise: (2, 1) of the torques [Nm].
+        shown: what each model says of a trial (rows, samples) [Nm].
+        without: the same without the effect.
+        noise: (rows, 1) of the torques [Nm].
     """
-    sizes = []
-    for (problem, x), name, torque in zip(rivals, ids, shown, strict=False):
-        rest = [effect for effect in problem.effects if effect != name]
-        without = problem.plant.limited([record]).simulate(problem.values(x), rest)[0]
-        sizes.append(np.mean(((torque - without) / noise) ** 2, axis=1, keepdims=True))
+    sizes = [
+        np.mean(((torque - rest) / noise) ** 2, axis=1, keepdims=True)
+        for torque, rest in zip(shown, without, strict=True)
+    ]
     found: FloatArray = np.sqrt(FORM * np.min(sizes, axis=0))
     return found
 

@@ -91,7 +91,7 @@ class Problem:
     slopes: Slopes = field(default_factory=Slopes, compare=False, repr=False)
 
     def inflate_noise(self, x: FloatArray, masks: Masks) -> Problem:
-        """The same with its floor raised to where usual errors are not wild.
+        """Return the same with its floor raised to where usual errors are not wild.
 
         Where the sensors are much better than the model, nearly every error would be
         Huber residuals, and fits follow the many small ones only.
@@ -100,11 +100,21 @@ class Problem:
             np.abs(error[:, mask]).ravel()
             for error, mask in zip(self.plainly(x), masks, strict=True)
         ]
-        usual = float(np.median(np.concatenate(kept))) / 0.6745
+        usual = self.inflation * float(np.median(np.concatenate(kept))) / 0.6745
         factor = max(1.0, usual / HUBER_DELTA)
+        change = factor / self.inflation
         return replace(
-            self, floor=tuple(factor * floor for floor in self.floor), inflation=factor
+            self, floor=tuple(change * floor for floor in self.floor), inflation=factor
         )
+
+    def renewed(self, x: FloatArray, masks: Masks) -> Problem:
+        """Return the same with floor and weight by the errors of this model.
+
+        Those of the baseline are large where an effect is missing: by its floor
+        numerical errors look harmless, and by its weight the data say next to nothing.
+        """
+        problem = self.inflate_noise(x, masks)
+        return replace(problem, weight=weight(problem.errors(x), masks))
 
     @property
     def sensed(self) -> tuple[FloatArray, ...]:
@@ -225,6 +235,16 @@ def huber_residual(error: FloatArray) -> FloatArray:
     size = np.abs(error)
     root = np.sqrt(np.maximum(2.0 * HUBER_DELTA * size - HUBER_DELTA**2, 0.0))
     found: FloatArray = np.where(size <= HUBER_DELTA, error, np.sign(error) * root)
+    return found
+
+
+def plain_error(residual: FloatArray) -> FloatArray:
+    """Return the errors of which `huber_residual` makes these residuals."""
+    size = np.abs(residual)
+    large = (size**2 + HUBER_DELTA**2) / (2.0 * HUBER_DELTA)
+    found: FloatArray = np.where(
+        size <= HUBER_DELTA, residual, np.sign(residual) * large
+    )
     return found
 
 

@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.inference.fitting import Problem, fit
+from cc_mujoco.diagnosis.inference.fitting import (
+    Problem,
+    fit,
+    huber_residual,
+    plain_error,
+)
 from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.estimation.least_squares import Fit
 
@@ -113,7 +118,22 @@ class CrossValidation(NamedTuple):
     @property
     def misfit(self) -> float:
         """RMS held-out error over that of noise alone."""
-        return math.sqrt(self.held_out_mse / self.noise_mse)
+        return self.misfit_by(self.problem.inflation)
+
+    def misfit_by(self, inflation: float) -> float:
+        """Compute the misfit with errors by Huber over a floor of another inflation.
+
+        Misfits are compared by one; see `Problem.renewed`.
+        """
+        ratio = self.problem.inflation / inflation
+        if ratio == 1.0:
+            return math.sqrt(self.held_out_mse / self.noise_mse)
+        kept = [
+            huber_residual(ratio * plain_error(e[:, np.isfinite(e[0])])).ravel()
+            for e in self.errors
+        ]
+        mean = float(np.mean(np.concatenate(kept) ** 2))
+        return math.sqrt(mean / self.noise_mse) / ratio
 
 
 def cross_validate(

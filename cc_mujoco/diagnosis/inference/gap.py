@@ -100,24 +100,26 @@ def _gap(squares: FloatArray, random: np.random.Generator) -> Gap:
 
 
 def _closed(old: float, new: float, floor: float) -> float:
-    """Share of the gap that is closed; NaN where there is none to close."""
-    gap = old - floor
-    return float(1.0 - (new - floor) / gap) if old > 1.02 * floor else math.nan
+    """Share of the gap between RMS errors, given as squares; NaN without a gap."""
+    if old <= 1.02 * floor:
+        return math.nan
+    before, after, least = (math.sqrt(square) for square in (old, new, floor))
+    return 1.0 - (after - least) / (before - least)
 
 
 def overall(found: Mapping[str, Gap]) -> float:
     """Share of the gap that is closed in all channels together; NaN without a gap."""
-    old, new, floor = (
-        sum(square)
-        for square in zip(
-            *(
-                (g.rmse_before**2, g.rmse_after**2, g.noise_floor**2)
-                for g in found.values()
-            ),
-            strict=True,
-        )
-    )
-    return _closed(old, new, floor)
+    before, after = off(found)
+    return _closed(before**2, after**2, 1.0)
+
+
+def off(found: Mapping[str, Gap]) -> tuple[float, float]:
+    """Compute the RMS error of all channels over the noise floor, before and after."""
+    if not found:
+        return math.nan, math.nan
+    before = [(gap.rmse_before / gap.noise_floor) ** 2 for gap in found.values()]
+    after = [(gap.rmse_after / gap.noise_floor) ** 2 for gap in found.values()]
+    return math.sqrt(np.mean(before)), math.sqrt(np.mean(after))
 
 
 def traces(

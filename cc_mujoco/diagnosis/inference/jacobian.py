@@ -157,14 +157,28 @@ class Slopes:
         return known
 
 
-def jacobian(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
-    """Derivative of `Problem.residual` (residuals, parameters)."""
+def jacobian(
+    problem: Problem, x: FloatArray, masks: Masks, explained: bool = False
+) -> FloatArray:
+    """Compute the derivative of `Problem.residual` (residuals, parameters).
+
+    Args:
+        problem: the model.
+        x: place of the parameters.
+        masks: samples that count.
+        explained: as if the model explained the data, see `plain_steepness`.
+    """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     priors = np.diag([-1.0 / p.prior for p in problem.tuned])
     priors = priors[:, [np.isfinite(p.prior) for p in problem.tuned]]
     torques = problem.torques(x, seen)
     slopes = problem.slopes.of(problem, x, seen, torques)
-    rows = residual_changes(steepness(problem, torques, masks), slopes)
+    steep = (
+        plain_steepness(problem, masks)
+        if explained
+        else steepness(problem, torques, masks)
+    )
+    rows = residual_changes(steep, slopes)
     return np.concatenate([rows, priors], axis=1).T
 
 
@@ -186,6 +200,17 @@ def steepness(
         steep = -problem.weight * slope / problem.floor[k]
         found.append((steep[:, masks[k]], masks[k]))
     return found
+
+
+def plain_steepness(
+    problem: Problem, masks: Masks
+) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
+    """Return the same where no error is large, so that every sample counts."""
+    return [
+        (-problem.weight / floor[:, mask], mask)
+        for floor, mask in zip(problem.floor, masks, strict=True)
+        if mask.any()
+    ]
 
 
 def residual_changes(

@@ -6,27 +6,30 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from cc_mujoco.diagnosis.effects import EFFECTS
-from cc_mujoco.diagnosis.inference.agreement import REACHED
 from cc_mujoco.diagnosis.inference.folds import CrossValidation, excess
-from cc_mujoco.diagnosis.inference.gap import overall
+from cc_mujoco.diagnosis.inference.gap import off, overall
 from cc_mujoco.diagnosis.inference.plausibility import FITS_ONLY
-from cc_mujoco.diagnosis.inference.search import Search, Thresholds
+from cc_mujoco.diagnosis.inference.search import REACHED, Search, Thresholds
 from cc_mujoco.diagnosis.verdict import Found, Gap, Strayed, Verdict
 from cc_mujoco.diagnosis.wording import capital, channel, number, share
 from cc_mujoco.page import listed
 
-EXPLAINED = 0.6
-"""Share of the error beyond the floor that named effects have to take, or else the gap.
+EXPLAINED = 0.5
+"""Share of the RMS error beyond the floor that named effects have to take, or else the
+gap.
 
 In the search large errors count less, since few moments must not decide what is named;
 an effect that shows in few moments only closes the gap without taking that share.
 """
 
-CLOSED = 0.75
-"""Share of the gap that an effect has to close which takes less than `EXPLAINED`."""
+CLOSED = 2.0 / 3.0
+"""Share of the gap between RMS errors that an effect has to close which takes less than
+`EXPLAINED`, or stays far off."""
 
 REFINES = 0.1
-"""Share of the baseline's gap below which an effect only refines the others."""
+"""Share of the squared gap below which an effect may only mend the form of another."""
+OWN = 5.0
+"""RMS error of its own over the floor from which on it is a finding even so."""
 
 HINT = 1.8
 """Error over the floor below which a name is a hint: rigs whose bends and friction are
@@ -50,6 +53,31 @@ class Outcome(NamedTuple):
     strayed: tuple[Strayed, ...]
 
 
+def refines(
+    name: str, shares: Mapping[str, float], own: Mapping[str, float], left: float
+) -> bool:
+    """Return whether an effect of a model only refines the others.
+
+    One that takes little of the gap is a finding nevertheless where it takes half of
+    the squared error that the model would have without it, and that is clearly more
+    than noise; unless a larger effect is easily confused with it, whose form it may
+    mend.
+
+    Args:
+        name: of the effect.
+        shares: of the squared gap that opens without each effect.
+        own: RMS error over the floor that opens without each effect.
+        left: RMS error of the model over the floor.
+    """
+    if shares[name] >= min(REFINES, max(shares.values())):
+        return False
+    mends = any(
+        shares[other] > shares[name] and EFFECTS[name].confused(EFFECTS[other])
+        for other in shares
+    )
+    return mends or own[name] < max(OWN, left)
+
+
 def judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdict, str]:
     """The verdict in one word and in a few sentences."""
     kind, told = _judged(found, outcome, limits)
@@ -62,16 +90,22 @@ def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdic
     if not outcome.effects:
         return _nothing(found.before, found, limits)
     ordinary = [each.id for each in outcome.effects if each.ordinary]
-    refining = [e.id for e in outcome.effects if e.refinement and not e.ordinary]
+    refining = [e for e in outcome.effects if e.refinement and not e.ordinary]
     disputed = [
         e for e in outcome.effects if e.disputed and not (e.refinement or e.ordinary)
     ]
     missing = [each.id for each in outcome.effects if each.missing]
-    told = f"On data held out, the weighted RMS error of {_gap(outcome.gap)}."
+    before, after = off(outcome.gap)
+    told = (
+        f"The repaired model is {after:.1f} times the noise floor off data held out, "
+        f"the tuned scene {before:.1f} times; the weighted RMS error of "
+        f"{_gap(outcome.gap)}."
+    )
     if refining:
+        either = listed(listed(_all(each), "or") for each in refining)
         told += (
-            f" {capital(_titles(refining))} refines the model, but takes too little "
-            "to be called missing."
+            f" {capital(either)} refines the model, but takes too little to be called "
+            "missing."
         )
     if ordinary:
         told += (
@@ -95,7 +129,7 @@ def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdic
             "Something is missing, and parts of these data name different effects for "
             f"it{_impossible(found)}. {told}"
         )
-    explained = 1.0 - (left**2 - 1.0) / (misfit**2 - 1.0) if misfit > 1.0 else 1.0
+    explained = 1.0 - (left - 1.0) / (misfit - 1.0) if misfit > 1.0 else 1.0
     # A model that stays far off is wrong in form; large errors are what that is about.
     little = explained < EXPLAINED or left > REACHED
     little = little and overall(outcome.gap) < CLOSED
@@ -151,6 +185,11 @@ def _impossible(found: Search) -> str:
         if candidate.reason.startswith(FITS_ONLY)
     ]
     return f"; {listed(said)}" if said else ""
+
+
+def _all(found: Found) -> list[str]:
+    """Return the titles of an effect and of what the data do not tell from it."""
+    return [EFFECTS[name].title for name in (found.id, *found.rivals)]
 
 
 def _titles(names: list[str]) -> str:

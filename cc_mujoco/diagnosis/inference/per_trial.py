@@ -7,7 +7,7 @@ trials then contradict each other, and nothing that is added explains them all.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -28,11 +28,16 @@ OFF = 3.0
 """The same over the noise floor."""
 SUSPECTS = 2
 """Trials that are left out in turn, the worst first."""
-OWN = 0.6
-"""Share of its squared error beyond the floor that a change of its own must take."""
+LEVEL = 1.25
+"""Error that such a trial may keep with a constant of its own, over that of the rest:
+what a constant does not mend is in the model, and shows most where most moves."""
+TURNS = 8
+"""Angles around the joint's axis that are tried before the best is refined."""
 KEPT = 0.3
 """Share of its error by the tuned scene that a trial keeps which contradicts the rest;
 of a large effect every model leaves something, most where it shows most."""
+CONSTANTS = ("pretension", "friction", "tilt")
+"""Those that one trial may have of its own."""
 WIDEST = math.log(8.0)
 """Logarithm of the largest such change."""
 
@@ -75,8 +80,7 @@ class Odd(NamedTuple):
         misfit: RMS error over the noise floor, by parameters fitted to the others.
         rest: the same of the others.
         tilt: by which they are declared turned, where all that are so are meant [rad].
-        own: what a parameter of its own would have to be, in words; empty where that
-            does not explain it.
+        own: what a constant of its own would have to be, in words.
     """
 
     trials: tuple[str, ...]
@@ -97,20 +101,23 @@ class Odd(NamedTuple):
         if self.tilt:
             return (
                 f"{off}was the rig turned by {number(self.tilt)} rad, positive as the "
-                "joint is? Correct sign and size of `tilt` in dataset.toml."
+                f"joint is? It looks as if {self.own}. Correct sign and size of `tilt` "
+                "in dataset.toml."
             )
-        told = f" It looks as if {self.own}." if self.own else ""
         return (
             f"{off}was its pretension, its route or the way the rig stands changed?"
-            f"{told} If so, declare it in dataset.toml ([trials.{self.trials[0]!r}] "
-            "pretension, tilt), or leave the trial out."
+            f" It looks as if {self.own}. If so, declare it in dataset.toml "
+            f"([trials.{self.trials[0]!r}] pretension, tilt), or leave the trial out."
         )
 
 
 def odd_trial(
     problem: Problem, x: FloatArray, tuned: Mapping[str, float] | None = None
 ) -> Odd | None:
-    """The trial that contradicts the others, if there is one.
+    """Return the trial that contradicts the others, if there is one.
+
+    That is, one that a constant of its own brings to the level of the others. A trial
+    with the widest motion is off most by whatever the model lacks.
 
     Args:
         problem: a model that explains the others.
@@ -142,9 +149,12 @@ def odd_trial(
     if told.misfit < KEPT * max(before[name] for name in told.trials):
         return None
     tilt = tilts[told.trials[0]]
-    if tilt and sum(each == tilt for each in tilts.values()) == len(told.trials):
-        return told._replace(tilt=tilt)
-    return told._replace(own=_own(problem, there, places[told.trials[0]]))
+    turned = tilt and sum(each == tilt for each in tilts.values()) == len(told.trials)
+    own = [k for name in told.trials for k in places[name]]
+    left, words = _own(problem, there, own, ("tilt",) if turned else CONSTANTS)
+    if left > LEVEL * max(told.rest, 1.0):
+        return None
+    return told._replace(tilt=tilt if turned else 0.0, own=words)
 
 
 def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
@@ -177,49 +187,77 @@ def _left_out(
     ), there
 
 
-def _own(problem: Problem, x: FloatArray, places: list[int]) -> str:
-    """Which change of its own explains a trial, in words."""
-    from scipy.optimize import minimize_scalar
+def _own(
+    problem: Problem, x: FloatArray, places: list[int], names: Sequence[str]
+) -> tuple[float, str]:
+    """Find the constant that explains trials best if it is their own.
 
+    Args:
+        problem: the model.
+        x: its parameters, fitted to the other trials.
+        places: indices of the trials' records.
+        names: of the constants to try.
+
+    Returns:
+        Their RMS error over the floor with that, and what it would be, in words.
+    """
     values = problem.values(x)
     records = problem.plant.records
     start = problem.plant.bench.cables[0].pretension
 
-    def misfit(name: str, factor: float) -> float:
+    def misfit(name: str, change: float) -> float:
         errors = []
         for k in places:
             record, changed = records[k], {**values}
             if name == "pretension":
                 usual = start if record.pretension is None else record.pretension
-                record = replace(record, pretension=factor * usual)
+                record = replace(record, pretension=math.exp(change) * usual)
+            elif name == "tilt":
+                record = replace(record, tilt=change)
             else:
-                changed[name] = factor * values[name]
+                changed[name] = math.exp(change) * values[name]
             plant = problem.plant.limited([record])
             (torque,) = plant.simulate(changed, problem.effects)
             errors.append(record.measured - torque)
         return _misfit(problem, places, errors)
 
-    usual = misfit("friction", 1.0)
-    tried = {}
-    for name in ("pretension", "friction"):
-        best = minimize_scalar(
-            lambda log, name=name: misfit(name, math.exp(log)),
-            bounds=(-WIDEST, WIDEST),
-            method="bounded",
-            options={"xatol": 0.01, "maxiter": 25},
-        )
-        tried[name] = (float(best.fun), math.exp(float(best.x)))
+    known = set(names) if "joint_gravity" in problem.effects else {*names} - {"tilt"}
+    tried = {name: _least(name, misfit) for name in names if name in known}
+    if not tried:
+        return math.inf, ""
     name = min(tried, key=lambda each: tried[each][0])
-    left, factor = tried[name]
-    if left**2 - 1.0 > (1.0 - OWN) * (usual**2 - 1.0):
-        return ""
+    left, change = tried[name]
     if name == "friction":
-        return f"friction times wrap were {number(factor)} times that of the others"
-    known = records[places[0]].pretension
+        told = f"friction times wrap were {number(math.exp(change))} times that of "
+        return left, f"{told}the others"
+    if name == "tilt":
+        return left, f"the rig had been turned by {number(change)} rad"
+    own = records[places[0]].pretension
     tension = values.get("pretension", start)
-    if known is not None and start > 0.0:
-        tension *= known / start
-    return f"its pretension were {number(factor * tension)} N, not {number(tension)} N"
+    if own is not None and start > 0.0:
+        tension *= own / start
+    return left, (
+        f"its pretension were {number(math.exp(change) * tension)} N, not "
+        f"{number(tension)} N"
+    )
+
+
+def _least(name: str, misfit: Callable[[str, float], float]) -> tuple[float, float]:
+    """Return the least misfit by a constant, and its change there."""
+    from scipy.optimize import minimize_scalar
+
+    low, high = -WIDEST, WIDEST
+    if name == "tilt":
+        turns = np.linspace(-math.pi, math.pi, TURNS, endpoint=False)
+        about = float(min(turns, key=lambda turn: misfit(name, float(turn))))
+        low, high = about - math.tau / TURNS, about + math.tau / TURNS
+    best = minimize_scalar(
+        lambda change: misfit(name, float(change)),
+        bounds=(low, high),
+        method="bounded",
+        options={"xatol": 0.01, "maxiter": 25},
+    )
+    return float(best.fun), float(best.x)
 
 
 def _places(problem: Problem) -> dict[str, list[int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -16,15 +17,16 @@ from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.evidence import Evidence, Isolability
 from cc_mujoco.diagnosis.inference.agreement import AGREED, agreement
 from cc_mujoco.diagnosis.inference.baseline import BaselineFit, fit_baseline, plant_of
-from cc_mujoco.diagnosis.inference.experiment import propose
+from cc_mujoco.diagnosis.inference.experiment import Rivals, propose
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem, fit, settled
 from cc_mujoco.diagnosis.inference.folds import (
+    CrossValidation,
     cross_validate,
     interleaved_folds,
     trial_folds,
 )
 from cc_mujoco.diagnosis.inference.foretold import misread
-from cc_mujoco.diagnosis.inference.gap import gaps, predicted, traces
+from cc_mujoco.diagnosis.inference.gap import gaps, off, predicted, traces
 from cc_mujoco.diagnosis.inference.intervals import (
     Spread,
     estimates,
@@ -32,7 +34,7 @@ from cc_mujoco.diagnosis.inference.intervals import (
     spread,
     undetermined,
 )
-from cc_mujoco.diagnosis.inference.judgement import REFINES, Outcome, judged
+from cc_mujoco.diagnosis.inference.judgement import Outcome, judged, refines
 from cc_mujoco.diagnosis.inference.location import Fitted, Trials, located, ordinates
 from cc_mujoco.diagnosis.inference.numerics import HARMLESS
 from cc_mujoco.diagnosis.inference.per_trial import misfits, odd_trial, trial_errors
@@ -42,7 +44,6 @@ from cc_mujoco.diagnosis.inference.residual_maps import maps
 from cc_mujoco.diagnosis.inference.result import Result
 from cc_mujoco.diagnosis.inference.screen import Signature, signature_cosine
 from cc_mujoco.diagnosis.inference.search import (
-    Candidate,
     Round,
     Search,
     Thresholds,
@@ -50,7 +51,12 @@ from cc_mujoco.diagnosis.inference.search import (
     shares_of,
 )
 from cc_mujoco.diagnosis.inference.starting import prepared
-from cc_mujoco.diagnosis.inference.testable import confounded, strayed, untestable
+from cc_mujoco.diagnosis.inference.testable import (
+    confounded,
+    reach,
+    strayed,
+    untestable,
+)
 from cc_mujoco.diagnosis.inference.trial_trends import trial_constants
 from cc_mujoco.diagnosis.verdict import (
     Baseline,
@@ -164,18 +170,22 @@ def _concluded(
     drawn = maps(shown, seed)
     evidence = Evidence(shown, drawn, isolability(found.signatures))
     estimated = estimates(problem, x, model.spread)
-    hidden = confounded(baseline_fit.problem, baseline_fit.whole.x, found.signatures)
-    beyond = strayed(problem, x, estimated, hidden)
     found = kept(found, baseline_fit, model)
-    effects = _found(found, problem, x, estimated, agreed.shares)
-    missing = [effect.id for effect in effects if effect.missing]
     added = [step.added for step in found.rounds if step.added]
-    ties = tuple(
-        rivals
+    groups = {
+        rivals[0]: rivals
         for step in found.rounds
         for rivals in [_tied(step.tied(problem.effects, added), agreed.rivals)]
-        if len(rivals) > 1 and rivals[0] in missing
-    )
+        if len(rivals) > 1
+    }
+    effects = _found(found, problem, x, estimated, agreed.shares, groups)
+    missing = [effect.id for effect in effects if effect.missing]
+    ties = tuple(rivals for name, rivals in groups.items() if name in missing)
+    beside = {*problem.effects, *chain.from_iterable(groups.values())}
+    others = [sign.id for sign in found.signatures if sign.id not in beside]
+    shown_by = reach(problem, x, others, found.changes)
+    hidden = confounded(shown_by)
+    beyond = strayed(problem, x, estimated, hidden)
     outcome = Outcome(effects, ties, model.held.gap, beyond)
     kind, statement = judged(found, outcome, limits)
     # What is added where nothing explains the error only stands in for it.
@@ -188,24 +198,14 @@ def _concluded(
     constants = trial_constants(*asked)
     along = ordinates(problem, constants[0].trials if constants else (), warmth)
     progress(0.95, "writing it down")
-    rivals = [
-        (c.crossed.problem, np.mean([f.x for f in c.crossed.fits], axis=0))
-        for names in ties
-        for name in names
-        for c in [_refitted(found, name)]
-    ]
     counts = [record.counts for record in problem.plant.records]
     diagnosis = Diagnosis(
         kind,
         statement,
         effects,
         ties,
-        tuple(
-            each
-            for each in untestable(found.signatures, baseline_fit.problem, hidden)
-            if each.id not in {*problem.effects, *chain.from_iterable(ties)}
-        ),
-        propose(rivals, ties[0]) if ties else None,
+        untestable(shown_by, hidden),
+        propose(_rivals(found, ties[0]), limits) if ties else None,
         located(
             Fitted(baseline_fit.problem, baseline_fit.whole.x),
             Fitted(problem, x),
@@ -220,10 +220,11 @@ def _concluded(
         {},
         tuple(_runner_ups(step) for step in found.rounds),
         tuple(notes),
-        trial_errors(problem, model.held.before, model.held.after),
+        trial_errors(baseline_fit.problem, model.held.before, model.held.after),
         odd.question if odd else "",
         beyond,
         hidden,
+        off(model.held.gap)[1],
     )
     return Result(diagnosis, evidence, problem, x, bench, baseline_fit)
 
@@ -236,9 +237,30 @@ def _tied(
     return (*rivals, *(name for name in more if name not in rivals))
 
 
-def _refitted(found: Search, name: str) -> Candidate:
-    """An effect as it was refitted first."""
-    return next(c for step in found.rounds for c in step.candidates if c.id == name)
+def _rivals(found: Search, tie: Sequence[str]) -> Rivals:
+    """Return the first two effects of a tie, as they were refitted to one model."""
+    rounds = [
+        (step.before, {c.id: c.crossed for c in step.candidates})
+        for step in found.rounds
+    ]
+    # The last round that has both; parts of the data may name what none had with it.
+    both = [each for each in rounds if all(name in each[1] for name in tie[:2])]
+    before, models = both[-1] if both else (found.before, _first(rounds))
+    one, two = tie[0], tie[1]
+    confused = (
+        two in EFFECTS[one].confounded_with or one in EFFECTS[two].confounded_with
+    )
+    return Rivals((one, two), before, (models[one], models[two]), confused)
+
+
+def _first(
+    rounds: Sequence[tuple[CrossValidation, Mapping[str, CrossValidation]]],
+) -> dict[str, CrossValidation]:
+    """Return every effect as it was refitted first."""
+    found: dict[str, CrossValidation] = {}
+    for _, models in rounds:
+        found = {**models, **found}
+    return found
 
 
 class Model(NamedTuple):
@@ -373,10 +395,13 @@ def _found(
     x: FloatArray,
     estimated: Mapping[str, Estimate],
     agreed: Mapping[str, float],
+    groups: Mapping[str, tuple[str, ...]],
 ) -> tuple[Found, ...]:
     sure = {step.added: step.confidence for step in found.rounds}
     shares = found.shares
-    most = max(shares.values(), default=0.0)
+    beyond = max(found.before.misfit**2 - 1.0, 0.0)
+    own = {name: math.sqrt(max(shares[name], 0.0) * beyond) for name in problem.effects}
+    left = found.after.misfit_by(found.before.problem.inflation)
     return tuple(
         Found(
             name,
@@ -386,10 +411,12 @@ def _found(
             },
             sure.get(name, 0.0),
             shares[name],
-            shares[name] < min(REFINES, most),
+            refines(name, shares, own, left),
             agreed.get(name, 1.0),
             agreed.get(name, 1.0) < AGREED,
             ordinary(problem, x, name),
+            own[name],
+            tuple(rival for rival in groups.get(name, ()) if rival != name),
         )
         for name in problem.effects
     )

@@ -19,7 +19,12 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import Effect, EffectParameter
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
 from cc_mujoco.diagnosis.inference.folds import Fold
-from cc_mujoco.diagnosis.inference.jacobian import jacobian, residual_changes, steepness
+from cc_mujoco.diagnosis.inference.jacobian import (
+    jacobian,
+    plain_steepness,
+    residual_changes,
+    steepness,
+)
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.least_squares import in_threads
 
@@ -83,9 +88,8 @@ class Changes:
         return self._kept[key]
 
 
-@dataclass(frozen=True)
-class _Screen:
-    """A model that effects are held against.
+class _Place(NamedTuple):
+    """A model where it was fitted, which effects join.
 
     Attributes:
         problem: the model.
@@ -93,10 +97,7 @@ class _Screen:
         steep: change of the residual by the torques, see `steepness`.
         seen: indices of the records of which samples count.
         here: torques (2, samples) of these [Nm].
-        error: residual (residuals,).
-        tangent: (residuals, k) orthonormal, of what tuning can do.
-        rest: of the error once tuned.
-        foresight: of held-out errors.
+        priors: number of residuals that are of priors.
         changes: of effects, kept.
     """
 
@@ -105,11 +106,27 @@ class _Screen:
     steep: list[tuple[FloatArray, NDArray[np.bool_]]]
     seen: list[int]
     here: list[FloatArray]
+    priors: int
+    changes: Changes
+
+
+@dataclass(frozen=True)
+class _Screen:
+    """A model that effects are held against.
+
+    Attributes:
+        place: the model, and where it was fitted.
+        error: residual (residuals,).
+        tangent: (residuals, k) orthonormal, of what tuning can do.
+        rest: of the error once tuned.
+        foresight: of held-out errors.
+    """
+
+    place: _Place
     error: FloatArray
     tangent: FloatArray
     rest: FloatArray
     foresight: _Foresight
-    changes: Changes
 
 
 def screen(
@@ -150,17 +167,14 @@ def screen(
     here = problem.torques(x, seen)
     changes = changes or Changes()
     changes.begin(here)
+    steep = steepness(problem, here, masks)
+    priors = error.size - sum(each.size for each, _ in steep)
     given = _Screen(
-        problem,
-        x,
-        steepness(problem, here, masks),
-        seen,
-        here,
+        _Place(problem, x, steep, seen, here, priors, changes),
         error,
         tangent,
         error - tangent @ (tangent.T @ error),
         _Foresight(error, scaled, masks, division, len(here[0])),
-        changes,
     )
 
     library = problem.plant.library.effects
@@ -183,7 +197,47 @@ def amplitudes(effect: Effect) -> list[EffectParameter]:
     return [parameter for parameter in effect.parameters if parameter.size]
 
 
-def _columns(given: _Screen, name: str, place: int) -> FloatArray:
+def changes_by_effects(
+    problem: Problem,
+    x: FloatArray,
+    masks: Masks,
+    ids: Sequence[str],
+    changes: Changes,
+) -> dict[str, FloatArray]:
+    """Compute the changes of the residuals (residuals, amplitudes) by each effect.
+
+    They are those of typical sizes, at the first start, as if the model explained the
+    data: large errors take no weight from a sample. Effects that cannot be simulated
+    are left out.
+
+    Args:
+        problem: the model that the effects join.
+        x: where it was fitted.
+        masks: samples that count.
+        ids: of the effects.
+        changes: kept from the search.
+    """
+    seen = [k for k, mask in enumerate(masks) if mask.any()]
+    here = problem.torques(x, seen)
+    changes.begin(here)
+    priors = sum(np.isfinite(parameter.prior) for parameter in problem.tuned)
+    steep = plain_steepness(problem, masks)
+    place = _Place(problem, x, steep, seen, here, int(priors), changes)
+    library = problem.plant.library.effects
+
+    def made(name: str) -> FloatArray | None:
+        sizes = [p.size for p in library[name].parameters if p.linear]
+        try:
+            return _columns(place, name, 0)[:, sizes]
+        except CableError:
+            return None
+
+    able = [name for name in ids if name in library]
+    found = zip(able, in_threads(made, able), strict=True)
+    return {name: columns for name, columns in found if columns is not None}
+
+
+def _columns(given: _Place, name: str, place: int) -> FloatArray:
     """Changes of the residual (residuals, amplitudes) by one start of an effect."""
     effect = given.problem.plant.library.effects[name]
     start = effect.starts[place]
@@ -202,17 +256,18 @@ def _columns(given: _Screen, name: str, place: int) -> FloatArray:
 
         torques = given.changes.of((name, place, parameter.name), simulate)
         (made,) = residual_changes(given.steep, torques)
-        columns.append(np.append(made, np.zeros(given.error.size - made.size)))
+        columns.append(np.append(made, np.zeros(given.priors)))
     return np.array(columns).T
 
 
 def _sign(given: _Screen, name: str, place: int) -> Signature | None:
     """The signature of one start of an effect; None where it cannot be simulated."""
     try:
-        changes = _columns(given, name, place)
+        changes = _columns(given.place, name, place)
     except CableError:
         return None
-    effect = given.problem.plant.library.effects[name]
+    problem = given.place.problem
+    effect = problem.plant.library.effects[name]
     start = dict(effect.starts[place])
     parameters = [parameter for parameter in effect.parameters if parameter.linear]
     error, rest = given.error, given.rest
@@ -220,13 +275,13 @@ def _sign(given: _Screen, name: str, place: int) -> Signature | None:
     lengths = np.linalg.norm(signature, axis=0)
     sizes = np.array([parameter.size for parameter in parameters])
     own = float(lengths[sizes].max())
-    visible = own / np.sqrt(error.size) / given.problem.weight
+    visible = own / np.sqrt(error.size) / problem.weight
     if own <= PIECE:
         nothing = np.zeros((error.size, 0))
         return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes[:, sizes])
     kept = lengths > PIECE
     solved = np.zeros(len(parameters))
-    wider = given.problem.with_effect(name, start).tuned[given.x.size :]
+    wider = problem.with_effect(name, start).tuned[given.place.x.size :]
     known = [k for k in wider if k.name in {p.name for p in parameters}]
     priors = np.diag([1.0 / k.prior for k in known])[:, kept]
     low, high = (

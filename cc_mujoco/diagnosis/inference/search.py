@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,8 @@ LOOKALIKE = 0.9
 FORM = 0.05
 """Share of what an effect explains, in every trial, that its form may be off by: right
 names leave that much on rigs of other forms. Less does not part it from a lookalike."""
+REACHED = 2.4
+"""Error over the floor up to which a model explains the data, part by part."""
 MOST = 4
 """Most effects that are added."""
 DRAWS = 400
@@ -94,6 +96,7 @@ class Round(NamedTuple):
         added: the one that was added, or None.
         rivals: ids that do as well as the one added, itself first.
         confidence: share of bootstraps that the added one wins.
+        before: the model that it was added to.
         parted: rivals that still helped when it had been added.
     """
 
@@ -101,6 +104,7 @@ class Round(NamedTuple):
     added: str | None
     rivals: tuple[str, ...]
     confidence: float
+    before: CrossValidation
     parted: tuple[str, ...] = ()
 
     def tied(self, effects: Sequence[str], added: Sequence[str]) -> tuple[str, ...]:
@@ -129,6 +133,7 @@ class Search(NamedTuple):
         signatures: of every effect, on top of the baseline.
         shares: of the baseline's held-out squared error beyond the floor, what is left
             of it where an effect is taken out again and all else is refitted.
+        changes: of torques by effects, kept.
     """
 
     before: CrossValidation
@@ -136,6 +141,7 @@ class Search(NamedTuple):
     rounds: tuple[Round, ...]
     signatures: tuple[Signature, ...]
     shares: Mapping[str, float]
+    changes: Changes
 
 
 def search(
@@ -184,7 +190,7 @@ def search(
         known.append(now)
     now = _pruned(now, division, thresholds, known)
     shares = shares_of(baseline, now, division, known)
-    return Search(baseline, now, _settled(rounds), first, shares)
+    return Search(baseline, now, _settled(rounds), first, shares, changes)
 
 
 def shares_of(
@@ -201,21 +207,29 @@ def shares_of(
         division: of both.
         known: models that have been fitted already.
     """
-    beyond = max(baseline.held_out_mse - baseline.noise_mse, 1e-12)
+    inflation = baseline.problem.inflation
+    beyond = max(baseline.misfit**2 - 1.0, 1e-12)
+    left = now.misfit_by(inflation) ** 2
     slim = _slimmer(now, division, known)
     return {
-        name: (crossed.held_out_mse - now.held_out_mse) / beyond
+        name: (crossed.misfit_by(inflation) ** 2 - left) / beyond
         for name, crossed in slim.items()
     }
 
 
 def resolved(crossed: CrossValidation, division: Sequence[Fold]) -> CrossValidation:
-    """The same, simulated finely enough for the effects that it has."""
+    """Return the same by its own floor and weight, simulated finely enough for it."""
+    masks = [record.free for record in crossed.problem.plant.records]
+    place = np.mean([fit.x for fit in crossed.fits], axis=0)
+    problem = crossed.problem.renewed(place, masks)
     while True:
-        finer = refined(crossed.problem, np.mean([f.x for f in crossed.fits], axis=0))
+        starts = [fit.x for fit in crossed.fits]
+        crossed = cross_validate(problem, division, starts)
+        place = np.mean([fit.x for fit in crossed.fits], axis=0)
+        finer = refined(problem, place)
         if finer is None:
             return crossed
-        crossed = cross_validate(finer, division, [fit.x for fit in crossed.fits])
+        problem = finer
 
 
 def _settled(rounds: Sequence[Round]) -> tuple[Round, ...]:
@@ -366,19 +380,18 @@ def _decided(
     candidates.sort(key=lambda candidate: -candidate.reduction)
     able = [candidate for candidate in candidates if not candidate.reason]
     if not able:
-        return Round(tuple(candidates), None, (), 0.0)
+        return Round(tuple(candidates), None, (), 0.0, now)
     sums = {c.id: blocks(c.crossed).sum(axis=1) for c in able}
     best = able[0]
     rivals, alike = [best], []
     sign = {signature.id: signature for signature in signatures}
     for other in able[1:]:
-        apart = sums[other.id] - sums[best.id]
-        error = np.std(apart) * np.sqrt(apart.size)
-        if apart.sum() < thresholds.rival * error:
+        confused = _resemble(sign[best.id], sign[other.id])
+        pair = best.id, other.id
+        why = rivalry(now, best.crossed, other.crossed, pair, confused, thresholds)
+        if why == "noise":
             rivals.append(other)
-        elif _resemble(sign[best.id], sign[other.id]) and parted_by_form(
-            now, best.crossed, other.crossed
-        ):
+        elif why == "form":
             alike.append(other)
     # Where the data do not tell, the one with fewer parameters comes first; the error
     # of a form is no reason to have the worse one in the model.
@@ -389,13 +402,46 @@ def _decided(
     rivals = [rival for rival in rivals if rival.id not in wider]
     sums = {name: own for name, own in sums.items() if name not in wider}
     names = tuple(rival.id for rival in rivals)
-    return Round(tuple(candidates), leader, names, confidence(sums, leader))
+    sure = confidence(sums, leader)
+    return Round(tuple(candidates), leader, names, sure, now)
+
+
+def rivalry(
+    now: CrossValidation,
+    best: CrossValidation,
+    other: CrossValidation,
+    names: tuple[str, str],
+    confused: bool,
+    thresholds: Thresholds,
+) -> Literal["", "noise", "form"]:
+    """Return why two effects are in a tie; "" where the data tell them apart.
+
+    They do where one explains the data and the other does not, even if few moments
+    show it, say those of little tension; but not of effects whose forms meet.
+
+    Args:
+        now: the model without either.
+        best: with the one that does better.
+        other: with the other one.
+        names: their ids.
+        confused: whether they are easily confused.
+        thresholds: of decisions.
+    """
+    one, two = names
+    meet = one in EFFECTS[two].form_of or two in EFFECTS[one].form_of
+    if best.misfit <= thresholds.misfit and other.misfit > REACHED and not meet:
+        return ""
+    apart = blocks(other).sum(axis=1) - blocks(best).sum(axis=1)
+    error = np.std(apart) * np.sqrt(apart.size)
+    if apart.sum() < thresholds.rival * error:
+        return "noise"
+    return "form" if confused and parted_by_form(now, best, other) else ""
 
 
 def parted_by_form(
     now: CrossValidation, best: CrossValidation, other: CrossValidation
 ) -> bool:
-    """Whether two effects differ by no more than forms do, in every trial.
+    """Decide whether two effects differ by no more than forms do, in every trial.
 
     No noise makes such a difference, so it may be sure; but what is called a spring
     softens, and what pulls like a weight is a rubber band.
@@ -461,6 +507,7 @@ def _without(
     slim = now.problem.without(name)
     for crossed in known:
         same = crossed.problem.plant is slim.plant
+        same = same and crossed.problem.floor is slim.floor
         if same and set(crossed.problem.effects) == set(slim.effects):
             return crossed
     kept = [i for i, p in enumerate(now.problem.tuned) if p in slim.tuned]

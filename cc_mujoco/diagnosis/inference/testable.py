@@ -1,15 +1,18 @@
 """What these data cannot tell: effects too small to show, and those that tuning hides.
 
-What an effect changes of the torques is compared with what each parameter of the
-baseline changes. Where the freedom of one parameter makes the effect vanish, the two
-are confounded; and where that parameter was tuned further from the scene than is known
-of it, the effect may be why.
+What an effect of a size that is plausible on the rig changes of the torques is compared
+with the noise, and with what each parameter of the accepted model changes. Where the
+freedom of one parameter makes the effect vanish, the two are confounded; and where that
+parameter was tuned further from the scene than is known of it, the effect may be why.
+How far the model still is from the data does not enter: what is missing is no noise.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,14 +21,22 @@ from cc_mujoco.diagnosis.effects import EFFECTS, Effect
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.jacobian import jacobian
 from cc_mujoco.diagnosis.inference.plant import CLOCKS, OFFSETS
-from cc_mujoco.diagnosis.inference.screen import Signature, amplitudes
+from cc_mujoco.diagnosis.inference.screen import (
+    Changes,
+    amplitudes,
+    changes_by_effects,
+)
+from cc_mujoco.diagnosis.inference.sizes import plausible_size
 from cc_mujoco.diagnosis.verdict import Confounded, NotTestable, Strayed
 from cc_mujoco.diagnosis.wording import number, plain
 from cc_mujoco.estimation.least_squares import Estimate, Tuned
 from cc_mujoco.page import listed
 
 SEEN = 3.0
-"""Size over its uncertainty with which a plausible effect would show."""
+"""Size over its uncertainty with which a planned trial would show an effect."""
+SHOWN = 0.1
+"""Squared RMS change over the noise floor with which a plausible effect would show: at
+the floor it then takes so much of the error as effects are named for."""
 FAR = 3.0
 """Standard deviations of what is known from which on a tuned parameter has strayed."""
 GUESSED = {"friction": 0.4, "axial_stiffness": 0.4}
@@ -86,45 +97,104 @@ ZERO_REMEDY = (
 """What to do where the zero of a joint strayed that a cable pulls by a lever."""
 
 
-def independent(problem: Problem) -> float:
-    """Number of independent samples, by which errors average out."""
-    size = sum(r.measured[:, r.free].size for r in problem.plant.records)
-    return max(size * problem.weight**2, 1.0)
+class Change(NamedTuple):
+    """What plausible sizes of an effect change of the torques.
+
+    Attributes:
+        effect: of the library.
+        sizes: plausible on the rig, by name of the parameter.
+        made: (residuals, sizes) change over the noise floor, nothing retuned; its
+            length is the RMS.
+    """
+
+    effect: Effect
+    sizes: Mapping[str, float]
+    made: FloatArray
 
 
-def confounded(
-    problem: Problem, x: FloatArray, signatures: Sequence[Signature]
-) -> tuple[Confounded, ...]:
-    """Effects that would show but for the freedom of the baseline's parameters.
+class Reach(NamedTuple):
+    """What the data show of effects that the accepted model has not.
 
-    Of an effect with several sizes it is the mixture that tuning hides best.
+    Attributes:
+        problem: the model by the noise of the sensors alone.
+        x: where it was fitted.
+        slopes: (residuals, parameters) changes by each parameter, in the same unit.
+        tangent: (residuals, k) orthonormal, of what tuning can do.
+        changes: by effects.
+    """
+
+    problem: Problem
+    x: FloatArray
+    slopes: FloatArray
+    tangent: FloatArray
+    changes: tuple[Change, ...]
+
+    def left(self, change: FloatArray) -> FloatArray:
+        """Compute what tuning leaves of changes (residuals, ...)."""
+        found: FloatArray = change - self.tangent @ (self.tangent.T @ change)
+        return found
+
+
+def reach(problem: Problem, x: FloatArray, ids: Sequence[str], known: Changes) -> Reach:
+    """Compute what the data show of effects, by the accepted model and the noise.
 
     Args:
-        problem: the baseline, on whose free samples the signatures were taken.
+        problem: the model.
         x: where it was fitted.
-        signatures: of the effects.
+        ids: of effects that it has not.
+        known: changes kept from the search.
     """
-    masks = [record.free for record in problem.plant.records]
-    slopes = jacobian(problem, x, masks)
+    records = problem.plant.records
+    masks = [record.free for record in records]
+    # Torques are compared up to a band: so many of the samples are independent.
+    sizes = np.array([int(mask.sum()) for mask in masks])
+    shares = np.array([min(1.0, 2.0 * r.band * r.dt) for r in records])
+    quiet = replace(
+        problem,
+        floor=tuple(floor / problem.inflation for floor in problem.floor),
+        inflation=1.0,
+        weight=float(np.sqrt(np.sum(shares * sizes) / np.sum(sizes))),
+    )
+    rows = len(records[0].measured)
+    scale = quiet.weight * math.sqrt(rows * int(np.sum(sizes)))
+    slopes = jacobian(quiet, x, masks, explained=True) / scale
     size = np.linalg.norm(slopes, axis=0)
+    tangent, _ = np.linalg.qr(slopes[:, size > 0.0] / size[size > 0.0])
+    made = changes_by_effects(quiet, x, masks, ids, known)
+    changes = []
+    for name, columns in made.items():
+        effect = problem.plant.library.effects[name]
+        parameters = amplitudes(effect)
+        plausible = {p.name: plausible_size(p, problem, x) for p in parameters}
+        factors = np.array([plausible[p.name] / p.typical for p in parameters])
+        changes.append(Change(effect, plausible, columns * factors / scale))
+    return Reach(quiet, x, slopes, tangent, tuple(changes))
+
+
+def confounded(shown: Reach) -> tuple[Confounded, ...]:
+    """List effects that would show but for the freedom of the model's parameters.
+
+    Of an effect with several sizes it is the mixture that tuning hides best.
+    """
+    size = np.linalg.norm(shown.slopes, axis=0)
     free = np.flatnonzero(size > 0.0)
-    scaled = slopes[:, free] / size[free]
-    tangent, _ = np.linalg.qr(scaled)
+    scaled = shown.slopes[:, free] / size[free]
     found = []
-    for sign in signatures:
-        if not sign.changes.any():
+    for each in shown.changes:
+        if not each.made.any():
             continue
-        mix = _hidden(sign.changes, tangent)
-        change = sign.changes @ mix
-        left = float(np.linalg.norm(change - tangent @ (tangent.T @ change)))
-        if left > SEEN or float(np.linalg.norm(change)) < CLEAR * SEEN:
+        mix = _hidden(each.made, shown.tangent)
+        change = each.made @ mix
+        least = math.sqrt(SHOWN)
+        if float(np.linalg.norm(shown.left(change))) > least:
+            continue
+        if float(np.linalg.norm(change)) < CLEAR * least:
             continue
         shifts = np.linalg.lstsq(scaled, change)[0]
         most = int(np.argmax(np.abs(shifts)))
         shift, index = float(shifts[most] / size[free[most]]), int(free[most])
-        place = float(x[index])
-        effect = problem.plant.library.effects[sign.id]
-        found.append(_confounded(effect, mix, problem.tuned[index], shift, place))
+        parameter, place = shown.problem.tuned[index], float(shown.x[index])
+        found.append(_confounded(each, mix, parameter, shift, place))
     return tuple(found)
 
 
@@ -144,11 +214,12 @@ def _hidden(changes: FloatArray, tangent: FloatArray) -> FloatArray:
 
 
 def _confounded(
-    effect: Effect, mix: FloatArray, parameter: Tuned, shift: float, place: float
+    change: Change, mix: FloatArray, parameter: Tuned, shift: float, place: float
 ) -> Confounded:
-    first = amplitudes(effect)[int(np.argmax(np.abs(mix)))]
+    first = amplitudes(change.effect)[int(np.argmax(np.abs(mix)))]
+    size = change.sizes[first.name]
     told = (
-        f"{_size(first.name, first.typical, first.unit)} looks like "
+        f"{_size(first.name, size, first.unit)} looks like "
         f"{plain(parameter.name)} {_value(parameter, shift)} in place of "
         f"{_value(parameter, 0.0)}"
     )
@@ -156,9 +227,15 @@ def _confounded(
     possible = (0.0 if first.low == 0.0 else -LARGEST) < share < LARGEST
     explains = ""
     if possible and abs(place) > FAR * parameter.prior:
-        explains = f"about {_size(first.name, share * first.typical, first.unit)}"
-    remedy = REMEDY[parameter.name]
-    return Confounded(effect.id, parameter.name, told, explains, remedy)
+        explains = f"about {_size(first.name, share * size, first.unit)}"
+    remedy = _remedy(parameter.name, change.effect)
+    return Confounded(change.effect.id, parameter.name, told, explains, remedy)
+
+
+def _remedy(parameter: str, effect: Effect) -> str:
+    """Return what tells an effect from a parameter of the model."""
+    # Parameters of effects that are in the model have none of their own.
+    return REMEDY.get(parameter, f"record {effect.required_excitation}")
 
 
 def strayed(
@@ -222,27 +299,25 @@ def _far(parameter: Tuned, place: float, given: float) -> float:
     return abs(math.log(parameter.value(place) / given)) / parameter.scale
 
 
-def untestable(
-    signatures: Sequence[Signature], problem: Problem, hidden: Sequence[Confounded]
-) -> tuple[NotTestable, ...]:
-    """Effects that would not show at a plausible size, whatever hides them."""
-    scale = math.sqrt(independent(problem))
+def untestable(shown: Reach, hidden: Sequence[Confounded]) -> tuple[NotTestable, ...]:
+    """List effects that would not show at a plausible size, whatever hides them."""
     confused = {each.id: each for each in hidden}
-    able = problem.plant.library
+    able = shown.problem.plant.library
     found = [NotTestable(name, why) for name, why in able.hidden.items()]
-    for sign in signatures:
-        clarity = sign.visible * scale
-        if clarity >= SEEN:
+    for each in shown.changes:
+        left = np.linalg.norm(shown.left(each.made), axis=0)
+        most = int(np.argmax(left))
+        if float(left[most]) ** 2 >= SHOWN:
             continue
-        first = problem.plant.library.effects[sign.id].parameters[0]
-        typical = _size(first.name, first.typical, first.unit)
-        told = f"a plausible size ({typical}) would stand out by "
-        told += f"{number(clarity, 1.0)} standard deviations only; "
-        if each := confused.get(sign.id):
-            told += f"tuning {plain(each.parameter)} hides it: {each.remedy}"
+        size = amplitudes(each.effect)[most]
+        plausible = _size(size.name, each.sizes[size.name], size.unit)
+        told = f"once all is tuned, a plausible size ({plausible}) would change the "
+        told += f"torques by {float(left[most]):.2f} times the noise floor only; "
+        if other := confused.get(each.effect.id):
+            told += f"tuning {plain(other.parameter)} hides it: {other.remedy}"
         else:
-            told += f"it takes {EFFECTS[sign.id].required_excitation}"
-        found.append(NotTestable(sign.id, told))
+            told += f"it takes {each.effect.required_excitation}"
+        found.append(NotTestable(each.effect.id, told))
     return tuple(found)
 
 

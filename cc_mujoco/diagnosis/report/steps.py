@@ -132,7 +132,11 @@ def _doubt(diagnosis: Diagnosis, names: Names) -> Html:
 def _experiment(diagnosis: Diagnosis, names: Names) -> Html:
     planned = diagnosis.next_experiment
     if planned is None:
-        return Html()
+        return _step(
+            "What to record",
+            "No motion of the catalogue that is not among these trials would tell "
+            "these apart; declare what is known of one of them, or measure it alone.",
+        )
     either = names.list(planned.separates, "or")
     return _step(
         "What to record", f"{capital(planned.description)}. It tells whether it is "

@@ -63,6 +63,22 @@ def test_a_trial_with_other_cables_is_asked_about(
     assert re.search(told, asked.question), asked.question
 
 
+def test_a_trial_that_no_constant_mends_is_not_asked_about() -> None:
+    """One that moves most is off most by whatever the model lacks."""
+    data = recorded()
+    trials = [
+        replace(
+            trial,
+            joint_torque=trial.joint_torque + size * np.sin(11.0 * trial.joint_angle),
+        )
+        for trial, size in zip(data.trials, (0.05, 0.05, 0.05, 0.5), strict=True)
+    ]
+    found = baseline_fit(replace(data, trials=tuple(trials)))
+    off = misfits(found.problem, found.whole.x)
+    assert max(off, key=lambda name: off[name]) == "run_3" and off["run_3"] > 3.0
+    assert odd_trial(found.problem, found.whole.x) is None
+
+
 def test_a_turn_the_wrong_way_is_asked_about_for_all_that_are_turned() -> None:
     data = recorded()
     trials = [
@@ -83,6 +99,8 @@ def test_a_turn_the_wrong_way_is_asked_about_for_all_that_are_turned() -> None:
     assert asked is not None and asked.trials == ("run_2", "run_3")
     assert "turned by \u22121.50 rad" in asked.question
     assert "Correct sign and size of `tilt`" in asked.question
+    told = re.search(r"had been turned by (1\.\d+) rad", asked.question)
+    assert told and float(told[1]) == pytest.approx(1.5, abs=0.1)
 
 
 def test_one_of_several_turned_trials_is_asked_about_its_pretension() -> None:

@@ -52,6 +52,7 @@ def test_the_missing_effect_is_named_and_the_gap_closes(
     found = result.diagnosis
     assert found.verdict == "named", found.statement
     assert [effect.id for effect in found.effects] == [name]
+    assert name not in {each.id for each in (*found.not_testable, *found.confounded)}
     for key, value in values.items():
         fitted = found.effects[0].parameters[key]
         assert fitted.value == pytest.approx(value, rel=0.15, abs=0.05)

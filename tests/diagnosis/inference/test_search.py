@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from cc_mujoco.diagnosis.inference import search
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.screen import within
-from cc_mujoco.diagnosis.inference.search import FORM, parted_by_form
+from cc_mujoco.diagnosis.inference.search import FORM, Thresholds, parted_by_form
 from diagnosis.recorded import BENCH, dataset
 
 SPRINGY = ("joint_stiffness", "joint_gravity", "viscous_friction")
@@ -110,6 +111,34 @@ def crossed(*errors: float, groups: Sequence[str] = ()) -> Any:
     return SimpleNamespace(
         problem=problem, errors=[np.full((2, 50), size) for size in errors]
     )
+
+
+def test_no_tie_where_one_explains_the_data_and_the_other_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A difference that a single second shows is sure if one model is at the floor."""
+    limits = Thresholds()
+
+    def model(misfit: float, *last: float) -> Any:
+        seconds = np.array([[1.0, 0.0]] * 30 + [[each, 0.0] for each in last])
+        return SimpleNamespace(misfit=misfit, seconds=seconds)
+
+    monkeypatch.setattr(search, "blocks", lambda crossed: crossed.seconds)
+    monkeypatch.setattr(search, "parted_by_form", lambda *_: True)
+    before, best, other = model(30.0, 30e3), model(1.4, 1.0), model(5.7, 900.0)
+    friction = "load_independent_friction", "tension_dependent_friction"
+    assert search.rivalry(before, best, other, friction, True, limits) == ""
+    # Neither explains the data: that one second decides nothing.
+    worse = best.__class__(misfit=3.0, seconds=best.seconds)
+    assert search.rivalry(before, worse, other, friction, True, limits) == "noise"
+    near = other.__class__(misfit=2.0, seconds=other.seconds)
+    assert search.rivalry(before, best, near, friction, True, limits) == "noise"
+    # A band that softens pulls like a weight, however well a weight fits.
+    pull = "joint_gravity", "joint_stiffness"
+    sure = model(5.7, *([30.0] * 30))
+    longer = model(1.4, *([1.0] * 30))
+    assert search.rivalry(before, longer, sure, pull, True, limits) == "form"
+    assert search.rivalry(before, longer, sure, pull[::-1], True, limits) == "form"
 
 
 def test_forms_part_two_effects_where_one_trial_shows_the_difference() -> None:

@@ -12,6 +12,7 @@ from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
 from cc_mujoco.diagnosis.inference.fitting import fit
 from cc_mujoco.diagnosis.inference.reason import kept
 from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.screen import Changes
 from cc_mujoco.diagnosis.inference.search import Search
 from diagnosis.recorded import BENCH, dataset
 
@@ -31,6 +32,7 @@ def test_what_is_left_of_a_model_counts_anew() -> None:
         (),
         (),
         idle,  # type: ignore
+        Changes(),
     )
     model: Any = SimpleNamespace(problem=problem, x=np.asarray(x))
     assert kept(found, base, model) is found

@@ -11,7 +11,15 @@ from cc_mujoco.diagnosis.inference.intervals import Spread, estimates
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.inference.result import Result
-from cc_mujoco.diagnosis.inference.testable import REMEDY, _misread, strayed
+from cc_mujoco.diagnosis.inference.screen import Changes
+from cc_mujoco.diagnosis.inference.testable import (
+    REMEDY,
+    _misread,
+    confounded,
+    reach,
+    strayed,
+    untestable,
+)
 from diagnosis.recorded import BENCH, dataset
 
 HIDDEN = {"load_independent_friction": 8.0, "seal_proximal": 0.0, "seal_distal": 0.0}
@@ -61,6 +69,26 @@ def test_a_stiffness_far_from_the_scene_is_told_though_nobody_declared_it() -> N
     (away,) = reason(data, BENCH, ids=IDS[1:]).diagnosis.strayed
     assert away.parameter == "axial_stiffness"
     assert "angles in turns" in away.statement
+
+
+def unseen(hidden: dict[str, dict[str, float]]) -> tuple[set[str], float]:
+    """What these motions cannot show by the tuned scene, and how far off that is."""
+    data = dataset(hidden, 2.0, seed=3)
+    records, filtering = prepare(data, BENCH)
+    base = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0)
+    others = [name for name in EFFECTS if name not in hidden]
+    shown = reach(base.problem, base.whole.x, others, Changes())
+    found = {each.id for each in untestable(shown, confounded(shown))}
+    return found, base.crossed.misfit
+
+
+def test_what_data_cannot_show_does_not_depend_on_what_is_missing() -> None:
+    """Whatever else is hidden, large as it may be, is no noise."""
+    nothing, small = unseen({})
+    drag, large = unseen({"viscous_friction": {"viscous_friction": 400.0}})
+    assert small < 1.5 and large > 5.0
+    assert drag <= nothing
+    assert len(nothing) <= 3
 
 
 def test_a_unit_is_suspected_only_where_its_factor_is_about_right() -> None:

@@ -1,0 +1,57 @@
+"""Rigs of an independent simulation: what is said of effects that are hidden there."""
+
+from __future__ import annotations
+
+import pytest
+
+from cc_mujoco.diagnosis.data.bench import Bench
+from cc_mujoco.diagnosis.diagnose import inferred
+from cc_mujoco.diagnosis.verdict import Diagnosis
+from shared_folder import ABSENT, SHARED
+
+CASES = SHARED / "cases" / "diagnosis"
+PULLS = {"joint_gravity", "joint_stiffness"}
+
+pytestmark = [
+    pytest.mark.shared,
+    pytest.mark.study,
+    pytest.mark.skipif(not CASES.is_dir(), reason=ABSENT),
+]
+
+
+def diagnosed(name: str) -> Diagnosis:
+    scene = CASES / name / "scene.xml"
+    found = inferred([CASES / name], Bench.of(scene))[0].diagnosis
+    # What is named is not what the data cannot show.
+    told = {effect.id for effect in found.effects} | {
+        rival for tie in found.ties for rival in tie
+    }
+    assert not told & {each.id for each in found.not_testable}
+    assert not told & {each.id for each in found.confounded}
+    assert f"{found.remaining:.1f} times the noise floor off" in found.statement
+    assert found.question == ""
+    return found
+
+
+def test_friction_without_load_is_named_alone() -> None:
+    found = diagnosed("load_independent")
+    assert found.verdict == "named", found.statement
+    assert [each.id for each in found.missing] == ["load_independent_friction"]
+    assert found.remaining < 1.5
+    assert found.not_testable == ()
+
+
+def test_a_cable_that_winds_on_itself_is_unknown() -> None:
+    found = diagnosed("drum")
+    assert found.verdict == "unknown", found.statement
+    assert found.remaining > 4.0
+    assert len(found.not_testable) <= 2
+
+
+def test_drag_and_a_weight_are_both_named() -> None:
+    found = diagnosed("viscous_gravity")
+    assert found.verdict in ("named", "tie"), found.statement
+    first, second = found.missing
+    assert first.id == "viscous_friction" and second.id in PULLS
+    assert {second.id, *second.rivals} <= PULLS
+    assert len(found.not_testable) <= 2

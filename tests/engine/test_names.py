@@ -15,20 +15,24 @@ AFFIXES = st.sampled_from(["a", "1", "l_", "_b", "a1", "ab_a"])
 
 
 def tendons(names: list[str]) -> mujoco.MjSpec:
-    """A slider on a spatial tendon over a post for each name."""
+    """A slider on a spatial tendon over a post for each name.
+
+    No name of another element begins as the name of a cable may: an affix that all
+    elements bear by accident is one that `attach` may have given them.
+    """
     spec = mujoco.MjSpec()
     for place, name in enumerate(names):
-        spec.worldbody.add_site(name=f"{place}from", pos=[place, 0, 1])
-        spec.worldbody.add_site(name=f"{place}over", pos=[place, 0.1, 1.2])
+        spec.worldbody.add_site(name=f"#{place}from", pos=[place, 0, 1])
+        spec.worldbody.add_site(name=f"#{place}over", pos=[place, 0.1, 1.2])
         body = spec.worldbody.add_body(pos=[place, 0.2, 0.8])
         body.add_joint(
-            name=f"{place}slider", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1]
+            name=f"#{place}slider", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1]
         )
         body.add_geom(size=[0.05, 0, 0], mass=1)
-        body.add_site(name=f"{place}to")
+        body.add_site(name=f"#{place}to")
         tendon = spec.add_tendon(name=name)
         for site in ("from", "over", "to"):
-            tendon.wrap_site(f"{place}{site}")
+            tendon.wrap_site(f"#{place}{site}")
     return spec
 
 
@@ -56,12 +60,12 @@ def routed(names: list[str], given: dict[str, str]) -> mujoco.MjSpec:
         ends = []
         for end in ("motor", "load"):
             body = spec.worldbody.add_body()
-            body.add_joint(name=f"{place}{end}")
+            body.add_joint(name=f"#{place}{end}")
             body.add_geom(size=[0.05, 0, 0], mass=1)
-            ends.append((f"{place}{end}", 0.02))
+            ends.append((f"#{place}{end}", 0.02))
         to_mjcf(spec, name, cable, *ends)
         for actuator in spec.actuators[-2:]:
-            actuator.name = f"{place}{actuator.name[len(name) :]}."
+            actuator.name = f"#{place}{actuator.name[len(name) :]}."
     return spec
 
 

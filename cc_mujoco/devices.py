@@ -10,10 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from cc_mujoco.assets import SCENES
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.sensing import Sensing
+
+if TYPE_CHECKING:
+    import mujoco
 
 
 @dataclass(frozen=True)
@@ -202,3 +206,18 @@ def find_device(name: str) -> Setup:
             "run`."
         )
     return look_up("scene", name, DEVICES)
+
+
+def motor_lag(model: mujoco.MjModel, actuator: int) -> float:
+    """Return the time constant of a motor's torque behind its control [s].
+
+    Args:
+        model: A scene.
+        actuator: Index of the motor; one of `dyntype` filter or filterexact lags.
+    """
+    import mujoco
+
+    filters = mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT
+    if int(model.actuator_dyntype[actuator]) not in map(int, filters):
+        return 0.0
+    return float(model.actuator_dynprm[actuator, 0])

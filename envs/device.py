@@ -17,7 +17,7 @@ from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
 from cc_mujoco.bare import left, routes, strip
 from cc_mujoco.control import CableDrive, Drive, Observed
-from cc_mujoco.devices import Setup
+from cc_mujoco.devices import Setup, motor_lag
 from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError
@@ -104,6 +104,7 @@ class Device:
         self.wearers = [_wearer(model, name) for name in movers]
         """Impedances at the joint and at its companions."""
         motor = model.actuator("motor")
+        self._motor = int(motor.id)
         self.motor_control = int(model.actuator_ctrladr[motor.id])
         scripted = [model.actuator(name) for name in (*movers, *setup.helpers)]
         self.script_controls = [int(model.actuator_ctrladr[a.id]) for a in scripted]
@@ -216,6 +217,8 @@ class Device:
             inertia=float(self.model.dof_M0[self.places.motor_v]),
             damping=float(self.model.dof_damping[self.places.motor_v]),
             joint_inertia=float(self.model.dof_M0[self.places.joint_v]),
+            motor_lag=motor_lag(self.model, self._motor),
+            lever=self.winding is not None,
             safe_torque=self.setup.safe_torque,
             crossed=self.winding.others(self.model) if self.winding else (),
             observed=self.observed(period),

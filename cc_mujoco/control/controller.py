@@ -81,13 +81,19 @@ def wound(observation: Mapping[str, Any], drive: Drive) -> Mapping[str, Any]:
     lacks `sensing.WINDING` is taken for measured at such a pulley.
 
     Raises:
-        CableError: If it cannot be, because other joints wind the cables too.
+        CableError: If it cannot be, because other joints wind the cables too, or
+            because they pull a lever.
     """
     if WINDING[0] not in observation:
         if drive.crossed:
             raise CableError(
                 f"joint {', '.join(drive.crossed)} winds the cables too; a controller "
                 f"with a model of them needs to read {', '.join(WINDING)}."
+            )
+        if drive.lever:
+            raise CableError(
+                "the cables pull a lever, whose arm changes with its angle; a "
+                f"controller with a model of them needs to read {', '.join(WINDING)}."
             )
         return observation
     angle, velocity, leverage = (observation[name] for name in WINDING)

@@ -66,6 +66,10 @@ class Drive:
     """Control steps by which what is measured comes late."""
     torque_noise: float = 0.0
     """Standard deviation of the joint torque sensor [Nm]."""
+    motor_lag: float = 0.0
+    """Time constant of the motor's torque behind its command, first order [s]."""
+    torque_rate: float = math.inf
+    """Fastest change of the commanded torque that the host lets through [Nm/s]."""
     safe_torque: float = math.inf
     """Most that the cables may put into the joint [Nm]; of a lever, in the neutral
     pose. Long before it is reached, controllers with a model let the joint go, see
@@ -73,6 +77,10 @@ class Drive:
     crossed: tuple[str, ...] = ()
     """Joints besides the driven one whose motion winds the cables. Then controllers
     with a model need `sensing.WINDING`."""
+    lever: bool = False
+    """Whether the cables pull a lever, whose arm changes with its angle; `distal` is
+    that of the neutral pose. Then, too, controllers with a model need
+    `sensing.WINDING`."""
     observed: Observed | None = None
     """What the device's environment observes; saved policies need it."""
 
@@ -91,6 +99,16 @@ class Drive:
             raise CableError(
                 f"Drive.period must be a positive number of seconds, "
                 f"not {self.period!r}."
+            )
+        if not 0.0 <= self.motor_lag <= 1.0:
+            raise CableError(
+                "Drive.motor_lag must be a time constant of 0 to 1 s, not "
+                f"{self.motor_lag!r}; 3 ms are 0.003."
+            )
+        if not self.torque_rate > 0.0:
+            raise CableError(
+                "Drive.torque_rate must be above 0 Nm/s, or math.inf for no limit, "
+                f"not {self.torque_rate!r}."
             )
         if not self.safe_torque > 0.0:
             raise CableError(

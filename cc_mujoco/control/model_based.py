@@ -67,8 +67,8 @@ class ModelBased(ProportionalIntegral):
             mismatch: Relative error of the model's friction on purpose, above -1; or a
                 function of the time since the reset [s] that gives it.
             settling: T [s]; 0 where the motor has no inertia. It is less where the
-                damping, times the period, would exceed 0.8 of an inertia that is known:
-                felt a period late, 1 is the edge of stability.
+                damping, times period and motor lag, would exceed 0.8 of an inertia that
+                is known: felt a period late, 1 is the edge of stability.
 
         Raises:
             CableError: If the cables are not known, a gain is negative, or a constant
@@ -158,7 +158,7 @@ def steady(drive: Drive, stiffness: ArrayLike, settling: float) -> float:
     if not drive.inertia > 0.0:
         return settling
     # A damper sampled this slowly would drive the motor, not calm it.
-    most = _STEADY * drive.inertia / drive.period
+    most = _STEADY * drive.inertia / (drive.period + drive.motor_lag)
     at_motor = float(np.max(stiffness)) / drive.ratio**2
     return min(settling, most / at_motor)
 

@@ -5,10 +5,16 @@ cables: the rotor as an observer has it, with the torque that the model does not
 explain; motion of the joint and of the desired torque, per control step, by filters of
 third order; the sense in which the motor turns; the torque through a low-pass; by how
 many control steps measurements are late; energy that the joint was given beyond what is
-desired; bias of the torque sensor; whether the guard has the motor follow the joint; by
-how much the torque sensor has shifted the joint of a single cable's model so that it
-pulls, now and when it last pulled no more than desired; logarithms of the factors of
-friction.
+desired; bias of the torque sensor; torque of the motor and the last command of it;
+whether the guard has the motor follow the joint; by how much the torque sensor has
+shifted the joint of a single cable's model so that it pulls, now and when it last
+pulled no more than desired; logarithms of the factors of friction.
+
+A motor whose torque lags follows its command by lag dtau/dt + tau = command. Observers
+and prediction work on the mean torque of every step, and the plan on commands. Where
+their rate is limited, the plan minimises the same cost over increments within the
+limit: D. Bertsekas, "Projected Newton methods for optimization problems with simple
+constraints", SIAM J. Control and Optimization 20, 1982.
 
 Which torque made the rotor move as it was seen to tells how late that was: there is an
 observer of the rotor for every delay that may be, and the one that errs least is
@@ -31,6 +37,7 @@ from cc_mujoco.control.tuning import (
     FORGETTING,
     HIGH,
     INERTIA,
+    LAG,
     LATE_FIRST,
     LEAK,
     LEARNING,
@@ -41,6 +48,7 @@ from cc_mujoco.control.tuning import (
     MOTION_2,
     NOISE,
     PERIOD,
+    RATE,
     RATIO,
     ROTOR_0,
     ROTOR_1,
@@ -60,7 +68,8 @@ from cc_mujoco.transmission.packing import segment_angles, slips, tensions
 
 ANGLE, VELOCITY, UNEXPLAINED, LOAD = 0, 1, 2, 3
 JOINT, AIM, SENSE, STARTED, FELT = 4, 7, 10, 11, 12
-LATE, ENERGY, BIAS, RELEASED, SHIFT, TAUT, FRICTION = 13, 14, 15, 16, 17, 18, 19
+LATE, ENERGY, BIAS, MOTOR, COMMAND = 13, 14, 15, 16, 17
+RELEASED, SHIFT, TAUT, FRICTION = 18, 19, 20, 21
 """Places in the memory; behind the last there is a number for every cable."""
 
 ERROR, ROTOR = 3, 4
@@ -90,6 +99,13 @@ _SETTLING = 0.03
 _STEADY = 0.8
 """Damping over what is the edge of stability, late as it is, at most."""
 _COULOMB = law.INDEX["friction"]
+_NEWTON_STEPS, _HALVINGS, _ROLLS = 12, 6, 2
+"""At most, of a plan of commands, within one of its steps, and around which paths the
+load is linear."""
+_SETTLED = 1e-6
+"""Relative change of the cost at which a plan of commands is found."""
+VECTORS = 9
+"""Rows of numbers for each knot, that a plan of commands needs."""
 
 
 class Device(NamedTuple):
@@ -98,7 +114,8 @@ class Device(NamedTuple):
     Attributes:
         memory: (`FRICTION` + cables,).
         rotors: observers of the rotor (delays, `ROTOR`).
-        applied: torques, the oldest first (delays,) [Nm].
+        applied: mean torques of the motor in past steps, the oldest first; the last is
+            the command of the step that has just passed (delays,) [Nm].
     """
 
     memory: FloatArray
@@ -113,11 +130,14 @@ class Tables(NamedTuple):
         gains: accelerations of a plan per angle, velocity and wanted angles of the
             motor, for every delay (delays, knots, 2 + knots).
         unexplained: gain of the unexplained torque, for every delay (delays,).
+        weight: of a squared acceleration to a squared angle in the cost of a plan, for
+            every delay (delays,) [s^4].
         tune: see `tuning.Tuning.packed`.
     """
 
     gains: FloatArray
     unexplained: FloatArray
+    weight: FloatArray
     tune: FloatArray
 
 
@@ -129,9 +149,15 @@ class Room(NamedTuple):
         state: likewise.
         rolled: likewise.
         leapt: likewise.
-        push: accelerations of a plan (knots,).
+        push: accelerations of a plan, then its first command (knots + 1,).
         best: likewise.
         memory: (`FRICTION` + cables,).
+        wanted: angles of the motor at the knots of a plan (knots,).
+        path: likewise, where a plan leads to (knots,).
+        load: torques of the cables at the motor there (knots,).
+        holding: torques of the cables at the motor on the wanted path (knots,).
+        matrix: of a plan of commands (knots, knots).
+        vectors: likewise (`VECTORS`, knots).
         work: `kernel.work_size`.
     """
 
@@ -142,7 +168,25 @@ class Room(NamedTuple):
     push: FloatArray
     best: FloatArray
     memory: FloatArray
+    wanted: FloatArray
+    path: FloatArray
+    load: FloatArray
+    holding: FloatArray
+    matrix: FloatArray
+    vectors: FloatArray
     work: FloatArray
+
+
+@internal
+def _deliver(memory: FloatArray, applied: FloatArray, tune: FloatArray) -> None:
+    """Replace the newest command in `applied` by the mean torque that it led to."""
+    command, lag, dt = applied[applied.size - 1], tune[LAG], tune[PERIOD]
+    behind = memory[MOTOR] - command
+    memory[COMMAND] = memory[MOTOR] = command
+    if lag > 0.0:
+        passed = -np.expm1(-dt / lag)
+        applied[applied.size - 1] += behind * (passed * lag / dt)
+        memory[MOTOR] += behind * (1.0 - passed)
 
 
 @compiled
@@ -280,7 +324,7 @@ def _shift(
     """
     shift = memory[SHIFT] + wanted
     if pull > max(way * memory[AIM], 0.0) + tune[NOISE]:
-        half = 0.5 * tune[SPAN] * room.push.size
+        half = 0.5 * tune[SPAN] * room.path.size
         quick = max(abs(tune[LOW]), abs(tune[HIGH])) / tune[INERTIA]
         reach = 0.25 * quick * half * half / abs(tune[RATIO])
         most = memory[TAUT] + pull / tune[STIFFNESS] + reach
@@ -415,18 +459,21 @@ def _plan(
     joint: float,
     sense: float,
     gains: FloatArray,
+    weight: float,
     tune: FloatArray,
     push: FloatArray,
     room: Room,
 ) -> float:
     """Plan for a motor that turns one way only: `push`, its accelerations [rad/s^2].
 
+    Behind them is the first command, where the motor lags or its rate is limited.
+
     Returns:
         Mean squared error of the torque over the horizon, half of it on the planned
         path and half on the wanted one, which a long way does not put off [Nm^2].
     """
     memory, rolled, new = room.memory, room.rolled, room.new
-    count, span = push.size, tune[SPAN]
+    count, span = room.path.size, tune[SPAN]
     steps = span / tune[PERIOD]
     rise = tune[STIFFNESS] / tune[RATIO]
     cost = 0.0
@@ -450,6 +497,36 @@ def _plan(
         cost += (rollout.made(cables, new, at) - desired) ** 2
         for j in range(count):
             push[j] += gains[j, 2 + i] * at
+        room.wanted[i] = at
+        room.holding[i] = stepper.torque(cables, new, False, at)[0]
+    found = _roll(cables, joint, cost, tune, push, room)
+    push[count] = np.nan
+    if tune[RATE] < np.inf or tune[LAG] > 0.0:
+        load = stepper.torque(cables, room.state, False, angle)[0]
+        if not _is_within(push, load, tune, room):
+            for _ in range(_ROLLS):
+                _command(push, load, weight, tune, room)
+                found = _roll(cables, joint, cost, tune, push, room)
+    return 0.5 * found / count
+
+
+@internal
+def _roll(
+    cables: stepper.Cables,
+    joint: float,
+    cost: float,
+    tune: FloatArray,
+    push: FloatArray,
+    room: Room,
+) -> float:
+    """Return a cost and the squared errors of the torque of a plan [Nm^2].
+
+    `room` gets the path of the motor and the load on it.
+    """
+    memory, rolled, new = room.memory, room.rolled, room.new
+    count, span = room.path.size, tune[SPAN]
+    steps = span / tune[PERIOD]
+    angle, velocity = memory[ANGLE], memory[VELOCITY]
     _copy(room.state, rolled)
     limit = max(abs(tune[LOW]), abs(tune[HIGH])) / tune[INERTIA]
     for i in range(count):
@@ -462,13 +539,223 @@ def _plan(
         stepper.move(cables, rolled, angle, where, span, new, room.work)
         _copy(new, rolled)
         cost += (rollout.made(cables, new, angle) - desired) ** 2
-    return 0.5 * cost / count
+        room.path[i] = angle
+        room.load[i] = stepper.torque(cables, new, False, angle)[0]
+    return cost
+
+
+@internal
+def _respond(
+    angle: float,
+    velocity: float,
+    torque: float,
+    command: float,
+    load: float,
+    tune: FloatArray,
+) -> tuple[float, float, float]:
+    """Return angle, velocity and torque of the motor a knot on.
+
+    Against it act `load` and the stretch of all of the cables by its mean angle.
+    """
+    span, lag = tune[SPAN], tune[LAG]
+    spring = tune[STIFFNESS] / tune[RATIO] ** 2
+    mean = command
+    if lag > 0.0:
+        passed = -np.expm1(-span / lag)
+        behind = torque - command
+        mean += behind * (passed * lag / span)
+        command += behind * (1.0 - passed)
+    load += spring * (angle + 0.5 * span * velocity) + tune[DAMPING] * velocity
+    gained = (mean - load) / (tune[INERTIA] + 0.25 * spring * span * span)
+    angle += span * (velocity + 0.5 * span * gained)
+    return angle, velocity + span * gained, command
+
+
+@compiled
+def _command(
+    push: FloatArray, load: float, weight: float, tune: FloatArray, room: Room
+) -> None:
+    """Replace a plan by the best of a motor that lags, or whose command is limited.
+
+    Commands are constant between two knots. They minimise sum (angle - wanted)^2 +
+    weight ((command - holding) / inertia)^2, where `holding` is the torque that holds
+    the motor on the wanted path; their increments are within the limit of the rate. The
+    load is linear around that on the path of `push`: its slope is that of cables of
+    which all stretches, since the steep slope of their ends does not last.
+
+    Args:
+        push: accelerations (knots,) [rad/s^2], then the first command [Nm]; out
+            likewise.
+        load: torque of the cables at the motor at the start [Nm].
+        weight: see `Tables`.
+        tune: likewise.
+        room: scratch; `wanted` and `holding`, and `path` and `load` of `push`, are
+            read.
+    """
+    n, memory, path, loads = room.path.size, room.memory, room.path, room.load
+    span, inertia = tune[SPAN], tune[INERTIA]
+    spring = tune[STIFFNESS] / tune[RATIO] ** 2
+    vectors = room.vectors
+    x, trial, slope, move = vectors[0], vectors[1], vectors[2], vectors[3]
+    most, base = vectors[4], vectors[5]
+    off, free, step = vectors[6], vectors[7], vectors[8]
+    angle, velocity, torque = memory[ANGLE], memory[VELOCITY], memory[MOTOR]
+    turned, speed, made = 0.0, 0.0, 0.0
+    last, lasting, before = angle, load, memory[COMMAND]
+    for i in range(n):
+        most[i] = tune[RATE] * (span if i > 0 else 0.5 * (span + tune[PERIOD]))
+        mean = 0.5 * (lasting + loads[i])
+        own = tune[DAMPING] * (path[i] - last) / span - memory[UNEXPLAINED]
+        need = mean + own + inertia * push[i]
+        x[i] = min(max(need - before, -most[i]), most[i])
+        free[i] = memory[COMMAND] - room.holding[i] - own
+        base[i] = mean - spring * 0.5 * (last + path[i]) - memory[UNEXPLAINED]
+        angle, velocity, torque = _respond(
+            angle, velocity, torque, memory[COMMAND], base[i], tune
+        )
+        off[i] = angle - room.wanted[i]
+        turned, speed, made = _respond(turned, speed, made, 1.0, 0.0, tune)
+        step[i] = turned
+        last, lasting, before = path[i], loads[i], need
+    weight /= inertia**2
+    cost = _cost(x, off, free, step, weight)
+    for _ in range(_NEWTON_STEPS):
+        _slope(x, off, free, step, weight, slope)
+        for k in range(n):
+            is_bound = (x[k] >= most[k] and slope[k] < 0.0) or (
+                x[k] <= -most[k] and slope[k] > 0.0
+            )
+            move[k] = 0.0 if is_bound else slope[k]
+            trial[k] = 0.0 if is_bound else 1.0
+        _solve(trial, step, weight, room.matrix, move)
+        share, found = 1.0, cost
+        for _ in range(_HALVINGS):
+            for k in range(n):
+                trial[k] = min(max(x[k] - share * move[k], -most[k]), most[k])
+            found = _cost(trial, off, free, step, weight)
+            if found < cost:
+                break
+            share *= 0.5
+        if not found < cost:
+            break
+        is_settled = cost - found < _SETTLED * cost
+        cost = found
+        for k in range(n):
+            x[k] = trial[k]
+        if is_settled:
+            break
+    command = memory[COMMAND]
+    angle, velocity, torque = memory[ANGLE], memory[VELOCITY], memory[MOTOR]
+    for i in range(n):
+        command += x[i]
+        before = velocity
+        angle, velocity, torque = _respond(
+            angle, velocity, torque, command, base[i], tune
+        )
+        push[i] = (velocity - before) / span
+    push[n] = memory[COMMAND] + x[0]
+
+
+@internal
+def _cost(
+    x: FloatArray, off: FloatArray, free: FloatArray, step: FloatArray, weight: float
+) -> float:
+    """Return half of the cost of increments `x` [rad^2]; see `_command`.
+
+    Args:
+        x: increments of the command (knots,) [Nm].
+        off: error of the angle without them (knots,) [rad].
+        free: command less the holding torque without them (knots,) [Nm].
+        step: change of the angle so many knots after an increment [rad/Nm].
+        weight: of a squared torque [rad^2/(Nm)^2].
+    """
+    cost, above = 0.0, 0.0
+    for i in range(x.size):
+        error = off[i]
+        for k in range(i + 1):
+            error += step[i - k] * x[k]
+        above += x[i]
+        cost += error * error + weight * (free[i] + above) ** 2
+    return 0.5 * cost
+
+
+@internal
+def _slope(
+    x: FloatArray,
+    off: FloatArray,
+    free: FloatArray,
+    step: FloatArray,
+    weight: float,
+    slope: FloatArray,
+) -> None:
+    """Write the derivative of `_cost` by every increment to `slope`."""
+    slope[:] = 0.0
+    above = 0.0
+    for i in range(x.size):
+        error = off[i]
+        for k in range(i + 1):
+            error += step[i - k] * x[k]
+        above += x[i]
+        for k in range(i + 1):
+            slope[k] += error * step[i - k] + weight * (free[i] + above)
+
+
+@internal
+def _solve(
+    free: FloatArray,
+    step: FloatArray,
+    weight: float,
+    matrix: FloatArray,
+    move: FloatArray,
+) -> None:
+    """Solve for the Newton step of the increments that are free, by Cholesky."""
+    n = free.size
+    for k in range(n):
+        for m in range(k + 1):
+            total = weight * (n - k)
+            for i in range(k, n):
+                total += step[i - k] * step[i - m]
+            both = free[k] != 0.0 and free[m] != 0.0
+            matrix[k, m] = total if both else (1.0 if k == m else 0.0)
+    for k in range(n):
+        for m in range(k + 1):
+            total = matrix[k, m]
+            for i in range(m):
+                total -= matrix[k, i] * matrix[m, i]
+            if k == m:
+                matrix[k, k] = np.sqrt(total)
+            else:
+                matrix[k, m] = total / matrix[m, m]
+    for k in range(n):
+        for i in range(k):
+            move[k] -= matrix[k, i] * move[i]
+        move[k] /= matrix[k, k]
+    for k in range(n - 1, -1, -1):
+        for i in range(k + 1, n):
+            move[k] -= matrix[i, k] * move[i]
+        move[k] /= matrix[k, k]
+
+
+@internal
+def _is_within(push: FloatArray, load: float, tune: FloatArray, room: Room) -> bool:
+    """Return whether a motor without lag can be commanded to follow a plan."""
+    last, lasting, before = room.memory[ANGLE], load, room.memory[COMMAND]
+    for i in range(room.path.size):
+        most = tune[RATE] * (tune[SPAN] if i > 0 else tune[PERIOD])
+        need = 0.5 * (lasting + room.load[i]) + tune[INERTIA] * push[i]
+        need += tune[DAMPING] * (room.path[i] - last) / tune[SPAN]
+        need -= room.memory[UNEXPLAINED]
+        if abs(need - before) > most:
+            return False
+        last, lasting, before = room.path[i], room.load[i], need
+    return bool(tune[LAG] == 0.0)
 
 
 @internal
 def _damping(tune: FloatArray, delay: int) -> float:
     """Damping of a motor that follows the joint [Nm s/rad]."""
-    steady = _STEADY * tune[INERTIA] / (tune[PERIOD] * (1 + delay))
+    late = tune[PERIOD] * (1 + delay) + tune[LAG]
+    steady = _STEADY * tune[INERTIA] / late
     return float(min(_SETTLING * tune[STIFFNESS] / tune[RATIO] ** 2, steady))
 
 
@@ -495,6 +782,7 @@ def act(
     """
     tune, memory, applied = tables.tune, room.memory, device.applied
     dt = tune[PERIOD]
+    _deliver(device.memory, applied, tune)
     joint[0] = _observe(cables, state, joint[0], device, seen, tables, room)
     _learn(cables, state, device.memory, tune)
     for i in range(memory.size):
@@ -506,11 +794,11 @@ def act(
     _damp(memory, tune)
     before = memory[SENSE]
     sense = 1.0 if before == 0.0 else before
-    gains, best = tables.gains[delay], room.best
-    cost = _plan(cables, at, sense, gains, tune, best, room)
+    gains, weight, best = tables.gains[delay], tables.weight[delay], room.best
+    cost = _plan(cables, at, sense, gains, weight, tune, best, room)
     turning = 0.0 if before == 0.0 else tune[TURNING]
     if cost > turning:
-        other = _plan(cables, at, -sense, gains, tune, room.push, room)
+        other = _plan(cables, at, -sense, gains, weight, tune, room.push, room)
         if other + turning < cost:
             sense, best = -sense, room.push
     device.memory[SENSE] = sense
@@ -523,10 +811,14 @@ def act(
     torque = load + tune[INERTIA] * best[0] + tune[DAMPING] * velocity
     torque -= memory[UNEXPLAINED]
     own = device.memory
+    if not np.isnan(best[best.size - 1]):
+        torque = best[best.size - 1]
     own[RELEASED] = guard.released(own[RELEASED], seen[2], seen[3], tune[SAFE])
     if own[RELEASED] != 0.0:
         ahead = velocity - tune[RATIO] * memory[JOINT + 1] / dt
         torque = -_damping(tune, delay) * ahead
+    most = tune[RATE] * dt
+    torque = min(max(torque, own[COMMAND] - most), own[COMMAND] + most)
     torque = min(max(torque, tune[LOW]), tune[HIGH])
     for i in range(applied.size - 1):
         applied[i] = applied[i + 1]

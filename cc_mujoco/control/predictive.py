@@ -70,6 +70,16 @@ class PredictiveCompensation(Controller):
     6. the motor gets the torque of the first acceleration and of the cables on its way,
        less what the rotor observer finds that the model does not explain.
 
+    A motor that lags (`Drive.motor_lag`), or whose command may not change as fast as
+    the plan needs (`Drive.torque_rate`), gets another plan in 4: commands \(u_i\),
+    constant between knots, with increments within the rate, that minimise
+
+    \[ \sum_i (\theta_i - \theta^*_i)^2 + \omega_c^{-4}
+       \bigl( (u_i - u^*_i) / J \bigr)^2 \]
+
+    with the torque \(u^*_i\) that holds the motor of inertia J at \(\theta^*_i\). The
+    first of them is the command.
+
     What the joint was given beyond the desired torque, by torque sensor and motion, is
     kept as an account; while that is positive, a damper is taken from the desired
     torque that spends it, so that the joint stays quiet in the hands of a passive
@@ -140,7 +150,8 @@ class PredictiveCompensation(Controller):
                 spends on the turn.
 
         Raises:
-            CableError: If cables or inertia are not known, or a number is out of range.
+            CableError: If cables or inertia are not known, a number is out of range, or
+                the motor lags by more than the horizon.
         """
         super().__init__(drive)
         if not drive.inertia > 0.0:
@@ -156,6 +167,11 @@ class PredictiveCompensation(Controller):
             rotor = 900.0 if pair else 600.0
         number("bandwidth", bandwidth, 1.0, 1e5, "rad/s")
         number("horizon", horizon, drive.period, 10.0, "s")
+        if drive.motor_lag > horizon:
+            raise CableError(
+                f"Drive.motor_lag is {drive.motor_lag:g} s, longer than the horizon of "
+                f"{horizon:g} s that is planned; give a longer horizon."
+            )
         number("knots", knots, 1, 200, "knots")
         number("rotor", rotor, 1.0, 1e5, "rad/s")
         number("motion", motion, 1.0, 1e5, "rad/s")
@@ -174,11 +190,9 @@ class PredictiveCompensation(Controller):
         period = drive.period
         delays = np.arange(max(drive.delay, math.ceil(latest / period)) + 1)
         late = np.maximum(delays, 1) * period
+        bandwidths = np.minimum(bandwidth, PLAN_PER_DELAY / late)
         gains = np.array(
-            [
-                preview(knots, horizon / knots, slowed)
-                for slowed in np.minimum(bandwidth, PLAN_PER_DELAY / late)
-            ]
+            [preview(knots, horizon / knots, slowed) for slowed in bandwidths]
         )
         unexplained = np.array(
             [
@@ -218,10 +232,14 @@ class PredictiveCompensation(Controller):
             leak=period / ACCOUNT,
             yielding=yielding / known if (known := drive.joint_inertia) else 0.0,
             late=drive.delay,
+            lag=drive.motor_lag,
+            rate=drive.torque_rate,
             safe_torque=min(drive.safe_torque, UNLIMITED),
         )
         """Numbers of the compiled functions, by name."""
-        self.tables = planning.Tables(gains, unexplained, self.tuning.packed(stiffness))
+        self.tables = planning.Tables(
+            gains, unexplained, bandwidths**-4.0, self.tuning.packed(stiffness)
+        )
         """All that they are told."""
         cables = len(drive.cables)
         self._size = planning.FRICTION + cables
@@ -231,9 +249,15 @@ class PredictiveCompensation(Controller):
             state=np.zeros(shape),
             rolled=np.zeros(shape),
             leapt=np.zeros(shape),
-            push=np.zeros(knots),
-            best=np.zeros(knots),
+            push=np.zeros(knots + 1),
+            best=np.zeros(knots + 1),
             memory=np.zeros(self._size),
+            wanted=np.zeros(knots),
+            path=np.zeros(knots),
+            load=np.zeros(knots),
+            holding=np.zeros(knots),
+            matrix=np.zeros((knots, knots)),
+            vectors=np.zeros((planning.VECTORS, knots)),
             work=self.model.work,
         )
         self._forget(0)

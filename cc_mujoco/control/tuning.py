@@ -6,6 +6,7 @@ tune[PERIOD]
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,6 +119,14 @@ class Tuning:
         unit="steps", bounds=(0.0, 1e6), default=0.0,
         meaning="by how many measurements are thought to be late at first",
     )  # fmt: skip
+    lag: float = parameter(
+        unit="s", bounds=(0.0, 1.0), default=0.0,
+        meaning="time constant of the motor's torque behind its command",
+    )  # fmt: skip
+    rate: float = parameter(
+        unit="Nm/s", bounds=(0.0, math.inf), default=math.inf, low_open=True,
+        meaning="fastest change of the command; infinite where there is no limit",
+    )  # fmt: skip
 
     safe_torque: float = parameter(
         unit="Nm", bounds=(0.0, guard.UNLIMITED), default=guard.UNLIMITED,
@@ -139,5 +148,5 @@ TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
 (
     PERIOD, INERTIA, DAMPING, RATIO, LOW, HIGH, SPAN, TOLERANCE, TURNING, NOISE, BELIEF,
     LEARNING, ZEROING, LEAST, SPEND, SLOW, DAMPER, ROTOR_0, ROTOR_1, MOTION_0, MOTION_1,
-    MOTION_2, FORGETTING, LEAK, YIELDING, LATE_FIRST, SAFE, STIFFNESS,
+    MOTION_2, FORGETTING, LEAK, YIELDING, LATE_FIRST, LAG, RATE, SAFE, STIFFNESS,
 ) = range(len(TUNING) + 1)  # fmt: skip

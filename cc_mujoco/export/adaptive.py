@@ -98,7 +98,7 @@ def step_sensed(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
             slopes.Taps(
                 carray(at(shape, 4 + 2 * cables), (cables, sensors)),
                 carray(at(memory, own + 1), (cables, sensors)),
-                tables[delays * (knots * (2 + knots) + 1)],
+                tables[delays * (knots * (2 + knots) + 2)],
             ),
             carray(at(readings, predictive.READ), (cables, sensors)),
             known,

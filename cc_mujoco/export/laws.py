@@ -61,7 +61,7 @@ class Law:
 
 _PLANNED = frozenset(
     "period span rotor_0 rotor_1 motion_0 motion_1 motion_2 forgetting leak "
-    "late".split()
+    "late lag".split()
 )
 _SENSE = frozenset({"preview", "tolerance"})
 _FEEDBACK = Law(
@@ -128,8 +128,8 @@ class Plan:
     segments: tuple[int, ...]
     sections: tuple[int, ...]
     plans: tuple[FloatArray, ...] = ()
-    """Of a controller that plans: gains of the plans (delays, knots, 2 + knots) and of
-    the unexplained torque (delays,)."""
+    """Of a controller that plans: gains of the plans (delays, knots, 2 + knots), of the
+    unexplained torque (delays,) and weights of accelerations (delays,)."""
     taps: slopes.Taps | None = None
     """Tension sensors, of a controller that reads them."""
 
@@ -182,7 +182,7 @@ class Plan:
             tuple(cable for cable, _ in rows),
             tuple(own.cable.segments for _, own in rows),
             tuple(len(own.cable.conduit) for _, own in rows),
-            (made.tables.gains, made.tables.unexplained) if planned else (),
+            made.tables[:-1] if planned else (),
             taps,
         )
 

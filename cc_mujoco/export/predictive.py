@@ -1,10 +1,11 @@
 """What C calls of `predictive`: `control.planning` on memory that the caller owns.
 
 `shape` goes on behind that of `entries` by the number of delays that may be, and of the
-knots of a plan. `tables` are the gains of the plans, then those of the unexplained
-torque, for every delay. The memory also keeps the cables as they were given, because
-they are packed anew whenever their friction is found to be another. Parameters that are
-given between two steps are packed in the next one, with the friction that was learned.
+knots of a plan. `tables` are the gains of the plans, those of the unexplained torque
+and the weights of accelerations, for every delay. The memory also keeps the cables as
+they were given, because they are packed anew whenever their friction is found to be
+another. Parameters that are given between two steps are packed in the next one, with
+the friction that was learned.
 """
 
 from __future__ import annotations
@@ -50,7 +51,8 @@ def places(
     given = _ARMS + 3 * cables
     scratch = given + cables * SCALARS + 2 * sections
     scratch += kept + delays * (planning.ROTOR + 1)
-    packed = scratch + SCALARS + 2 * knots + kept + 3 * cables * state
+    packed = scratch + SCALARS + 2 * (knots + 1) + kept + 3 * cables * state
+    packed += knots * (4 + knots + planning.VECTORS)
     first = packed + cables * kernel.parameter_size(most)
     new = first + cables * state
     work = new + cables * state
@@ -80,7 +82,7 @@ def learned(shape: Any) -> int:
     """Place of what friction is to be multiplied by, until there is a plan."""
     cables = shape[0]
     kept, knots = planning.FRICTION + cables, shape[2 + 2 * cables]
-    return int(placed(shape)[0] + SCALARS + 2 * knots + kept)
+    return int(placed(shape)[0] + SCALARS + 2 * (knots + 1) + kept)
 
 
 @internal
@@ -208,20 +210,28 @@ def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     if is_fresh:
         stepper.rest(model, readings[0], 0.0, state)
         memory[entries.JOINT], memory[entries.FRESH] = 0.0, 0.0
+    own = packed - knots * (4 + knots + planning.VECTORS)
     room = planning.Room(
         carray(at(memory, after), states),
         carray(at(memory, free), states),
         carray(at(memory, free + cables * width), states),
         carray(at(memory, free + 2 * cables * width), states),
-        carray(at(memory, scratch + SCALARS), knots),
-        carray(at(memory, scratch + SCALARS + knots), knots),
-        carray(at(memory, scratch + SCALARS + 2 * knots), kept),
+        carray(at(memory, scratch + SCALARS), knots + 1),
+        carray(at(memory, scratch + SCALARS + knots + 1), knots + 1),
+        carray(at(memory, scratch + SCALARS + 2 * (knots + 1)), kept),
+        carray(at(memory, own), knots),
+        carray(at(memory, own + knots), knots),
+        carray(at(memory, own + 2 * knots), knots),
+        carray(at(memory, own + 3 * knots), knots),
+        carray(at(memory, own + 4 * knots), (knots, knots)),
+        carray(at(memory, own + (4 + knots) * knots), (planning.VECTORS, knots)),
         carray(at(memory, work), end - work),
     )
     plans = delays * knots * (2 + knots)
     told = planning.Tables(
         carray(tables, (delays, knots, 2 + knots)),
         carray(at(tables, plans), delays),
+        carray(at(tables, plans + delays), delays),
         carray(at(memory, _TUNE), COUNT + 1),
     )
     return planning.act(

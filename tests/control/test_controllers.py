@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -16,8 +17,9 @@ from cc_mujoco.control import (
     ProportionalIntegral,
     controller,
 )
+from cc_mujoco.control.controller import wound
 from cc_mujoco.errors import CableError
-from cc_mujoco.sensing import MEASURED, TENSIONS, Sensors
+from cc_mujoco.sensing import MEASURED, TENSIONS, WINDING, Sensors
 from cc_mujoco.transmission import Cable, Section
 
 CABLE = Cable(friction=0.1, segments=8, conduit=(Section(1.0, 0.3),))
@@ -163,6 +165,11 @@ def test_unknown_names_are_refused_with_the_nearest() -> None:
         ("high", math.nan),
         ("period", 0.0),
         ("period", math.inf),
+        ("motor_lag", -1e-3),
+        ("motor_lag", 3.0),
+        ("motor_lag", math.nan),
+        ("torque_rate", 0.0),
+        ("torque_rate", math.nan),
     ],
 )
 def test_a_drive_that_cannot_be_is_refused(field: str, value: float) -> None:
@@ -177,3 +184,14 @@ def test_gains_that_cannot_be_are_refused(gain: float) -> None:
         ProportionalIntegral(WRIST, proportional=gain)
     with pytest.raises(CableError, match="integral"):
         ProportionalIntegral(WRIST, integral=gain)
+
+
+def test_a_lever_is_not_taken_for_a_pulley() -> None:
+    """By a drive that says so, where nobody measures its arm."""
+    seen = dict.fromkeys(MEASURED, 0.1)
+    drive = dataclasses.replace(ANKLE, lever=True)
+    assert wound(seen, ANKLE) is seen
+    with pytest.raises(CableError, match="pull a lever, whose arm changes"):
+        wound(seen, drive)
+    told = wound({**seen, **dict.fromkeys(WINDING, 2.0)}, drive)
+    assert told["joint_torque_nm"] == 0.05

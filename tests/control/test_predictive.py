@@ -259,6 +259,10 @@ def test_what_it_needs_to_know_is_asked_for() -> None:
         wrong: dict[str, Any] = {name: -1}
         with pytest.raises(CableError, match=name):
             PredictiveCompensation(known, **wrong)
+    slow = dataclasses.replace(known, motor_lag=0.05)
+    with pytest.raises(CableError, match="longer than the horizon"):
+        PredictiveCompensation(slow)
+    assert PredictiveCompensation(slow, horizon=0.1)
     with pytest.raises(CableError, match="tension sensors along every cable"):
         AdaptiveModel(known)
     sensors = (Sensors((0, 10), (0.1, 0.1)),) * 2

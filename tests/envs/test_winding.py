@@ -90,7 +90,9 @@ def test_torques_and_motion_are_those_of_a_round_pulley() -> None:
     assert found["joint_angle_rad"] == seen["winding_angle_rad"]
     assert found["motor_angle_rad"] == seen["motor_angle_rad"]
     bare = {name: value for name, value in seen.items() if name not in WINDING}
-    assert wound(bare, env.drive) is bare
+    with pytest.raises(CableError, match="pull a lever"):
+        wound(bare, env.drive)
+    assert wound(bare, dataclasses.replace(env.drive, lever=False)) is bare
     crossing = dataclasses.replace(env.drive, crossed=("hip", "knee"))
     with pytest.raises(CableError, match="joint hip, knee winds"):
         wound(bare, crossing)

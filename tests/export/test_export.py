@@ -81,10 +81,17 @@ def plan_of(scene: str, name: str) -> Plan:
 
 
 def drive_of(scene: str, name: str) -> Drive:
-    """The device; what learns friction has to, and packs its cables anew."""
+    """The device; what learns friction has to, and packs its cables anew.
+
+    Beyond the wrist the motor lags, and its rate is limited.
+    """
     drive: Drive = device(scene).drive
     if name not in PLANNED:
         return drive
+    if scene != "wrist":
+        drive = dataclasses.replace(
+            drive, motor_lag=0.003, torque_rate=50.0 * drive.high
+        )
     row = tuple(
         dataclasses.replace(one, cable=one.cable.replace(friction=0.7 * friction))
         for one, friction in ((one, one.cable.friction) for one in drive.cables)

@@ -118,7 +118,7 @@ def _drawn(condition: Condition, seed: int, builder: Builder) -> Plant:
         elif cable.path == PATHS[0]:
             drawn["wrap"] = factors["wrap"] * cable.wrap
         design |= {f"{name}.{key}": value for key, value in drawn.items()}
-    wearer = _wearer(builder, condition.impedance * (1.0 + IMPEDANCE * _cut(random)))
+    wearer = builder.wearer(condition.impedance * (1.0 + IMPEDANCE * _cut(random)))
     source = condition.trajectory
     cadence = 1.0 + CADENCE * _cut(random)
     low, high = condition.delay
@@ -160,12 +160,6 @@ def believed(
             )
         )
     return dataclasses.replace(drive, cable_drives=tuple(rows))
-
-
-def _wearer(builder: Builder, factor: float) -> Wearer:
-    """The scene's wearer, stiffer and more damped by a factor."""
-    mover = builder.spec.actuator("wearer")
-    return Wearer(factor * float(mover.gainprm[0]), -factor * float(mover.biasprm[2]))
 
 
 def _paced(source: Trajectory, factor: float) -> Trajectory:

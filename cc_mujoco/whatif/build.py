@@ -151,7 +151,7 @@ class Builder:
 
     def wearer(self, factor: float) -> Wearer:
         """The wearer of the scene, so many times as stiff and as damped."""
-        actuator = self.spec.actuator("wearer")
+        actuator = self.spec.actuator(self.device.mover)
         stiffness, damping = float(actuator.gainprm[0]), -float(actuator.biasprm[2])
         return Wearer(factor * stiffness, factor * damping)
 

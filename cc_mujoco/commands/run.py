@@ -15,13 +15,13 @@ from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
     from cc_mujoco.control import Controller
-    from cc_mujoco.hardware import Outcome, Settings
+    from cc_mujoco.hardware import Log, Outcome, Settings
     from cc_mujoco.hardware.desired import Desired
     from cc_mujoco.hardware.trials import Planned
 
 
 HARDLY = 0.02
-"""Share of the cycles at the limit of the torque from which on that is told."""
+"""Share of the cycles at a limit of the torque from which on that is reported."""
 
 
 @dataclass(frozen=True)
@@ -70,19 +70,12 @@ class Run:
 
         from cc_mujoco.control import PredictiveCompensation, controller
         from cc_mujoco.devices import DEVICES
-        from cc_mujoco.hardware import drive_of
         from cc_mujoco.hardware.desired import Course
         from cc_mujoco.hardware.drives import require_told
 
         limits, period = settings.limits, settings.period
         require_told(settings.scene, limits)
-        drive = drive_of(
-            settings.scene,
-            self.rig.parent,
-            period,
-            limits.torque,
-            limits.joint_torque,
-        )
+        drive = settings.drive()
         if isinstance(desired, Course):
             desired.require_within(drive, limits)
         law = controller(self.controller, drive)
@@ -120,7 +113,6 @@ class Run:
                 raise CableError(f"{name} does not go with --plan, which has its own.")
 
         from cc_mujoco.control import controller
-        from cc_mujoco.hardware import drive_of
         from cc_mujoco.hardware.log import require_free
         from cc_mujoco.hardware.settings import read_settings
         from cc_mujoco.hardware.trials import planned, tell
@@ -136,9 +128,7 @@ class Run:
         for trial in wanted:
             require_free(self.out, trial.name)
             trial.require_within(limits)
-        drive = drive_of(
-            settings.scene, self.rig.parent, settings.period, limits.torque
-        )
+        drive = settings.drive()
         firm = settings.firm(drive)
         for trial in wanted:
             print(f"{trial.name}: {trial.notes} ({trial.duration:g} s)", flush=True)
@@ -218,7 +208,7 @@ class Run:
             try:
                 loop.run(duration)
             finally:
-                log.close(loop.outcome.to_json())
+                _end(log, loop.outcome)
         return loop.outcome
 
     def _told(self, found: Outcome, period: float) -> None:
@@ -240,6 +230,12 @@ class Run:
                 "all that [limits] torque allows, and went where that let it; raise it "
                 "if the rig may, or ask for less"
             )
+        if found.rate_limited > HARDLY * found.cycles:
+            print(
+                f"in {found.rate_limited / found.cycles:.0%} of the cycles the torque "
+                "changed as fast as [limits] torque_rate allows, and went where that "
+                "let it; raise it if the rig may"
+            )
         for why, count in sorted(found.ignored.items()):
             print(f"{count} packets ignored: {why}")
         print(f"see also:   {self.out}")
@@ -247,6 +243,16 @@ class Run:
             print(f"cc-mujoco: {found.sentence}", file=sys.stderr)
             raise SystemExit(found.code)
         print(found.sentence)
+
+
+def _end(log: Log, outcome: Outcome) -> None:
+    """Write what is left of a log; a run whose log is not whole has failed."""
+    for write in (log.flush, lambda: log.close(outcome.to_json())):
+        try:
+            write()
+        except CableError as error:
+            if not outcome.code:
+                outcome.sentence, outcome.code = str(error), 3
 
 
 def _wait(trial: str) -> None:

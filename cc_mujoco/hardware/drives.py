@@ -9,7 +9,7 @@ from typing import Any
 
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.control import CableDrive, Drive
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.devices import DEVICES, motor_lag
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware.limits import Limits
@@ -20,9 +20,12 @@ def drive_of(
     folder: Path,
     period: float,
     torque: float,
+    *,
     joint_torque: float = math.inf,
+    torque_rate: float = math.inf,
+    motor_lag: float | None = None,
 ) -> Drive:
-    """The drive of a scene.
+    """Return the drive of a scene.
 
     Args:
         scene: Name of a device or of the bench, or a file such as a diagnosis takes.
@@ -30,6 +33,9 @@ def drive_of(
         period: Of the loop [s].
         torque: Limit of the motor's, either way [Nm].
         joint_torque: Limit of the joint's; of a device, that which is safe is one too.
+        torque_rate: Limit of its rate [Nm/s].
+        motor_lag: Time constant of the motor's torque [s]; that of the scene's motor by
+            default.
 
     Returns:
         The drive, readings a period late and without tension sensors.
@@ -44,6 +50,8 @@ def drive_of(
         env = gymnasium.make(identity, disable_env_checker=True)
         inner: Any = env.unwrapped
         drive: Drive = inner.exo.device.drive(period)
+        # No rig measures `sensing.WINDING`; `run` warns of a lever.
+        drive = dataclasses.replace(drive, lever=False)
         env.close()
     else:
         path = scene_path(scene) if scene in SCENES else folder / scene
@@ -58,6 +66,8 @@ def drive_of(
         sensors=(),
         delay=1,
         safe_torque=min(drive.safe_torque, joint_torque),
+        torque_rate=torque_rate,
+        motor_lag=drive.motor_lag if motor_lag is None else motor_lag,
     )
 
 
@@ -113,4 +123,13 @@ def bench_drive(path: Path, period: float) -> Drive:
         inertia=float(model.dof_M0[motor]),
         damping=float(model.dof_damping[motor]),
         joint_inertia=float(model.dof_M0[joint]),
+        motor_lag=max(
+            (
+                motor_lag(model, k)
+                for k in range(model.nu)
+                if int(model.actuator_trntype[k]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+                and model.actuator_trnid[k, 0] == model.joint(bench.motor).id
+            ),
+            default=0.0,
+        ),
     )

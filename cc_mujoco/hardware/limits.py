@@ -102,6 +102,8 @@ class Limiter:
         self._down = 0.0
         self.torque = 0.0
         """The last that was given out [Nm]."""
+        self.is_rate_limited = False
+        """Whether the limit of the rate kept it from where it was to go."""
 
     @property
     def share(self) -> float:
@@ -136,4 +138,5 @@ class Limiter:
         within = min(max(goal, -self._limit), self._limit)
         low, high = self.torque - self._most, self.torque + self._most
         self.torque = min(max(within, low), high)
+        self.is_rate_limited = self.torque != within
         return self.torque

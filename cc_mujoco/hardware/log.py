@@ -8,6 +8,7 @@ more than the last block. Its columns are those of an episode log
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Mapping
@@ -39,6 +40,9 @@ torque that it had been told by then; that of the task; the one that it was told
 cycle; the one that the controller wished (nan where it was not asked); how late the
 cycle began and how long it took until the command was out; the number of the cycle."""
 _HEAD = (",".join(COLUMNS) + "\n").encode()
+RESERVED = 4096
+"""Blanks in the page of a run while it goes on: a full disk leaves no place for its
+outcome [bytes]."""
 BLOCK = 0.1
 """Length of a block [s]."""
 
@@ -111,12 +115,21 @@ class Log:
         self._block: list[str] = []
         self._start: float | None = None
         self._folder.mkdir(parents=True, exist_ok=True)
-        self._tell({"outcome": "running, or killed"})
-        # Unbuffered: what is written is the system's, not this process's.
+        self._tell({"outcome": "running, or killed"}, RESERVED)
+        self._path = self._folder / rows_file
         if _is_empty(self._folder, name):
-            os.unlink(self._folder / rows_file)
-        self._file = open(self._folder / rows_file, "xb", buffering=0)
-        self._file.write(_HEAD)
+            os.unlink(self._path)
+        # Unbuffered: what is written is the system's, not this process's.
+        self._file = open(self._path, "xb", buffering=0)
+        self._size = 0
+        self._is_full = False
+        try:
+            self._write(_HEAD)
+        except CableError:
+            self._file.close()
+            self._path.unlink()
+            self._page.unlink()
+            raise
 
     def row(self, seen: Readings, before: float, *others: float) -> None:
         """Add a row.
@@ -132,25 +145,65 @@ class Log:
         row = (seen.time - self._start, angle, velocity, before, *joint, *others)
         self._block.append(",".join(repr(float(value)) for value in row))
         if len(self._block) >= self._rows:
-            self._flush()
+            self.flush()
 
     def close(self, outcome: Mapping[str, Any]) -> None:
         """End both files.
 
         Args:
             outcome: How it went, as JSON.
+
+        Raises:
+            CableError: The rows left over, or the page, cannot be written.
         """
-        if self._block:
-            self._flush()
-        self._file.close()
-        self._tell(outcome)
+        try:
+            self.flush()
+        finally:
+            self._file.close()
+            self._tell(outcome)
 
-    def _flush(self) -> None:
-        data = ("\n".join(self._block) + "\n").encode()
+    def flush(self) -> None:
+        """Write the rows that are left over.
+
+        Raises:
+            CableError: They cannot be written.
+        """
+        data = "".join(f"{row}\n" for row in self._block).encode()
         self._block.clear()
-        self._file.write(data)
+        if data and not self._is_full:
+            self._write(data)
 
-    def _tell(self, outcome: Mapping[str, Any]) -> None:
-        text = json.dumps({**self._about, **outcome}, indent=1)
-        with files.replacing(self._page) as partial:
-            partial.write_text(text + "\n", encoding="utf-8")
+    def _write(self, data: bytes) -> None:
+        """Write whole lines; where a disk is full, those that it takes.
+
+        Raises:
+            CableError: Not all of them could be written; there is no more to come.
+        """
+        done = 0
+        try:
+            while done < len(data):
+                done += self._file.write(data[done:]) or 0
+        except OSError as error:
+            self._is_full = True
+            self._size += data[:done].rfind(b"\n") + 1
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._file.fileno(), self._size)
+            raise CableError(
+                f"{self._path} cannot be written: {error.strerror or error}; it ends "
+                "with its last whole line."
+            ) from error
+        self._size += done
+
+    def _tell(self, outcome: Mapping[str, Any], spare: int = 0) -> None:
+        """Write the page, with blanks behind it for what it is to say later."""
+        text = json.dumps({**self._about, **outcome}, indent=1) + "\n"
+        data = text.encode() + b" " * spare
+        try:
+            with files.replacing(self._page) as partial:
+                partial.write_bytes(data)
+        except CableError:
+            # A full disk still has the bytes that the page has.
+            if not self._page.is_file() or self._page.stat().st_size < len(data):
+                raise
+            with open(self._page, "r+b", buffering=0) as page:
+                page.write(data.ljust(self._page.stat().st_size))

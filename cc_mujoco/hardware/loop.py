@@ -101,6 +101,9 @@ class Outcome:
     """Cycles that were skipped because the host was late."""
     limited: int = 0
     """Of those, in how many the motor got all the torque that its limit allows."""
+    rate_limited: int = 0
+    """Likewise, in how many its torque changed as fast as the limit of the rate allows,
+    and the controller, of its full share, wished for more."""
     without_reading: int = 0
     """Cycles in which no new reading came."""
     ignored: Counter[str] = field(default_factory=Counter)
@@ -118,6 +121,7 @@ class Outcome:
             "cycles": self.cycles,
             "missed_cycles": self.missed,
             "cycles_at_torque_limit": self.limited,
+            "cycles_at_rate_limit": self.rate_limited,
             "cycles_without_reading": self.without_reading,
             "ignored_packets": dict(self.ignored),
             "late": self.late.told(),
@@ -203,7 +207,7 @@ class Loop:
             self._deadline += self._period
             self._clock.wait(self._deadline)
             self._seen = self._rig.read()
-        self._check(self._watch.reading(self._seen, 0.0))
+        self._check(self._watch.reading(self._seen, 0.0, self._clock.now()))
 
     def _cycle(self) -> None:
         outcome = self.outcome
@@ -213,7 +217,7 @@ class Loop:
         outcome.without_reading += fresh is None
         before = self._limiter.torque
         self._asked_to_stop()
-        if (amiss := self._watch.reading(fresh, before)) is not None:
+        if (amiss := self._watch.reading(fresh, before, began)) is not None:
             self._unanswered(fresh, before, before)
             raise Ending(amiss)
         self._seen = seen = fresh or self._seen
@@ -224,6 +228,7 @@ class Loop:
         self._asked_to_stop()
         torque = self._limiter.limited(wish)
         self._rig.write(torque)
+        outcome.rate_limited += self._limiter.is_rate_limited
         if torque != wish:
             self._law.given(torque)
         outcome.limited += abs(torque) >= self._limits.torque
@@ -250,9 +255,12 @@ class Loop:
         """Log a reading that no controller saw; one that is no number is told only."""
         if fresh is None or not all(map(math.isfinite, fresh[:6])):
             return
+        if self._watch.has_stepped:
+            return
         number = self.outcome.cycles + self.outcome.missed
         nan = math.nan
-        with contextlib.suppress(OSError):  # a full disk is no reason to stay
+        # A full disk is no reason to stay.
+        with contextlib.suppress(OSError, CableError):
             self._log.row(fresh, before, nan, torque, nan, self._late, 0.0, number)
 
     def _let_down(self, torque: float) -> Readings | None:

@@ -13,6 +13,8 @@ from cc_mujoco.hardware.packet import Command, Readings, Status
 
 FAREWELLS = 10
 """Packets that say that the run is over; some may be lost."""
+_STEPPED = 1_000_000_000
+"""From which on an older time is a step of the rig's clock, and is looked at [ns]."""
 _APART = 1e-3
 """Time between them [s]."""
 
@@ -100,7 +102,7 @@ class PacketRig:
                 same = found.sequence == last.sequence
                 self.ignored["repeated" if same else "reordered"] += 1
                 continue
-            if last is not None and found.stamp <= last.stamp:
+            if last is not None and 0 <= last.stamp - found.stamp < _STEPPED:
                 self.ignored["stamp stands still"] += 1
                 continue
             self.ignored["overtaken"] += newest is not None

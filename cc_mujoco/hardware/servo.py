@@ -47,8 +47,9 @@ class Stiffness:
     def of(cls, drive: Drive) -> Stiffness:
         """As firm as a motor of this inertia can be held at this period.
 
-        What is measured is a period old and a torque lasts for another, so the damping
-        stays well below inertia over period, and the stiffness below the damping.
+        What is measured is a period old, a torque lasts for another, and a motor may
+        lag. So the damping stays well below inertia over that time, and the stiffness
+        below the damping.
 
         Raises:
             CableError: The inertia is not known.
@@ -58,9 +59,10 @@ class Stiffness:
                 "to follow a course the motor's inertia must be known; the scene gives "
                 "it none."
             )
-        damping = _DAMPED * drive.inertia / drive.period
-        stiffness = damping / (_SLOWER * drive.period)
-        return cls(stiffness, damping, stiffness / (_SLOWEST * drive.period))
+        late = drive.period + drive.motor_lag
+        damping = _DAMPED * drive.inertia / late
+        stiffness = damping / (_SLOWER * late)
+        return cls(stiffness, damping, stiffness / (_SLOWEST * late))
 
 
 class Servo:

@@ -2,6 +2,7 @@
 
 scene = "bench"                 # that the controller knows: a name or an MJCF file
 period = 0.002                  # s, 0.0005 to 0.002
+# motor_lag = 0.003             # s, time constant of the torque; the scene's by default
 
 [rig]
 address = "192.168.7.2:5005"    # of a rig behind UDP
@@ -67,6 +68,7 @@ from cc_mujoco.hardware.desired import (
     from_csv,
     from_trajectory,
 )
+from cc_mujoco.hardware.drives import drive_of
 from cc_mujoco.hardware.limits import FASTEST, SLOWEST, Limits
 from cc_mujoco.hardware.rig import Rig
 from cc_mujoco.hardware.servo import Stiffness
@@ -75,6 +77,8 @@ from cc_mujoco.hardware.watch import Watchdog
 
 Kind = TypeVar("Kind", Limits, Watchdog, Stiffness)
 
+SLOWEST_MOTOR = 0.02
+"""Greatest time constant of a motor's torque that a loop is made for [s]."""
 _TASKS = ("torque", "csv", "name", "trajectory")
 _REQUIRED = ("torque", "torque_rate", "motor_speed", "joint_range")
 
@@ -96,6 +100,8 @@ class Settings:
     """The table `[task]`."""
     servo: Table
     """The table `[servo]`."""
+    motor_lag: float | None = None
+    """Time constant of the motor's torque [s]; None is that of the scene."""
 
     def address(self) -> UdpAddress | CanAddress | None:
         """Where the rig is; None of one with a class of its own."""
@@ -116,6 +122,22 @@ class Settings:
             return UdpRig(address.host, address.port)
         except CableError as error:
             raise CableError(f"{self.rig.where}: {error}") from None
+
+    def drive(self) -> Drive:
+        """Return what a controller knows of the rig.
+
+        Raises:
+            CableError: There is no such scene, or it is not one that has such a drive.
+        """
+        return drive_of(
+            self.scene,
+            self.path.parent,
+            self.period,
+            self.limits.torque,
+            joint_torque=self.limits.joint_torque,
+            torque_rate=self.limits.torque_rate,
+            motor_lag=self.motor_lag,
+        )
 
     def firm(self, drive: Drive) -> Stiffness:
         """How firmly the motor is held on the course of a trial.
@@ -170,11 +192,16 @@ def read_settings(path: str | Path) -> Settings:
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise CableError(f"{path} is not a TOML file: {error}.") from None
     top = Table(str(path), content)
-    top.only("scene", "period", "rig", "limits", "watchdog", "task", "servo")
+    top.only(
+        "scene", "period", "motor_lag", "rig", "limits", "watchdog", "task", "servo"
+    )
     scene = _needed(top, "scene", top.text("scene"))
     period = _needed(top, "period", top.number("period"))
     if not FASTEST * (1 - 1e-9) <= period <= SLOWEST * (1 + 1e-9):
         raise top.wrong("period", f"{FASTEST:g} to {SLOWEST:g} s (500 Hz to 2 kHz)")
+    lag = top.number("motor_lag")
+    if lag is not None and not 0.0 <= lag <= SLOWEST_MOTOR:
+        raise top.wrong("motor_lag", f"0 to {SLOWEST_MOTOR:g} s; 3 ms are 0.003")
     limits = _limits(top.table("limits"))
     try:
         limits.stop_steps(period)
@@ -190,6 +217,7 @@ def read_settings(path: str | Path) -> Settings:
         _made(Watchdog, dog, _numbers(dog, Watchdog)),
         _task(top.table("task")),
         _servo(top.table("servo")),
+        lag,
     )
 
 

@@ -11,6 +11,10 @@ from cc_mujoco.control.model import CableModel
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware.limits import Limits
 from cc_mujoco.hardware.packet import Readings, Status
+from cc_mujoco.hardware.torque_sensor import TorqueSensor
+
+CLOCK_STEP = 1.0
+"""Least step of the rig's clock against that of the host that ends a run [s]."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +98,19 @@ class Watch:
         self._asked = (0.0, 0.0)
         self._still = [0, 0]
         self._held = [0.0, 0.0]
+        self._times: tuple[float, float] | None = None
+        self.has_stepped = False
+        """Whether the rig's clock has stepped: times of its readings are wrong."""
+        # Of other joints that wind the cables no rig tells.
+        self._sensor = (
+            TorqueSensor(
+                drive,
+                watchdog.frozen_readings,
+                watchdog.frozen_torque * limits.torque * abs(drive.ratio),
+            )
+            if drive.cables and not drive.crossed
+            else None
+        )
 
     def deadline(self, missed: int) -> str | None:
         """Look at the time.
@@ -106,12 +123,13 @@ class Watch:
             return None
         return f"the host was late: {self._late} cycles in a row were missed."
 
-    def reading(self, found: Readings | None, torque: float) -> str | None:
+    def reading(self, found: Readings | None, torque: float, now: float) -> str | None:
         """Look at the sensors.
 
         Args:
             found: The new reading, None if there is none.
             torque: The last that the motor was asked for [Nm].
+            now: Time by the clock of the host [s].
         """
         if found is None:
             self._without += 1
@@ -122,9 +140,33 @@ class Watch:
         return (
             self._of_rig(found)
             or self._impossible(found)
+            or self._stepped(found.time, now)
             or self._frozen(found, torque)
             or self._parted(found)
             or self._torn(found)
+            or self._felt(found)
+        )
+
+    def _stepped(self, time: float, now: float) -> str | None:
+        """Return that the rig's clock went on by another time than the host's."""
+        before, self._times = self._times, (time, now)
+        if before is None:
+            return None
+        step = (time - before[0]) - (now - before[1])
+        if abs(step) < CLOCK_STEP:
+            return None
+        self.has_stepped = True
+        return (
+            f"the rig's clock stepped by {step:+.4g} s; what it measures from there on "
+            "is not logged."
+        )
+
+    def _felt(self, found: Readings) -> str | None:
+        """Return what is wrong with the torque sensor."""
+        if self._sensor is None:
+            return None
+        return self._sensor.reading(
+            found.motor_angle, found.joint_angle, found.joint_torque
         )
 
     def _of_rig(self, found: Readings) -> str | None:

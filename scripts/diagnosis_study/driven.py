@@ -85,6 +85,7 @@ class Bench:
         *,
         tightness: float = 1.0,
         hand: tuple[float, float] = HAND,
+        motor_lag: float = 0.0,
     ) -> None:
         """Begin at rest.
 
@@ -94,6 +95,7 @@ class Bench:
             period: That `advance` goes on by [s].
             tightness: Pretension over the rig's usual.
             hand: Stiffness [Nm/rad] and damping [Nm s/rad] at the joint.
+            motor_lag: Time constant of the motor's torque behind its command [s].
 
         Raises:
             CableError: This rig cannot hide it.
@@ -112,20 +114,32 @@ class Bench:
         self.state = np.zeros(4)
         self.ends = np.full(4, self.pretension)
         self._hand = hand
+        self._lag, self._torque = motor_lag, 0.0
         self._steps = math.ceil(period / STEP - 1e-9)
 
     def advance(self, torque: float, swing: float, rate: float) -> None:
         """Go on by a period.
 
         Args:
-            torque: Of the motor [Nm].
+            torque: That the motor is commanded [Nm].
             swing: Angle that the hand asks for [rad].
             rate: Its speed [rad/s].
         """
         hand = np.array([*self._hand, swing, rate])
+        if not self._lag:
+            self._advance(torque, hand, self._steps)
+            return
+        step = self.period / self._steps
+        passed = -math.expm1(-step / self._lag)
+        for _ in range(self._steps):
+            behind = self._torque - torque
+            self._advance(torque + behind * passed * self._lag / step, hand, 1)
+            self._torque = torque + behind * (1.0 - passed)
+
+    def _advance(self, torque: float, hand: Array, steps: int) -> None:
         advance(
             self.plant, self.cables, self.pretension, self.state, self.ends, torque,
-            hand, self._steps, self.period / self._steps,
+            hand, steps, self.period / self._steps,
         )  # fmt: skip
 
     @property

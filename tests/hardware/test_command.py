@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import csv
+import errno
+import io
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -160,6 +163,92 @@ def test_a_log_without_an_end_lacks_less_than_a_block(
     assert all(len(row) == len(COLUMNS) for row in found)
     log.close({})
     assert len(rows(tmp_path / "out" / "log.csv")) == count
+
+
+class FullDisk(io.RawIOBase):
+    """A file on a disk that takes so many bytes more."""
+
+    def __init__(self, file: io.FileIO, left: int) -> None:
+        self._file, self._left = file, left
+
+    def write(self, data: Any) -> int:
+        if not self._left:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        done = self._file.write(data[: self._left]) or 0
+        self._left -= done
+        return done
+
+    def fileno(self) -> int:
+        return self._file.fileno()
+
+    def close(self) -> None:
+        self._file.close()
+
+
+@pytest.mark.parametrize("left", [0, 1, 4321, 9999])
+def test_a_full_disk_leaves_whole_lines_and_the_outcome(
+    tmp_path: Path, left: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = Log(tmp_path / "out", {"duration_s": 1.0}, 50)
+    log._file = FullDisk(log._file, left)  # type: ignore[assignment, arg-type]
+    path, written = tmp_path / "out" / "log.csv", 0
+    seen = Readings(0.0, *[0.1] * 5)
+    with pytest.raises(CableError, match=rf"{path} cannot be written: No space left"):
+        for k in range(10_000):
+            log.row(seen._replace(time=0.002 * k), 0.0, *[0.0] * 6)
+            written = k
+    for k in range(100):  # while the torque goes down
+        log.row(seen._replace(time=k), 0.0, *[0.0] * 6)
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    size = (tmp_path / "out" / "run.json").stat().st_size
+    log.close({"outcome": "it is full", "exit_code": 3})
+    found = rows(path)
+    assert path.read_bytes().endswith(b"\n") and len(found) <= written
+    assert all(len(row) == len(COLUMNS) and None not in row for row in found)
+    assert about(tmp_path)["outcome"] == "it is full"
+    assert about(tmp_path)["duration_s"] == 1.0
+    assert (tmp_path / "out" / "run.json").stat().st_size == size
+
+
+def test_a_disk_that_is_full_before_the_first_row_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(log: Log, data: bytes) -> None:
+        raise CableError("cannot be written")
+
+    monkeypatch.setattr(Log, "_write", full)
+    with pytest.raises(CableError, match="cannot be written"):
+        Log(tmp_path / "out", {}, 50)
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_full_disk_is_exit_code_3_and_names_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], end: End
+) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with Peer(end=end) as peer:
+        given = words(tmp_path, peer.end.rig, 60.0)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (12_000, before[1]))
+        try:
+            with pytest.raises(SystemExit) as stop:
+                cli.main(given)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert stop.value.code == 3
+    path = tmp_path / "out" / "log.csv"
+    said = (
+        f"{path} cannot be written: File too large; it ends with its last whole line."
+    )
+    assert capsys.readouterr().err == f"cc-mujoco: {said}\n"
+    assert about(tmp_path)["outcome"] == said
+    assert about(tmp_path)["exit_code"] == 3
+    assert peer.stopped() and not any(peer.torques[-14:])
+    assert 11_000 < path.stat().st_size <= 12_000
+    assert all(None not in row for row in rows(path))
 
 
 def test_an_interruption_takes_the_torque_to_zero(tmp_path: Path, end: End) -> None:

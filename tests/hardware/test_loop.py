@@ -446,6 +446,34 @@ def test_a_log_that_cannot_be_written_ends_the_run(
     require_stopped(play(), "no space left on device")
 
 
+@pytest.mark.parametrize("step", [1.5, -1.5, 3600.0])
+def test_a_step_of_the_rigs_clock_ends_the_run(step: float) -> None:
+    def stepped(count: int, seen: Readings) -> Readings:
+        return seen._replace(time=seen.time + (step if count > 100 else 0.0))
+
+    played = play(fault=stepped)
+    require_stopped(played, f"the rig's clock stepped by {step:+.4g} s")
+    times = [row[0] for row in played.rows.rows]
+    assert max(times) - min(times) < 0.5  # none of the wrong ones
+
+
+@pytest.mark.parametrize("drift", [1e-3, -1e-3])
+def test_a_rigs_clock_that_drifts_or_is_seen_late_does_not(drift: float) -> None:
+    def drifted(count: int, seen: Readings) -> Readings | None:
+        late = seen._replace(time=seen.time * (1.0 + drift) + 0.01 * (count % 7 == 0))
+        return None if 100 < count < 105 else late
+
+    assert play(fault=drifted).outcome.code == 0
+
+
+@pytest.mark.parametrize(("rate", "share"), [(4.0, 0.4), (400.0, 0.0)])
+def test_cycles_at_the_limit_of_the_rate_are_counted(rate: float, share: float) -> None:
+    limits = dataclasses.replace(LIMITS, torque_rate=rate, stop_time=1.0)
+    outcome = play(limits=limits).outcome
+    assert outcome.rate_limited / outcome.cycles == pytest.approx(share, abs=0.15)
+    assert outcome.to_json()["cycles_at_rate_limit"] == outcome.rate_limited
+
+
 def test_a_cable_that_carries_too_much_by_the_model_ends_the_run() -> None:
     drive = drive_of("bench", Path(), PERIOD, 2.0)
     pretension = drive.cables[0].cable.pretension
@@ -460,7 +488,7 @@ def test_a_cable_that_carries_too_much_by_the_model_ends_the_run() -> None:
             seen = Readings(PERIOD * k, angle, 0.0, 1e-9 * k, 0.0, 125.0 * angle)
             model.follow([seen.motor_angle], [seen.joint_torque])
             peaks.append(max(float(model.tension(c).max()) for c in range(2)))
-            if why := watch.reading(seen, 0.0):
+            if why := watch.reading(seen, 0.0, seen.time):
                 found.append(why)
         return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import socket
 import time
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks import bench_motor_lag
 from driven import HAND, Bench, Instruments
 from play_rig import PERIOD, SILENCE, Host, end_of
 
@@ -145,3 +147,53 @@ def test_a_port_in_use_is_one_sentence() -> None:
         port = taken.getsockname()[1]
         with pytest.raises(CableError, match=f"{port} cannot be used .* already"):
             end_of(None, port)
+
+
+SECONDS = 2.0
+"""Length of a run whose error is compared [s]."""
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        bench_motor_lag.NOTHING,
+        *(pytest.param(law, marks=pytest.mark.study) for law in ("none", "pi")),
+    ],
+)
+def test_the_example_of_the_page_does_its_task(law: str) -> None:
+    """With a third of the error of a motor that is off, and of simple controllers."""
+    settings = bench_motor_lag.page_settings()
+    found, other = (
+        bench_motor_lag.bench(each, settings, seconds=SECONDS)[0]
+        for each in ("predictive", law)
+    )
+    assert 3.0 * found < other
+
+
+def test_a_limit_of_the_rate_that_the_plan_knows_costs_little() -> None:
+    """At a rate at which a plan that does not know it swings."""
+    settings = bench_motor_lag.page_settings({"torque_rate": "40.0"})
+    known, kept = bench_motor_lag.bench("predictive", settings, seconds=3.0)
+    unknown, cut = bench_motor_lag.bench(
+        "predictive", settings, seconds=3.0, rate_known=False
+    )
+    assert known < 0.25
+    assert 4.0 * known < unknown
+    assert kept.rate_limited < 0.05 * kept.cycles
+    assert cut.rate_limited > 0.5 * cut.cycles
+
+
+@pytest.mark.parametrize("lag", [0.003, pytest.param(0.005, marks=pytest.mark.study)])
+def test_a_lag_that_the_plan_knows_costs_little(lag: float) -> None:
+    settings = bench_motor_lag.page_settings()
+    known, unknown = (
+        bench_motor_lag.bench(
+            "predictive",
+            dataclasses.replace(settings, motor_lag=believed),
+            lag=lag,
+            seconds=SECONDS,
+        )[0]
+        for believed in (lag, 0.0)
+    )
+    assert known < 0.2
+    assert 2.0 * known < unknown

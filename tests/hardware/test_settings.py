@@ -6,13 +6,16 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
+from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Drive, controller
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Limits, Readings, Rig, drive_of, read_settings
 from cc_mujoco.hardware.desired import Course
+from cc_mujoco.hardware.servo import Stiffness
 from cc_mujoco.human import TRAJECTORIES
 from hardware.peers import toml
 
@@ -65,6 +68,8 @@ def test_a_file_gives_its_limits_and_the_rest_its_defaults(tmp_path: Path) -> No
         ("period = 0.002", "period = 0.01", "period must be 0.0005 to 0.002 s"),
         ("period = 0.002", "period = nan", "period must be a finite number"),
         ("period", "perod", "did you mean 'period'"),
+        ("period = 0.002", "period = 0.002\nmotor_lag = 3", "motor_lag must be 0 to"),
+        ("period = 0.002", "period = 0.002\nmotor_lag = -1e-3", "3 ms are 0.003"),
         ("torque = 1.0", "", r"\[limits\] needs `torque`"),
         ("torque = 1.0", "torque = -1", r"\[limits\]: Limits.torque must be"),
         ("torque = 1.0", "torque = '1'", r"\[limits\], torque must be a finite"),
@@ -220,3 +225,24 @@ def test_a_device_gives_its_drive_and_others_are_refused(tmp_path: Path) -> None
     assert len(drive.cables) == 2 and drive.sensors == ()
     with pytest.raises(CableError, match="did you mean 'bench'"):
         drive_of("bensh", tmp_path, 0.002, 1.0)
+
+
+def test_the_controller_knows_the_lag_of_the_motor_and_the_limit_of_its_rate(
+    tmp_path: Path,
+) -> None:
+    settings = read_settings(written(tmp_path, toml()))
+    assert settings.drive().torque_rate == settings.limits.torque_rate == 20.0
+    assert settings.drive().motor_lag == 0.0
+    spec = mujoco.MjSpec.from_file(str(scene_path("bench")))
+    motor = next(one for one in spec.actuators if one.target == "motor")
+    motor.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+    motor.dynprm[0] = 0.004
+    spec.compile()
+    spec.to_file(str(tmp_path / "lags.xml"))
+    text = toml().replace('"bench"', '"lags.xml"')
+    slow = read_settings(written(tmp_path, text)).drive()
+    assert slow.motor_lag == 0.004
+    firm, firmer = Stiffness.of(slow), Stiffness.of(settings.drive())
+    assert firm.damping < 0.5 * firmer.damping
+    own = text.replace("period = 0.002", "period = 0.002\nmotor_lag = 0.001")
+    assert read_settings(written(tmp_path, own)).drive().motor_lag == 0.001

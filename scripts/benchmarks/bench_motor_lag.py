@@ -1,0 +1,211 @@
+"""Measure how much torque error a motor that lags, or a limited rate, costs.
+
+    python scripts/benchmarks/bench_motor_lag.py --lags 0 1 3 5 --seeds 2
+
+The bench is the rig of `play_rig.py`, in simulated time, with the `rig.toml` of the
+hardware page: a hand swings the joint while 0.5 Nm are asked for. Wrist and ankle are
+the environments, 2 s of their own task and motion with their own sensors, whose motor
+is a filter of first order. A controller either knows the lag (`Drive.motor_lag`) or
+takes it for 0. Errors are RMS, of the torque that the joint truly got.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import re
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+
+import cc_mujoco.envs  # noqa: F401, registers the environments
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "diagnosis_study"))
+
+from driven import Bench, Lockstep
+
+from cc_mujoco.assets import scene_path
+from cc_mujoco.control import Controller, Drive, controller
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.episode import Single, Trace, run
+from cc_mujoco.hardware import Loop, Outcome, Readings, Settings, read_settings
+from cc_mujoco.markdown import table
+from cc_mujoco.sensing import Measuring
+from rig import make_rig
+
+PAGE = Path(__file__).resolve().parents[2] / "cc_mujoco" / "hardware" / "README.md"
+NOTHING = "motor off"
+"""A controller that asks for no torque."""
+SWING, SWING_PERIOD = 0.3, 2.0
+"""Of the hand at the bench, as in `play_rig.py` [rad], [s]."""
+SECONDS, SETTLED = 6.0, 2.0
+"""Length of a run of the bench, and from when on its error counts [s]."""
+LAWS = (NOTHING, "none", "pi", "stiction", "predictive")
+
+
+class Off(Controller):
+    """Gives no torque."""
+
+    def reset(self, where: Any = None) -> None:
+        """See `Controller.reset`."""
+
+    def torque(self, observation: Any) -> Any:
+        """See `Controller.torque`."""
+        return np.zeros(np.shape(observation["desired_torque_nm"]))[()]
+
+
+def law_of(name: str, drive: Drive) -> Controller:
+    """Return a controller by its name."""
+    return Off(drive) if name == NOTHING else controller(name, drive)
+
+
+def page_settings(changes: dict[str, str] | None = None) -> Settings:
+    """Return the settings of the `rig.toml` on the hardware page.
+
+    Args:
+        changes: Other values by key.
+    """
+    text = PAGE.read_text("utf-8").partition("```toml\n")[2].partition("```")[0]
+    for key, value in (changes or {}).items():
+        text = re.sub(rf"(?m)^{key} = \S+", f"{key} = {value}", text)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "rig.toml"
+        path.write_text(text, "utf-8")
+        return read_settings(path)
+
+
+class Nowhere:
+    """Keeps no log."""
+
+    def row(self, seen: Readings, before: float, *others: float) -> None:
+        """See `Log.row`."""
+
+
+def bench(
+    law: str,
+    settings: Settings,
+    *,
+    lag: float = 0.0,
+    seed: int = 1,
+    rate_known: bool = True,
+    seconds: float = SECONDS,
+) -> tuple[float, Outcome]:
+    """Play the bench in simulated time.
+
+    Args:
+        law: Name of the controller.
+        settings: Of the run; `motor_lag` is what the controller believes.
+        lag: Of the motor [s].
+        seed: Of the rig and its noise.
+        rate_known: Whether the controller knows the limit of the rate.
+        seconds: Length of the run [s].
+
+    Returns:
+        RMS error of the joint's true torque [Nm], infinite of a run that was stopped;
+        and how it went.
+    """
+    drive = settings.drive()
+    if not rate_known:
+        drive = dataclasses.replace(drive, torque_rate=math.inf)
+    pace = 2.0 * math.pi / SWING_PERIOD
+
+    def swing(now: float) -> tuple[float, float]:
+        size = SWING * min(1.0, now)
+        return size * math.sin(pace * now), size * pace * math.cos(pace * now)
+
+    rig = Lockstep(
+        Bench(make_rig(seed, make="guides"), {}, settings.period, motor_lag=lag),
+        seed,
+        swing,
+    )
+    desired = settings.desired(seconds)
+    loop = Loop(
+        rig, law_of(law, drive), desired, settings.limits, settings.watchdog,
+        clock=rig, log=Nowhere(),
+    )  # fmt: skip
+    outcome = loop.run(seconds)
+    felt = np.array(rig.torques)[: round(seconds / settings.period)]
+    felt = felt[round(min(SETTLED, 0.5 * seconds) / settings.period) :]
+    wanted = settings.task.number("torque") or 0.0
+    rms = float(np.sqrt(np.mean((felt - wanted) ** 2)))
+    return (rms if outcome.code == 0 else math.inf), outcome
+
+
+def device(law: str, scene: str, lag: float, known: bool, seed: int) -> float:
+    """Return the RMS error of a device in its own task [Nm]."""
+    setup = DEVICES[scene]
+    spec = mujoco.MjSpec.from_file(str(scene_path(setup.scene)))
+    if lag:
+        motor = spec.actuator("motor")
+        motor.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+        motor.dynprm[0] = lag
+        motor.actearly = True
+    env = gymnasium.make(
+        setup.environment, disable_env_checker=True, model=spec.compile(), duration=2.0
+    )
+    inner: Any = env.unwrapped
+    drive = inner.drive
+    if not known:
+        drive = dataclasses.replace(drive, motor_lag=0.0)
+    plant = Single(env, seed)
+    measuring = Measuring(
+        setup.sensing, drive, inner.exo.device.driven, seed, plant.steps
+    )
+    trace = Trace(("joint_torque_nm", "desired_torque_nm"), plant.steps)
+    run(plant, law_of(law, drive), trace.keep, measure=measuring.measure)
+    env.close()
+    off = trace.columns["joint_torque_nm"] - trace.columns["desired_torque_nm"]
+    return float(np.sqrt(np.mean(off**2)))
+
+
+def row(scene: str, law: str, lag: float, known: bool, seeds: int) -> tuple[str, ...]:
+    """Return a row of the table, errors as mean over the seeds."""
+    found, limited = [], 0.0
+    for seed in range(1, seeds + 1):
+        if scene != "bench":
+            found.append(device(law, scene, lag, known, seed))
+            continue
+        settings = page_settings()
+        settings = dataclasses.replace(settings, motor_lag=lag if known else 0.0)
+        rms, outcome = bench(law, settings, lag=lag, seed=seed)
+        found.append(rms)
+        limited += outcome.rate_limited / outcome.cycles / seeds
+    at_limit = f"{limited:.0%}" if scene == "bench" else "-"
+    believed = "-" if law not in ("predictive",) else "known" if known else "0"
+    return (
+        scene, f"`{law}`" if law != NOTHING else law, f"{1e3 * lag:g}", believed,
+        f"{np.mean(found):.3g}", at_limit,
+    )  # fmt: skip
+
+
+def main() -> None:
+    """Print the table that is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", nargs="+", default=["bench", "wrist", "ankle"])
+    parser.add_argument("--lags", nargs="+", type=float, default=[0.0, 1.0, 3.0, 5.0])
+    parser.add_argument("--laws", nargs="+", choices=LAWS, default=list(LAWS))
+    parser.add_argument("--seeds", type=int, default=2)
+    given = parser.parse_args()
+    rows = []
+    for scene in given.scenes:
+        for law in given.laws:
+            for lag in given.lags:
+                both = law == "predictive" and lag > 0.0
+                for known in (True, False) if both else (True,):
+                    rows.append(row(scene, law, 1e-3 * lag, known, given.seeds))
+                    print(*rows[-1], flush=True)
+    head = (
+        "scene", "controller", "lag [ms]", "lag believed", "RMS error [Nm]",
+        "cycles at the rate limit",
+    )  # fmt: skip
+    print(f"\n{given.seeds} seeds\n\n{table(head, rows)}")
+
+
+if __name__ == "__main__":
+    main()

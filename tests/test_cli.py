@@ -534,6 +534,7 @@ def test_an_exported_controller_has_the_parameters_of_a_variant(
         "model",
         "--model",
         variant.name,
+        "--allow-active",
     ]
     assert cli.main(words) == 0
     parameters = (tmp_path / "x" / "cc_parameters.c").read_text()

@@ -33,16 +33,13 @@ from cc_mujoco.human import Spring
 from cc_mujoco.sensing import Sensing
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.laws import Unpowered
-from cc_mujoco.whatif.simulate import Fleet
+from cc_mujoco.whatif.simulate import FRAME_SKIP, Fleet
 from cc_mujoco.whatif.variables import Value
 
 Array = NDArray[np.float64]
 
 WARM_UP = 0.5 * LEAST
 """Beginning of an episode that no score counts [s]."""
-
-FRAME_SKIP = 2
-"""Physics steps in a control step."""
 
 TRACED = ("joint_angle_rad", "joint_torque_nm", "desired_torque_nm")
 PHASES = ("phase_sine", "phase_cosine")

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from cc_mujoco.benchmark.plant import Belief
 from cc_mujoco.errors import CableError
+from cc_mujoco.whatif.build import UNPLUGGED
 from cc_mujoco.whatif.variables import Value
 
 
@@ -23,8 +24,6 @@ class Reference:
     belief: Belief | None = None
     """What the controller believes; that of the condition by default."""
 
-
-UNPLUGGED: dict[str, Value] = {"axial_stiffness": 1e-6, "pretension": 0.0}
 
 SCALE = "none"
 """The controller whose mean error in a condition is an error of 1."""

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 
 import tyro
 
-from cc_mujoco.commands.options import in_words
+from cc_mujoco.commands.options import Flag, in_words
 from cc_mujoco.errors import CableError, look_up
 
 
@@ -28,9 +28,16 @@ class Export:
     """What it runs on: host, aarch64 or armv7."""
     model: Annotated[Path | None, in_words("FILE.xml")] = None
     """A variant of the scene, as a diagnosis writes it, to take parameters from."""
+    allow_active: Flag = False
+    """Write also a controller that gives a passive wearer energy in simulation."""
 
     def run(self) -> None:
-        """Compile and write; print what was written and how to build it."""
+        """Compile and write; print what was written and how to build it.
+
+        Raises:
+            CableError: Something is wrong, or in simulation the controller puts energy
+                into a passive wearer.
+        """
         from cc_mujoco.devices import find_device
 
         device = find_device(self.scene)
@@ -61,10 +68,26 @@ class Export:
                 f"nothing that is called {missing!r}."
             ) from None
         plan = Plan.of(self.controller, env.drive, env.exo.device.driven)
+        if not self.allow_active:
+            self._require_passive(model)
         what = f"{self.controller} for the scene {self.scene}, on {self.target}"
         write(self.out, plan, target, what)
         env.close()
         print(
             f"{len(plan.fields)} parameters, {8 * plan.places[-1]} bytes of memory\n"
             f"build with:  cmake -B build {self.out} && cmake --build build"
+        )
+
+    def _require_passive(self, model: Any) -> None:
+        from cc_mujoco.whatif.passivity import activity
+
+        found = activity(self.scene, self.controller, model)
+        if found.energy <= found.allowed:
+            return
+        limb = found.limb
+        raise CableError(
+            f"controller {self.controller!r} is not passive on {self.scene!r}: in "
+            f"simulation it puts {1e3 * found.energy:.3g} mJ into a wearer who holds "
+            f"still ({limb.stiffness:.2g} Nm/rad, {limb.damping:.2g} Nm s/rad), more "
+            f"than {1e3 * found.allowed:.3g}; --allow-active writes it nevertheless."
         )

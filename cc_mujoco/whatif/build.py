@@ -47,6 +47,9 @@ GEARED = ("motor", "winding_resistance", "torque_constant", "continuous_torque")
 FRICTION = "material_friction"
 """Variable that says which of `ENDS` the friction of a material is."""
 
+UNPLUGGED: dict[str, Value] = {"axial_stiffness": 1e-6, "pretension": 0.0}
+"""Design of a cable that does nothing."""
+
 _ONE = threading.Lock()
 
 

@@ -36,6 +36,9 @@ from cc_mujoco.workers import Tick
 
 Array = NDArray[np.float64]
 
+FRAME_SKIP = 2
+"""Physics steps in a control step of the devices as they are."""
+
 TICK_STEPS = 200
 """Control steps between two calls of a tick."""
 

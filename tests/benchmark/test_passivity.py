@@ -6,7 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from benchmarks.check_passivity import (
+from benchmarks.check_passivity import search
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.whatif.passivity import (
     LIMBS,
     Found,
     Limb,
@@ -14,15 +20,9 @@ from benchmarks.check_passivity import (
     inertia_of,
     limb_at,
     play,
-    search,
     taken,
 )
-from hypothesis import given
-from hypothesis import strategies as st
-from numpy.typing import NDArray
-
-from cc_mujoco.benchmark.cell import FRAME_SKIP
-from cc_mujoco.devices import DEVICES
+from cc_mujoco.whatif.simulate import FRAME_SKIP
 
 Array = NDArray[np.float64]
 PHYSICS = 5e-4

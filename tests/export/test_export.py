@@ -22,11 +22,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from cc_mujoco.commands.export import Export
 from cc_mujoco.control import Controller, Drive, controller
 from cc_mujoco.control.controller import wound
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
-from cc_mujoco.export import EXPORTED, FILES, TARGETS, Plan, Target, write
+from cc_mujoco.export import EXPORTED, FILES, TARGETS, Plan, Target, write, writing
 from cc_mujoco.export.writing import HEADER, TEXTS
 from cc_mujoco.sensing import TENSIONS, WINDING
 from cc_mujoco.transmission.parameters import TERMS
@@ -693,3 +694,18 @@ def test_a_machine_that_llvm_does_not_know_is_one_sentence(tmp_path: Path) -> No
 def test_the_files_are_those_that_are_told(made: Made) -> None:
     folder, _ = made("wrist", "pi")
     assert {path.name for path in folder.iterdir()} - {"shared.so"} == set(FILES)
+
+
+def test_only_a_controller_that_is_passive_in_simulation_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`pi` shakes a finger with some inertia at its tip, and `feedback` no ankle."""
+    monkeypatch.setattr(writing, "emit", lambda *_: b"")  # seconds of LLVM
+    refused = tmp_path / "finger"
+    with pytest.raises(CableError, match=r"'pi' is not passive .* --allow-active"):
+        Export("finger", "pi", refused).run()
+    assert not refused.exists()
+    Export("finger", "pi", refused, allow_active=True).run()
+    Export("ankle", "feedback", tmp_path / "ankle").run()
+    for folder in (refused, tmp_path / "ankle"):
+        assert {path.name for path in folder.iterdir()} == set(FILES)

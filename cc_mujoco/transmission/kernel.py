@@ -64,6 +64,7 @@ OK, NOT_FINITE = 0, 1
 
 _SHIFT, _SLIPPED, _GROWTH, _GROWTH_PROXIMAL, _HOLD_DISTAL = 0, 1, 2, 3, 4
 _HOLD_PROXIMAL, _DRAG, _VISCOSITY, _SPRING, _HELD, _SPEED = 5, 6, 7, 8, 9, 10
+_RELEASED = _SPRING
 _LOAD_INDEPENDENT = law.INDEX["load_independent_friction"]
 _SEALS = law.INDEX["seal_proximal"], law.INDEX["seal_distal"]
 _STRIBECK = law.INDEX["stribeck_friction"]
@@ -344,10 +345,10 @@ def _commit(
         stretched = nodes.stretched(prm, n, n, tension[n], node[n])
         new_state[1] = state[1] + shift[n - 1] + stretched
     lost = 0.0
-    slipped = shift
-    if prm[_BRISTLE] > 0.0:
+    slipped, has_bristles = shift, prm[_BRISTLE] > 0.0
+    if has_bristles:
         slipped = at.row(work, n, _SLIPPED)
-        lost = _commit_bristles(n, state, new_state, work)
+        _commit_bristles(n, state, new_state, work)
     values = at.scalars(prm)
     remembers = prm[_STRIBECK] > 0.0 or prm[_GREASE] > 0.0
     ages = prm[_AGEING] > 0.0
@@ -362,12 +363,14 @@ def _commit(
         force, before = high - low, high_before - low_before
         low, low_before = high, high_before
         # Mean friction over the slip; after a reversal slip begins at the new friction.
-        if before * moved > 0.0:
-            force = 0.5 * (force + before)
-        taken = max(force * moved, 0.0)
+        mean = 0.5 * (force + before)
+        taken = (mean if before * moved > 0.0 else force) * moved
         if prm[at.LENGTHENS] != 0.0:
             taken *= material.heating(prm, node[j], node[j + 1])
-        lost += taken
+        if has_bristles:
+            # What the elastic part of the motion takes and the bristles do not keep.
+            taken += mean * (shift[j] - moved) + at.row(work, n, _RELEASED)[j]
+        lost += max(taken, 0.0)
         same = moved * before_slip[j] > 0.0
         slip[j] = moved + before_slip[j] if same else moved
         if ages:
@@ -391,32 +394,23 @@ def _commit(
 @internal
 def _commit_bristles(
     n: int, state: FloatArray, new_state: FloatArray, work: FloatArray
-) -> float:
-    """Write force and stretch of the bristles; return energy lost without slip [J]."""
+) -> None:
+    """Write force and stretch of the bristles, and the energy that they released."""
     shift, slipped = at.row(work, n, _SHIFT), at.row(work, n, _SLIPPED)
     held, spring = at.row(work, n, _HELD), at.row(work, n, _SPRING)
-    node = at.tensions(new_state, n)
     forces, stretches = at.bristle_forces(state, n), at.bristle_stretches(state, n)
     new_forces = at.bristle_forces(new_state, n)
     new_stretches = at.bristle_stretches(new_state, n)
-    lost = 0.0
     for j in range(n):
-        force, stretch = forces[j], stretches[j]
+        force, stretch, now = forces[j], stretches[j], 0.0
         start = law.bristle_force(force, stretch, spring[j])
-        before, kept, now = 0.5 * abs(force * stretch), 0.0, 0.0
         elastic = start + spring[j] * (shift[j] - slipped[j])
         if spring[j] > 0.0:
-            kept = 0.5 * start**2 / spring[j]
             now = min(max(held[j], -abs(elastic)), abs(elastic)) / spring[j]
-        lost += max(before - kept, 0.0)
-        gained = 0.5 * (start + held[j]) * (shift[j] - slipped[j])
-        lost += max(kept + gained - 0.5 * abs(held[j] * now), 0.0)
+        before = 0.5 * abs(force * stretch)
+        at.row(work, n, _RELEASED)[j] = before - 0.5 * abs(held[j] * now)
         new_forces[j] = held[j]
         new_stretches[j] = now
-        # Viscous drag acts on the elastic part of the motion, too.
-        total = max(node[j + 1], 0.0) - max(node[j], 0.0)
-        lost += max((total - held[j]) * (shift[j] - slipped[j]), 0.0)
-    return lost
 
 
 @exported(

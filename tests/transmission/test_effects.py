@@ -269,6 +269,37 @@ def test_bristles_give_no_energy_when_the_tension_changes_between_load_and_unloa
         assert taken == pytest.approx(motion.dissipated, abs=2e-6)
 
 
+@pytest.mark.parametrize(
+    "terms",
+    [
+        {},
+        {"viscous_friction": 100.0},
+        {"grease_drag": 30.0},
+        {"stribeck_friction": 0.2, "stribeck_speed": 0.02},
+        {"load_independent_friction": 5.0},
+        {"static_friction": 0.3, "critical_slip_distance": 1e-3},
+        {"ageing_friction": 0.05, "critical_slip_distance": 1e-3},
+        {"tension_exponent": -0.3},
+        {"friction_asymmetry": 0.3},
+        {"bedding_strain": 1e-3},
+    ],
+    ids=lambda terms: "".join(list(terms)[:1]) or "coulomb",
+)
+def test_all_energy_is_accounted_for_on_bristles(terms):
+    time = np.linspace(0.0, 1.0, 2001)
+    turn = 2.0 * np.pi * time
+    motion = replay(
+        BENT.replace(segments=10, bristle_length=5e-4, pretension=30.0, **terms),
+        time[1],
+        u_proximal=8e-3 * (0.5 * np.sin(turn) + 0.3 * np.sin(3.0 * turn)),
+        u_distal=8e-3 * (0.7 * np.sin(2.0 * turn) + 0.4 * (1.0 - np.cos(turn))),
+    )
+    taken = work_in(motion) - (motion.stored - motion.stored[0])
+    heat = motion.dissipated[-1]
+    assert heat > 0.1
+    assert taken == pytest.approx(motion.dissipated, abs=2e-5 * heat)
+
+
 def test_bristles_make_a_reversal_round_and_leave_the_capstan_ratio():
     cable = BENT.replace(segments=40, bristle_length=5e-4)
     low, high = sliding(cable, 0.05)

@@ -3,16 +3,21 @@
 The force of a cable is due before MuJoCo knows where the step leads. An end is a stiff
 spring, and where the step is long for it, it takes the tension at
 
-    x + 0.2 h v + 0.4 h^2 a(T)
+    x + alpha h v + beta h^2 a(T)
 
 instead of at x, its displacement, with its velocity v and the acceleration a that
 MuJoCo is about to find, which falls with the tension T itself: a step of Newmark's
-method (J. Eng. Mech. Div. 85, 1959) in terms of displacements. At 0.25 h^2 a it is
-stable for any stiffness and takes no energy; what is more than that damps what the step
-cannot resolve. RK4 gets the tension of its first stage in all four, then with 0.7 h v:
-under a force that is constant, x goes by h v + h^2 a / 2, which half of h v makes
-stable. All springs of a cable beyond its ends stay explicit, under RK4 all of an open
-one, and all under `discrete`, whose constraints are known only after the actuators.
+method (J. Eng. Mech. Div. 85, 1959) in terms of displacements. The integrator then sees
+a spring of the frequency w/sqrt(1 + beta (h w)^2) in the place of w. With
+
+    beta = max(1/s - 1/(h w)^2, 0)
+
+that is no more than sqrt(s)/h, which is stable, and an end is implicit by as much as
+stability needs: not at all below. For Euler and its kin s is 2.5, of 4 that are stable,
+and alpha grows from 0 to 0.2 with beta, which damps what the step cannot resolve. RK4
+damps that itself; there s is 5.8, of 8, alpha is 0, and each of its four stages looks
+ahead from its own displacement. All springs of a cable beyond its ends stay explicit,
+and all under `discrete`, whose constraints are known only after the actuators.
 
 `foresee` solves for a as MuJoCo does: smooth forces, with those of the cables as they
 were, and the constraints that are active at the acceleration of the step before, or,
@@ -38,6 +43,7 @@ from cc_mujoco.engine.block import (
     FRESH,
     GUIDED,
     HOLDERS,
+    INSTANCE,
     MOUTH,
     PROXIMAL,
     ROUTE,
@@ -78,7 +84,9 @@ from cc_mujoco.transmission import kernel, packing
 
 Floats = npt.NDArray[np.float64]
 
-_ACCELERATION, _VELOCITY, _VELOCITY_RK4 = 0.4, 0.2, 0.7
+_SQUARE, _SQUARE_RK4, _VELOCITY = 2.5, 5.8, 0.2
+_LOOK, _LOOK_RK4 = 1.0, 2.0
+"""Square of step times frequency, in `qpos0`, above which an end may be implicit."""
 MOST = 300
 """Degrees of freedom up to which the ends are implicit: factors are dense."""
 _ROUNDS = 3
@@ -136,16 +144,16 @@ def unknown(area: int) -> bool:
 def implicit(model: int, block: int) -> bool:
     """Whether the step is so long that the ends of a cable are to be implicit.
 
-    It is where it is more than half of what is stable for an end, by the inertia of the
-    pose `qpos0`, so that a pose of less inertia is stable too.
+    It may be where it is half of what is stable for an end, by the inertia of the pose
+    `qpos0`, so that a pose of less inertia is stable too.
     """
     if load_word(block + EXPLICIT) != 0 or fields.dofs(model) > MOST:
         return False
     integrator = fields.integrator(model)
-    if integrator == _DISCRETE or (integrator == _RK4 and opens(block)):
+    if integrator == _DISCRETE:
         return False
     step = fields.timestep(model)
-    n = load_word(block + SEGMENTS)
+    most = _LOOK_RK4 if integrator == _RK4 else _LOOK
     for end in range(2):
         if load_word(block + TIED + 8 * end) != 0:
             continue
@@ -159,14 +167,35 @@ def implicit(model: int, block: int) -> bool:
         else:
             mobility = fields.real(model, fields.TENDON_INVWEIGHT0, target)
         mobility *= ends.gear(model, output) ** 2
-        stiffness = load_real(block + STIFFNESS + 8 * end)
-        if stiffness == 0.0:
-            prm = floats(parameters_at(block), kernel.parameter_size(n))
-            stiffness = kernel.end_stiffness(prm, n, end == 1)
-            store_real(block + STIFFNESS + 8 * end, stiffness)
-        if step * step * mobility * stiffness > 1.0:
+        if step * step * mobility * _stiffness(block, end) > most:
             return True
     return False
+
+
+@internal
+def _stiffness(block: int, end: int) -> float:
+    """Stiffness of an end that friction holds [N/m]."""
+    stiffness = load_real(block + STIFFNESS + 8 * end)
+    if stiffness == 0.0:
+        n = load_word(block + SEGMENTS)
+        prm = floats(parameters_at(block), kernel.parameter_size(n))
+        stiffness = kernel.end_stiffness(prm, n, end == 1)
+        store_real(block + STIFFNESS + 8 * end, stiffness)
+    return float(stiffness)
+
+
+@internal
+def _blend(model: int, block: int, end: int, mobility: float) -> tuple[float, float]:
+    """Return alpha h [s] and beta h^2 [s^2] of an end, see above.
+
+    `mobility` is its acceleration per tension [1/kg].
+    """
+    runge_kutta = fields.integrator(model) == _RK4
+    step, most = fields.timestep(model), _SQUARE_RK4 if runge_kutta else _SQUARE
+    square = step * step * mobility * _stiffness(block, end)
+    share = max(1.0 - most / square, 0.0) if square > 0.0 else 0.0
+    velocity = 0.0 if runge_kutta else _VELOCITY * share * step
+    return velocity, share * step * step / most
 
 
 @internal
@@ -263,7 +292,7 @@ def _smooth(model: int, data: int, kind: int, force: Floats, acted: Floats) -> N
             pieces.pull(
                 model, data, load_word(block + ROUTE), load_word(block + MOUTH),
                 floats(shape_at(block, n, 0), pieces.shape_size(n)), n,
-                load_word(block + GUIDED), node, 0.0, block + SCRATCH,
+                load_word(block + GUIDED), node, 0.0, -1, block + SCRATCH,
                 force.ctypes.data,
             )  # fmt: skip
     for joint in range(fields.joints(model)):
@@ -296,6 +325,8 @@ def _damp(model: int, data: int, integrator: int, out: Floats, scratch: Floats) 
     """Damping (nv * nv,) that the integrator takes implicitly; whether there is any."""
     nv, any_damping = fields.dofs(model), False
     fill(out, 0.0)
+    if integrator == _RK4:
+        return False
     euler = integrator == _EULER
     if not fields.disabled(model, _NO_DAMPER) and not (
         euler and fields.disabled(model, _NO_EULER_DAMPING)
@@ -453,9 +484,7 @@ def aim(model: int, data: int, block: int, kind: int, area: int, out: Floats) ->
     they are, and by how much they go into the cable per tension [m/N]. How ends on the
     same bodies move each other is added to what each does by itself.
     """
-    nv, step = fields.dofs(model), fields.timestep(model)
-    runge_kutta = fields.integrator(model) == _RK4
-    ahead = step * (_VELOCITY_RK4 if runge_kutta else _VELOCITY)
+    nv = fields.dofs(model)
     known = load_word(area)
     found = floats(area + 8, nv)
     row, answer = floats(area + 8 + 16 * nv, nv), floats(area + 8 + 24 * nv, nv)
@@ -477,20 +506,52 @@ def aim(model: int, data: int, block: int, kind: int, area: int, out: Floats) ->
         if known == _DAMPED:
             times_inertia(model, data, between.ctypes.data, answer.ctypes.data)
             solve_factorised(answer.ctypes.data, damped, between.ctypes.data, nv)
-        moved = lever * fields.real(data, fields.VELOCITY, output)
-        out[end] += ahead * moved
-        out[end] += step * step * _ACCELERATION * dot(row, found)
-        total = 0.0
-        for other in range(fields.plugins(model)):
-            with_it = 0
-            if fields.integer(model, fields.PLUGIN, other) == kind:
-                with_it = fields.block(data, other)
-            for side in range(2 if with_it != 0 else 0):
-                if load_word(with_it + TIED + 8 * side) == 0:
-                    arm = _place(model, data, with_it, side)[1]
-                    place = load_word(with_it + (DISTAL if side else PROXIMAL))
-                    total += abs(arm * _along(data, place, answer))
-        out[2 + end] = step * step * _ACCELERATION * total
+        mobility = _mobility(model, data, kind, answer)
+        velocity, acceleration = _blend(model, block, end, mobility)
+        out[end] += velocity * lever * fields.real(data, fields.VELOCITY, output)
+        out[end] += acceleration * dot(row, found)
+        out[2 + end] = acceleration * mobility
+
+
+@internal
+def _mobility(model: int, data: int, kind: int, answer: Floats) -> float:
+    """By how much the ends of all cables together accelerate with a tension [1/kg].
+
+    `answer` (nv,) is the acceleration of the degrees of freedom by it.
+    """
+    total = 0.0
+    for other in range(fields.plugins(model)):
+        block = 0
+        if fields.integer(model, fields.PLUGIN, other) == kind:
+            block = fields.block(data, other)
+        for end in range(2 if block != 0 else 0):
+            if load_word(block + TIED + 8 * end) == 0:
+                arm = _place(model, data, block, end)[1]
+                output = load_word(block + (DISTAL if end else PROXIMAL))
+                total += abs(arm * _along(data, output, answer))
+    return total
+
+
+@internal
+def reached(model: int, data: int, block: int, end: int) -> float:
+    """Return where an implicit end is evaluated [m], by the acceleration in `data`.
+
+    It is that of `aim` where the acceleration is the one that MuJoCo finds.
+    """
+    x, lever = _place(model, data, block, end)
+    if load_word(block + TIED + 8 * end) != 0:
+        return x
+    nv = fields.dofs(model)
+    output = load_word(block + (DISTAL if end else PROXIMAL))
+    row, answer = np.zeros(nv), np.empty(nv)
+    _add_moment(data, output, lever, row)
+    solve_inertia(model, data, answer.ctypes.data, row.ctypes.data, 1)
+    kind = fields.integer(model, fields.PLUGIN, load_word(block + INSTANCE))
+    mobility = _mobility(model, data, kind, answer)
+    velocity, acceleration = _blend(model, block, end, mobility)
+    found = floats(load_word(data + fields.ACCELERATIONS), nv)
+    moved = velocity * lever * fields.real(data, fields.VELOCITY, output)
+    return float(x + moved + acceleration * dot(row, found))
 
 
 @internal

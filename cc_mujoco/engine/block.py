@@ -43,17 +43,22 @@ HOLDERS = 136  # for each end, its actuator
 AREA = 152  # of a model's first cable, where `ahead.py` keeps what it finds
 INPUTS = 160  # displacement of both ends, how far they yield, and dt
 SEEN = 200  # displacements for which `INPUTS` were found
-LOOKS = 216  # whether it looked ahead for `INPUTS`
 EXPLICIT = 224  # whether it never does
 SCRATCH = 232  # a force, and no torque
 STIFFNESS = 280  # of both ends with the present parameters, or 0
 WALKED = 296  # the evaluation in which it was led along its path, or 0
 EVALUATION = 304  # of a model's first cable: counts the evaluations
-STIFFEST = 312  # stiffness of a piece when the time step was last held against limits
-STAGES = 320  # u_proximal, u_distal, dt, time of the last four evaluations under RK4
-STAGE = 32
+SPEEDS = 312  # velocities of both ends for which `INPUTS` were found
+EARLY = 328  # whether the pieces pull before the actuators: 0, `KEPT` or `FOR_NOW`
+TOUCHED = 336  # whether `qpos` is another than the last step made it
+MOCAPS = 344  # of a model's first cable, where it keeps poses of mocap bodies, or 0
+STIFFEST = 352  # stiffness of a piece when the time step was last held against limits
+STAGES = 360  # u_proximal, u_distal, time, inputs of the last four evaluations of RK4
+STAGE = 64
 HEADER = STAGES + 4 * STAGE
 TEXT_CAPACITY = 4096
+KEPT, FOR_NOW = 1, 2
+"""Early pull that the evaluation of the actuators keeps, or that it replaces."""
 
 
 @internal
@@ -112,6 +117,12 @@ def scratch_at(block: int, n: int) -> int:
 
 
 @internal
+def before_at(block: int, n: int) -> int:
+    """Address of `qfrc_passive` before an open cable added its forces (nv,)."""
+    return scratch_at(block, n) + 8 * (load_word(block + DOFS) + n + 1)
+
+
+@internal
 def outdate(block: int) -> None:
     """Forget what follows from the packed parameters."""
     store_word(block + KNOWN, 0)
@@ -166,6 +177,12 @@ def committed_time(state: int, n: int) -> int:
 
 
 @internal
+def pose_at(state: int, n: int) -> int:
+    """Address of the checksum of the pose to which the last step led."""
+    return committed_time(state, n) + 8
+
+
+@internal
 def memory(state: int, n: int) -> npt.NDArray[np.float64]:
     """What a committed state of an open cable remembers of its path."""
-    return floats(committed_time(state, n) + 8, pieces.memory_size(n))
+    return floats(pose_at(state, n) + 8, pieces.memory_size(n))

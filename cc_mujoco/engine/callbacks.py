@@ -35,21 +35,34 @@ import numpy as np
 from mujoco.introspect.enums import ENUMS
 from numba import cfunc
 
-from cc_mujoco.engine import ahead, config, ends, fields, path, pieces, steps
+from cc_mujoco.engine import (
+    ahead,
+    config,
+    ends,
+    fields,
+    guides,
+    jumps,
+    path,
+    pieces,
+    steps,
+)
 from cc_mujoco.engine.block import (
     AREA,
     CHECKED,
     DISTAL,
     DOFS,
+    EARLY,
     EVALUATION,
     EXPLICIT,
     FOLLOWS,
+    FOR_NOW,
     FRESH,
     GUIDED,
     HOLDERS,
     INPUTS,
     INSTANCE,
-    LOOKS,
+    KEPT,
+    MOCAPS,
     MOUTH,
     PROXIMAL,
     REFERENCE,
@@ -64,7 +77,9 @@ from cc_mujoco.engine.block import (
     TEXT_CAPACITY,
     TEXT_SIZE,
     TIED,
+    TOUCHED,
     WALKED,
+    before_at,
     committed_time,
     displacement,
     memory,
@@ -72,6 +87,8 @@ from cc_mujoco.engine.block import (
     opens,
     outdate,
     parameters_at,
+    pose_at,
+    pulls_at,
     rest_displacement,
     shape_at,
     text_at,
@@ -84,9 +101,11 @@ from cc_mujoco.engine.evaluation import (
     bent_as_last,
     elapsed,
     evaluate,
+    evaluated,
     follow_all,
     follow_others,
     inputs,
+    note_motion,
     repack,
     stiffened,
     up_to_date,
@@ -95,6 +114,7 @@ from cc_mujoco.engine.leading import compile_leading, follow, lay, pull, refer
 from cc_mujoco.engine.memory import (
     CAPACITY,
     allocate,
+    append,
     assign,
     clear,
     copy,
@@ -119,11 +139,14 @@ from cc_mujoco.engine.telling import (
     opening,
     warn_jump,
     warn_once,
+    warn_order,
+    warn_unfelt,
 )
 from cc_mujoco.transmission import kernel, material, packing
 from cc_mujoco.transmission.parameters import MAX_SECTIONS
 
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+_SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
 
 
@@ -136,6 +159,9 @@ _WRAP = types.void(types.intp, types.intp, types.int32, types.intp)
 _limits = types.ExternalFunction("cc_mujoco_limits", _WRAP)
 _aim = types.ExternalFunction("cc_mujoco_aim", _WRAP)
 _CHECK = types.void(types.intp, types.intp, types.int32)
+_warn_missed = types.ExternalFunction("cc_mujoco_missed", _CHECK)
+_undo_early = types.ExternalFunction("cc_mujoco_undo_early", _CHECK)
+_pull_early = types.ExternalFunction("cc_mujoco_pull_early", _CHECK)
 _check = types.ExternalFunction("cc_mujoco_check", _CHECK)
 
 
@@ -168,6 +194,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 alone = values[config.ECCENTRICITY] >= radius
                 key = config.ECCENTRICITY if alone else config.OVALITY
             route = config.value(attributes, config.ROUTE)
+            tendon, mouth = -1, 0
             if key == config.VALID and route.size > 0:
                 tendon = ends.find_route(model, instance, route)
                 if tendon < 0:
@@ -178,6 +205,13 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                     key, used = open_refused(message, start, model, instance, tendon)
             if key != config.VALID:
                 used = config.explain(message, start, attributes, key)
+            if used == start:
+                if config.mixed(attributes):
+                    name = config.value(attributes, config.MOUTH)
+                    mouth = ends.find_mouth(model, instance, tendon, route, name)
+                path_open = tendon if config.opens(attributes) else -1
+                body = ends.keep_awake(model, instance, path_open, mouth)
+                used = ends.explain_sleep(message, start, model, body)
         if used > start:
             warn(message, used)
         return used > start
@@ -324,6 +358,25 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
     export("cc_mujoco_aim", aim.address)
 
     @cfunc(_CHECK, **options)
+    def missed(model: int, data: int, instance: int) -> None:
+        """Warn, once, of each geom in the path of an instance that it never touches."""
+        _ = stamp
+        message = np.zeros(CAPACITY, np.uint8)
+        start = opening(message, model, instance)
+        used = append(message, start, guides.SEARCHED)
+        if said_before(message, used, fields.signature(model)):
+            return
+        tendon = load_word(fields.block(data, instance) + ROUTE)
+        touched = np.zeros(fields.integer(model, fields.TENDON_NUM, tendon), np.uint8)
+        guides.search(model, data, tendon, touched)
+        for place in range(touched.size):
+            if touched[place] == 0:
+                used = guides.explain(message, start, model, tendon, place)
+                warn(message, used)
+
+    export("cc_mujoco_missed", missed.address)
+
+    @cfunc(_CHECK, **options)
     def check(model: int, data: int, instance: int) -> None:
         """Warn if the time step is too long for the instance, or its ends are not fit.
 
@@ -339,6 +392,11 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             used = ends.explain_bypass(message, start, model, instance, tendon)
         if used > start and not said_before(message, used, fields.signature(model)):
             warn(message, used)
+        if opens(block):
+            warn_unfelt(model, instance, block)
+        if load_word(block + ROUTE) >= 0:
+            _warn_missed(model, data, instance)
+        warn_order(model, instance)
         longest = np.empty(3)
         _limits(model, data, instance, longest.ctypes.data)
         if ahead.implicit(model, block):
@@ -353,6 +411,70 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     export("cc_mujoco_check", check.address)
 
+    @cfunc(_CHECK, **options)
+    def pull_early(model: int, data: int, instance: int) -> None:
+        """Pull with the pieces of an open cable before its actuators are evaluated.
+
+        `mj_inverse` evaluates passive forces, but no actuators. Where the acceleration
+        is given, an implicit end looks ahead by that.
+        """
+        _ = stamp
+        block = fields.block(data, instance)
+        if fields.disabled(model, _NO_ACTUATION) or no_passive(model):
+            return
+        if not up_to_date(block, model, instance):
+            return
+        lead = fields.block(data, ahead.first(model, instance))
+        state = fields.state(model, data, instance)
+        follow(block, model, data, state)
+        store_word(block + WALKED, load_word(lead + EVALUATION) + 1)
+        n = load_word(block + SEGMENTS)
+        u_proximal = wound(model, block, displacement(data, block, PROXIMAL))[0]
+        u_distal = displacement(data, block, DISTAL)
+        known, looks = True, ahead.implicit(model, block)
+        dt = elapsed(model, data, load_real(committed_time(state, n)))
+        if not looks:
+            known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
+        elif not evaluated(block, data, state, u_proximal, u_distal):
+            u_proximal = ahead.reached(model, data, block, 0)
+            u_distal = ahead.reached(model, data, block, 1)
+            known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
+        if known:
+            pull(block, model, data)
+            store_word(block + EARLY, FOR_NOW if looks else KEPT)
+
+    export("cc_mujoco_pull_early", pull_early.address)
+
+    @cfunc(_CHECK, **options)
+    def undo_early(model: int, data: int, instance: int) -> None:
+        """Take back the early pulls of implicit cables, to the last bit.
+
+        They depend on an acceleration that is no part of the state; what is left of
+        them by rounding must not reach the simulation.
+        """
+        _ = stamp
+        kind, nv = fields.integer(model, fields.PLUGIN, instance), fields.dofs(model)
+        passive = floats(load_word(data + fields.PASSIVE), nv)
+        for other in range(fields.plugins(model) - 1, -1, -1):
+            block = 0
+            if fields.integer(model, fields.PLUGIN, other) == kind:
+                block = fields.block(data, other)
+            if block == 0 or load_word(block + EARLY) != FOR_NOW:
+                continue
+            n = load_word(block + SEGMENTS)
+            pulls = floats(pulls_at(block, n), nv)
+            before = floats(before_at(block, n), nv)
+            for i in range(nv):
+                # Unless another plugin has added to it since.
+                if passive[i] == before[i] + pulls[i]:
+                    passive[i] = before[i]
+                else:
+                    passive[i] -= pulls[i]
+            store_word(block + FRESH, 1)
+            store_word(block + EARLY, 0)
+
+    export("cc_mujoco_undo_early", undo_early.address)
+
     @cfunc(types.void(types.intp, types.intp, types.int32), **options)
     def settle(model: int, data: int, instance: int) -> None:
         """Lay the cable at rest, with its ends where they are at the last position."""
@@ -364,6 +486,10 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         distal_length = displacement(data, block, DISTAL)
         state = fields.state(model, data, instance)
         begin(block, model, state, proximal_length, distal_length, fields.time(data))
+        store_real(
+            pose_at(state, load_word(block + SEGMENTS)),
+            jumps.pose(model, data),
+        )
         if opens(block):
             n = load_word(block + SEGMENTS)
             follow(block, model, data, state)
@@ -381,7 +507,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         attributes = fields.attributes(model, instance)
         n = max(config.segments(attributes), 1)
         more = pieces.memory_size(n) if config.opens(attributes) else 0
-        return kernel.state_size(n) + 1 + more
+        return kernel.state_size(n) + 2 + more
 
     @cfunc(integer(address, address, integer), **options)
     def init(model: int, data: int, instance: int) -> int:
@@ -393,13 +519,16 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         n = config.segments(attributes)
         free = config.opens(attributes)
         shape = 8 * (pieces.shape_size(n) if free else n)
-        pulls = 8 * (2 * fields.dofs(model) + n + 1) if free else 0
+        pulls = 8 * (3 * fields.dofs(model) + n + 1) if free else 0
         # Its parts follow each other from the header on, whatever is in it.
         own = text_at(0, n) + TEXT_CAPACITY + (REFERENCE + 1) * shape + pulls
-        area = ahead.area_size(model) if ahead.first(model, instance) == instance else 0
-        block = allocate(own + area)
-        clear(block, own + area)
+        area = poses = 0
+        if ahead.first(model, instance) == instance:
+            area, poses = ahead.area_size(model), jumps.poses_size(model)
+        block = allocate(own + area + poses)
+        clear(block, own + area + poses)
         store_word(block + AREA, own if area > 0 else 0)
+        store_word(block + MOCAPS, own + area if poses > 0 else 0)
         _, first, second = ends.find(model, instance)
         store_word(block + SEGMENTS, n)
         store_word(block + SHAPE, shape)
@@ -433,11 +562,15 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             return
         store_real(block + CHECKED, 0.0)
         store_real(block + STIFFEST, 0.0)
+        jumps.forget_poses(model, block)
         # The pose `qpos0` may be another since.
         store_word(block + REFERRED, 0)
         proximal_length = rest_displacement(model, block, PROXIMAL)
         distal_length = rest_displacement(model, block, DISTAL)
         begin(block, model, state, proximal_length, distal_length, 0.0)
+        rest = load_word(model + fields.REST)
+        n = load_word(block + SEGMENTS)
+        store_real(pose_at(state, n), jumps.checksum(model, rest))
 
     @cfunc(types.void(address, address, integer, integer), **options)
     def compute(model: int, data: int, instance: int, capability: int) -> None:
@@ -447,11 +580,18 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             return
         if capability == _PASSIVE:
             store_word(block + FRESH, 1)
+            store_word(block + EARLY, 0)
+            if opens(block):
+                _pull_early(model, data, instance)
             return
         lead = fields.block(data, ahead.first(model, instance))
         if lead == block:
             ahead.forget(lead)
+            _undo_early(model, data, instance)
         cut = opens(block) and no_passive(model)
+        if fields.enabled(model, _SLEEP):
+            route = load_word(block + ROUTE) if opens(block) else -1
+            ends.keep_awake(model, instance, route, load_word(block + MOUTH))
         state = fields.state(model, data, instance)
         n = load_word(block + SEGMENTS)
         fits = up_to_date(block, model, instance)
@@ -471,20 +611,17 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             if shorter or load_real(block + CHECKED) != fields.timestep(model):
                 store_real(block + CHECKED, fields.timestep(model))
                 _check(model, data, instance)
-            looks = ahead.implicit(model, block)
-            store_word(block + LOOKS, 1 if looks else 0)
-            if looks and dt > fields.timestep(model):
-                # A later stage of RK4: as the first one.
-                u_proximal, u_distal, yields, dt = inputs(block)
-            elif looks:
+            if dt == fields.timestep(model):  # not of a later stage of RK4
+                touched = jumps.touched(model, data, load_real(pose_at(state, n)))
+                store_word(block + TOUCHED, 1 if touched else 0)
+            if ahead.implicit(model, block):
                 aim = np.empty(4)
                 _aim(model, data, instance, aim.ctypes.data)
                 u_proximal, u_distal, yields = aim[0], aim[1], (aim[2], aim[3])
         store_word(block + WALKED, 0)
         if cut:
             warn_once(model, instance, NO_PASSIVE)
-        store_real(block + SEEN, seen[0])
-        store_real(block + SEEN + 8, seen[1])
+        note_motion(block, data, seen[0], seen[1])
         if (
             fits
             and not cut
@@ -498,15 +635,16 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             proximal, distal = np.nan, np.nan
         fields.set_force(data, load_word(block + PROXIMAL), proximal)
         fields.set_force(data, load_word(block + DISTAL), -distal)
-        if opens(block):
+        if opens(block) and load_word(block + EARLY) == 0:
             pull(block, model, data)
+        store_word(block + EARLY, 0)
         if fields.integrator(model) == RK4:
             stages = block + STAGES
             copy(stages + STAGE, stages, 3 * STAGE)
             store_real(stages + 3 * STAGE, seen[0])
             store_real(stages + 3 * STAGE + 8, seen[1])
-            store_real(stages + 3 * STAGE + 16, dt)
-            store_real(stages + 3 * STAGE + 24, fields.time(data))
+            store_real(stages + 3 * STAGE + 16, fields.time(data))
+            copy(block + INPUTS, stages + 3 * STAGE + 24, 40)
             if load_word(block + ROUTE) >= 0:
                 size = load_word(block + SHAPE)
                 copy(shape_at(block, n, 2), shape_at(block, n, 1), 3 * size)
@@ -522,6 +660,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         n = load_word(block + SEGMENTS)
         u_proximal, _ = wound(model, block, displacement(data, block, PROXIMAL))
         u_distal = displacement(data, block, DISTAL)
+        jumps.note_poses(model, data, block)
         if fields.integrator(model) != RK4:  # where these are of its last stage
             now = shape_at(block, n, 0)
             warn_jump(model, data, instance, state, u_proximal, u_distal, now)
@@ -560,16 +699,15 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
                 u_distal = load_real(stages + 8)
                 first = shape_at(block, n, 1)
                 warn_jump(model, data, instance, state, u_proximal, u_distal, first)
-                dt = load_real(stages + 16)
-                time = load_real(stages + 24)
-                if load_word(block + LOOKS) == 1:
-                    u_proximal, u_distal, yields, dt = inputs(block)
+                time = load_real(stages + 16)
+                u_proximal, u_distal, yields, dt = inputs(stages + 24)
                 if load_word(block + ROUTE) >= 0:
                     shape = first
                     lay(block, shape, state)
         if evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt):
             copy_words(new_at(block, n), state, kernel.state_size(n))
             store_real(committed_time(state, n), time)
+            store_real(pose_at(state, n), jumps.pose(model, data))
             if opens(block):
                 seen = floats(shape, pieces.shape_size(n))
                 pieces.remember(seen, n, memory(state, n))

@@ -53,7 +53,11 @@ PATH = KEYS.index("path")
 MOUTH = KEYS.index("mouth")
 ENDS_KEY = KEYS.index("ends")
 _SEALS = KEYS.index("seal_proximal"), KEYS.index("seal_distal")
-_FRICTION = KEYS.index("friction")
+FRICTION = KEYS.index("friction")
+VISCOUS = KEYS.index("viscous_friction")
+LOAD_INDEPENDENT = KEYS.index("load_independent_friction")
+GREASE_DRAG = KEYS.index("grease_drag")
+WRAP_GROWTH = KEYS.index("wrap_growth")
 _STATIC = KEYS.index("static_friction")
 _PRETENSION = KEYS.index("pretension")
 _EXPONENT = KEYS.index("tension_exponent")
@@ -102,6 +106,7 @@ def _allowed(key: str) -> str:
 
 _LINES = [f"key `{key}` is \n; it must be {_allowed(key)}" for key in KEYS]
 _TEXT = constant("".join(line.replace("\n", "\0") + "\0" for line in _LINES))
+_NAMES = constant("".join(f"{key}\0" for key in KEYS))
 _MISSING = constant("missing or empty")
 _INF = constant("inf")
 _FIXED, _ROUTED = (constant(bend) for bend in BENDS)
@@ -211,6 +216,24 @@ def same(a: Bytes, b: Bytes) -> bool:
 
 
 @internal
+def append_key(message: Bytes, used: int, key: int) -> int:
+    """Add the name of a key.
+
+    Returns:
+        The new length.
+    """
+    start = 0
+    for _ in range(key):
+        while _NAMES[start] != 0:
+            start += 1
+        start += 1
+    end = start
+    while _NAMES[end] != 0:
+        end += 1
+    return append(message, used, _NAMES[start:end])
+
+
+@internal
 def explain(message: Bytes, used: int, block: int, key: int) -> int:
     """Add why a key cannot be used: its name, its value and what is allowed.
 
@@ -266,7 +289,7 @@ def read(
         if not (above and x <= _HIGH[key]):
             return key, 0
         values[key] = x
-    if 0.0 < values[_STATIC] < values[_FRICTION]:
+    if 0.0 < values[_STATIC] < values[FRICTION]:
         return _STATIC, 0
     if values[_EXPONENT] != 0.0 and values[_PRETENSION] == 0.0:
         return _EXPONENT, 0

@@ -12,7 +12,15 @@ import mujoco
 
 from cc_mujoco.engine import fields
 from cc_mujoco.engine.config import constant, same
-from cc_mujoco.engine.memory import Bytes, append, append_integer, internal, quote
+from cc_mujoco.engine.memory import (
+    Bytes,
+    append,
+    append_integer,
+    internal,
+    load_word,
+    quote,
+    store_integer,
+)
 
 _TRN_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
 _TRN_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
@@ -22,6 +30,15 @@ _SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
 _PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
 _FIXED_TENDON = int(mujoco.mjtWrap.mjWRAP_JOINT)
 _EQUAL_TENDONS = int(mujoco.mjtEq.mjEQ_TENDON)
+_FIXED_GAIN = int(mujoco.mjtGain.mjGAIN_FIXED)
+_NO_BIAS = int(mujoco.mjtBias.mjBIAS_NONE)
+_AFFINE_BIAS = int(mujoco.mjtBias.mjBIAS_AFFINE)
+_PARAMETERS = 10  # of gain and bias of an actuator
+_AT_REST = 1e-9
+_AUTO_NEVER = int(mujoco.mjtSleepPolicy.mjSLEEP_AUTO_NEVER)
+_NEVER = int(mujoco.mjtSleepPolicy.mjSLEEP_NEVER)
+_ALLOWED = int(mujoco.mjtSleepPolicy.mjSLEEP_ALLOWED)
+_INIT = int(mujoco.mjtSleepPolicy.mjSLEEP_INIT)
 
 _COUNT = constant("it is used by ")
 _COUNT_END = constant(
@@ -78,6 +95,11 @@ _ITS_END = constant(
     " of its own, which pulls it as a whole and passes friction by; take it away, and "
     "say it of the cable or of a joint"
 )
+_ASLEEP = constant(
+    " has a `sleep` of `allowed` or `init`, but the cable pulls its tree and wakes "
+    "nothing that sleeps; take it away there"
+)
+_BODY = constant("body ")
 _TIED = constant(
     " ties the cable to its own tendon; its gear must be 1 (-1 at the proximal end)"
 )
@@ -141,7 +163,7 @@ def spatial(model: int, tendon: int) -> bool:
 
 
 @internal
-def _name(
+def name_actuator(
     message: Bytes, used: int, model: int, actuator: int, whose: Bytes = _ACTUATOR
 ) -> int:
     """Add which actuator it is: its name, or its place in the model if it has none.
@@ -172,24 +194,24 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
         fits = _fits(model, actuator)
         radius = gear(model, output(model, actuator))
         if not fits or radius == 0.0 or not math.isfinite(radius):
-            used = _name(message, used, model, actuator)
+            used = name_actuator(message, used, model, actuator)
             return append(message, used, _GEAR if fits else _TRANSMISSION)
         limited = fields.byte(model, fields.FORCE_LIMITED, actuator) != 0
         if limited or _a_metre(model, actuator):
-            used = _name(message, used, model, actuator)
+            used = name_actuator(message, used, model, actuator)
             return append(message, used, _FORCE if limited else _METRE)
         drags = _drags(model, actuator)
         if drags >= 0:
-            used = _name(message, used, model, actuator)
+            used = name_actuator(message, used, model, actuator)
             used = append(message, used, _DRAG[drags])
             return append(message, used, _DRAG_END)
         clamped = _clamped(model, actuator)
         if clamped >= 0:
-            used = _name(message, used, model, actuator)
+            used = name_actuator(message, used, model, actuator)
             used = append(message, used, _CLAMPED[clamped])
             return append(message, used, _CLAMPED_END)
     if _together(model, first, second):
-        used = _name(message, used, model, second)
+        used = name_actuator(message, used, model, second)
         return append(message, used, _SAME)
     return used
 
@@ -394,7 +416,7 @@ def explain_bypass(
             and fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator) == tendon
             and fields.integer(model, fields.ACTUATOR_PLUGIN, actuator) != instance
         ):
-            used = _name(message, used, model, actuator, _OTHER)
+            used = name_actuator(message, used, model, actuator, _OTHER)
             return append(message, used, _OTHER_END)
     own = (
         fields.real(model, fields.TENDON_STIFFNESS, tendon),
@@ -451,6 +473,187 @@ def explain_tied(
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
         own = gear(model, output(model, actuator))
         if tied(model, actuator, tendon) and own != wanted:
-            used = _name(message, used, model, actuator)
+            used = name_actuator(message, used, model, actuator)
             return append(message, used, _TIED)
     return used
+
+
+@internal
+def keep_awake(model: int, instance: int, route: int, mouth: int) -> int:
+    """Let no tree sleep that a cable pulls.
+
+    MuJoCo does so for trees that an actuator moves. It sees nothing of the pieces of an
+    open path, and nothing that a cable pulls wakes a tree.
+
+    Args:
+        model: address of the model, whose `tree_sleep_policy` changes.
+        instance: index of the cable.
+        route: tendon of an open or mixed path, else -1.
+        mouth: place in its path where the conduit ends.
+
+    Returns:
+        A body in a tree that the model lets sleep by a `sleep` of its own, or -1.
+    """
+    _, first, second = find(model, instance)
+    found = -1
+    for actuator in (first, second):
+        target = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
+        if fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator) == _TRN_JOINT:
+            body = fields.integer(model, fields.JNT_BODY, target)
+            found = max(found, _keep_tree_awake(model, body))
+        else:
+            found = max(found, _keep_path_awake(model, target, 0))
+    if route >= 0:
+        found = max(found, _keep_path_awake(model, route, mouth))
+    return found
+
+
+@internal
+def _keep_path_awake(model: int, tendon: int, begin: int) -> int:
+    """Let no tree sleep that holds a tendon from a place of its path on."""
+    start = fields.integer(model, fields.TENDON_ADR, tendon)
+    end = start + fields.integer(model, fields.TENDON_NUM, tendon)
+    found = -1
+    for i in range(start + begin, end):
+        kind = fields.integer(model, fields.WRAP_TYPE, i)
+        if kind != _PULLEY:
+            owner = fields.SITE_BODY if kind == _SITE else fields.GEOM_BODY
+            thing = fields.integer(model, fields.WRAP_OBJID, i)
+            body = fields.integer(model, owner, thing)
+            found = max(found, _keep_tree_awake(model, body))
+    return found
+
+
+@internal
+def _keep_tree_awake(model: int, body: int) -> int:
+    """Let the tree of a body not sleep; the body if its model lets it, else -1."""
+    tree = fields.integer(model, fields.BODY_TREE, body)
+    if tree < 0:
+        return -1
+    policy = fields.integer(model, fields.TREE_SLEEP, tree)
+    if policy != _AUTO_NEVER and policy != _NEVER:
+        address = load_word(model + fields.TREE_SLEEP) + 4 * tree
+        store_integer(address, _AUTO_NEVER)
+    return body if policy == _ALLOWED or policy == _INIT else -1
+
+
+@internal
+def explain_sleep(message: Bytes, used: int, model: int, body: int) -> int:
+    """Add that a body of `keep_awake` must not be allowed to sleep; nothing for -1.
+
+    Returns:
+        The new length.
+    """
+    if body < 0:
+        return used
+    used = append(message, used, _BODY)
+    name = fields.body_name(model, body)
+    if name.size == 0:
+        used = append_integer(message, used, body)
+    else:
+        used = quote(message, used, name)
+    return append(message, used, _ASLEEP)
+
+
+@internal
+def holder(model: int, actuator: int) -> int:
+    """The tendon that holds an end, or -1 where that is a joint."""
+    if fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator) == _TRN_JOINT:
+        return -1
+    return fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
+
+
+@internal
+def pushes(model: int, actuator: int, distal: bool) -> bool:
+    """Return whether the tension at an end that holds a tendon lengthens it."""
+    radius = gear(model, output(model, actuator))
+    return holder(model, actuator) >= 0 and (radius < 0.0) == distal
+
+
+@internal
+def pays_out(model: int, instance: int, actuator: int) -> bool:
+    """Return whether a motor at the proximal end can only move the cable to distal.
+
+    From its pose in `qpos0`, by its range and by what drives it: a servo to positions
+    in its `ctrlrange`, a motor of one sign. The antagonist of a cable that it winds up
+    may be so.
+    """
+    if holder(model, actuator) >= 0:
+        return False
+    joint = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
+    place = fields.integer(model, fields.JNT_POSITION, joint)
+    rest = fields.real(model, fields.REST, place)
+    radius = gear(model, output(model, actuator))
+    sense = -1.0 if radius > 0.0 else 1.0  # in which the joint winds the cable up
+    if fields.byte(model, fields.JNT_LIMITED, joint) != 0:
+        low = fields.real(model, fields.JNT_RANGE, 2 * joint)
+        high = fields.real(model, fields.JNT_RANGE, 2 * joint + 1)
+        if max(sense * (low - rest), sense * (high - rest)) <= _AT_REST:
+            sense = 0.0
+    driven = False
+    for other in range(fields.actuators(model)):
+        if (
+            fields.integer(model, fields.ACTUATOR_TRNTYPE, other) != _TRN_JOINT
+            or fields.integer(model, fields.ACTUATOR_TRNID, 2 * other) != joint
+        ):
+            continue
+        kind = fields.integer(model, fields.ACTUATOR_PLUGIN, other)
+        if kind == instance:
+            continue
+        if kind >= 0 and radius * gear(model, output(model, other)) < 0.0:
+            return False
+        driven = driven or kind < 0
+        if kind < 0 and sense != 0.0 and _drives(model, other, sense, rest):
+            return False
+    return driven
+
+
+@internal
+def _drives(model: int, actuator: int, sense: float, rest: float) -> bool:
+    """Return whether an actuator can drive its joint from rest in a sense.
+
+    True where that cannot be seen from the model.
+    """
+    if fields.integer(model, fields.GAINTYPE, actuator) != _FIXED_GAIN:
+        return True
+    control = fields.integer(model, fields.CTRLADR, actuator)
+    if fields.byte(model, fields.CTRL_LIMITED, control) == 0:
+        return True
+    factor = gear(model, output(model, actuator))
+    gain = fields.real(model, fields.GAINPRM, _PARAMETERS * actuator)
+    bias = fields.integer(model, fields.BIASTYPE, actuator)
+    aim = 0.0  # at which a servo does nothing
+    if bias == _AFFINE_BIAS:
+        if fields.real(model, fields.BIASPRM, _PARAMETERS * actuator + 1) != -gain:
+            return True
+        aim = factor * rest
+    elif bias != _NO_BIAS:
+        return True
+    for side in range(2):
+        value = fields.real(model, fields.CTRL_RANGE, 2 * control + side)
+        if sense * factor * gain * (value - aim) > _AT_REST:
+            return True
+    return False
+
+
+@internal
+def swapped(model: int, first: int, second: int, route: int) -> bool:
+    """Return whether the ends are on joints at the wrong ends of a route."""
+    if holder(model, first) >= 0 or holder(model, second) >= 0:
+        return False
+    start = fields.integer(model, fields.TENDON_ADR, route)
+    last = start + fields.integer(model, fields.TENDON_NUM, route) - 1
+    right = _beside(model, first, start) or _beside(model, second, last)
+    return not right and _beside(model, first, last) and _beside(model, second, start)
+
+
+@internal
+def _beside(model: int, actuator: int, place: int) -> bool:
+    """Return whether a site in a path is on the body of a joint or on its parent."""
+    joint = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
+    body = fields.integer(model, fields.JNT_BODY, joint)
+    site = fields.integer(model, fields.WRAP_OBJID, place)
+    own = fields.integer(model, fields.SITE_BODY, site)
+    return own != 0 and (
+        own == body or own == fields.integer(model, fields.BODY_PARENT, body)
+    )

@@ -7,10 +7,15 @@ import numpy as np
 
 from cc_mujoco.engine import fields, pieces
 from cc_mujoco.engine.block import (
+    DISTAL,
+    EARLY,
     INPUTS,
     KNOWN,
+    PROXIMAL,
+    SEEN,
     SEGMENTS,
     SHAPE,
+    SPEEDS,
     STIFFEST,
     TEXT_SIZE,
     WALKED,
@@ -90,11 +95,40 @@ def elapsed(model: int, data: int, committed: float) -> float:
 
 
 @internal
-def inputs(block: int) -> tuple[float, float, tuple[float, float], float]:
-    """What the last evaluation was of: displacements, how far ends yield, and dt."""
-    at = block + INPUTS
+def inputs(at: int) -> tuple[float, float, tuple[float, float], float]:
+    """Return what an evaluation was of: displacements, how far ends yield, and dt."""
     yields = load_real(at + 16), load_real(at + 24)
     return load_real(at), load_real(at + 8), yields, load_real(at + 32)
+
+
+@internal
+def note_motion(block: int, data: int, u_proximal: float, u_distal: float) -> None:
+    """Note where the ends were, and how fast, when the cable was evaluated."""
+    store_real(block + SEEN, u_proximal)
+    store_real(block + SEEN + 8, u_distal)
+    for end in range(2):
+        output = load_word(block + (DISTAL if end else PROXIMAL))
+        speed = fields.real(data, fields.VELOCITY, output)
+        store_real(block + SPEEDS + 8 * end, speed)
+
+
+@internal
+def evaluated(
+    block: int, data: int, state: int, u_proximal: float, u_distal: float
+) -> bool:
+    """Return whether the last evaluation is that of this state and motion of the ends.
+
+    What an implicit end looks ahead to depends on its velocity, too.
+    """
+    n = load_word(block + SEGMENTS)
+    same = load_word(block + KNOWN) == 1
+    same = same and load_real(block + SEEN) == u_proximal
+    same = same and load_real(block + SEEN + 8) == u_distal
+    for end in range(2):
+        output = load_word(block + (DISTAL if end else PROXIMAL))
+        speed = fields.real(data, fields.VELOCITY, output)
+        same = same and load_real(block + SPEEDS + 8 * end) == speed
+    return same and same_words(old_at(block, n), state, kernel.state_size(n))
 
 
 @internal
@@ -126,6 +160,7 @@ def evaluate(
         known = known and before == load_word(block + INPUTS + 8 * i)
     if known and same_words(old, state, size):
         return True
+    store_word(block + EARLY, 0)
     copy_words(state, old, size)
     prm = floats(parameters_at(block), kernel.parameter_size(n))
     kernel.expect_yielding(prm, yield_proximal, yield_distal)

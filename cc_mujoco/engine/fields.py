@@ -30,6 +30,7 @@ _OPTION = _model("opt")
 _TIMESTEP = _OPTION + structure("mjOption").timestep.offset
 _INTEGRATOR = _OPTION + structure("mjOption").integrator.offset
 _DISABLED = _OPTION + structure("mjOption").disableflags.offset
+_ENABLED = _OPTION + structure("mjOption").enableflags.offset
 _DISABLED_GROUPS = _OPTION + structure("mjOption").disableactuator.offset
 _SIGNATURE = _model("signature")
 _NQ = _model("nq")
@@ -41,7 +42,9 @@ _NACTUATOR = _model("nactuator")
 _NTENDON = _model("ntendon")
 _NEQ = _model("neq")
 _NUSERDATA = _model("nuserdata")
+_NMOCAP = _model("nmocap")
 _NAMES = _model("names")
+_BODY_NAME = _model("name_bodyadr")
 _PLUGIN_NAME = _model("name_pluginadr")
 _ACTUATOR_NAME = _model("name_actuatoradr")
 _SITE_NAME = _model("name_siteadr")
@@ -79,6 +82,11 @@ JNT_DOFADR = _model("jnt_dofadr")
 JNT_ACTGRAVCOMP = _model("jnt_actgravcomp")
 JNT_ACTFRCLIMITED = _model("jnt_actfrclimited")
 JNT_ACTFRCRANGE = _model("jnt_actfrcrange")
+JNT_POSITION = _model("jnt_qposadr")
+JNT_LIMITED = _model("jnt_limited")
+JNT_RANGE = _model("jnt_range")
+CTRL_LIMITED = _model("actuator_ctrllimited")
+CTRL_RANGE = _model("actuator_ctrlrange")
 DOF_DAMPING = _model("dof_damping")
 DOF_INVWEIGHT0 = _model("dof_invweight0")
 TENDON_INVWEIGHT0 = _model("tendon_invweight0")
@@ -103,6 +111,8 @@ GEOM_BODY = _model("geom_bodyid")
 SITE_BODY = _model("site_bodyid")
 REST = _model("qpos0")
 BODY_PARENT = _model("body_parentid")
+BODY_TREE = _model("body_treeid")
+TREE_SLEEP = _model("tree_sleep_policy")
 BODY_POS = _model("body_pos")
 BODY_QUAT = _model("body_quat")
 _WELD = _model("body_weldid")
@@ -134,6 +144,7 @@ CONTACT_FRICTION = offset("mjContact", "friction")
 CONTACT_EFC = offset("mjContact", "efc_address")
 GEOM_TYPE = _model("geom_type")
 GEOM_XPOS = _data("geom_xpos")
+SITE_XPOS = _data("site_xpos")
 GEOM_XMAT = _data("geom_xmat")
 TEN_LENGTH = _data("ten_length")
 TEN_VELOCITY = _data("ten_velocity")
@@ -149,6 +160,7 @@ MOMENT_ROWNNZ = _data("moment_rownnz")
 MOMENT_ROWADR = _data("moment_rowadr")
 MOMENT_COLIND = _data("moment_colind")
 VELOCITIES = _data("qvel")
+ACCELERATIONS = _data("qacc")
 ACTUATION = _data("qfrc_actuator")
 SPRING = _data("qfrc_spring")
 DAMPER = _data("qfrc_damper")
@@ -199,6 +211,12 @@ def disabled(model: int, flag: int) -> bool:
 
 
 @internal
+def enabled(model: int, flag: int) -> bool:
+    """Return whether an optional part of the engine is enabled, an `mjtEnableBit`."""
+    return load_integer(model + _ENABLED) & flag != 0
+
+
+@internal
 def disabled_groups(model: int) -> int:
     """Groups of actuators that are disabled, a bit for each."""
     return load_integer(model + _DISABLED_GROUPS)
@@ -238,6 +256,12 @@ def bodies(model: int) -> int:
 def joints(model: int) -> int:
     """Number of joints."""
     return load_word(model + _NJNT)
+
+
+@internal
+def mocaps(model: int) -> int:
+    """Number of mocap bodies."""
+    return load_word(model + _NMOCAP)
 
 
 @internal
@@ -297,6 +321,12 @@ def actuator_name(model: int, actuator: int) -> Bytes:
 def tendon_name(model: int, tendon: int) -> Bytes:
     """Name of a tendon."""
     return _name(model, _TENDON_NAME, tendon)
+
+
+@internal
+def body_name(model: int, body: int) -> Bytes:
+    """Name of a body."""
+    return _name(model, _BODY_NAME, body)
 
 
 @internal

@@ -98,16 +98,19 @@ _MODEL_ARRAYS = (
     "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind", "plugin", "plugin_attr",
     "plugin_attradr", "plugin_stateadr",
     "name_actuatoradr", "name_pluginadr", "name_tendonadr", "name_siteadr",
+    "name_bodyadr", "body_treeid", "tree_sleep_policy", "jnt_qposadr", "jnt_limited",
+    "jnt_range", "actuator_ctrllimited", "actuator_ctrlrange",
 )  # fmt: skip
 _DATA_ARRAYS = (
     "qpos", "mocap_pos", "mocap_quat", "qfrc_passive", "qvel", "qacc_warmstart",
     "qfrc_bias", "qfrc_applied", "qfrc_gravcomp", "xfrc_applied", "xipos",
     "actuator_velocity", "ctrl", "sensordata", "xpos", "geom_xpos", "geom_xmat",
+    "site_xpos",
     "ten_wrapadr", "ten_wrapnum", "ten_length", "wrap_obj", "wrap_xpos",
     "actuator_length", "actuator_force", "actuator_moment", "moment_rownnz",
     "moment_rowadr", "moment_colind", "ten_J", "efc_type", "efc_id", "efc_J",
     "efc_J_rownnz", "efc_J_rowadr", "efc_J_colind", "efc_frictionloss", "efc_D",
-    "efc_aref", "qfrc_actuator", "qfrc_spring", "qfrc_damper", "userdata",
+    "efc_aref", "qfrc_actuator", "qfrc_spring", "qfrc_damper", "userdata", "qacc",
 )  # fmt: skip
 
 
@@ -138,6 +141,7 @@ def verify() -> None:
         "nactuator",
         "ntendon",
         "neq",
+        "nmocap",
         "nplugin",
         "npluginstate",
         "nuserdata",
@@ -154,6 +158,8 @@ def verify() -> None:
     seen["integrator"], true["integrator"] = m.opt.integrator, model.opt.integrator
     model.opt.disableflags = flags = 1 << 11
     seen["disableflags"], true["disableflags"] = m.opt.disableflags, flags
+    model.opt.enableflags = flags = 1 << 3
+    seen["enableflags"], true["enableflags"] = m.opt.enableflags, flags
     model.opt.disableactuator = groups = 1 << 5
     seen["disableactuator"], true["disableactuator"] = m.opt.disableactuator, groups
     data.time = 0.75

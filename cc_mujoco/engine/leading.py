@@ -25,6 +25,7 @@ from cc_mujoco.engine.block import (
     SCRATCH,
     SEGMENTS,
     TIED,
+    before_at,
     memory,
     new_at,
     opens,
@@ -233,18 +234,21 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         forces = floats(scratch_at(block, n), nv)
         fill(forces, 0.0)
         tied = 0.0
+        node = new_at(block, n) + 8 * kernel.STATE_HEADER
         for end in (PROXIMAL, DISTAL):
             if load_word(block + TIED + end - PROXIMAL) != 0:
-                output = load_word(block + end)
-                tied += fields.force(data, output) * ends.gear(model, output)
-        node = new_at(block, n) + 8 * kernel.STATE_HEADER
+                gear = ends.gear(model, load_word(block + end))
+                sense = gear if end == PROXIMAL else -gear
+                at = node if end == PROXIMAL else node + 8 * n
+                tied += max(load_real(at), 0.0) * sense
         pieces.pull(
             model, data, load_word(block + ROUTE), load_word(block + MOUTH),
             floats(shape_at(block, n, 0), pieces.shape_size(n)), n,
-            load_word(block + GUIDED), floats(node, n + 1), tied, block + SCRATCH,
+            load_word(block + GUIDED), floats(node, n + 1), tied, -1, block + SCRATCH,
             forces.ctypes.data,
         )  # fmt: skip
         passive = floats(target, nv)
+        assign(floats(before_at(block, n), nv), passive)
         if load_word(block + FRESH) == 0:
             # MuJoCo evaluates the actuators again, alone.
             add(passive, last, -1.0)

@@ -122,7 +122,7 @@ def needed(model: int, tendon: int, mouth: int) -> int:
 
 
 @internal
-def _geoms(model: int, tendon: int, mouth: int) -> int:
+def geoms(model: int, tendon: int, mouth: int) -> int:
     """Number of geoms in the path behind a mouth."""
     start = fields.integer(model, fields.TENDON_ADR, tendon)
     count = 0
@@ -135,7 +135,7 @@ def _geoms(model: int, tendon: int, mouth: int) -> int:
 @internal
 def wanted(model: int, tendon: int, mouth: int, arc_segments: int) -> int:
     """Segments that the path behind a mouth is to have, `arc_segments` for an arc."""
-    more = (arc_segments - 1) * _geoms(model, tendon, mouth)
+    more = (arc_segments - 1) * geoms(model, tendon, mouth)
     return needed(model, tendon, mouth) + more
 
 
@@ -250,7 +250,7 @@ def survey(
     number = fields.integer(model, fields.TENDON_NUM, tendon)
     first = at = fields.integer(data, fields.TEN_WRAPADR, tendon)
     points, reach = 1, 0.0
-    wraps = _geoms(model, tendon, mouth)
+    wraps = geoms(model, tendon, mouth)
     spare = n - guided - needed(model, tendon, mouth) + wraps
     spans = number - 1 - mouth - wraps
     turn, contact = angles(shape, n), contacts(shape, n)
@@ -443,6 +443,7 @@ def pull(
     guided: int,
     node: Floats,
     tied: float,
+    aside: int,
     scratch: int,
     target: int,
 ) -> None:
@@ -459,6 +460,8 @@ def pull(
         node: tension of the nodes (n + 1,) [N], negative where slack.
         tied: force along the whole tendon that MuJoCo applies [N], positive where it
             lengthens it.
+        aside: axis of the world along which a piece without length pulls, since it has
+            no direction; -1 where it does not pull.
         scratch: address of six numbers, of which the last three are 0.
         target: address of the sum (nv,).
     """
@@ -489,11 +492,11 @@ def pull(
         there = fields.integer(model, fields.SITE_BODY, last)
         if touched:
             on = fields.integer(model, fields.GEOM_BODY, geom)
-            _draw(model, data, at, here, at + 1, on, left, scratch, target)
-            _draw(model, data, at + 2, on, at + 3, there, right, scratch, target)
+            _draw(model, data, at, here, at + 1, on, left, aside, scratch, target)
+            _draw(model, data, at + 2, on, at + 3, there, right, aside, scratch, target)
             at += 3
         else:
-            _draw(model, data, at, here, at + 1, there, left, scratch, target)
+            _draw(model, data, at, here, at + 1, there, left, aside, scratch, target)
             at += 1
         k = ahead
 
@@ -507,6 +510,7 @@ def _draw(
     second: int,
     second_body: int,
     tension: float,
+    aside: int,
     scratch: int,
     target: int,
 ) -> None:
@@ -515,7 +519,13 @@ def _draw(
         return
     d, length = _towards(_point(data, first), _point(data, second))
     if length <= SHORT:
-        return
+        if aside < 0:
+            return
+        d = (
+            1.0 if aside == 0 else 0.0,
+            1.0 if aside == 1 else 0.0,
+            1.0 if aside == 2 else 0.0,
+        )
     points = load_word(data + fields.WRAP_XPOS)
     if fields.moves(model, first_body):
         apply_force(

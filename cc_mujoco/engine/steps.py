@@ -46,6 +46,7 @@ from cc_mujoco.engine.memory import (
     Bytes,
     append,
     append_milliseconds,
+    assign,
     dot,
     fill,
     floats,
@@ -153,12 +154,24 @@ def _pieces(model: int, data: int, block: int, out: Floats) -> None:
     stiffness = kernel.node_stiffness(prm, n)
     shape = floats(shape_at(block, n, 0), pieces.shape_size(n))
     node = np.zeros(n + 1)
+    tried, solved = np.empty(out.shape[1]), np.empty(out.shape[1])
     for i in range(n + 1):
         node[i] = math.sqrt(stiffness[i])
-        pieces.pull(
-            model, data, load_word(block + ROUTE), load_word(block + MOUTH), shape, n,
-            load_word(block + GUIDED), node, 0.0, block + SCRATCH, out[i].ctypes.data,
-        )  # fmt: skip
+        # A piece whose points coincide has no direction yet, and opens along any.
+        worst, aside = 0.0, -1
+        while aside < 3 and (aside < 0 or vanishes(out[i]) or worst > 0.0):
+            fill(tried, 0.0)
+            pieces.pull(
+                model, data, load_word(block + ROUTE), load_word(block + MOUTH), shape,
+                n, load_word(block + GUIDED), node, 0.0, aside, block + SCRATCH,
+                tried.ctypes.data,
+            )  # fmt: skip
+            solve_inertia(model, data, solved.ctypes.data, tried.ctypes.data, 1)
+            square = dot(tried, solved)
+            if aside < 0 or square > worst:
+                assign(out[i], tried)
+                worst = square if aside >= 0 else 0.0
+            aside += 1
         node[i] = 0.0
 
 

@@ -5,18 +5,21 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from cc_mujoco.engine import config, ends, fields, jumps, path, pieces
+from cc_mujoco.engine import ahead, config, ends, fields, jumps, path, pieces
 from cc_mujoco.engine.block import (
     DISTAL,
     EXPLICIT,
+    HOLDERS,
     MOUTH,
     PROXIMAL,
     REFERENCE,
     ROUTE,
     SEGMENTS,
     TIED,
+    TOUCHED,
     memory,
     opens,
+    parameters_at,
     shape_at,
 )
 from cc_mujoco.engine.config import PLUGIN, constant
@@ -34,9 +37,14 @@ from cc_mujoco.engine.memory import (
     said_before,
     warn,
 )
+from cc_mujoco.transmission import kernel, packing
+from cc_mujoco.transmission.friction import INDEX
+from cc_mujoco.transmission.parameters import MAX_SECTIONS
 
 _NO_SPRING = int(mujoco.mjtDisableBit.mjDSBL_SPRING)
 _NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
+
+_STIFFNESS, _PRETENSION = INDEX["axial_stiffness"], INDEX["pretension"]
 
 _NEAR = 0.02
 """Part by which the length of `conduit` may differ from that of the path it is."""
@@ -57,6 +65,33 @@ GROUP = constant(
 NO_PASSIVE = constant(
     "an open path pulls by passive forces; enable `spring` or `damper` in <flag>"
 )
+
+_KEY = constant("key `")
+_ORDER = (
+    constant(
+        " pushes its tendon apart, so the cable stays slack: the `gear` of a tendon "
+        "must be negative at the proximal end and positive at the distal end"
+    ),
+    constant(
+        " can only pay the cable out from its pose in `qpos0`, so the cable stays "
+        "slack: change the sign of its `gear`, or the order of the two actuators"
+    ),
+    constant(
+        " is at the last site of the route, and the other end at the first one: the "
+        "actuators must come in the order of the route, that of the motor first"
+    ),
+)
+_UNFELT = (
+    constant(
+        "` has no effect: it is drag per length of contact, and the path goes around "
+        "no geom"
+    ),
+    constant("` has no effect: the path bends at no site and goes around no geom"),
+    constant("` has no effect: the distal end is tied to its tendon and does not move"),
+    constant("` has no effect: the proximal end is tied to its tendon, on no pulley"),
+    constant("` has no effect: the path has no conduit and goes around no geom"),
+)
+_PER_LENGTH, _NO_BEND, _NO_TRAVEL, _NO_PULLEY, _NO_WRAP = 0, 1, 2, 3, 4
 
 
 @internal
@@ -98,8 +133,16 @@ def warn_jump(
     block = fields.block(data, instance)
     if load_word(block + EXPLICIT) != 0:  # which joints that are led by hand need
         return
-    n, tendon = load_word(block + SEGMENTS), load_word(block + ROUTE)
+    n, route = load_word(block + SEGMENTS), load_word(block + ROUTE)
+    lead = fields.block(data, ahead.first(model, instance))
+    by_hand = load_word(block + TOUCHED) != 0
+    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    node = packing.tensions(floats(state, kernel.state_size(n)), n)
+    soft = prm[_PRETENSION] * prm[packing.LENGTH] / prm[_STIFFNESS]
+    for tension in node:
+        soft = max(soft, tension * prm[packing.LENGTH] / prm[_STIFFNESS])
     for what in range(3):
+        tendon, share = route, 1.0
         if what == jumps.PATH:
             if not opens(block) or load_word(block + MOUTH) != 0:
                 continue
@@ -113,7 +156,14 @@ def warn_jump(
             moved = (distal if what else proximal) - load_real(state + 8 * what)
             out = load_word(block + (DISTAL if what else PROXIMAL))
             speed = fields.real(data, fields.VELOCITY, out)
-        if not jumps.jumped(model, speed, moved):
+            tendon = ends.holder(model, load_word(block + HOLDERS + 8 * what))
+            if tendon < 0 and not by_hand:
+                continue  # a joint moves by its velocity
+            share = abs(ends.gear(model, out))
+        carried = 0.0
+        if tendon >= 0:
+            carried = share * jumps.carried(model, data, lead, tendon)
+        if not jumps.jumped(model, speed, moved, by_hand, carried, soft):
             continue
         message = np.zeros(CAPACITY, np.uint8)
         used = opening(message, model, instance)
@@ -166,3 +216,80 @@ def no_passive(model: int) -> bool:
     """Whether MuJoCo evaluates no passive forces."""
     no_spring = fields.disabled(model, _NO_SPRING)
     return no_spring and fields.disabled(model, _NO_DAMPER)
+
+
+@internal
+def _unfelt(geoms: int, places: int, mouth: int, tied: int, key: int) -> int:
+    """Return why a key of an open cable is without effect, or -1.
+
+    Args:
+        geoms: number of geoms in its open path.
+        places: number of sites and geoms between the ends.
+        mouth: place of the conduit's mouth in it, 0: none.
+        tied: 1 where the proximal end is tied to the tendon, plus 2 for the distal end.
+        key: index of a key that is not 0.
+    """
+    if mouth == 0 and places == 0 and key == config.FRICTION:
+        return _NO_BEND
+    drag = (
+        key == config.VISCOUS
+        or key == config.LOAD_INDEPENDENT
+        or key == config.GREASE_DRAG
+    )
+    if mouth == 0 and geoms == 0 and drag:
+        return _PER_LENGTH
+    if key == config.WRAP_GROWTH:
+        if tied >= 2:
+            return _NO_TRAVEL
+        if mouth == 0 and geoms == 0:
+            return _NO_WRAP
+    pulley = key == config.ECCENTRICITY or key == config.OVALITY
+    return _NO_PULLEY if pulley and tied % 2 == 1 else -1
+
+
+@internal
+def warn_unfelt(model: int, instance: int, block: int) -> None:
+    """Warn, once, of each key of an open cable that changes nothing on its path."""
+    values = np.empty(config.SCALARS)
+    sections = np.empty((MAX_SECTIONS, 2))
+    config.read(fields.attributes(model, instance), values, sections)
+    tendon, mouth = load_word(block + ROUTE), load_word(block + MOUTH)
+    geoms = pieces.geoms(model, tendon, mouth)
+    places = pieces.needed(model, tendon, mouth)
+    tied = load_word(block + TIED) + 2 * load_word(block + TIED + 8)
+    for key in range(config.SCALARS):
+        if values[key] == 0.0:
+            continue
+        why = _unfelt(geoms, places, mouth, tied, key)
+        if why < 0:
+            continue
+        message = np.zeros(CAPACITY, np.uint8)
+        used = opening(message, model, instance)
+        used = append(message, used, _KEY)
+        used = config.append_key(message, used, key)
+        used = append(message, used, _UNFELT[why])
+        if not said_before(message, used, fields.signature(model)):
+            warn(message, used)
+
+
+@internal
+def warn_order(model: int, instance: int) -> None:
+    """Warn, once, of an end that can never pull: of the wrong sign, or swapped."""
+    _, first, second = ends.find(model, instance)
+    written = config.value(fields.attributes(model, instance), config.ROUTE)
+    route = ends.find_route(model, instance, written) if written.size > 0 else -1
+    for end in range(2):
+        actuator, why = (second if end else first), -1
+        if ends.pushes(model, actuator, end == 1):
+            why = 0
+        elif end == 0 and ends.pays_out(model, instance, actuator):
+            why = 1
+        elif end == 0 and route >= 0 and ends.swapped(model, first, second, route):
+            why = 2
+        if why >= 0:
+            message = np.zeros(CAPACITY, np.uint8)
+            used = opening(message, model, instance)
+            used = ends.name_actuator(message, used, model, actuator)
+            used = append(message, used, _ORDER[why])
+            if not said_before(message, used, fields.signature(model)):
+                warn(message, used)

@@ -151,7 +151,8 @@ def add_friction(
     write(tried)
     model = _compile(tried)
     data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    # Only the path is needed: a step would warn of a model that is not finished yet.
+    mujoco.mj_fwdPosition(model, data)
     # Where there is no MuJoCo the cable bends by as much, evenly.
     wrap = route_wrap(model, data, tendon)
     if wrap > 0.0:

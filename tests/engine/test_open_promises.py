@@ -95,6 +95,29 @@ def test_actuators_alone_evaluated_again_pull_once(path: str) -> None:
     assert np.abs(before).max() > 0.0
 
 
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("step", [5e-4, 4e-3], ids=["explicit", "implicit"])
+def test_inverse_dynamics_know_the_pull_of_the_pieces(
+    path: str, integrator: str, step: float
+) -> None:
+    m = limb(path, integrator)
+    m.opt.timestep = step
+    d, fresh = mujoco.MjData(m), mujoco.MjData(m)
+    run(m, d, drive(100))
+    mujoco.mj_forward(m, d)
+    pulled = np.abs(d.qfrc_passive - d.qfrc_spring - d.qfrc_damper).max()
+    applied = d.qfrc_applied + d.qfrc_actuator
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty(mujoco.mj_stateSize(m, kind))
+    mujoco.mj_getState(m, d, state, kind)
+    mujoco.mj_setState(m, fresh, state, kind)
+    fresh.qacc[:] = d.qacc
+    for data, tolerance in ((d, 1e-9), (fresh, 0.02)):
+        mujoco.mj_inverse(m, data)
+        assert data.qfrc_inverse == pytest.approx(applied, abs=tolerance * pulled)
+    assert pulled > 0.1
+
+
 def test_a_rollout_steps_as_mujoco_does(path: str) -> None:
     m = limb(path)
     controls = np.zeros((3, 40, m.nu))
@@ -156,9 +179,7 @@ def test_without_friction_an_open_tendon_pulls_with_mujocos_moment_arms() -> Non
     mujoco.mju_sparse2dense(
         arms, d.ten_J.ravel(), m.ten_J_rownnz, m.ten_J_rowadr, m.ten_J_colind.ravel()
     )
-    pulled = d.qfrc_passive.copy()
-    mujoco.mj_passive(m, d)
-    pulled -= d.qfrc_passive
+    pulled = d.qfrc_passive - d.qfrc_spring - d.qfrc_damper
     tension = d.actuator("near").force[0]
     assert tension > 1.0
     assert pulled == pytest.approx(-tension * arms[0], rel=1e-9, abs=1e-9)

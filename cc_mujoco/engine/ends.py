@@ -95,6 +95,11 @@ _ITS_END = constant(
     " of its own, which pulls it as a whole and passes friction by; take it away, and "
     "say it of the cable or of a joint"
 )
+_SPRING_END = constant(
+    " of its own, which pulls it as a whole and passes friction by; take it away, and "
+    "give the cable an `axial_stiffness` of `stiffness` times the upper `springlength` "
+    "and, as `pretension`, the force of that spring in the pose `qpos0`"
+)
 _ASLEEP = constant(
     " has a `sleep` of `allowed` or `init`, but the cable pulls its tree and wakes "
     "nothing that sleeps; take it away there"
@@ -430,7 +435,7 @@ def explain_bypass(
         if own[what] != 0.0:
             used = append(message, used, _ITS)
             used = append(message, used, _OWN[what])
-            return append(message, used, _ITS_END)
+            return append(message, used, _SPRING_END if what == 0 else _ITS_END)
     return used
 
 

@@ -151,3 +151,41 @@ def test_a_piece_that_becomes_too_short_for_the_step_is_warned_of_once(
     for up in np.linspace(0.0, 2.45, 50):
         put(m, d, up, up)
     assert capfd.readouterr().err.count("is stable only with a `timestep`") == 1
+
+
+def test_a_cable_takes_the_place_of_a_spring_that_is_a_tendon() -> None:
+    """As the refusal of a tendon with a `stiffness` says."""
+    stiffness, unstretched, turn = 500.0, 0.6, 1.0
+    world = (
+        '<site name="thigh" pos="-0.12 0 -0.15"/><geom name="roller" type="cylinder" '
+        'size="0.1 0.12" pos="0 0 0.12" zaxis="0 1 0"/>'
+        '<site name="back" pos="-0.14 0 0.12"/><body pos="0 0 0.12">'
+        '<joint name="flexion" axis="0 1 0" armature="1e7"/>'
+        '<geom size="0.09" mass="1e-9"/><site name="shoulder" pos="-0.11 0 0.38"/>'
+        "</body>"
+    )
+    band = (
+        '<site site="shoulder"/><geom geom="roller" sidesite="back"/>'
+        '<site site="thigh"/>'
+    )
+    option = 'gravity="0 0 0" timestep="0.002"'
+    probe = mujoco.MjModel.from_xml_string(scene(world, band, "", "", option))
+    length = float(probe.tendon_length0[0])
+    cable = instance(
+        friction=0,
+        conduit=f"{length}:inf",
+        segments=8,
+        axial_stiffness=stiffness * unstretched,
+        pretension=stiffness * (length - unstretched),
+    )
+    m = mujoco.MjModel.from_xml_string(scene(world, band, TIED, cable, option))
+    d = mujoco.MjData(m)
+    d.qvel[0] = turn
+    for _ in range(500):
+        mujoco.mj_step(m, d)
+    mujoco.mj_forward(m, d)
+    spring = stiffness * (d.ten_length[0] - unstretched)
+    assert spring > 1.2 * stiffness * (length - unstretched)
+    lever = d.ten_J.ravel()[0]
+    pulled = d.qfrc_passive[0] + d.qfrc_actuator[0]
+    assert pulled == pytest.approx(-spring * lever, rel=1e-4)

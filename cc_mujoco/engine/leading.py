@@ -181,7 +181,7 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
         _ = stamp
         n = load_word(block + SEGMENTS)
         prm = floats(parameters_at(block), kernel.parameter_size(n))
-        contacts = packing.contact_length(prm, n)
+        contacts, changed = packing.contact_length(prm, n), False
         if opens(block):
             size = pieces.shape_size(n)
             path_now = floats(shape, size)
@@ -190,13 +190,12 @@ def compile_leading(stamp: str, options: dict[str, Any]) -> None:
             contacts = pieces.contacts(path_now, n)
             before = memory(state, n)
             pieces.lengthen(path_now, reference, before, n, gained)
-            material.carry(
+            changed = material.carry(
                 prm, n, packing.tensions(floats(state, kernel.state_size(n)), n),
                 pieces.lengths_before(reference, before, n),
                 pieces.lengths(path_now, n), gained,
             )  # fmt: skip
-            outdate(block)
-        if prepare.relay(prm, n, floats(shape, n), contacts):
+        if prepare.relay(prm, n, floats(shape, n), contacts) or changed:
             outdate(block)
 
     export("cc_mujoco_lay", lay_path.address)

@@ -113,7 +113,7 @@ def carry(
     before: FloatArray,
     now: FloatArray,
     gained: FloatArray,
-) -> None:
+) -> bool:
     """Lay the nodes of a packed cable along another path, for the next step.
 
     Args:
@@ -124,11 +124,14 @@ def carry(
         now: the same now (n + 1,) [m].
         gained: by how much the path of a node would be longer if nothing slipped
             (n + 1,) [m]; their sum is that of the changes in length.
+
+    Returns:
+        Whether anything that a step depends on is another than before.
     """
     longer, length = at.lengthening(prm, n), at.node_length(prm, n)
     compliance, stiffness = at.node_compliance(prm, n), at.node_stiffness(prm, n)
     soft = 1.0 / prm[_EA]
-    flow, carried, mixed = 0.0, 0.0, 0.0
+    flow, carried, mixed, changed = 0.0, 0.0, 0.0, False
     for i in range(n + 1):
         came = carried
         flow += gained[i] - (now[i] - before[i])
@@ -137,14 +140,19 @@ def carry(
             carried, lost = _carried(prm, n, tension, before, i, flow)
             mixed += lost
         share = 1.0 / stretched(prm, tension[i])
-        longer[i] = (now[i] - before[i]) * share + carried - came
-        length[i] = now[i] * share * share
+        taken = (now[i] - before[i]) * share + carried - came
+        loose = now[i] * share * share
+        changed = changed or taken != longer[i] or loose != length[i]
+        longer[i], length[i] = taken, loose
         if i == 0 or i == n:
             nodes.set_node(prm, n, i)
         else:
             compliance[i] = length[i] * soft
             stiffness[i] = 1.0 / compliance[i]
-    prm[at.MIXED] = max(mixed, 0.0)
+    mixed = max(mixed, 0.0)
+    changed = changed or mixed != prm[at.MIXED]
+    prm[at.MIXED] = mixed
+    return changed
 
 
 @internal

@@ -65,6 +65,8 @@ def search(model: int, data: int, tendon: int, touched: Bytes) -> None:
     if missing == 0:
         return
     missing -= _mark(model, data, tendon, touched)
+    if missing == 0:
+        return
     present = floats(load_word(data + fields.POSITION), fields.positions(model))
     kept, rest = np.empty(present.size), load_word(model + fields.REST)
     assign(kept, present)
@@ -78,10 +80,9 @@ def search(model: int, data: int, tendon: int, touched: Bytes) -> None:
         evaluate_tendons(model, data)
         missing -= _mark(model, data, tendon, touched)
         tried += 1
-    if tried > 0:
-        assign(present, kept)
-        evaluate_bodies(model, data)
-        evaluate_tendons(model, data)
+    assign(present, kept)
+    evaluate_bodies(model, data)
+    evaluate_tendons(model, data)
 
 
 @internal

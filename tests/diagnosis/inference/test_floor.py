@@ -179,7 +179,10 @@ def test_misfit_is_over_noise_whatever_errors_are_divided_by(inflation: float) -
     errors[0][:, :50] = np.nan
     records = tuple(SimpleNamespace(dt=0.01) for _ in noise)
     problem: Any = SimpleNamespace(
-        sensed=noise, floor=floor, plant=SimpleNamespace(records=records)
+        sensed=noise,
+        floor=floor,
+        inflation=inflation,
+        plant=SimpleNamespace(records=records),
     )
     crossed = CrossValidation(problem, (), tuple(errors))
     assert crossed.misfit == pytest.approx(2.0)

@@ -84,6 +84,7 @@ def test_modules_that_were_imported_before_count_too(
 
 NEXT = f"""
 import json
+from math import inf
 from cc_mujoco.control import Drive, controller
 from cc_mujoco.identity import made_by
 controller("law:make", {DRIVE!r})

@@ -13,7 +13,7 @@ a spring of the frequency w/sqrt(1 + beta (h w)^2) in the place of w. With
     beta = max(1/s - 1/(h w)^2, 0)
 
 that is no more than sqrt(s)/h, which is stable, and an end is implicit by as much as
-stability needs: not at all below. For Euler and its kin s is 2.5, of 4 that are stable,
+stability needs: not at all below. For Euler and its kin s is 2, of 4 that are stable,
 and alpha grows from 0 to 0.2 with beta, which damps what the step cannot resolve. RK4
 damps that itself; there s is 5.8, of 8, alpha is 0, and each of its four stages looks
 ahead from its own displacement. All springs of a cable beyond its ends stay explicit,
@@ -84,7 +84,7 @@ from cc_mujoco.transmission import kernel, packing
 
 Floats = npt.NDArray[np.float64]
 
-_SQUARE, _SQUARE_RK4, _VELOCITY = 2.5, 5.8, 0.2
+_SQUARE, _SQUARE_RK4, _VELOCITY = 2.0, 5.8, 0.2
 _LOOK, _LOOK_RK4 = 1.0, 2.0
 """Square of step times frequency, in `qpos0`, above which an end may be implicit."""
 MOST = 300

@@ -121,8 +121,8 @@ class Reader:
         self._segments = cable.segments
         self._compliance, self._strain, self._lengths = _compliance(cable), 0.0, -1
         if cable.path != PATHS[0]:
-            # Behind the cable's own state and a time, see `block.memory`.
-            self._lengths = self.start + kernel.state_size(cable.segments) + 1
+            # Behind the cable's own state, a time and a checksum, see `block.memory`.
+            self._lengths = self.start + kernel.state_size(cable.segments) + 2
             self._compliance, self._strain = _slack_compliance(cable)
         self._total = int(model.npluginstate)
 

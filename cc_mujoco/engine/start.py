@@ -65,7 +65,7 @@ def step_limits(
     Where friction holds the cable its end is a spring of EA over half its last segment.
     About an inertia J that an end moves by a pulley of radius r alone, steps below
     2 / sqrt(stiffness r^2 / J) are stable for it; the general case is in `steps.py`.
-    Where the step is longer than 0.8 of that, ends are implicit and any step is stable
+    Where the step is longer than 0.7 of that, ends are implicit and any step is stable
     for them, unless the cable has `ends` = `explicit`. Pieces of an open path are
     always explicit. The plugin warns, through MuJoCo, of a
     `timestep` that is too long.

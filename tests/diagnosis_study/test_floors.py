@@ -27,6 +27,7 @@ def crossed() -> CrossValidation:
         plant=SimpleNamespace(records=records),
         sensed=[np.full((2, 300), 0.5), np.full((2, 300), 1.0)],
         floor=[np.full((2, 300), 1.0), np.full((2, 300), 2.0)],
+        inflation=2.0,
     )
     return CrossValidation(problem, (), errors)
 

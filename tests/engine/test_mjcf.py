@@ -160,8 +160,9 @@ def test_attached_twice_with_prefixes() -> None:
                 d.ctrl[m.actuator("drive").id] = torque[i]
                 d.ctrl[m.actuator("left_drive").id] = torque[i]
                 mujoco.mj_step(m, d)
+    # The last number is a checksum of the pose of the whole model.
     for state in d.plugin_state.reshape(3, -1):
-        assert np.allclose(state, alone[-1], rtol=1e-6, atol=1e-12)
+        assert np.allclose(state[:-1], alone[-1][:-1], rtol=1e-6, atol=1e-12)
 
 
 def test_examples_in_the_documentation() -> None:

@@ -297,7 +297,7 @@ def test_a_wrong_address_is_one_sentence(
 def test_a_benchmark_plays_on_a_cluster_as_it_does_here(
     tmp_path: Path, cluster: Cluster
 ) -> None:
-    plan = Benchmark(("none",), "v1", ("wrist",), ("ordinary-rough",), 1, 1.05)
+    plan = Benchmark(("none",), "v1", ("wrist",), ("ordinary-rough",), 1, duration=1.05)
     here = play_all(plan, tmp_path / "a")
     there = play_all(plan, tmp_path / "b", scheduler=cluster.address)
     for (one, found), (other, same) in zip(here, there, strict=True):

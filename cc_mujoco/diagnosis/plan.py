@@ -251,7 +251,7 @@ def page(
             (
                 each.id,
                 f"{_size(found.sizes[each.id], each.least)}",
-                f"{_size(found.sizes[each.id], found.sizes[each.id].typical)}",
+                f"{_size(found.sizes[each.id], each.plausible)}",
                 each.likest,
                 f"{each.apart:.0f} sd" + ("" if each.apart >= SEEN else " (tied)"),
             )

@@ -14,7 +14,7 @@ from cc_mujoco.diagnosis.data.columns import DATASET_FILE
 from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
 from cc_mujoco.diagnosis.data.torques import expected
 from cc_mujoco.diagnosis.inference.motions import DT, middle, motions
-from cc_mujoco.diagnosis.inference.planning import Plan
+from cc_mujoco.diagnosis.inference.planning import Plan, planned
 from cc_mujoco.diagnosis.inference.testable import SEEN
 from cc_mujoco.diagnosis.plan import PAGE, plan
 from cc_mujoco.errors import CableError
@@ -45,6 +45,31 @@ def test_effects_show_and_are_told_from_each_other(
     assert all(each.apart >= SEEN for each in found.resolved)
     assert all(each.clarity >= each.apart for each in found.resolved)
     assert sum(motion.tilt > 0.0 for motion in found.trials) == 1
+
+
+def test_a_rig_twice_as_strong_has_the_same_plan(made: tuple[Plan, Path]) -> None:
+    """Forces, torques, stiffness and noise double, and so do plausible sizes."""
+    usual, _ = made
+    bench = Bench.of(scene_path("bench"))
+    cables = tuple(
+        cable.replace(
+            pretension=2.0 * cable.pretension,
+            axial_stiffness=2.0 * cable.axial_stiffness,
+        )
+        for cable in bench.cables
+    )
+    strong = planned(replace(bench, cables=cables), REACH, SPEED, {}, {}, IDS)
+    described = [[m.description for m in plan.trials] for plan in (usual, strong)]
+    assert described[0] == described[1]
+    known = {each.id: each for each in usual.resolved}
+    for each in strong.resolved:
+        soft = each.id == "end_compliance"
+        grown = 0.5 if soft else 2.0
+        assert each.plausible == pytest.approx(grown * known[each.id].plausible)
+        # Changes are simulated at the size of the bench; soft ends are not linear.
+        slack = 0.25 if soft else 1e-3
+        assert each.apart == pytest.approx(known[each.id].apart, rel=slack)
+        assert each.least == pytest.approx(grown * known[each.id].least, rel=slack)
 
 
 def test_files_are_what_the_page_says(made: tuple[Plan, Path]) -> None:

@@ -1,8 +1,9 @@
-"""Which trials to record, before there are any: all effects testable, none tied.
+"""Choose trials before there are any data: all effects testable, none tied.
 
 The catalogue's motions are simulated with the scene as it is, and with each effect at a
-plausible size. What an effect changes, less what tuning can do, adds up over trials (in
-the normal equations), so every set of trials is judged without another simulation.
+size that is plausible on the rig, see `sizes`. What an effect changes, less what tuning
+can do, adds up over trials (in the normal equations), so every set of trials is judged
+without another simulation.
 """
 
 from __future__ import annotations
@@ -19,14 +20,15 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
 from cc_mujoco.diagnosis.data.instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis.data.trials import Constant, Noise
-from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectParameter
+from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.jacobian import jacobian
 from cc_mujoco.diagnosis.inference.load import values_of
 from cc_mujoco.diagnosis.inference.motions import DT, Motion, motions
 from cc_mujoco.diagnosis.inference.plant import Plant, tuned
 from cc_mujoco.diagnosis.inference.records import BAND, Record
-from cc_mujoco.diagnosis.inference.screen import screen
+from cc_mujoco.diagnosis.inference.screen import amplitudes, screen
+from cc_mujoco.diagnosis.inference.sizes import plausible_size
 from cc_mujoco.diagnosis.inference.testable import SEEN
 
 SEGMENTS = 16
@@ -43,17 +45,35 @@ class Resolved(NamedTuple):
 
     Attributes:
         id: of the effect.
-        clarity: of a plausible size, in standard deviations once all is tuned.
-        least: size of its first parameter that would just show, in its unit.
-        likest: the effect it is told from least.
+        plausible: size of its first amplitude that is plausible on the rig, in its
+            unit.
+        clarity: of plausible sizes, in standard deviations once all is tuned.
+        likest: the effect with which it is confused most.
         apart: clarity of a plausible size where that one is fitted as well.
     """
 
     id: str
+    plausible: float
     clarity: float
-    least: float
     likest: str
     apart: float
+
+    @property
+    def least(self) -> float:
+        """Size of the first amplitude that would just show, in its unit."""
+        return SEEN * self.plausible / max(self.clarity, 1e-12)
+
+
+class _Column(NamedTuple):
+    """What a column of changes is of.
+
+    Attributes:
+        effect: id; empty for a parameter of the baseline.
+        size: of the effect's amplitude that makes the change.
+    """
+
+    effect: str
+    size: float
 
 
 @dataclass(frozen=True)
@@ -65,7 +85,7 @@ class Plan:
         resolved: by the trials together, the least certain effect first.
         noise: standard deviation that was taken, by the torque that is compared [Nm].
         hidden: effects that these instruments cannot show, and why.
-        sizes: the parameter by which the size of an effect is told.
+        sizes: the first amplitude of every effect.
     """
 
     trials: tuple[Motion, ...]
@@ -133,13 +153,13 @@ def planned(
     grams, owners = _grams(problem, place, able)
     chosen = _chosen(grams, owners, len(free))
     together = np.sum([grams[k] for k in chosen], axis=0)
-    resolved = _resolved(together, owners, len(free), library.effects)
+    resolved = _resolved(together, owners, len(free))
     return Plan(
         tuple(every[k] for k in chosen),
         tuple(sorted(resolved, key=lambda each: each.apart)),
         dict(zip(instruments.channels, sizes, strict=True)),
         hidden,
-        {name: library.effects[name].parameters[0] for name in able},
+        {name: amplitudes(library.effects[name])[0] for name in able},
     )
 
 
@@ -205,21 +225,24 @@ def _floor(
 
 def _grams(
     problem: Problem, x: FloatArray, ids: Sequence[str]
-) -> tuple[list[FloatArray], list[tuple[str, int]]]:
-    """Products of all changes in each record (columns, columns), and whose they are.
+) -> tuple[list[FloatArray], list[_Column]]:
+    """Return products of all changes in each record (columns, columns), and of what.
 
-    First the baseline's parameters, then the amplitudes of every effect; the priors of
-    the baseline count once, with the first record, whichever are chosen.
+    First come the baseline's parameters, then the amplitudes of every effect at
+    plausible sizes. The priors of the baseline are shared out over the records.
     """
     records = problem.plant.records
     masks = [record.counts for record in records]
     slopes = jacobian(problem, x, masks)
     signatures = screen(problem, x, masks, ids, starts=1)
-    owners = [("", k) for k in range(len(problem.tuned))]
+    owners = [_Column("", 0.0)] * len(problem.tuned)
     columns = [slopes]
     for sign in signatures:
-        columns.append(sign.changes)
-        owners += [(sign.id, k) for k in range(sign.changes.shape[1])]
+        sizes = amplitudes(problem.plant.library.effects[sign.id])
+        plausible = [plausible_size(each, problem, x) for each in sizes]
+        typical = [each.typical for each in sizes]
+        columns.append(sign.changes * np.divide(plausible, typical))
+        owners += [_Column(sign.id, size) for size in plausible]
     table = np.concatenate(columns, axis=1)
     rows = len(problem.plant.instruments.rows)
     ends = np.cumsum([0, *(rows * record.time.size for record in records)])
@@ -232,7 +255,7 @@ def _grams(
 
 
 def _chosen(
-    grams: Sequence[FloatArray], owners: Sequence[tuple[str, int]], base: int
+    grams: Sequence[FloatArray], owners: Sequence[_Column], base: int
 ) -> list[int]:
     """Records added one by one, while each makes effects clearer or tells two apart."""
     chosen: list[int] = []
@@ -251,7 +274,7 @@ def _chosen(
     return chosen
 
 
-def _worth(gram: FloatArray, owners: Sequence[tuple[str, int]], base: int) -> float:
+def _worth(gram: FloatArray, owners: Sequence[_Column], base: int) -> float:
     """Effects that would show, in part or whole, and are told from all others."""
     return sum(
         0.5 * min(each.clarity / CLEARLY, 1.0) + 0.5 * min(each.apart / CLEARLY, 1.0)
@@ -259,12 +282,7 @@ def _worth(gram: FloatArray, owners: Sequence[tuple[str, int]], base: int) -> fl
     )
 
 
-def _resolved(
-    gram: FloatArray,
-    owners: Sequence[tuple[str, int]],
-    base: int,
-    effects: Mapping[str, Effect] = EFFECTS,
-) -> list[Resolved]:
+def _resolved(gram: FloatArray, owners: Sequence[_Column], base: int) -> list[Resolved]:
     known = gram[:base, :base]
     cross = gram[:base, base:]
     size = np.sqrt(np.diag(known))
@@ -272,8 +290,8 @@ def _resolved(
     shift = np.linalg.lstsq(known / np.outer(size, size), cross / size[:, None])[0]
     left = gram[base:, base:] - (cross / size[:, None]).T @ shift
     index: dict[str, list[int]] = {}
-    for place, (name, _) in enumerate(owners[base:]):
-        index.setdefault(name, []).append(place)
+    for place, column in enumerate(owners[base:]):
+        index.setdefault(column.effect, []).append(place)
     white = {name: _white(left[np.ix_(own, own)]) for name, own in index.items()}
     found = []
     for name, own in index.items():
@@ -284,10 +302,9 @@ def _resolved(
             if other != name
         }
         likest = max(alike, key=lambda other: alike[other])
-        first = effects[name].parameters[0]
-        least = SEEN * first.typical / max(clarity, 1e-12)
         apart = clarity * float(np.sqrt(1.0 - alike[likest] ** 2))
-        found.append(Resolved(name, clarity, least, likest, apart))
+        size = owners[base + own[0]].size
+        found.append(Resolved(name, size, clarity, likest, apart))
     return found
 
 

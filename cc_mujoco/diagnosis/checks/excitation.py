@@ -108,7 +108,7 @@ def excitation(dataset: Dataset) -> Excitation:
     known_tensions = {
         trial.facts.pretension
         for trial in dataset.trials
-        if trial.facts.pretension is not None
+        if trial.facts.pretension is not None and not trial.facts.unhooked
     }
     names = {trial.name for trial in dataset.trials}
     return Excitation(

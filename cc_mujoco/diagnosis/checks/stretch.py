@@ -31,11 +31,10 @@ def check_lead(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
         trials: of one rig.
         bench: of its scene.
     """
-    found = [_lead(trial, bench) for trial in trials]
     sure = [
         (trial, lead)
-        for trial, lead in zip(trials, found, strict=True)
-        if abs(lead) > _SURE
+        for trial in trials
+        if not trial.facts.unhooked and abs(lead := _lead(trial, bench)) > _SURE
     ]
     if not sure or any(lead > 0.0 for _, lead in sure):
         return []

@@ -58,7 +58,7 @@ class Facts:
     Attributes:
         split: what the trial may be used for; None leaves it to the program.
         repeat_of: name of the trial that this one repeats.
-        pretension: of the cables at rest [N].
+        pretension: of the cables at rest [N]; 0 where they were taken off.
         temperature: of the rig [degC].
         locked: the side that was held fast, so that its angle is constant.
         tilt: angle by which the rig was turned about the joint's axis, positive as the
@@ -75,6 +75,11 @@ class Facts:
     tilt: float | None = None
     valid: tuple[tuple[float, float], ...] | None = None
     notes: str = ""
+
+    @property
+    def unhooked(self) -> bool:
+        """Whether the cables were taken off, so that they connect nothing."""
+        return self.pretension == 0.0
 
 
 @dataclass(frozen=True)

@@ -151,7 +151,7 @@ def recorded(
         bench: the rig.
         records: of the data.
     """
-    known = [r.pretension for r in records if r.pretension is not None]
+    known = [r.pretension for r in records if r.pretension]
     usual = float(np.median(known)) if known else 1.0
 
     def lag(motor: FloatArray, joint: FloatArray) -> float:
@@ -328,7 +328,8 @@ def left_after_fit(
 
 
 def _record(problem: Problem, motion: Motion) -> Record:
-    base = problem.plant.records[0]
+    records = problem.plant.records
+    base = next((each for each in records if not each.unhooked), records[0])
     size = min(motion.motor.size, motion.joint.size)
     tension = base.pretension
     if tension is None:

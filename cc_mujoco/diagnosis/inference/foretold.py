@@ -101,7 +101,7 @@ def _compared(
     kept = [
         (record.measured[row, record.free], torque[row, record.free])
         for record, torque in zip(plant.records, played, strict=True)
-        if np.count_nonzero(record.free) > 1
+        if np.count_nonzero(record.free) > 1 and not record.unhooked
     ]
     return [measured for measured, _ in kept], [simulated for _, simulated in kept]
 

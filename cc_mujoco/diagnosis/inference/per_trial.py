@@ -222,6 +222,8 @@ def _own(
         return _misfit(problem, places, errors)
 
     known = set(names) if "joint_gravity" in problem.effects else {*names} - {"tilt"}
+    if any(records[k].unhooked for k in places):
+        known &= {"tilt"}
     tried = {name: _least(name, misfit) for name in names if name in known}
     if not tried:
         return math.inf, ""

@@ -73,7 +73,7 @@ class Record:
         measured: (rows, samples) motor and joint torque, those that are known [Nm].
         band: to which the torques are low-passed [Hz].
         counts: whether a sample counts.
-        pretension: of this trial if known [N], else None.
+        pretension: of this trial if known [N], else None; 0 without the cables.
         start: time since the trial began at the first sample [s].
         split: what `dataset.toml` reserves the trial for, else None.
         group: of trials that repeat each other; they are never on both sides.
@@ -95,6 +95,11 @@ class Record:
     split: str | None
     group: str
     tilt: float = 0.0
+
+    @property
+    def unhooked(self) -> bool:
+        """Whether the cables were taken off, so that they pull nothing."""
+        return self.pretension == 0.0
 
     @property
     def free(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
@@ -188,7 +193,8 @@ def _record(
     time = trial.time[part][::thin]
     dt = trial.step * thin
     travel = np.cumsum(np.abs(np.diff(smooth[0], prepend=smooth[0, 0])))
-    counts = (travel > RUN_IN * wind_up(bench)) & (time - time[0] > 0.1)
+    wound = 0.0 if trial.facts.unhooked else RUN_IN * wind_up(bench)
+    counts = (travel >= wound) & (time - time[0] > 0.1)
     # Where the filter has no samples on both sides it is not the same for both.
     edge = max(2, round(0.5 / band / dt))
     if known.motor == "motor current":

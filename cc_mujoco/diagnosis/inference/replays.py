@@ -100,6 +100,9 @@ def played(record: Record, setting: Setting) -> Played:
 def replay(record: Record, setting: Setting) -> Played:
     """Replay a record, whether or not it was done before."""
     joint = shifted(record.joint_angle, setting.late / record.dt) + setting.offset
+    if record.unhooked:
+        nothing = np.zeros(joint.size)
+        return Played(joint - setting.offset, *4 * (nothing,))
     angles = with_lead_in(
         record.motor_angle, joint, setting.following, setting.substeps
     )

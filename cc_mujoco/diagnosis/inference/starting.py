@@ -29,10 +29,14 @@ from cc_mujoco.diagnosis.inference.plant import (
 )
 from cc_mujoco.diagnosis.inference.records import Filtering, Record, prepare
 
-_NAMES = ("friction", "axial_stiffness", "pretension")
+_LOOSE = ("friction", "axial_stiffness")
+"""What a scene may have at any size."""
+_NAMES = (*_LOOSE, "pretension")
 """What is estimated."""
 OFF = 3.0
 """Factor by which a value of the scene has to be off to be no start."""
+TAUT_OFF = 2.0
+"""The same of the pretension; fits believe the scene's to a tenth."""
 BETTER = 0.8
 """Cost, over that of the scene, from which on the data contradict the scene."""
 _STEP = 0.04
@@ -100,22 +104,39 @@ def started(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> Start:
         bench: of the scene, with what `[rig]` declares.
         records: of the trials; which of their samples count does not matter.
     """
-    declared = [t.facts.pretension for t in dataset.trials if t.facts.pretension]
-    if bench.cables[0].pretension == 0.0 and declared:
-        bench = _with(bench, {"pretension": float(np.median(declared))})
-    thin = [_thinned(record) for record in records]
+    hooked = [trial for trial in dataset.trials if not trial.facts.unhooked]
+    declared = [t.facts.pretension for t in hooked if t.facts.pretension is not None]
+    # Trials have their own pretension, of which that of the scene is the unit.
+    if 0 < len(declared) == len(hooked) or (
+        declared and bench.cables[0].pretension == 0.0
+    ):
+        bench = _nearest(bench, declared)
+    thin = [_thinned(record) for record in records if not record.unhooked]
     if sum(int(record.counts.sum()) for record in thin) < _FEWEST:
         return Start(bench, {}, {})
-    best = _best(dataset, bench, thin)
+    known = bool(declared) or "pretension" in dataset.constants
+    best = _best(dataset, bench, thin, known)
     scene = bench.cables[0]
+    least = {name: OFF for name in _LOOSE} | {"pretension": TAUT_OFF}
     given = {
         name: getattr(scene, name)
         for name in _NAMES
-        if name in best and _apart(best[name], getattr(scene, name)) > OFF
+        if name in best and _apart(best[name], getattr(scene, name)) > least[name]
     }
     if not given:
         return Start(bench, {}, {})
     return Start(_with(bench, {name: best[name] for name in given}), given, best)
+
+
+def _nearest(bench: Bench, declared: Sequence[float]) -> Bench:
+    """Return the bench with the usual pretension of the trials.
+
+    A pretension of the scene that is about that of some trial is kept.
+    """
+    scene = bench.cables[0].pretension
+    if any(_apart(each, scene) < TAUT_OFF for each in declared):
+        return bench
+    return _with(bench, {"pretension": float(np.median(declared))})
 
 
 def _with(bench: Bench, values: Mapping[str, float]) -> Bench:
@@ -197,56 +218,118 @@ def _tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
     return found
 
 
-def _best(
-    dataset: Dataset, bench: Bench, records: Sequence[Record]
-) -> dict[str, float]:
-    """Return the best values; none where the scene's are not much worse."""
-    scene, line = bench.cables[0], _line(dataset, bench, records)
-    wrap = max(scene.wrap, _LEAST_WRAP)
-    stiff = line.slope * scene.length / len(bench.cables)
-    if not (stiff > 0.0 and line.spread > 0.0):
-        stiff = scene.axial_stiffness
-    tried = {
-        "friction": [min(each / wrap, FRICTION_MOST) for each in _WRAPS],
-        "axial_stiffness": [min(each * stiff, STIFFEST) for each in _STIFF],
-        "pretension": [each * max(line.spread, 1e-3) for each in _TAUT],
-    }
-    unknown = scene.pretension == 0.0
-    if not unknown:
-        del tried["pretension"]
-    tried = {
-        name: each for name, each in tried.items() if name not in dataset.constants
-    }
-    centre = {name: each[len(each) // 2] for name, each in tried.items()}
-    problem = _problem(dataset, _with(bench, centre), records, tried)
-    masks = [record.counts for record in records]
+class _Fitted(NamedTuple):
+    """Values that were fitted, and the cost that is left."""
 
-    def place(values: Mapping[str, float]) -> FloatArray:
-        taut = values.get("pretension", scene.pretension)
+    values: dict[str, float]
+    cost: float
+
+
+class _Grid:
+    """Fits from the best points of a grid of simulations."""
+
+    def __init__(
+        self, dataset: Dataset, bench: Bench, records: Sequence[Record]
+    ) -> None:
+        self._dataset, self._bench, self._records = dataset, bench, records
+        self._line = line = _line(dataset, bench, records)
+        scene = bench.cables[0]
+        wrap = max(scene.wrap, _LEAST_WRAP)
+        stiff = line.slope * scene.length / len(bench.cables)
+        if not (stiff > 0.0 and line.spread > 0.0):
+            stiff = scene.axial_stiffness
+        self._points = {
+            "friction": [min(each / wrap, FRICTION_MOST) for each in _WRAPS],
+            "axial_stiffness": [min(each * stiff, STIFFEST) for each in _STIFF],
+            "pretension": [each * max(line.spread, 1e-3) for each in _TAUT],
+        }
+        self._masks = [record.counts for record in records]
+        self._size = len(dataset.instruments.rows) * sum(
+            int(mask.sum()) for mask in self._masks
+        )
+
+    def fitted(self, names: Sequence[str], coarse: bool = False) -> _Fitted | None:
+        """Return the best fit of the baseline, these parameters free.
+
+        It is None where the scene's own values are not much worse than the best point,
+        or where what is left says that none of these values explain the data.
+
+        Args:
+            names: of the parameters whose values in the scene may be anything.
+            coarse: whether the stiffness of the line is the only one on the grid.
+        """
+        tried = {
+            name: each
+            for name, each in self._points.items()
+            if name in names and name not in self._dataset.constants
+        }
+        centre = {name: each[len(each) // 2] for name, each in tried.items()}
+        if coarse and "axial_stiffness" in tried:
+            tried["axial_stiffness"] = [centre["axial_stiffness"]]
+        problem = self._problem(centre)
+        grid = [
+            self._place(problem, dict(zip(tried, values, strict=True)))
+            for values in product(*tried.values())
+        ]
+        costs = [self._cost(problem, x) for x in grid]
+        scene = self._bench.cables[0]
+        known = scene.pretension > 0.0
+        given = {name: getattr(scene, name) for name in tried}
+        if known and min(costs) > BETTER * self._cost(
+            problem, self._place(problem, given)
+        ):
+            return None
+        order = np.argsort(costs)[:_REFINED]
+        fits = [fit(problem, grid[k], self._masks, _EVALUATIONS) for k in order]
+        best = min(fits, key=lambda each: each.cost).x
+        cost = self._cost(problem, best)
+        if known and cost > _EXPLAINED * self._size:
+            return None
+        return _Fitted(problem.values(best), cost)
+
+    def of_scene(self, names: Sequence[str]) -> float:
+        """Return the cost of a fit from the scene's values, these parameters free."""
+        scene = self._bench.cables[0]
+        given = {name: getattr(scene, name) for name in names}
+        problem = self._problem(given)
+        start = self._place(problem, given)
+        return self._cost(problem, fit(problem, start, self._masks, _EVALUATIONS).x)
+
+    def _problem(self, values: Mapping[str, float]) -> Problem:
+        bench = _with(self._bench, values)
+        return _problem(self._dataset, bench, self._records, values)
+
+    def _place(self, problem: Problem, values: Mapping[str, float]) -> FloatArray:
+        taut = values.get("pretension", self._bench.cables[0].pretension)
         known = dict(values)
-        if line.slope > 0.0:
-            known["joint_angle_offset"] = line.offset(bench, taut)
+        if self._line.slope > 0.0:
+            known["joint_angle_offset"] = self._line.offset(self._bench, taut)
         return problem.place(known)
 
-    def cost(x: FloatArray) -> float:
-        error = problem.residual(x, masks)
+    def _cost(self, problem: Problem, x: FloatArray) -> float:
+        error = problem.residual(x, self._masks)
         return float(error @ error)
 
-    grid = [
-        place(dict(zip(tried, values, strict=True)))
-        for values in product(*tried.values())
-    ]
-    costs = [cost(x) for x in grid]
-    given = {name: getattr(scene, name) for name in tried}
-    if "pretension" not in tried and min(costs) > BETTER * cost(place(given)):
-        return {}
-    order = np.argsort(costs)[:_REFINED]
-    fits = [fit(problem, grid[k], masks, _EVALUATIONS) for k in order]
-    best = min(fits, key=lambda each: each.cost).x
-    size = len(dataset.instruments.rows) * sum(int(mask.sum()) for mask in masks)
-    if "pretension" not in tried and cost(best) > _EXPLAINED * size:
-        return {}
-    return problem.values(best)
+
+def _best(
+    dataset: Dataset, bench: Bench, records: Sequence[Record], declared: bool
+) -> dict[str, float]:
+    """Return the best values; none where the scene's are not much worse.
+
+    A pretension that nobody declared may be wrong, too. It is known to a tenth, so one
+    that the data contradict bends the fit of all else.
+    """
+    grid = _Grid(dataset, bench, records)
+    if bench.cables[0].pretension == 0.0:
+        found = grid.fitted(_NAMES)
+        return found.values if found else {}
+    found = grid.fitted(_LOOSE)
+    if not declared and (taut := grid.fitted(_NAMES, coarse=True)):
+        off = _apart(taut.values["pretension"], bench.cables[0].pretension)
+        usual = found.cost if found else grid.of_scene(_LOOSE)
+        if off > TAUT_OFF and taut.cost < BETTER * usual:
+            return taut.values
+    return found.values if found else {}
 
 
 def _problem(

@@ -20,7 +20,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.jacobian import jacobian
-from cc_mujoco.diagnosis.inference.plant import CLOCKS, OFFSETS
+from cc_mujoco.diagnosis.inference.plant import CLOCKS, OFFSETS, PRETENSION_KNOWN
 from cc_mujoco.diagnosis.inference.screen import (
     Changes,
     amplitudes,
@@ -267,6 +267,8 @@ def strayed(
         apart = abs(place - home) / known
         given = parameter.value(home)
         if (scene := problem.plant.given.get(name)) is not None:
+            if name == "pretension":  # a fit that replaces it believes in nothing
+                known = PRETENSION_KNOWN / parameter.scale
             given, apart = scene, _far(parameter, place, scene) / known
         if apart < FAR or estimated[name].holds(given):
             continue

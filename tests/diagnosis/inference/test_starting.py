@@ -55,9 +55,15 @@ def require_truth(found: Mapping[str, Estimate]) -> None:
 @pytest.mark.parametrize(
     "values",
     [
-        {"friction": 2.0},
-        pytest.param(
-            {"friction": 0.0, "axial_stiffness": 47e5}, marks=pytest.mark.study
+        {"pretension": 24.6},
+        *(
+            pytest.param(values, marks=pytest.mark.study)
+            for values in (
+                {"friction": 2.0},
+                {"friction": 0.0, "axial_stiffness": 47e5},
+                {"pretension": 246.0},
+                {"friction": 2.0, "pretension": 820.0},
+            )
         ),
         {"friction": 1e-9, "axial_stiffness": 4.7e-4, "pretension": 0.0},
     ],
@@ -73,7 +79,7 @@ def test_impossible_values_of_the_scene_end_at_the_same_rig(
 @given(
     friction=st.one_of(st.just(0.0), st.floats(-8.0, 1.5)),
     stiffness=st.floats(-8.0, 2.0),
-    pretension=st.sampled_from((80.0, 0.0)),
+    pretension=st.one_of(st.just(0.0), st.floats(-1.0, 1.0)),
     seed=st.integers(0, 3),
     chosen=st.sampled_from(((0, 1, 2), (0, 2), (0, 1))),
 )
@@ -84,12 +90,12 @@ def test_every_start_ends_at_the_same_rig(
     seed: int,
     chosen: tuple[int, ...],
 ) -> None:
-    """Friction and stiffness by their powers of ten over the truth."""
+    """Values are powers of ten over the truth, or 0."""
     data = dataset(changes=TRUTH, duration=3.0, seed=seed, chosen=chosen)
     start = scene(
         friction=TRUTH["friction"] * 10.0**friction if friction else 0.0,
         axial_stiffness=TRUTH["axial_stiffness"] * 10.0**stiffness,
-        pretension=pretension,
+        pretension=TRUTH["pretension"] * 10.0**pretension if pretension else 0.0,
     )
     found = baseline(data, start)
     usual = baseline(data, BENCH)
@@ -100,7 +106,11 @@ def test_every_start_ends_at_the_same_rig(
 
 @pytest.mark.parametrize(
     "values",
-    [{"friction": 2.0}, pytest.param({"pretension": 0.0}, marks=pytest.mark.study)],
+    [
+        {"friction": 2.0},
+        pytest.param({"pretension": 0.0}, marks=pytest.mark.study),
+        pytest.param({"pretension": 246.0}, marks=pytest.mark.study),
+    ],
 )
 def test_a_bad_start_changes_no_verdict_and_is_told(values: dict[str, float]) -> None:
     found = reason(DATA, scene(**values), ids=("viscous_friction",)).diagnosis
@@ -133,6 +143,23 @@ def test_pretensions_of_the_trials_stand_for_a_scene_without_one() -> None:
     _, usual, _ = prepared(data, start.bench)
     for one, other in zip(records, usual, strict=True):
         assert np.array_equal(one.counts, other.counts)
+
+
+def test_pretensions_of_the_trials_stand_for_one_that_is_far_from_them() -> None:
+    def declared(*pretensions: float | None) -> Dataset:
+        trials = tuple(
+            replace(trial, facts=Facts(pretension=each))
+            for trial, each in zip(DATA.trials, pretensions, strict=True)
+        )
+        return replace(DATA, trials=trials)
+
+    start, _, _ = prepared(declared(81.0, 81.0, 40.0), scene(pretension=246.0))
+    assert start.bench == scene(pretension=81.0) and not start.given
+    near = scene(pretension=60.0)
+    start, _, _ = prepared(declared(81.0, 81.0, 40.0), near)
+    assert start.bench is near
+    start, _, _ = prepared(declared(81.0, None, 40.0), scene(pretension=246.0))
+    assert start.bench == scene(pretension=246.0)  # one trial has that of the scene
 
 
 def test_no_motion_carries_a_cable_that_cannot_slide() -> None:

@@ -1,0 +1,91 @@
+"""A trial without its cables (`pretension = 0`) shows what is not in the cables."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cc_mujoco.diagnosis.checks.checks import check_bench, check_trials
+from cc_mujoco.diagnosis.checks.excitation import excitation
+from cc_mujoco.diagnosis.checks.stretch import check_lead
+from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Trial
+from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
+from cc_mujoco.diagnosis.inference.per_trial import odd_trial
+from cc_mujoco.diagnosis.inference.starting import prepared
+from diagnosis.recorded import BENCH, DT, NOISE, dataset
+
+TRUTH = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
+GRAVITY = 0.5
+
+
+def unhooked(duration: float = 3.0) -> Trial:
+    """Motor and joint moved by themselves, the joint with a weight [Nm]."""
+    time = np.arange(0.0, duration, DT)
+    random = np.random.default_rng(7)
+    motor, joint = 0.7 * np.sin(2.5 * time), -0.6 * np.sin(2.5 * time + 0.1)
+    noise = [random.normal(0.0, n.deviation, time.size) for n in NOISE.values()]
+    return Trial(
+        "off",
+        time,
+        motor + noise[0],
+        noise[2],
+        joint + noise[1],
+        noise[3] - GRAVITY * np.sin(joint),
+        (slice(0, time.size),),
+        DT,
+        facts=Facts(pretension=0.0),
+        path="off.csv",
+    )
+
+
+@pytest.fixture(scope="module")
+def data() -> Dataset:
+    weight = {"joint_gravity": {"gravity_sine": GRAVITY, "gravity_cosine": 0.0}}
+    usual = dataset(weight, changes=TRUTH, duration=2.5, seed=2)
+    return replace(usual, trials=(*usual.trials, unhooked()))
+
+
+def test_cables_that_were_taken_off_pull_nothing(data: Dataset) -> None:
+    start, records, filtering = prepared(data, BENCH)
+    assert start.bench is BENCH
+    off = records[-1]
+    assert off.unhooked and np.mean(off.counts) > 0.9
+    found = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0)
+    weight = {"gravity_sine": GRAVITY, "gravity_cosine": 0.0}
+    wider = found.problem.with_effect("joint_gravity", weight)
+    x = wider.placed(found.whole.x, weight)
+    for problem, place, size in (
+        (found.problem, found.whole.x, GRAVITY * np.sin(off.joint_angle)),
+        (wider, x, 0.0),
+    ):
+        (played,) = problem.plant.limited([off]).simulate(
+            problem.values(place), problem.effects
+        )
+        left = (off.measured - played)[:, off.counts]
+        assert np.std(left[0]) < 0.02  # the noise of the sensor
+        assert np.std(left[1] + np.broadcast_to(size, off.time.shape)[off.counts]) < (
+            0.02
+        )
+    asked = odd_trial(found.problem, found.whole.x)
+    assert asked is None or "off" not in asked.trials
+
+
+def test_no_check_expects_cables_that_were_taken_off(data: Dataset) -> None:
+    off = data.trials[-1]
+    hooked = replace(off, facts=Facts())
+    assert check_trials([hooked]) + check_bench([hooked], BENCH)
+    assert (
+        not check_trials([off]) + check_bench([off], BENCH) + check_lead([off], BENCH)
+    )
+    assert excitation(data).pretensions == ()
+
+
+def test_a_file_declares_it(tmp_path: Path) -> None:
+    from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
+
+    path = tmp_path / "dataset.toml"
+    path.write_text("[trials.off]\npretension = 0\n", encoding="utf-8")
+    assert read_dataset_file(path).facts["off"]["pretension"] == 0.0

@@ -54,11 +54,17 @@ class Rivals(NamedTuple):
 
     @property
     def fitted(self) -> list[tuple[Problem, FloatArray]]:
-        """The two models and where they were fitted."""
-        return [
-            (model.problem, np.mean([fit.x for fit in model.fits], axis=0))
-            for model in self.models
-        ]
+        """The two models and where they were fitted, weighted by their own errors.
+
+        By the errors of the model before, old and new data would count for as little
+        as while neither effect was known.
+        """
+        found = []
+        for model in self.models:
+            x = np.mean([fit.x for fit in model.fits], axis=0)
+            masks = [record.free for record in model.problem.plant.records]
+            found.append((model.problem.renewed(x, masks), x))
+        return found
 
 
 def propose(rivals: Rivals, thresholds: Thresholds) -> NextExperiment | None:
@@ -69,7 +75,8 @@ def propose(rivals: Rivals, thresholds: Thresholds) -> NextExperiment | None:
     from friction, say, which the two estimate differently, settles nothing; nor does
     one that is no more than effects are off by in their form. A trial is proposed only
     if it is clearly no chance, if the rule that found the tie would find none with it,
-    whichever effect is true, and if the data have no such trial yet.
+    and if the data have no such trial yet. Where no trial settles the tie whichever
+    effect is true, one is proposed that does if it is the effect that fits better now.
 
     Args:
         rivals: the tie.
@@ -77,11 +84,13 @@ def propose(rivals: Rivals, thresholds: Thresholds) -> NextExperiment | None:
     """
     fitted = rivals.fitted
     problem = fitted[0][0]
-    floor, noise = _usual(problem.floor), _usual(problem.noise)
+    noise = _usual(problem.noise)
+    floor = _usual(rivals.before.problem.floor)  # by which held-out errors are divided
     known = [
         jacobian(other, x, [r.free for r in other.plant.records]) for other, x in fitted
     ]
-    best: tuple[float, NextExperiment] | None = None
+    best: tuple[tuple[bool, float], NextExperiment] | None = None
+    better, worse = np.argsort([model.held_out_mse for model in rivals.models])
     every = catalogue(problem)
     done = recorded(every, problem.plant.bench, problem.plant.records)
     for motion in every:
@@ -104,16 +113,27 @@ def propose(rivals: Rivals, thresholds: Thresholds) -> NextExperiment | None:
         share = noise / floor
         made = [(s - w) / floor for s, w in zip(shown, without, strict=True)]
         left = min(lefts, key=np.linalg.norm)
-        score = float(np.linalg.norm(left / np.hypot(1.0, unsure))) * problem.weight
-        # Where one is true, what is left is of the other one, fitted again.
-        if score < CLEAR or not all(
-            told_apart(rivals, record, true, made[true], share * off, thresholds)
-            for true, off in ((1, lefts[0]), (0, lefts[1]))
-        ):
+        weight = min(other.weight for other, _ in fitted)
+        score = weight * float(np.linalg.norm(left / np.hypot(1.0, unsure)))
+        if score < CLEAR:
             continue
-        if best is None or score > best[0]:
+        # Where one is true, what is left is of the other one, fitted again.
+        settles = [
+            told_apart(
+                rivals, record, true, made[true], share * lefts[1 - true], thresholds
+            )
+            for true in (0, 1)
+        ]
+        rank = settles[worse], score
+        if settles[better] and (best is None or rank > best[0]):
             told = _difference(problem, rivals.ids, shown, left, noise)
-            best = score, NextExperiment(motion.description, rivals.ids, told)
+            if not settles[worse]:
+                names = [EFFECTS[rivals.ids[each]].title for each in (better, worse)]
+                told += (
+                    f"; it settles the tie if it is {names[0]}, which fits better now, "
+                    f"and need not if it is {names[1]}"
+                )
+            best = rank, NextExperiment(motion.description, rivals.ids, told)
     return best[1] if best else None
 
 
@@ -301,7 +321,9 @@ def left_after_fit(
     known: FloatArray,
     apart: FloatArray,
 ) -> FloatArray:
-    """What is left of a difference when a model is fitted again (2, samples).
+    """Compute what is left of a difference when a model is fitted again (2, samples).
+
+    Parameters stay within their bounds, as they do in fits.
 
     Args:
         problem: the model.
@@ -311,6 +333,8 @@ def left_after_fit(
         known: (residuals, parameters) Jacobian on the data there are, and priors.
         apart: (2, samples) difference over the noise.
     """
+    from scipy.optimize import lsq_linear
+
     wide = (np.broadcast_to(noise, apart.shape),)
     new = replace(
         problem,
@@ -322,7 +346,18 @@ def left_after_fit(
     every = [np.ones(record.counts.size, dtype=bool)]
     slopes = jacobian(new, x, every)[: apart.size]
     wanted = np.concatenate([problem.weight * apart.ravel(), np.zeros(len(known))])
-    change = np.linalg.lstsq(np.concatenate([slopes, known]), wanted)[0]
+    low, high = (
+        np.array([getattr(parameter, side) for parameter in problem.tuned])
+        for side in ("low", "high")
+    )
+    moves = np.flatnonzero(high > low)
+    table = np.concatenate([slopes, known])[:, moves]
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    axes, short = np.linalg.qr(table / size)
+    room = np.minimum(low - x, 0.0)[moves], np.maximum(high - x, 0.0)[moves]
+    bounds = tuple(side * size for side in (room[0] - 1e-9, room[1] + 1e-9))
+    change = np.zeros(x.size)
+    change[moves] = lsq_linear(short, axes.T @ wanted, bounds).x / size
     left: FloatArray = apart - (slopes @ change).reshape(apart.shape) / problem.weight
     return left
 

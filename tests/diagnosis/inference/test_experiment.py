@@ -16,7 +16,7 @@ from cc_mujoco.diagnosis.inference.experiment import (
     propose,
     recorded,
 )
-from cc_mujoco.diagnosis.inference.fitting import Problem
+from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.folds import CrossValidation
 from cc_mujoco.diagnosis.inference.motions import DT, Motion
 from cc_mujoco.diagnosis.inference.records import Record, prepare
@@ -39,18 +39,28 @@ def rival(
     return wider, wider.placed(baseline_fit.whole.x, values)
 
 
+@pytest.fixture(scope="module")
+def sprung() -> tuple[BaselineFit, Rivals]:
+    """Data of a joint with a spring, and the two models that explain them."""
+    stiffness = {"joint_stiffness": 0.4, "joint_stiffness_moment": 0.0}
+    data = dataset({"joint_stiffness": stiffness}, duration=2.5, chosen=(0, 2))
+    records, filtering = prepare(data, BENCH)
+    found = fit_baseline(data, plant_of(data, BENCH, records), filtering, seed=0)
+    masks = [record.free for record in records]
+
+    def fitted(name: str, values: dict[str, float]) -> tuple[Problem, np.ndarray]:
+        wider, x = rival(found, name, values)
+        return wider, fit(wider, x, masks).x
+
+    spring = fitted("joint_stiffness", stiffness)
+    weight = fitted("joint_gravity", {"gravity_sine": 0.44, "gravity_cosine": 0.0})
+    return found, tie(found, spring, weight)
+
+
 def test_gravity_and_a_spring_part_where_the_rig_is_turned(
-    baseline_fit: BaselineFit,
+    sprung: tuple[BaselineFit, Rivals],
 ) -> None:
-    spring = rival(
-        baseline_fit,
-        "joint_stiffness",
-        {"joint_stiffness": 0.4, "joint_stiffness_moment": 0.0},
-    )
-    weight = rival(
-        baseline_fit, "joint_gravity", {"gravity_sine": 0.44, "gravity_cosine": 0.0}
-    )
-    found = propose(tie(baseline_fit, spring, weight), Thresholds())
+    found = propose(sprung[1], Thresholds())
     assert found is not None
     assert "turned by 90 degrees" in found.description
     assert "tilt = 1.571" in found.description
@@ -62,11 +72,10 @@ def tie(
     one: tuple[Problem, np.ndarray],
     other: tuple[Problem, np.ndarray],
 ) -> Rivals:
-    """Two models as the search fitted them, on data that neither explains better."""
+    """Two models as the search fitted them."""
 
     def crossed(problem: Problem, x: np.ndarray) -> CrossValidation:
-        errors = baseline_fit.problem.errors(baseline_fit.whole.x)
-        return CrossValidation(problem, (Fit(x, 0.0),), tuple(errors))
+        return CrossValidation(problem, (Fit(x, 0.0),), tuple(problem.errors(x)))
 
     before = crossed(baseline_fit.problem, baseline_fit.whole.x)
     ids = one[0].effects[0], other[0].effects[0]
@@ -129,6 +138,37 @@ def test_no_trial_that_the_data_have_and_none_that_settles_nothing_is_proposed(
         baseline_fit, "joint_gravity", {"gravity_sine": 4.4e-3, "gravity_cosine": 0.0}
     )
     assert propose(tie(baseline_fit, faint, weak), Thresholds()) is None
+
+
+def test_old_and_new_trials_count_by_what_is_left_with_the_effect(
+    sprung: tuple[BaselineFit, Rivals],
+) -> None:
+    """The tuned scene is far off without it, and by its errors data say nothing."""
+    found, rivals = sprung
+    assert found.crossed.misfit > 3.0
+    for problem, _ in rivals.fitted:
+        assert problem.weight > 2.0 * found.problem.weight
+        assert problem.inflation < found.problem.inflation
+
+
+def test_a_fit_to_old_and_new_trials_keeps_its_bounds(
+    baseline_fit: BaselineFit,
+) -> None:
+    """An offset beyond what the baseline may have is left over."""
+    problem, x = baseline_fit.problem, baseline_fit.whole.x
+    (record, *_) = problem.plant.records
+    (shown,) = problem.plant.limited([record]).simulate(problem.values(x))
+    index = problem.names.index("joint_torque_offset")
+    most = problem.tuned[index].value(problem.tuned[index].high)
+    noise = np.array([[0.02], [0.02]])
+    nothing = np.zeros((0, x.size))
+    new = replace(record, measured=shown)
+    for size, least in ((0.5, 0.0), (20.0, 0.5)):
+        apart = np.zeros(shown.shape)
+        apart[1] = size * most / noise[1]
+        left = left_after_fit(problem, x, new, noise, nothing, apart)
+        part = np.linalg.norm(left) / np.linalg.norm(apart)
+        assert part < 0.05 if least == 0.0 else part > least
 
 
 def test_what_tuning_makes_up_for_separates_nothing(baseline_fit: BaselineFit) -> None:

@@ -19,6 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.compiled import compiled
+
 Array = NDArray[np.float64]
 Ways = NDArray[np.int64]
 EXIT, EYE = (-0.068, -0.04), (-0.025, 0.015)
@@ -57,8 +59,9 @@ class Path(NamedTuple):
     contact: Array
 
 
+@compiled
 def path(flexed: float) -> Path:
-    """The path where the finger is flexed by an angle from half flexed [rad]."""
+    """Return the path where the finger is flexed by an angle from half flexed [rad]."""
     angle = HALF_FLEXED + flexed
     x, z = INSERTION
     tip = (
@@ -75,10 +78,11 @@ def path(flexed: float) -> Path:
     return Path(np.array([first, second, third, fourth]), wrap, contact)
 
 
+@compiled
 def _tangent(
     point: tuple[float, float], centre: tuple[float, float], radius: float, side: float
 ) -> tuple[float, float]:
-    """Direction [rad] and length [m] from a point to where its tangent touches."""
+    """Return direction [rad] and length [m] from a point to its tangent's contact."""
     x, z = centre[0] - point[0], centre[1] - point[1]
     away = math.hypot(x, z)
     return (
@@ -87,66 +91,87 @@ def _tangent(
     )
 
 
+@compiled
 def _turn(before: float, after: float) -> float:
-    """Angle by which the path turns clockwise [rad]."""
-    return math.remainder(before - after, 2.0 * math.pi)
+    """Return the angle by which the path turns clockwise [rad]."""
+    turn = before - after
+    return turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
 
 
 def played(rig: Tendon, dt: float, motor: Array, joint: Array) -> tuple[Array, Array]:
-    """Torques of motor and joint along a motion, from rest at its first sample [Nm].
+    """Compute the torques of motor and joint along a motion from rest [Nm].
 
     Args:
         rig: the tendon.
         dt: time between samples [s].
         motor: angle of the winch, positive where it winds [rad].
         joint: angle of the finger, positive where the tendon pulls it [rad].
+
+    Raises:
+        ValueError: the tendon goes slack, or no state of it fits.
     """
+    tensions, reached, fits = _run(Tendon(*map(float, rig)), dt, motor, joint)
+    if reached < motor.size:
+        if fits:
+            raise ValueError(f"the tendon goes slack at sample {reached}; pull more")
+        raise ValueError("no state of the tendon fits; take smaller steps")
+    return WINCH_RADIUS * tensions[0], KNUCKLE_RADIUS * tensions[1]
+
+
+@compiled
+def _run(rig: Tendon, dt: float, motor: Array, joint: Array) -> tuple[Array, int, bool]:
+    """Return the tensions of both ends, and the sample that was not reached and why."""
     length = _lengths(path(-joint[0]))
     tension = np.full(length.size, rig.pretension)
     strained = 1.0 + rig.pretension / rig.stiffness
     way = np.zeros(length.size - 1, dtype=np.int64)
-    torques = np.empty((2, motor.size))
+    ends = np.empty((2, motor.size))
     for k in range(motor.size):
-        if k:
+        if k > 0:
             here, held = path(-joint[k]), length / (1.0 + tension / rig.stiffness)
-            turned = KNUCKLE_RADIUS * (joint[k] - joint[k - 1])
             now = _lengths(here)
-            held = _carried(held, length, now, turned)
+            held = _carried(held, length, now)
             held[0] -= WINCH_RADIUS * (motor[k] - motor[k - 1]) / strained
-            tension, way = _stepped(rig, here, now, held, tension, dt, way)
+            tension, fits = _stepped(rig, here, now, held, tension, dt, way)
+            if not fits:
+                return ends, k, False
             length = now
         if not tension.min() > 0.0:
-            raise ValueError(f"the tendon goes slack at sample {k}; pull more")
-        torques[:, k] = WINCH_RADIUS * tension[0], KNUCKLE_RADIUS * tension[-1]
-    return torques[0], torques[1]
+            return ends, k, True
+        ends[0, k], ends[1, k] = tension[0], tension[-1]
+    return ends, motor.size, True
 
 
+@compiled
 def _lengths(here: Path) -> Array:
-    """Of straight pieces and parts of arcs, from winch to finger [m]."""
-    first, second, third, fourth = here.pieces
+    """Return those of straight pieces and parts of arcs, from winch to finger [m]."""
+    length = np.empty(2 * PARTS + 2)
     post, knuckle = here.contact[0] / PARTS, here.contact[2] / PARTS
-    inner = [post] * (PARTS - 1), [knuckle] * (PARTS - 1)
-    length = np.array([first, *inner[0], second, third, *inner[1], fourth])
-    for place, part in ((0, post), (PARTS, post), (PARTS + 1, knuckle), (-1, knuckle)):
-        length[place] += 0.5 * part
+    length[1:PARTS] = post
+    length[PARTS + 2 : 2 * PARTS + 1] = knuckle
+    length[0] = here.pieces[0] + 0.5 * post
+    length[PARTS] = here.pieces[1] + 0.5 * post
+    length[PARTS + 1] = here.pieces[2] + 0.5 * knuckle
+    length[-1] = here.pieces[3] + 0.5 * knuckle
     return length
 
 
-def _carried(held: Array, before: Array, now: Array, turned: float) -> Array:
-    """Unstretched lengths along another path, if nothing slips [m].
+@compiled
+def _carried(held: Array, before: Array, now: Array) -> Array:
+    """Return the unstretched lengths along another path, if nothing slips [m].
 
-    The parts move over a tendon that is stuck, of which the last piece gains what the
-    knuckle takes away, `turned`.
+    The parts move over a tendon that is stuck.
     """
-    gained = np.zeros(held.size)
-    gained[-1] = -turned
-    edges = np.concatenate([[0.0], np.cumsum(before)])
-    places = edges[1:-1] - np.cumsum(gained - (now - before))[:-1]
-    whole = np.concatenate([[0.0], np.cumsum(held)])
-    inside = np.interp(places, edges, whole)
-    return np.diff(np.concatenate([[0.0], inside, whole[-1:]]))
+    edges = np.zeros(held.size + 1)
+    edges[1:] = np.cumsum(before)
+    whole = np.zeros(held.size + 1)
+    whole[1:] = np.cumsum(held)
+    inside = whole.copy()
+    inside[1:-1] = np.interp(edges[1:-1] + np.cumsum(now - before)[:-1], edges, whole)
+    return inside[1:] - inside[:-1]
 
 
+@compiled
 def _stepped(
     rig: Tendon,
     here: Path,
@@ -155,54 +180,55 @@ def _stepped(
     tension: Array,
     dt: float,
     way: Ways,
-) -> tuple[Array, Ways]:
-    """Tensions once all has slipped that does, and which way it did.
+) -> tuple[Array, bool]:
+    """Return the tensions once all has slipped that does, and whether a state fits.
 
-    `held` is the unstretched length before it slips [m]. Straight lines near the
-    tensions before the step tell the slip, the law then the tensions.
+    `held` is the unstretched length before it slips [m]; `way`, the directions of slip,
+    is brought up to date. Straight lines near the tensions before the step give the
+    slip, the law then the tensions.
     """
     ratio = 1.0 + tension / rig.stiffness
     soft = length / (rig.stiffness * ratio**2)
     soft[-1] += rig.compliance
     near = tension + (length / ratio - held) / soft
-    after, way = _settled(rig, here, 1.0 / soft, near, dt, way)
+    after, fits = _settled(rig, here, 1.0 / soft, near, dt, way)
     left = length / ratio - (after - tension) * soft
     found = rig.stiffness * (length / left - 1.0)
     # The spring at the finger is drawn by the last piece, whose line is right enough.
     if rig.compliance > 0.0:
         found[-1] = after[-1]
-    return found, way
+    return found, fits
 
 
+@compiled
 def _settled(
     rig: Tendon, here: Path, spring: Array, tension: Array, dt: float, way: Ways
-) -> tuple[Array, Ways]:
-    """Tensions once all has slipped that does, and which way it did."""
-    counts = (PARTS, 1, PARTS)
-    wrap, contact = (
-        np.repeat(whole / counts, counts) for whole in (here.wrap, here.contact)
-    )
-    growth = rig.friction * wrap
-    mean = contact * np.expm1(growth) / np.maximum(growth, 1e-12)
-    bends = Bends(np.exp(growth), rig.drag * mean, rig.viscosity * mean / dt)
-    way = way.copy()
+) -> tuple[Array, bool]:
+    """Return the tensions once all has slipped that does, and whether a state fits."""
+    bends = _bends(rig, here, dt, way.size)
+    after = tension.copy()
     for _ in range(200):
         slip = _slip(way, spring, tension, bends)
-        after = tension.copy()
+        after[:] = tension
         after[:-1] += spring[:-1] * slip
         after[1:] -= spring[1:] * slip
-        near, far = after[:-1], after[1:]
-        # Beyond what friction holds, towards the finger and away from it.
-        onward = (far - bends.most * near - bends.drag) / (near + far)
-        back = (near - bends.most * far - bends.drag) / (near + far)
-        over = np.where(way == 0, np.maximum(onward, back), 0.0)
-        wrong = np.where(way * slip < 0.0, np.abs(slip) * spring[0] / tension[0], over)
-        worst = int(np.argmax(wrong))
-        if wrong[worst] <= 1e-10:
-            return after, way
-        turned = 1 if onward[worst] > back[worst] else -1
+        worst, error, turned = -1, 1e-10, 0
+        for k in range(way.size):
+            near, far = after[k], after[k + 1]
+            # Beyond what friction holds, towards the finger and away from it.
+            onward = (far - bends.most[k] * near - bends.drag[k]) / (near + far)
+            back = (near - bends.most[k] * far - bends.drag[k]) / (near + far)
+            wrong = 0.0
+            if way[k] == 0:
+                wrong = max(onward, back)
+            elif way[k] * slip[k] < 0.0:
+                wrong = abs(slip[k]) * spring[0] / tension[0]
+            if wrong > error:
+                worst, error, turned = k, wrong, 1 if onward > back else -1
+        if worst < 0:
+            return after, True
         way[worst] = turned if way[worst] == 0 else 0
-    raise ValueError("no state of the tendon fits; take smaller steps")
+    return after, False
 
 
 class Bends(NamedTuple):
@@ -213,24 +239,46 @@ class Bends(NamedTuple):
     slow: Array
 
 
-def _slip(way: Ways, spring: Array, tension: Array, bends: Bends) -> Array:
-    """How far the bends slip, away from the finger [m], if they slip these ways.
+@compiled
+def _bends(rig: Tendon, here: Path, dt: float, count: int) -> Bends:
+    bends = Bends(np.empty(count), np.empty(count), np.empty(count))
+    for k in range(count):
+        arc = 0 if k < PARTS else 1 if k == PARTS else 2
+        parts = 1 if arc == 1 else PARTS
+        growth = rig.friction * here.wrap[arc] / parts
+        mean = here.contact[arc] / parts * math.expm1(growth) / max(growth, 1e-12)
+        bends.most[k] = math.exp(growth)
+        bends.drag[k] = rig.drag * mean
+        bends.slow[k] = rig.viscosity * mean / dt
+    return bends
 
-    `way` is 1 where the tension behind the bend is the higher one, and -1 before it.
+
+@compiled
+def _slip(way: Ways, spring: Array, tension: Array, bends: Bends) -> Array:
+    """Compute how far the bends slip away from the finger, if they slip these ways [m].
+
+    `way` is 1 where the tension behind the bend is the higher one, and -1 before it. A
+    bend shares its pieces with its neighbours alone, so that the matrix has three
+    diagonals, and the middle one is the largest.
     """
     count = way.size
-    matrix, wanted = np.eye(count), np.zeros(count)
-    for k in np.flatnonzero(way):
-        side = way[k]
-        low, high = (k, k + 1) if side > 0 else (k + 1, k)
-        row = np.zeros(count)
-        for piece, share in ((high, 1.0), (low, -bends.most[k])):
-            if piece < count:
-                row[piece] += share * spring[piece]
-            if piece > 0:
-                row[piece - 1] -= share * spring[piece]
-        row[k] -= side * bends.slow[k]
-        matrix[k] = row
-        wanted[k] = bends.most[k] * tension[low] + bends.drag[k] - tension[high]
-    found: Array = np.linalg.solve(matrix, wanted)
-    return found
+    slip, above = np.zeros(count), np.zeros(count)
+    for k in range(count):
+        if way[k] == 0:
+            continue
+        # The law in the tensions of the piece before and the one behind the bend.
+        before, behind = 1.0, -bends.most[k]
+        wanted = bends.most[k] * tension[k + 1] + bends.drag[k] - tension[k]
+        if way[k] > 0:
+            before, behind = -bends.most[k], 1.0
+            wanted = bends.most[k] * tension[k] + bends.drag[k] - tension[k + 1]
+        left = -before * spring[k]
+        middle = before * spring[k] - behind * spring[k + 1] - way[k] * bends.slow[k]
+        if k > 0:
+            middle -= left * above[k - 1]
+            wanted -= left * slip[k - 1]
+        slip[k] = wanted / middle
+        above[k] = behind * spring[k + 1] / middle
+    for k in range(count - 2, -1, -1):
+        slip[k] -= above[k] * slip[k + 1]
+    return slip

@@ -1,9 +1,9 @@
 """What a run leaves: its rows as they come, and a page on how it went.
 
-`log.csv` grows block by block, each written whole, so that a killed process loses no
-more than the last block. Its columns are those of an episode log
-(`cc_mujoco.recording.columns`) as far as a rig has them, so it is data for
-`cc-mujoco diagnose`.
+`log.csv` grows block by block, so that a killed process loses no more than the last
+block; one that is killed while it writes may leave a part of a line. Its columns are
+those of an episode log (`cc_mujoco.recording.columns`) as far as a rig has them, so it
+is data for `cc-mujoco diagnose`.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
 
 
 def read_rows(path: Path) -> dict[str, Array]:
-    """The columns of a log by name (T,) each.
+    """Return the columns of a log by name (T,) each, from all whole lines.
 
     Raises:
         CableError: It cannot be read, has no row, lacks a column or has cells that are
@@ -109,7 +109,10 @@ def read_rows(path: Path) -> dict[str, Array]:
         if path.suffix.lower() == ".parquet":
             table = pyarrow.parquet.read_table(path)
         else:
-            table = pyarrow.csv.read_csv(path)
+            content = path.read_bytes()
+            # A process that is killed while it writes may leave a part of a line.
+            whole = content[: content.rfind(b"\n") + 1]
+            table = pyarrow.csv.read_csv(pa.BufferReader(whole))
     except (OSError, pa.ArrowInvalid) as error:
         reason = " ".join(str(error).split())
         raise CableError(f"cannot read {path} as the log of a run: {reason}") from None

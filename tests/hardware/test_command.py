@@ -48,8 +48,9 @@ def words(folder: Path, rig: str, duration: float) -> list[str]:
 
 
 def rows(path: Path) -> list[dict[str, float]]:
-    with path.open(newline="") as file:
-        return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    """Return all whole lines; a process may be killed in the middle of one."""
+    lines = path.read_text(encoding="utf-8").split("\n")[:-1]
+    return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(lines)]
 
 
 def about(folder: Path) -> dict[str, Any]:

@@ -67,6 +67,14 @@ def test_tensions_are_those_that_explain_what_was_measured(log: Path) -> None:
     assert np.isnan(episode["wearer_torque_nm"]).all()  # nobody measured it
 
 
+@pytest.mark.parametrize("cut", [1, 30])
+def test_a_line_that_was_not_written_whole_is_left_out(log: Path, cut: int) -> None:
+    whole = read_rows(log)
+    log.write_bytes(log.read_bytes()[:-cut])
+    for name, values in read_rows(log).items():
+        np.testing.assert_array_equal(values, whole[name][:-1])
+
+
 def test_parquet_says_the_same(log: Path, tmp_path: Path) -> None:
     table = pyarrow.csv.read_csv(log)
     pyarrow.parquet.write_table(table, tmp_path / "log.parquet")

@@ -303,8 +303,8 @@ def _resolved(gram: FloatArray, owners: Sequence[_Column], base: int) -> list[Re
         }
         likest = max(alike, key=lambda other: alike[other])
         apart = clarity * float(np.sqrt(1.0 - alike[likest] ** 2))
-        size = owners[base + own[0]].size
-        found.append(Resolved(name, size, clarity, likest, apart))
+        plausible = owners[base + own[0]].size
+        found.append(Resolved(name, plausible, clarity, likest, apart))
     return found
 
 

@@ -144,12 +144,15 @@ def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdic
             f" The tuned scene is only {number(misfit)} times the noise floor off."
             f"{_AS_MUCH}"
         )
-    tie = next(iter(outcome.ties), ())
-    if tie:
-        sure = [name for name in missing if name not in tie]
-        either = listed([EFFECTS[name].title for name in tie], "or")
-        both = f"{_titles(sure)}, and {either}" if sure else either
-        return "tie", f"Missing is {both}; these data cannot tell which. {told}"
+    tied = {name for tie in outcome.ties for name in tie}
+    if tied:
+        sure = [name for name in missing if name not in tied]
+        groups = [_titles(sure)] if sure else []
+        groups += [
+            listed([EFFECTS[name].title for name in tie], "or") for tie in outcome.ties
+        ]
+        every = ", and ".join(groups)
+        return "tie", f"Missing is {every}; these data cannot tell which. {told}"
     return "named", f"Missing is {_titles(missing)}. {told}"
 
 

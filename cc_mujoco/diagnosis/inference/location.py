@@ -61,6 +61,12 @@ RIVAL = 0.02
 UNORDERED_SHARE = 0.5
 """Share of the squared error beyond the floor that constants by trial have to take to
 be told where they follow no trend: other effects show more in some trials, too."""
+CONSTANT_SHARE = 0.5
+"""Share of the squared error that a constant takes from which on it is told."""
+SURELY = 5.0
+"""The same of its size over its standard error."""
+LEAST_BLOCKS = 4
+"""Stretches of about a second from which on a constant is looked for."""
 IN_SEQUENCE = ("order of the trials", "time of the trials")
 _PER_BAND = 2.5
 """Samples per period of the highest frequency of the errors."""
@@ -126,6 +132,9 @@ def located(
         if off[name] > LOOKED_AT
         and (line := strongest_line(samples(problem, seen, name))) is not None
     ]
+    found += _constants(
+        {name: samples(problem, seen, name) for name in off if off[name] > LOOKED_AT}
+    )
     if trials is not None and off[worst] > LOOKED_AT:
         found += _by_trial(trials, worst)
     found.sort(key=lambda each: -each.where.share_of_error)
@@ -303,6 +312,36 @@ def _periodic(line: Line, name: str, which: str = "") -> _Structure:
         f"{round(1 / PERIODIC_BY_CHANCE)} data sets."
     )
     return _Structure(short, Where(name, line.angle, line.share, full))
+
+
+def _constants(seen: Mapping[str, Samples]) -> list[_Structure]:
+    """Return errors that are the same in all stretches, in words.
+
+    Args:
+        seen: errors by channel.
+    """
+    sizes, found = {}, []
+    for name, each in seen.items():
+        weights = np.bincount(each.block, each.weight)
+        means = np.bincount(each.block, each.weight * each.error)
+        means = means[weights > 0.0] / weights[weights > 0.0]
+        mean = float(np.average(each.error, weights=each.weight))
+        square = float(np.average(each.error**2, weights=each.weight))
+        takes = mean**2 / max(square, 1e-300)
+        if means.size < LEAST_BLOCKS or takes < CONSTANT_SHARE:
+            continue
+        scatter = float(np.std(means, ddof=1)) / math.sqrt(means.size)
+        if abs(mean) < SURELY * scatter:
+            continue
+        sizes[name] = f"{channel(name)} {mean:+.3g} Nm"
+        text = (
+            f"{share(takes)} of the squared {channel(name)} error is a constant, "
+            f"measured minus simulated {mean:+.3g} Nm (standard error "
+            f"{number(scatter)})."
+        )
+        found.append(Where(name, "all data", takes, text))
+    short = f"it is nearly constant, measured minus simulated {listed(sizes.values())}"
+    return [_Structure(short, each) for each in found]
 
 
 def _by_trial(trials: Trials, worst: str) -> list[_Structure]:

@@ -146,6 +146,22 @@ def test_how_far_the_repaired_model_is_off_is_told_with_the_name(verdict: str) -
     assert "The repaired model is 1.2 times the noise floor off" in statement
 
 
+def test_no_effect_of_a_tie_is_told_as_sure() -> None:
+    names = ("backlash", "viscous_friction", "joint_gravity")
+    ties = (
+        ("viscous_friction", "friction_drift"),
+        ("joint_gravity", "joint_stiffness"),
+    )
+    said, statement = judged(
+        search(5.0, 1.0), outcome(names, CLOSED, ties), Thresholds()
+    )
+    assert said == "tie"
+    sure, *groups = statement.partition(";")[0].split(", and ")
+    assert sure == "Missing is play between pulley and joint"
+    assert [" or " in group for group in groups] == [True, True]
+    assert "gravity on the joint or a spring on the joint" in groups[1]
+
+
 @pytest.mark.parametrize(
     ("other", "own", "left", "refinement"),
     [

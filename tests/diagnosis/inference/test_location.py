@@ -55,13 +55,27 @@ def test_friction_that_falls_from_trial_to_trial_is_the_first_sentence() -> None
     assert "degrees of freedom, p =" in second.statement
 
 
+def test_an_offset_beyond_what_is_tuned_is_told_as_a_constant() -> None:
+    data = dataset(duration=2.0, seed=3, chosen=(0, 2))
+    trials = tuple(
+        replace(trial, joint_torque=np.asarray(trial.joint_torque) + 2.0)
+        for trial in data.trials
+    )
+    found = reason(replace(data, trials=trials), BENCH, ids=IDS).diagnosis
+    first, second = found.where[:2]
+    assert "it is nearly constant, measured minus simulated motor" in first.statement
+    assert "and joint torque +" in first.statement
+    assert second.axis == "all data" and second.share_of_error > 0.5
+
+
 def test_nothing_is_claimed_of_a_rig_that_is_as_its_scene() -> None:
     found = reason(
         dataset(duration=1.0, seed=3, chosen=(0, 2)), BENCH, ids=IDS
     ).diagnosis
     assert found.verdict == "none"
     assert "No torque is far off" in found.where[0].statement
-    assert all("periodic" not in each.statement for each in found.where)
+    for word in ("periodic", "constant"):
+        assert all(word not in each.statement for each in found.where)
     assert all("trial to trial" not in each.statement for each in found.where)
 
 

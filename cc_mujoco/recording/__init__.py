@@ -1,4 +1,4 @@
-"""What remains of an episode: its log, numbers, figure and Rerun recording.
+"""Outputs of an episode: its log, numbers, figure and Rerun recording.
 
     env = gymnasium.make("cc_mujoco/WristHandle-v1", trajectory="sine", duration=8.0)
     log = play(env, controller("pi", env.unwrapped.drive), seed=0)

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 START = 0.3
-"""What belongs to the start of a trial or an episode [s]."""
+"""Time at the start of a trial or an episode that counts as its beginning [s]."""
 LEGEND = 0.35
 """Room for a legend, before the curves, over the time that they take."""
 RIM = 0.02
-"""The same behind them, for the last number of the axis."""
+"""Room behind the curves for the last number of the axis, over the same time."""
 
 
 def plot(
@@ -52,7 +52,7 @@ def plot(
 
 
 def time_axis(time: Array, room: float = LEGEND) -> rrb.TimeAxis | None:
-    """An axis over the whole time and a legend before it.
+    """Return an axis over the whole time and a legend before it.
 
     Args:
         time: Of the samples, rising [s], (T,).
@@ -70,7 +70,7 @@ def time_axis(time: Array, room: float = LEGEND) -> rrb.TimeAxis | None:
 
 
 def axis(time: Array, lines: Iterable[Array]) -> rrb.ScalarAxis | None:
-    """An axis with `limits`, or None for Rerun's own choice, all samples.
+    """Return an axis with `limits`, or None for Rerun's own choice, all samples.
 
     Args:
         time: Of the samples, rising [s], (T,).

@@ -11,7 +11,7 @@ import rerun as rr
 
 @dataclass(frozen=True)
 class Branch:
-    """Where an episode is logged."""
+    """Place in a recording at which an episode is logged."""
 
     rec: rr.RecordingStream
     """The open recording."""

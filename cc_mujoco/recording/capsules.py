@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 THICKER = 1.4
 """Radius of a coloured cable over that of its line in the scene: colours need room."""
 SHADE, EMISSION = 0.72, 0.25
-"""Of the colours of cables: lit, they come near those of the scale."""
+"""Material of coloured cables: lit, their colours come near those of the scale."""
 
 HIDDEN = mujoco.mjNGROUP - 1
 """Group of what is not shown."""
@@ -57,7 +57,7 @@ class Capsules:
         for cable in drawn:
             tendon = engine.route_tendon(model, cable)
             self._radius[cable] = THICKER * float(model.tendon_width[tendon])
-            # MuJoCo draws what is transparent, but not this group, unless it is asked.
+            # MuJoCo draws what is transparent, but this group only on request.
             model.tendon_group[tendon] = HIDDEN
         for tendon in range(model.ntendon):
             if is_uncolored(model, tendon):

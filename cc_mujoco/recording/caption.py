@@ -1,4 +1,4 @@
-"""What the screen of a live episode says in words."""
+"""Text on the screen of a live episode."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from cc_mujoco.recording.knobs import Knobs
 
 WIDTH = 60
-"""Of a sentence [letters]."""
+"""Width of a sentence [letters]."""
 
 
 def state(
@@ -28,7 +28,7 @@ def state(
     Args:
         knobs: What is wanted.
         columns: Of an episode log, at this time.
-        cables: Names of those to tell of.
+        cables: Names of the cables to report on.
         controller: Name of the one that runs.
         pretension: That the cables were laid with, over that of the scene.
         factor: Simulated over real time; NaN before it is known.

@@ -1,4 +1,4 @@
-"""What an episode log holds: one table of column names, units and meanings.
+"""Columns of an episode log: one table of names, units and meanings.
 
 All of it is the truth, not what a controller saw of it (`cc_mujoco.sensing`). The
 dictionary that an environment returns as `info` has exactly these keys, so the

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 LOG = "log.parquet"
 FILES = ("recording.rrd", LOG, "metrics.json", "summary.png", files.WRITTEN)
-"""What `write_episode` leaves in its folder."""
+"""Files that `write_episode` leaves in its folder."""
 _CHANGED = ("recording.rrd", "metrics.json", "summary.png")
 VIDEO, PAGE = "video.mp4", "episode.html"
-"""What it leaves there besides, if asked for."""
+"""Files that it also leaves there on request."""
 
 
 def play(
@@ -87,7 +87,7 @@ def describe(
         env: One of this package's environments, unwrapped.
         sensing: What the controller saw with.
         seed: Of the episode.
-        about: What else there is to say.
+        about: Further metadata.
     """
     setup, wearer = env.exo.setup, env.exo.device.wearers[0]
     cables = engine.from_mjcf(env.model)
@@ -127,7 +127,7 @@ def write_episode(
     progress: Callable[[float], object] | None = None,
     say: Callable[[str], object] = lambda sentence: None,
 ) -> tuple[Metric, ...]:
-    """Write recording, log, metrics, figure and, if asked, video and page.
+    """Write recording, log, metrics and figure, and on request video and page.
 
     They are made beside the folder and moved into it when all are whole; other files in
     the folder are left alone. Video and page of an earlier episode go with its log.

@@ -1,11 +1,11 @@
-"""What can be changed while an episode runs, and the keys and sliders that change it.
+"""Settings that can change while an episode runs, with their keys and sliders.
 
     knobs = Knobs(env.exo.device.cables, "pi")
     knobs.press(UP)                    # or knobs.slide(0, 1.25)
     knobs.options()                    # {"flexor.friction": 0.2625, ...}
 
 Friction acts at once and pretension at the next start, as a cable is laid only there.
-Controllers are not told of either: they know the device as the scene has it.
+Controllers are not informed of either: they know the device as the scene has it.
 """
 
 from __future__ import annotations
@@ -66,11 +66,11 @@ class Knobs:
         self._law = self._laws.index(controller)
         self._friction = self._pretension = 0.0
         self.paused = False
-        """Whether the episode stands still."""
+        """True while the episode stands still."""
         self.restart = False
-        """Whether it shall begin anew."""
+        """True if the episode is to begin anew."""
         self.quit = False
-        """Whether it shall end."""
+        """True if the episode is to end."""
 
     def press(self, key: int) -> None:
         """Take a key; those that mean nothing are ignored."""
@@ -100,7 +100,7 @@ class Knobs:
 
     @property
     def slides(self) -> tuple[float, ...]:
-        """Where the sliders are."""
+        """Positions of the sliders."""
         return self.friction, self.pretension, float(self._law)
 
     def slide(self, which: int, value: float) -> None:
@@ -135,7 +135,7 @@ class Knobs:
         return float(STEP**self._pretension)
 
     def options(self, pretension: float | None = None) -> dict[str, float]:
-        """What the plant is, for a reset of the environment.
+        """Return the plant's options for a reset of the environment.
 
         Args:
             pretension: Over that of the scene; the one that is wanted by default.

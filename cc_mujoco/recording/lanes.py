@@ -1,4 +1,4 @@
-"""What the ends of cables do, as lanes of a timeline in a Rerun recording."""
+"""States of cable ends, as lanes of a timeline in a Rerun recording."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ STATES = {
     "slack": 0xE0E0E0FF,
     "to and fro": PURPLE,
 }
-"""What an end of a cable does, and the colour of its lane in the timeline."""
+"""States of an end of a cable, and the colour of each in the timeline."""
 SLACK, TO_AND_FRO = 3, 4
 BRIEF, IN_A_ROW = 0.03, 4
-"""So many states of less than this [s], one after another, are to and fro: a motor that
-shakes with its sensors' noise makes thousands, of which a lane would show none."""
+"""Duration [s] of states that are to and fro, and how many in a row: a motor shaking
+with its sensors' noise makes thousands, of which a lane would show none."""
 
 
 def log_lanes(rec: Branch, log: EpisodeLog) -> None:
@@ -53,7 +53,7 @@ def log_lanes(rec: Branch, log: EpisodeLog) -> None:
 def changes(
     time: NDArray[np.float64], state: NDArray[np.integer]
 ) -> tuple[NDArray[np.intp], NDArray[np.integer]]:
-    """Samples at which a state begins, and which.
+    """Return the samples at which a state begins, and which state it is.
 
     Args:
         time: Of the samples, rising [s], (T,).

@@ -1,4 +1,4 @@
-"""How the Rerun recording of an episode opens: its scene, and plots beside it."""
+"""Opening layout of the Rerun recording of an episode: its scene, plots beside it."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
 def lines(
     log: EpisodeLog, name: str, origin: str, paths: Sequence[str] = ()
 ) -> rrb.TimeSeriesView:
-    """A plot of lines of the episode.
+    """Return a plot of lines of the episode.
 
     Args:
         log: The episode.
@@ -82,7 +82,7 @@ def values(log: EpisodeLog, origin: str, paths: Sequence[str] = ()) -> list[Arra
 def scene_view(
     log: EpisodeLog, model: mujoco.MjModel, root: str = "", name: str = ""
 ) -> rrb.Spatial3DView:
-    """A view of the scene of an episode.
+    """Return a view of the scene of an episode.
 
     Args:
         log: The episode.

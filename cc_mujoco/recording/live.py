@@ -109,7 +109,7 @@ class Exchangeable(Controller):
 
 
 class Show:
-    """A plant, for `episode.run`, that is seen and does what the keys say."""
+    """Visible plant, for `episode.run`, that obeys the keys."""
 
     def __init__(
         self, env: Any, law: Exchangeable, knobs: Knobs, window: Any, seed: int
@@ -119,7 +119,7 @@ class Show:
         Args:
             env: One of this package's environments.
             law: Drives the motor.
-            knobs: What the keys say.
+            knobs: Settings made with the keys.
             window: A `Screen`.
             seed: Of every episode.
         """
@@ -134,11 +134,11 @@ class Show:
 
     @property
     def ended(self) -> bool:
-        """Whether there shall be no more episodes."""
+        """True if there are to be no more episodes."""
         return self._knobs.quit or not self._window.open
 
     def episode(self) -> None:
-        """Play one; what goes wrong is said on the screen, which then waits."""
+        """Play one; show what goes wrong on the screen, which then waits."""
         sensing, driven = self._exo.setup.sensing, self._exo.device.driven
         measuring = Measuring(sensing, self._law.drive, driven, self._seed, self.steps)
         try:
@@ -151,7 +151,7 @@ class Show:
             self._hold()
 
     def start(self) -> Columns:
-        """Reset, with the cables as the keys say; see `Plant.start`."""
+        """Reset, with the cables as set by the keys; see `Plant.start`."""
         knobs = self._knobs
         knobs.restart = False
         self._friction, self._laid = knobs.friction, knobs.pretension
@@ -161,7 +161,7 @@ class Show:
         return self._columns
 
     def advance(self, torque: NDArray[np.float64]) -> Columns:
-        """Do what the keys say and go a step; see `Plant.advance`.
+        """Obey the keys and go a step; see `Plant.advance`.
 
         Raises:
             Over: If the episode shall begin anew, or none shall be.
@@ -174,7 +174,7 @@ class Show:
         return self._columns
 
     def _turn(self) -> None:
-        """Do what the keys say."""
+        """Obey the keys."""
         knobs = self._knobs
         if knobs.paused:
             self._hold()
@@ -183,7 +183,7 @@ class Show:
         self._change()
 
     def _change(self) -> None:
-        """Exchange the controller and change the friction, if the keys say so."""
+        """Exchange the controller and change the friction, if the keys demand it."""
         knobs = self._knobs
         try:
             if knobs.controller != self._asked:
@@ -207,7 +207,7 @@ class Show:
         exo.device.become(exo.plants.draw(self._env.unwrapped.np_random, options))
 
     def _hold(self) -> None:
-        """Wait while paused, and say so."""
+        """Wait while paused, and show it."""
         knobs = self._knobs
         while knobs.paused and not self.ended:
             self._change()

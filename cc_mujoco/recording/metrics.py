@@ -4,7 +4,7 @@
         print(metric.name, metric.value, metric.unit)
 
 A number that an episode cannot give (the efficiency of a direction in which nothing
-arrived, say) is NaN here and `null` in `metrics.json`; it is never made up.
+arrived, for example) is NaN here and `null` in `metrics.json`; it is never made up.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ EFFICIENCY = (
     "work delivered to the side that the task means to receive it, over that work plus "
     "all that friction took; none where none arrives"
 )
-"""What `efficiency` means, wherever it is printed."""
+"""Meaning of `efficiency`, wherever it is printed."""
 
 LEAST_ASKED = 0.01
-"""Part of all work that a task asks for, either way, which is next to nothing."""
+"""Share of all work that a task demands, either way, below which it counts as none."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ class Samples(Protocol):
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """What the episode was."""
+        """Metadata of the episode."""
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """A column, its first axis time."""
+        """Return a column, its first axis time."""
 
 
 def measure(log: EpisodeLog) -> tuple[Metric, ...]:
@@ -135,7 +135,7 @@ class Efficiency:
     """Efficiency of a transmission that either side may drive; NaN where undefined."""
 
     overall: float
-    """Both directions together, in (0, 1]."""
+    """Efficiency in both directions together, in (0, 1]."""
     motor_drives: float
     """Motor to joint, in (0, 1]."""
     wearer_drives: float
@@ -147,7 +147,7 @@ class Efficiency:
 def efficiency(log: Samples) -> Efficiency:
     r"""Return how much of the work put into the cables arrives where it should.
 
-    The task says where: with the power \(\tau_d \omega_j\) that it asks for, work is
+    The task defines where: with the power \(\tau_d \omega_j\) that it demands, work is
     meant for the joint while that is positive, for the motor while it is negative (a
     virtual spring that is being loaded), for nobody while it is zero. With the power of
     the motor into the cables \(P_m = \tau_m \omega_m\) and of the cables into the joint
@@ -158,7 +158,7 @@ def efficiency(log: Samples) -> Efficiency:
 
     where \(D\) is what friction took of the cables that the motor winds: at all times
     of both \(W\) together, and for a direction alone while \(P_m + P_j\) has its sign,
-    positive for the motor. So is the loss of winding up before any work is asked for
+    positive for the motor. So is the loss of winding up before any work is demanded for
     the motor's. \(W + D\) is the work put in without what the elastic cable only keeps
     for later, so storage cannot lift the ratio above 1; in steady motion it is the
     plain ratio of power out to power in, \(e^{-\mu \theta}\) for one cable.
@@ -243,7 +243,7 @@ def _rms(values: Array) -> float:
 
 
 def _meant(arrived: Array, asked: Array) -> float:
-    """Work that arrived while some was asked for, unless that was next to none."""
+    """Return work that arrived while some was demanded; 0 if that was next to none."""
     wanted = asked > 0
     if not asked[wanted].sum() > LEAST_ASKED * np.abs(asked).sum():
         return 0.0

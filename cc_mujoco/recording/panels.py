@@ -1,4 +1,4 @@
-"""What is drawn over time beside a scene that moves: torques, angles, tensions."""
+"""Curves over time beside a scene that moves: torques, angles, tensions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Line(NamedTuple):
 
     label: str
     values: Array
-    """Of all samples (T,), in the unit of its panel."""
+    """Values of all samples (T,), in the unit of its panel."""
     color: str
     dashed: bool = False
 
@@ -76,6 +76,6 @@ def tensions(log: EpisodeLog) -> list[Panel]:
 
 
 def highest_tension(log: EpisodeLog) -> float:
-    """The highest tension anywhere in a cable, above 0, for a scale of colours [N]."""
+    """Return the highest tension in any cable, above 0, for a scale of colours [N]."""
     nodes = (log[f"tension_{cable}_nodes_n"] for cable in log.cables)
     return max((float(values.max()) for values in nodes), default=0.0) or 1e-9

@@ -92,7 +92,7 @@ def recording(
 ) -> Iterator[rr.RecordingStream]:
     """Yield a stream whose content becomes a file, whole or not at all.
 
-    It is kept in memory until then: Rerun's own writer does not say when the disk is
+    It is kept in memory until then: Rerun's own writer does not report when the disk is
     full, and then waits for ever.
 
     Args:

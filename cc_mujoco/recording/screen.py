@@ -45,14 +45,14 @@ PATIENCE = 2.0
 
 
 class Frame(NamedTuple):
-    """What is to be seen."""
+    """Content of the window at one time."""
 
     qpos: Array
     """Pose (nq,)."""
     tensions: Mapping[str, Array]
     """Tension at the nodes of each cable (n,) [N]."""
     texts: tuple[Rows, Rows]
-    """At the top left and at the bottom left."""
+    """Texts at the top left and at the bottom left."""
 
 
 def require_screen() -> None:
@@ -85,13 +85,13 @@ def require_screen() -> None:
 def _viewer() -> Any:
     try:
         import mujoco.viewer as viewer
-    except Exception as error:  # without GLFW or its library, and it says so variously
+    except Exception as error:  # without GLFW or its library; the type varies
         raise _unusable(str(error)) from None
     return viewer
 
 
 def _unusable(reason: str) -> CableError:
-    plain = re.sub(r"\(\d+\) b['\"](.*?)['\"]", r"\1", reason)  # as GLFW says it
+    plain = re.sub(r"\(\d+\) b['\"](.*?)['\"]", r"\1", reason)  # GLFW's wording
     said = " ".join(plain.split()).rstrip(".") or "no reason given"
     return CableError(
         "--live needs a screen with OpenGL by GLFW, and what is here does not work "
@@ -100,7 +100,7 @@ def _unusable(reason: str) -> CableError:
 
 
 def _opens_window() -> bool:
-    """Whether GLFW opens a window with OpenGL; not on macOS, whose main thread may."""
+    """Return whether GLFW opens an OpenGL window; not on macOS: its main thread may."""
     import glfw
 
     if not glfw.init():
@@ -183,7 +183,7 @@ class Screen:
 
     @property
     def open(self) -> bool:
-        """Whether nobody has closed it."""
+        """True if nobody has closed the window."""
         return bool(self._viewer.is_running())
 
     @property
@@ -241,7 +241,7 @@ class Screen:
 
 
 def rounded(tension: float) -> float:
-    """The next of 1, 2, 5, 10, ... from a tension on [N]; seldom another."""
+    """Return the next of 1, 2, 5, 10, ... from a tension on [N]; seldom another."""
     power = 10.0 ** np.floor(np.log10(max(tension, 1e-3)))
     return float(next(n * power for n in (1, 2, 5, 10) if n * power >= tension))
 

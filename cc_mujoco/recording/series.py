@@ -40,9 +40,9 @@ class Series(NamedTuple):
     path: tuple[str, ...]
     """Parts of it."""
     name: str
-    """In the legend."""
+    """Name in the legend."""
     values: NDArray[np.float64]
-    """Of all samples (T,)."""
+    """Values of all samples (T,)."""
     color: int
 
 

@@ -1,7 +1,7 @@
 """Geoms of a MuJoCo model as triangles, for what knows no shapes of its own.
 
 What is round is a profile turned about the z axis of the geom. Vertices are shared
-along smooth surfaces and apart at edges, so that averaged normals show both.
+along smooth surfaces and separate at edges, so that averaged normals show both.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 SHAPE = mujoco.mjtGeom
 SIDES = (10, 24)
-"""Of what is round: when it is small and when it is large."""
+"""Sides of a round shape: when it is small and when it is large."""
 LARGE = 0.025
 """Radius of what is large, over the reach of what there is to see."""
 RINGS = 5

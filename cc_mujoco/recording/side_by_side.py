@@ -33,7 +33,7 @@ class Episode(NamedTuple):
     """One of those beside each other, all of the same cables."""
 
     name: str
-    """What it is called, other than the others."""
+    """Name of the episode, distinct from the others."""
     log: EpisodeLog
     model: mujoco.MjModel
     """The model that it was played on."""

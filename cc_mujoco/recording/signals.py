@@ -52,7 +52,7 @@ def loop_width(angle: Array, torque: Array) -> float:
 
 
 def loop_opening(angle: Array, torque: Array) -> float:
-    """Return how far apart a torque-angle loop crosses zero torque out and back.
+    """Return the distance between a torque-angle loop's zeros of torque, out and back.
 
     It is the difference between the mean angle at which the torque changes sign while
     the angle falls and that while it rises. Friction F on a spring k opens the loop by

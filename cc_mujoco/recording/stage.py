@@ -32,16 +32,16 @@ Picture = NDArray[np.uint8]
 
 
 class Exposure(NamedTuple):
-    """What moves, drawn and not yet put into the picture; the lowest row first."""
+    """Moving parts, drawn and not yet put into the picture; the lowest row first."""
 
     rows: slice
     """Rows of what was drawn that hold any of it."""
     tiles: list[tuple[slice, slice]]
     """Rows and columns of all parts of the picture that hold any of it."""
     colors: Picture
-    """Of these rows [drawn pixels]."""
+    """Colours of these rows [drawn pixels]."""
     depth: NDArray[np.float32]
-    """Of these rows [drawn pixels]."""
+    """Depth of these rows [drawn pixels]."""
 
 
 FINER = 2
@@ -53,9 +53,9 @@ AROUND = 1.12
 TILE = 48
 """Side of the squares that are read where something moves [drawn pixels]."""
 MARGIN = 4
-"""What a part may reach beyond its bounding box, for its edge [drawn pixels]."""
+"""Reach of a part beyond its bounding box, for its edge [drawn pixels]."""
 MOST_GEOMS = 10000
-"""Of a scene; as in `mujoco.Renderer`."""
+"""Largest number of geoms of a scene; as in `mujoco.Renderer`."""
 OFF_IN_MOTION = (
     mujoco.mjtRndFlag.mjRND_SHADOW,
     mujoco.mjtRndFlag.mjRND_REFLECTION,
@@ -75,7 +75,7 @@ def require_opengl() -> None:
 
 
 def _context(width: int, height: int) -> Any:
-    """Open OpenGL: as MUJOCO_GL says or, on Linux without it, with no display."""
+    """Open OpenGL: as MUJOCO_GL selects or, on Linux without it, with no display."""
     try:
         maker: Any = None
         if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):

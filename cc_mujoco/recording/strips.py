@@ -1,4 +1,4 @@
-"""What stands around the scene of a video: torques and tensions over time, a scale.
+"""Surroundings of the scene of a video: torques and tensions over time, a scale.
 
 All of it is drawn once, whole and faded; a frame of the video has the whole lines
 before its moment, the faded ones after it, and the moment as an upright line.
@@ -31,7 +31,7 @@ Picture = NDArray[np.uint8]
 SIZE = (720, 1280)
 """Height and width of a frame [pixels]."""
 SCENE = (44, 632, 0, 760)
-"""Where the scene is in it: top, height, left, width [pixels]."""
+"""Position of the scene in the picture: top, height, left, width [pixels]."""
 DPI = 100
 FADED = 0.25
 """Opacity of what is still to come."""

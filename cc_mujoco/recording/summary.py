@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 MAX_COLUMNS = 600
 """Columns of a heat map; of more samples, means are shown."""
 ROWS = 501
-"""Its rows, each of the nearest node."""
+"""Rows of a heat map, each of the nearest node."""
 
 
 def write_summary(path: str | os.PathLike[str], log: EpisodeLog) -> None:

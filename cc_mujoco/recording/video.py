@@ -27,10 +27,10 @@ from cc_mujoco.recording.strips import SCENE, SIZE, Strips
 
 CODEC = "libx264"
 LOOKS = {"preset": "veryfast", "crf": "20", "threads": "1"}
-"""How it is encoded: fast, with lines and letters still sharp; beside the drawing."""
+"""Encoder settings: fast, lines and letters still sharp; runs beside the drawing."""
 PIXELS = "yuv420p"
-"""Which every player knows. The size stays, so that nothing is lost where colours are
-taken from every other pixel without a filter, in two thirds of the time."""
+"""Pixel format, which every player knows. The size stays, so that nothing is lost where
+colours are taken from every other pixel without a filter, in two thirds of the time."""
 CONTAINER = {"movflags": "+faststart"}
 """The index in front, so that a page can show it while it arrives."""
 AIMED_AT = 40

@@ -39,13 +39,13 @@ from cc_mujoco.recording.summary import title
 from cc_mujoco.recording.web_scene import packed, web_scene
 
 MOST_SAMPLES = 10_000
-"""Of each line of a plot; of more, evenly chosen ones are shown."""
+"""Most samples of each line of a plot; of more, evenly chosen ones are shown."""
 STOPS = 17
 """Colours of the scale of tensions."""
 DATA = "episode"
 """Id of the element that holds the data."""
 SPEEDS = ("1", "0.5", "0.2", "0.05")
-"""Of playing, simulated time per time [1]."""
+"""Speeds of playing, simulated time per time [1]."""
 HERE = Path(__file__).parent
 
 
@@ -230,7 +230,7 @@ def _figure(panel: Panel) -> page.Html:
 
 
 def _plotly() -> str:
-    """The library to put into the page."""
+    """Return the library to put into the page."""
     try:
         from plotly.offline import get_plotlyjs
     except ImportError:

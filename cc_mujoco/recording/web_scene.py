@@ -25,7 +25,7 @@ from cc_mujoco.recording.tendon3d import tendon_paths, visible_tendons
 Array = NDArray[np.float64]
 
 WIDTH, TENDON_WIDTH = 9, 3
-"""Of a cable coloured by tension and of any other tendon [pixels]."""
+"""Widths of a cable coloured by tension and of any other tendon [pixels]."""
 TENDON_POINTS = 40
 """Points of a tendon that has no tension of its own."""
 FLOOR = 0.35
@@ -33,7 +33,7 @@ FLOOR = 0.35
 FLAT = 0.05
 """Least side of the box around everything, over its largest."""
 STILL = 1e-6
-"""What moves less than this stands still [m]."""
+"""Movement below which a part counts as standing still [m]."""
 VIEW = np.tan(np.radians(22.5))
 """Half the height of what the page's camera sees over its distance."""
 WIDER = 1.2
@@ -43,7 +43,7 @@ AROUND = 1.06
 
 
 def packed(values: NDArray[Any], kind: str = "f4") -> dict[str, Any]:
-    """An array as a page reads it.
+    """Return an array as a page reads it.
 
     Args:
         values: Any shape.

@@ -1,13 +1,13 @@
-"""How big the wearer of a leg device is, against the wearer of the scenes.
+"""Size of the wearer of a leg device, relative to the wearer of the scenes.
 
     >>> from cc_mujoco.human.body import Body
     >>> tall = Body(mass=90.0, leg=1.0)
     >>> round(tall.time, 3), round(tall.moment, 2)    # strides are longer in time
     (1.038, 1.29)
-    >>> tall.pace() == Body().pace()      # the same gait, if not told faster
+    >>> tall.pace() == Body().pace()      # the same gait, unless a speed is given
     True
 
-Two people walk alike when the Froude number v^2 / (g l) of speed v and leg length l is
+Two people walk similarly when the Froude number v^2 / (g l) of speed v, leg length l is
 the same: times are then as sqrt(l / g), moments as m g l (A. L. Hof, "Scaling gait data
 to body size", Gait & Posture 4, 1996, pp. 222-223). Segments have fixed shares of the
 mass of the body and of its height (D. A. Winter, Biomechanics and Motor Control of
@@ -25,15 +25,15 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human.pace import FASTEST, HEIGHT, MEASURED, SLOWEST, Pace
 
 MASS = 75.0
-"""Of the wearer, as the scenes have it [kg]."""
+"""Mass of the scenes' wearer [kg]."""
 LEG = round(0.530 * HEIGHT, 4)
-"""From hip to sole, as Winter has it for that height [m]."""
+"""Leg length of the scenes' wearer: hip to sole, by Winter for that height [m]."""
 LIGHTEST, HEAVIEST = 40.0, 130.0
 """Masses of adults [kg]."""
 SHORTEST, LONGEST = 0.75, 1.05
 """Lengths of their legs, of heights from 1.42 to 1.98 m [m]."""
 SEGMENTS = {"thigh": 0.100, "shank": 0.0465, "foot": 0.0145}
-"""Of a leg, with their share of the mass of the body [-]."""
+"""Segments of a leg, with their share of the mass of the body [-]."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Body:
     """A wearer by size; that of the scenes changes nothing by a bit."""
 
     mass: float = MASS
-    """Of the whole body [kg]."""
+    """Mass of the whole body [kg]."""
     leg: float = LEG
     """Length of a leg from hip to sole [m]."""
 
@@ -62,30 +62,30 @@ class Body:
 
     @property
     def time(self) -> float:
-        """Times of a gait alike over those of the scenes' wearer [-]."""
+        """Times of a similar gait over those of the scenes' wearer [-]."""
         return math.sqrt(self.longer)
 
     @property
     def moment(self) -> float:
-        """Moments of a gait alike over those of the scenes' wearer [-]."""
+        """Moments of a similar gait over those of the scenes' wearer [-]."""
         return self.heavier * self.longer
 
     def pace(self, speed: float | None = None) -> Pace:
-        """The pace at which the wearer of the scenes walks alike.
+        """Return the pace at which the wearer of the scenes walks similarly.
 
         Its times are to be multiplied by `time`, its moments by `moment`.
 
         Args:
-            speed: Of this wearer [m/s]; by default that alike the measured walk.
+            speed: Of this wearer [m/s]; by default that similar to the measured walk.
 
         Raises:
-            CableError: If nothing is known of a gait alike.
+            CableError: If no data cover a similar gait.
         """
         if speed is None:
             return Pace(MEASURED)
         alike = speed / self.time
         if not SLOWEST <= alike <= FASTEST and self.leg != LEG:
-            # Rounded inwards, so that the ends that are told can be walked.
+            # Rounded inwards, so that the ends in the message can be walked.
             low = math.ceil(1e3 * SLOWEST * self.time) / 1e3
             high = math.floor(1e3 * FASTEST * self.time) / 1e3
             raise CableError(

@@ -8,7 +8,7 @@
 
 The gait cycle runs from one heel strike (phase 0) to the next of the same leg. Angles
 are in the convention of the data: ankle positive in dorsiflexion, knee negative in
-flexion, hip positive in flexion. Source and fit errors are told in `gait_table`.
+flexion, hip positive in flexion. `gait_table` states the source and the fit errors.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Harmonics:
         return real
 
     def derivative(self) -> Harmonics:
-        """The derivative with respect to the phase."""
+        """Return the derivative with respect to the phase."""
         return Harmonics(
             tuple(
                 (2 * np.pi * k * b, -2 * np.pi * k * a)

@@ -1,4 +1,4 @@
-"""What a scripted human does with one joint, and the shapes it is made of.
+"""Motion of one joint of a scripted human, and the shapes it is made of.
 
     >>> import numpy as np
     >>> from cc_mujoco.human import TRAJECTORIES

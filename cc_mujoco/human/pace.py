@@ -1,4 +1,4 @@
-"""How level walking changes with its speed, as ratios to the measured walk of `gait`.
+"""Level walking by its speed, as ratios to the measured walk of `gait`.
 
     >>> from cc_mujoco.human.pace import MEASURED, Pace
     >>> round(Pace(1.6).stride, 2)            # strides are shorter in time
@@ -31,10 +31,10 @@ Real = TypeVar("Real", float, NDArray[np.float64])
 SLOWEST, FASTEST = 0.8, 1.6
 """Speeds that can be walked [m/s]."""
 MEASURED = 1.03
-"""Speed of the measured walk [m/s]. Its source does not tell; at this one adults of the
-height of the wearer have its stride time."""
+"""Speed of the measured walk [m/s]. Its source does not state it; at this one adults of
+the height of the wearer have its stride time."""
 HEIGHT = 1.75
-"""Of the wearer, as the scenes have it [m]."""
+"""Height of the wearer, as the scenes have it [m]."""
 TOE_OFF = 0.66
 """Phase of the measured walk at which the moment of its ankle has fallen to nothing."""
 
@@ -112,7 +112,7 @@ class Pace:
 
 
 def _at(name: str, speed: float) -> float:
-    """A number at a speed, on straight lines between classes on logarithmic axes."""
+    """Return a number at a speed, by log-log linear interpolation between classes."""
     x, y = np.log(_CLASSES["speed"]), np.log(_CLASSES[name])
     here = np.log(speed / HEIGHT)
     left = int(np.clip(np.searchsorted(x, here) - 1, 0, x.size - 2))

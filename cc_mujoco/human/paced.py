@@ -18,7 +18,7 @@ class Paced(Task):
 
     of_phase = True
     base: Task
-    """Of the phase alone, at the speed of the measured walk."""
+    """Task that depends on the phase alone, at the speed of the measured walk."""
     pace: Pace
     """The walk."""
     share: float = 1.0
@@ -30,7 +30,7 @@ class Paced(Task):
 
 
 def paced(task: Task, pace: Pace, size: float = 1.0) -> Task:
-    """A task as a wearer has it who may walk otherwise or be another.
+    """Return a task for a wearer who may walk otherwise or be another.
 
     `Assist` and `Swing` keep to the stride and go with the moment of their joint; tasks
     that do not follow the gait, and profiles, stay what they are.

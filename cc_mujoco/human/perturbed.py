@@ -22,7 +22,7 @@ class Perturbed(Trajectory):
     """
 
     base: Trajectory
-    """What is jolted."""
+    """Motion that is jolted."""
     joint: str = ""
     """Joint that is jolted, where the trajectory has companions."""
     size: float = 0.1

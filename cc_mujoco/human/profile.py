@@ -38,15 +38,15 @@ class Profile(Task):
 
     of_phase = True
     onset: float = 30.5
-    """Where the torque begins [% of the stride]."""
+    """Time at which the torque begins [% of the stride]."""
     peak_time: float = 53.4
-    """Where it is largest [% of the stride]."""
+    """Time at which it is largest [% of the stride]."""
     peak_torque: float = 30.0
-    """Its largest size [Nm]."""
+    """Largest size of the torque [Nm]."""
     fall: float = 11.9
     """Time from the peak to where it ends [% of the stride]."""
     toe_off: float = 100.0 * TOE_OFF
-    """Where the foot leaves the ground, which it must not outlast [% of the stride]."""
+    """Time at which the foot leaves the ground, the latest end [% of the stride]."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that are no profile, with what would be one."""
@@ -75,7 +75,7 @@ class Profile(Task):
 
     @property
     def end(self) -> float:
-        """Where the torque is back at nothing [% of the stride]."""
+        """Time at which the torque is back at nothing [% of the stride]."""
         return self.peak_time + self.fall
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
@@ -102,7 +102,7 @@ class Profiles(Task):
 
 
 def _torque(phase: Any, onset: Any, peak: Any, end: Any, size: Any) -> Any:
-    """The profile, elementwise; its times in per cent."""
+    """Return the profile, elementwise; its times in per cent."""
     now = 100.0 * phase
     since, left = (now - onset) / (peak - onset), (end - now) / (end - peak)
     near: NDArray[np.float64] = np.minimum(np.minimum(since, left), 1.0)

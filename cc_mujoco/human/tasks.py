@@ -1,4 +1,4 @@
-"""What a device should make its wearer feel: virtual environments by name.
+"""Feel that a device should give its wearer: virtual environments by name.
 
     >>> from cc_mujoco.human import TASKS
     >>> TASKS["tunnel"].torque(angle=0.25, velocity=0.0, phase=0.0)
@@ -29,7 +29,7 @@ class Task(ABC):
     """A virtual environment; subclasses are frozen dataclasses of its parameters."""
 
     of_phase: ClassVar[bool] = False
-    """Whether its torque follows from the phase alone."""
+    """True if its torque follows from the phase alone."""
 
     @abstractmethod
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
@@ -165,7 +165,7 @@ class Hold(Task):
         parameter(self, "pull", -1e6, 1e6, "Nm")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """The torque to hold [Nm]; see `Task.torque`."""
+        """Return the torque to hold [Nm]; see `Task.torque`."""
         return 0.0 * angle + self.pull
 
 

@@ -39,22 +39,22 @@ class Walk(Scripted):
 
     @classmethod
     def at(cls, speed: float | None, body: Body = SCENES) -> Walk:
-        """The walk at a speed, with the stride time that goes with it.
+        """Return the walk at a speed, with the stride time that goes with it.
 
         Args:
             speed: Of the wearer [m/s]; see `Body.pace`.
             body: Who walks. Of another size than the wearer of the scenes, `speed` of
-                the walk is that at which the latter walks alike.
+                the walk is that at which the latter walks similarly.
 
         Raises:
-            CableError: If nothing is known of walking at that speed.
+            CableError: If no data cover walking at that speed.
         """
         pace = body.pace(speed)
         return cls(period=gait.PERIOD * pace.stride * body.time, speed=pace.speed)
 
     @property
     def pace(self) -> Pace:
-        """What the speed changes."""
+        """Ratios that change with the speed."""
         return Pace(self.speed)
 
     def __post_init__(self) -> None:

@@ -106,7 +106,7 @@ class Multisine(Scripted):
     period: float = 10.0
     """Period of the signal [s]."""
     draws: int = 32
-    """How many sets of phases compete [-]."""
+    """Number of sets of phases that compete [-]."""
     fade: float = 1.0
     """Time in which the amplitude grows from 0 to its full value [s]."""
 
@@ -139,7 +139,7 @@ class Multisine(Scripted):
         samples = per_cycle * int(lines[-1])
         grid = 2 * math.pi * np.arange(samples) / samples
         # A Fourier transform gives the sum far faster than the lines one by one do, and
-        # to far within 1e-9, so that it says which draws may be the best.
+        # to far within 1e-9, so that it shows which draws may be the best.
         spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
         rivals: list[tuple[float, Array]] = []
         lowest = math.inf

@@ -54,7 +54,7 @@ class Wearer:
 
     @classmethod
     def ideal(cls, inertia: float, timestep: float) -> Wearer:
-        """The position source of the thesis, as near as a time step allows.
+        """Return the position source of the thesis, as near as a time step allows.
 
         With inertia J and step h, semi-implicit Euler with explicit damping carries
         error e and velocity w as w' = (1 - h D / J) w - h K e / J, e' = e + h w'. Its

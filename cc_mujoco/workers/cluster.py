@@ -1,7 +1,7 @@
 """Running the pieces of a job on the workers of a Dask cluster, with the same code.
 
 Every task first compares the code of its worker with that of the client, so that a
-worker that joins later is asked too; those that are there are asked before the first.
+worker that joins later is checked too; those present are checked before the first.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ POLL = 1.0
 """Time between two looks at whether there are workers [s]."""
 
 Answer = tuple[Any, str]
-"""Of a worker: a result, and why it has none."""
+"""Answer of a worker: a result, and why it has none."""
 
 
 def run_on_cluster(
@@ -97,7 +97,7 @@ def run_on_cluster(
                     progress(float(done))
                     yield number, result
     except lost as error:
-        # Dask says more, in lines of its own, where it lost its scheduler.
+        # Dask writes more, in lines of its own, where it lost its scheduler.
         why = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
         raise CableError(
             f"the cluster at {scheduler} gave up a piece of the work: {why}; the "
@@ -111,7 +111,7 @@ def answer(makers: bytes, job: bytes, piece: bytes | None) -> Answer:
     Args:
         makers: what makes the results, by the client; pickled.
         job: pickled.
-        piece: pickled; without one the worker is only asked.
+        piece: pickled; without one the worker is only checked.
     """
     if why := _refusal(makers, job):
         return None, why
@@ -136,7 +136,7 @@ def _refusal(makers: bytes, job: bytes) -> str:
 
 
 def _portable() -> Callable[..., tuple[str, Answer]]:
-    """A function that a worker understands without this package."""
+    """Return a function that a worker understands without this package."""
 
     # Nested, so that it is sent as it is and not by the name of its module.
     def ask(*question: Any) -> Any:
@@ -156,7 +156,7 @@ def _portable() -> Callable[..., tuple[str, Answer]]:
 
 
 def _accepted(answer: Any, worker: str = "") -> Any:
-    """The result in the answer of a worker.
+    """Return the result in the answer of a worker.
 
     Raises:
         CableError: it has none.
@@ -196,7 +196,7 @@ class _Watch:
 
 
 def _require_scheduler(distributed: Any, address: str) -> None:
-    """Ask who answers, apart from Dask's client, which waits long and dies loudly."""
+    """Query the scheduler without Dask's client, which waits long and dies loudly."""
 
     async def ask() -> Any:
         server = distributed.rpc(address, timeout=CONNECTING)
@@ -205,7 +205,7 @@ def _require_scheduler(distributed: Any, address: str) -> None:
         finally:
             await server.close_rpc()
 
-    # In a thread, as this one may have a loop, in a notebook say.
+    # In a thread, as this one may have a loop, in a notebook for example.
     with ThreadPoolExecutor(1) as pool:
         try:
             who = pool.submit(asyncio.run, ask()).result()

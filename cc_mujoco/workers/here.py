@@ -101,4 +101,4 @@ def run_here(
 
 
 def _ignore(share: float) -> None:
-    """A tick of which nobody hears."""
+    """Ignore a tick."""

@@ -1,4 +1,4 @@
-"""What there is to do: a job, which can be pickled, and its pieces."""
+"""Jobs, which can be pickled, and their pieces."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class Job(Protocol):
         """
 
     def made_by(self) -> dict[str, Any]:
-        """What decides the results besides, after a rehearsal; see `identity`."""
+        """Return what else decides the results, after a rehearsal; see `identity`."""
 
     def size(self, piece: Any) -> int:
-        """How much a piece adds to the progress."""
+        """Return how much a piece adds to the progress."""
 
     def do(self, piece: Any, tick: Tick) -> Any:
         """Do a piece.

@@ -4,9 +4,9 @@ r"""Do's modified Bouc-Wen friction of a whole cable (thesis 1.5, eq. 1.3-1.5).
 
 The friction of the cable, :math:`F_f = T_p - T_d` for motion x towards the motor, is
 one hysteresis curve in x, its velocity and the sign of its acceleration. Cable stretch
-is not part of the model: output and motor move alike. Its parameters say nothing about
-a cable and have to be fitted to a recording. The brackets of (1.4) are taken as
-printed, with rho in front of all terms.
+is not part of the model: output and motor move by the same. Its parameters do not
+describe a cable and have to be fitted to a recording. The brackets of (1.4) are taken
+as printed, with rho in front of all terms.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class ModifiedBoucWen(Model):
 def _parts(
     x: FloatArray, dt: float, rho: float, sigma: float, lead: float, exponent: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What the gains multiply: position with (1.5), state zeta, speed (samples,)."""
+    """Return the factors of the gains: position with (1.5), zeta, speed (samples,)."""
     speed = np.diff(x, prepend=x[0]) / dt
     turn = np.sign(np.diff(speed, prepend=0.0).round(12))
     fast = np.exp(2.0 * speed)

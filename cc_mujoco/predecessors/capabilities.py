@@ -1,4 +1,4 @@
-"""What a cable model can show, found by asking it.
+"""Capabilities of a cable model, found by tests of it.
 
     found = ask(BristleChain(CABLE))
     found["slack"].able, found["slack"].told
@@ -47,7 +47,7 @@ class Finding(NamedTuple):
 
     Attributes:
         able: whether the model gave the right answer.
-        told: what it said instead of, or as, the right answer; few words.
+        told: the result instead of, or with, the right answer; few words.
     """
 
     able: bool
@@ -106,7 +106,7 @@ def both_ends(model: Model) -> Finding:
 
 
 def other_environment(model: Model) -> Finding:
-    """A wearer moves the output, the motor rests: only the output feels it at first."""
+    """Check that the wearer's motion is felt at the output alone, at first."""
     cable = model.cable
     pull = 0.5 * onset(cable)
     answer = model.replay(DT, ramp(0.0), Moved(ramp(pull)))
@@ -122,7 +122,7 @@ def _compare(answer: Answer, right: list[float], cable: Cable) -> Finding:
 
 
 def slack(model: Model) -> Finding:
-    """A cable pushed in by more than all stretch has no tension, and no less."""
+    """Check that a cable pushed in beyond all stretch has no tension, and no less."""
     cable = model.cable
     give = cable.pretension * cable.length / cable.axial_stiffness
     answer = model.replay(
@@ -134,7 +134,7 @@ def slack(model: Model) -> Finding:
 
 
 def uneven_pretension(model: Model) -> Finding:
-    """A cable tensioned by pulling keeps that profile, and is felt at once."""
+    """Check that a cable tensioned by pulling keeps that profile, felt at once."""
     cable = model.cable
     angle = cable.friction * cable.wrap
     profile = 20.0 * np.exp(-angle * np.linspace(0.0, 1.0, cable.segments + 1))
@@ -150,7 +150,7 @@ def uneven_pretension(model: Model) -> Finding:
 
 
 def changing_bends(model: Model) -> Finding:
-    """Where bends open under a pulled cable, friction holds less and it slips."""
+    """Check that opening bends under a pulled cable lower its friction, so it slips."""
     cable = model.cable
     pull = ramp(-2.0 * onset(cable), -2.0 * onset(cable))
     scale = np.concatenate([np.ones(401), np.linspace(1.0, 0.2, 400)])
@@ -162,9 +162,9 @@ def changing_bends(model: Model) -> Finding:
 
 
 def no_energy(model: Model) -> Finding:
-    """In a cycle that has become periodic, friction takes energy and gives none.
+    """Check that friction takes energy and gives none in a cycle that became periodic.
 
-    Cycles that still creep after the last round say nothing: the cable may hold less
+    Cycles that still creep after the last round prove nothing: the cable may hold less
     energy than before.
     """
     reach = onset(model.cable)
@@ -212,7 +212,7 @@ QUESTIONS: dict[str, Callable[[Model], Finding]] = {
 
 
 def ask(model: Model) -> dict[str, Finding]:
-    """Ask a model every question; what it refuses it is not able to show."""
+    """Pose every question to a model; what it refuses it is not able to show."""
     found = {}
     for name, question in QUESTIONS.items():
         try:

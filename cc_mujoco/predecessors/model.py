@@ -1,12 +1,12 @@
-"""What a cable model is asked here: a recorded motion in, both end tensions out.
+"""Interface of a cable model here: a recorded motion in, both end tensions out.
 
     model = Distributed(cable)                     # ours, or one of those before
     answer = model.replay(1e-3, u_proximal, Spring(stiffness=500.0, preload=10.0))
     answer.tension_proximal, answer.tension_distal
 
 Every model is made from the same `Cable`. Displacements are positive towards distal and
-count from rest in the pretension. A model that cannot be asked something raises
-`CableError` and says why.
+count from rest in the pretension. A model that cannot do what is requested raises
+`CableError` with the reason.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ Environment = Locked | Spring | Moved
 
 
 class Answer(NamedTuple):
-    """What a model says, (samples,) each.
+    """Output of a model, (samples,) each.
 
     Attributes:
         tension_proximal: [N].
@@ -71,7 +71,7 @@ class Answer(NamedTuple):
 Asked = Literal[
     "a locked output", "a moved output", "a tension profile", "bends that change"
 ]
-"""What not every model can take."""
+"""Requests that not every model can fulfil."""
 
 
 class Motion(NamedTuple):

@@ -106,7 +106,7 @@ def both_ends(model: Model) -> Finding:
 
 
 def other_environment(model: Model) -> Finding:
-    """Check that the wearer's motion is felt at the output alone, at first."""
+    """Check that only the output feels a wearer's motion at first; the motor rests."""
     cable = model.cable
     pull = 0.5 * onset(cable)
     answer = model.replay(DT, ramp(0.0), Moved(ramp(pull)))

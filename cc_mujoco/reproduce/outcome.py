@@ -1,4 +1,4 @@
-"""What reproducing one thing of the thesis gives: claims, figures, data."""
+"""Outcome of reproducing one thing of the thesis: claims, figures, data."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Claim:
 
 
 def at_least(ratio: float) -> str:
-    """A ratio of times rounded down to 1, 2 or 5 times a power of ten.
+    """Return a ratio of times rounded down to 1, 2 or 5 times a power of ten.
 
     So much of it other machines find, too.
     """
@@ -53,7 +53,7 @@ def at_least(ratio: float) -> str:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one experiment gives.
+    """Outcome of one experiment.
 
     Attributes:
         claims: lines of the summary table.

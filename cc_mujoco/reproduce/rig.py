@@ -19,13 +19,13 @@ from cc_mujoco.recording.signals import loop_width
 from cc_mujoco.transmission import Cable, Section, Transmission
 
 LENGTH = 2.0
-"""Of each conduit [m]."""
+"""Length of each conduit [m]."""
 STIFFNESS = 2000.0
-"""Of a whole cable, K of Table 2.2 [N/m]; EA = K L."""
+"""Stiffness of a whole cable, K of Table 2.2 [N/m]; EA = K L."""
 MOTOR_RADIUS, HANDLE_RADIUS = 0.020, 0.104
-"""Of the pulleys [m]."""
+"""Radii of the pulleys [m]."""
 PEAK, RATE, DWELL, DURATION = 0.125, 0.1, 0.5, 30.0
-"""Of the torque that the motor applies in Experiment 1 [Nm, Nm/s, s, s]."""
+"""Torque that the motor applies in Experiment 1 [Nm, Nm/s, s, s]."""
 DT = 1e-3
 
 PRINTED = Cable(
@@ -40,12 +40,12 @@ RECONCILED = PRINTED.replace(friction=0.015, static_friction=0.0)
 
 
 def loops(number: float) -> tuple[Section]:
-    """The conduit laid in this many round loops (2.4.3)."""
+    """Return the conduit laid in this many round loops (2.4.3)."""
     return (Section(LENGTH, LENGTH / (2.0 * math.pi * number)),)
 
 
 def drive(cable: Cable) -> Transmission:
-    """The pull-pull test bed with two such cables (Fig. 2.7)."""
+    """Return the pull-pull test bed with two such cables (Fig. 2.7)."""
     return Transmission.pull_pull(cable, MOTOR_RADIUS, HANDLE_RADIUS)
 
 
@@ -74,7 +74,7 @@ def chopped_triangle() -> tuple[FloatArray, FloatArray]:
 
 
 class Blocked(NamedTuple):
-    """What the blocked output shows in Experiment 1.
+    """Behaviour of the blocked output in Experiment 1.
 
     Attributes:
         motor_torque: (samples,) [Nm].

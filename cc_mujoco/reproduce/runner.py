@@ -156,7 +156,7 @@ def _write(folder: Path, outcome: Outcome) -> None:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether some version of this package wrote the folder of an experiment."""
+    """Return whether some version of this package wrote the folder of an experiment."""
     try:
         found = json.loads((folder / RESULT).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -165,7 +165,7 @@ def _is_ours(folder: Path) -> bool:
 
 
 def _read(folder: Path) -> tuple[object, tuple[Claim, ...]] | None:
-    """What made a finished experiment, and its claims; None where there is none."""
+    """Return what made a finished experiment, and its claims; None if there is none."""
     try:
         found = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         return found["made_by"], tuple(Claim(**claim) for claim in found["claims"])

@@ -1,6 +1,6 @@
 """Section 3.2.2: many noisy tension sensors, directions of slip unknown.
 
-Chosen, because the text does not say: the cable of Table 2.2 with its kinetic friction,
+Chosen, as the text is silent: the cable of Table 2.2 with its kinetic friction,
 10 segments, a sensor with 0.5 N noise at each of the 11 nodes, at most 50 N along the
 cable; in the instant that is looked at the motor end moves by 0.5 mm. A sensor that is
 wrong by the 1 to 2 N that stretch the cable as much sees the far end move backwards.
@@ -48,7 +48,7 @@ SLOPES = (0.03, 0.06, 0.12, 0.21)
 RUN_CABLE = CABLE.replace(friction=0.1, pretension=20.0)
 RUN_NOISE, DT = 1.0, 0.005
 AGILITIES = (100.0, 300.0, 1000.0)
-"""Of the observer [N/s]."""
+"""Agilities of the observer [N/s]."""
 CHUNK = 250
 """Instants solved at once, which bounds the memory."""
 LAST_MOVING = (6, 7, 9, 7, 0, 0, 0)
@@ -77,7 +77,7 @@ class Votes(NamedTuple):
 
     @property
     def wrong(self) -> NDArray[np.bool_]:
-        """Whether a segment's direction is wrong (samples, m, n)."""
+        """True where a segment's direction is wrong (samples, m, n)."""
         differs: NDArray[np.bool_] = self.own.pattern != self.moment.pattern
         return differs
 
@@ -133,7 +133,7 @@ class Bias(NamedTuple):
 
 
 def bias(cable: Cable, condition: str, samples: int, noise: float) -> Bias:
-    """What leaving out the sensors that disagree does (plain means, as in the text)."""
+    """Return the effect of omitting sensors that disagree (plain means, as printed)."""
     found = votes(cable, condition, samples, noise)
     mesh, nodes = Mesh.of(cable), np.arange(SEGMENTS + 1)
     pattern = most_common(found.own.pattern, found.moment.pattern)
@@ -330,7 +330,7 @@ def run(progress: Progress) -> Outcome:
 
 
 def _replaces(vote: float, at_once: float) -> Verdict:
-    """Whether a consensus is worth more than one sensor at the output."""
+    """Return whether a consensus is worth more than one sensor at the output."""
     if vote < RUN_NOISE:
         return "agrees"
     return "in part" if at_once < RUN_NOISE else "disagrees"

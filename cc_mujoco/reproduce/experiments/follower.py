@@ -25,7 +25,7 @@ DURATION = 8.0
 ROTOR = 7e-5
 """Inertia of motor and pulley, as in this package's wrist scene [kg m^2]."""
 GAIN, INTEGRAL, DAMPING = 2.0, 20.0, 0.01
-"""Of the follower [Nm/rad, Nm/(rad s), Nm s/rad]; not printed."""
+"""Gains of the follower [Nm/rad, Nm/(rad s), Nm s/rad]; not printed."""
 
 
 class Shared(NamedTuple):
@@ -45,7 +45,7 @@ class Shared(NamedTuple):
 
 
 def handle_angle(duration: float = DURATION) -> FloatArray:
-    """The wearer's periodic motion, half a radian, not quite a sine [rad]."""
+    """Return the wearer's periodic motion, half a radian, not quite a sine [rad]."""
     time = np.arange(0.0, duration, DT)
     turn = np.pi * time
     angle: FloatArray = (

@@ -26,7 +26,7 @@ CABLE = PRINTED.replace(friction=0.1, static_friction=0.0)
 TENSION = 10.0
 """Measured at the proximal end, beside its displacement [N]."""
 SHARPNESS = (1e2, 1e3, 1e4)
-"""Of tanh(k v) in place of sign(v) [s/m]."""
+"""Sharpness k of tanh(k v) in place of sign(v) [s/m]."""
 PERIOD = 1.0
 """The unit time step of (3.16) and (3.17) [s]."""
 
@@ -54,7 +54,7 @@ def transition_matrix(segments: int = 10, step: float = 1e-7) -> FloatArray:
 
 
 def jacobian(velocity: FloatArray, sharpness: float, mean: bool) -> FloatArray:
-    """Derivative of u_2 now by a displacement before, sign replaced by tanh (3.1.1).
+    """Return du_2 now by a displacement before, sign replaced by tanh (3.1.1).
 
     The first segment of (3.15) with T_1 and u_1 measured: u_2 = u_1 + d (e^(c S) - 1)
     with S = tanh(k v), where v is the mean velocity of both nodes (3.16) or that of the
@@ -91,7 +91,7 @@ def half_width(velocity: FloatArray, derivative: FloatArray) -> float:
 
 
 def changes_of_motion(noise: float, runs: int = 400, samples: int = 200) -> float:
-    """How often a threshold on a noisy reading starts or stops motion (Fig. 3.1).
+    """Count how often a threshold on a noisy reading starts or stops motion (Fig. 3.1).
 
     The true reading rises from 0 to 1 and falls again, crossing the threshold 0.5
     twice.
@@ -111,7 +111,7 @@ def changes_of_motion(noise: float, runs: int = 400, samples: int = 200) -> floa
 
 
 def filter_error(printed: str = "", steps: int = 20_000) -> tuple[float, float]:
-    """A scalar Kalman filter, right or with one of its printed equations.
+    """Run a scalar Kalman filter, right or with one of its printed equations.
 
     Args:
         printed: "" for the textbook filter, "(3.4)" with F^-1 for F^T, "(3.7)" without

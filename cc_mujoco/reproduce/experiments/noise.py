@@ -1,6 +1,6 @@
 """Section 3.2.2: the noise of every sensor from data, and weights from it.
 
-Chosen, because the text does not say: five sensors with unequal noise on the cable of
+Chosen, as the text is silent: five sensors with unequal noise on the cable of
 Table 2.2 with its kinetic friction, 10 segments. For the statistics of the estimator
 the tension is the local trend that its model has; for drifting sensors it is that of
 this package's kernel on the same nodes, motor and wearer pulling and letting go. There
@@ -46,7 +46,7 @@ SEGMENTS = 10
 CABLE = PRINTED.replace(static_friction=0.0, segments=SEGMENTS, pretension=20.0)
 NODES = (0, 2, 5, 8, 10)
 DEVIATION = np.array([2.0, 1.0, 0.5, 1.5, 0.0])
-"""Of the statistics [N]; the last sensor has no noise, to show what the bound does."""
+"""Noise of the statistics [N]; none in the last sensor, to show what the bound does."""
 WANDER = 1e-4
 """Variance of the steps of the tension's rate [N^2/sample^2]."""
 LENGTHS = (250, 500, 1000, 2000, 4000, 8000)
@@ -54,7 +54,7 @@ RUNS = 100
 SETTLED = 50
 DT, SECONDS = 0.005, 60.0
 MOTION, TENSION = 5e-4, 50.0
-"""Of the instants with unknown directions: motion [m], largest tension [N]."""
+"""Instants with unknown directions: motion [m], largest tension [N]."""
 
 
 class Statistics(NamedTuple):

@@ -85,7 +85,7 @@ def _claim_slopes(found: Slopes) -> Claim:
 
 
 def claim_law(found: Laws) -> Claim:
-    """Whether the update law of the thesis does, as printed or mended."""
+    """Judge whether the update law of the thesis works, as printed or mended."""
     left = found.left
     printed, signed, summed, ours = left
     good = left[printed] < 0.25
@@ -131,7 +131,7 @@ def _claim_bend(found: Bends) -> Claim:
 
 
 def claim_stiffness(found: Softening) -> Claim:
-    """Whether stiffness is followed in partial motion and refused in mass motion."""
+    """Judge whether stiffness is followed in partial motion, refused in mass motion."""
     result = following(found.time, *found.found, found.truth)
     good = result.settled < REST and result.error < 0.05
     guarded = abs(found.refused - 1.0) < 1e-12 and abs(found.fooled - 1.0) > 0.2

@@ -96,7 +96,7 @@ BEND_MEMORY = 300
 
 
 def bends(duration: float = DURATION, seed: int = 42) -> Bends:
-    """A cable whose bend is unknown: the guess is uniform and twice the mean."""
+    """Estimate an unknown bend of a cable; the guess is uniform and twice the mean."""
     cable = winding(CABLE.replace(segments=50))
     factor = drift(duration, REST, WEAR)
     data = simulate(cable, strokes(duration), seed, factor=factor)
@@ -132,9 +132,9 @@ class Softening(NamedTuple):
         truth: (samples,) [N].
         found: in partial motion (samples,) [N].
         before: mean error before the drift, over the truth.
-        fooled: estimate over the truth in strokes whose mass motion it is told is
+        fooled: estimate over the truth in strokes whose mass motion is given to it as
             partial.
-        refused: the same when it is told the truth, over its start.
+        refused: the same with the true motion given, over its start.
     """
 
     time: FloatArray
@@ -147,7 +147,7 @@ class Softening(NamedTuple):
 
 SOFT_MEMORY = 200
 PULL = 0.012
-"""Of the motor end, with the output locked [m]; the front turns before the output."""
+"""Pull of the motor end, output locked [m]; the front turns before the output."""
 
 
 def softening(duration: float = DURATION, seed: int = 43) -> Softening:
@@ -180,7 +180,7 @@ def softening(duration: float = DURATION, seed: int = 43) -> Softening:
 
 
 def _in_mass_motion(cable: Cable, data: Truth) -> tuple[float, float]:
-    """Estimates from mass motion only, told that it is partial, and told the truth."""
+    """Return estimates from mass motion only, declared as partial and as what it is."""
     mass = np.all(data.direction != 0, axis=1)
     rows = data.u_proximal[mass], data.reading[mass], data.direction[mass]
     lie = rows[2].copy()

@@ -24,7 +24,7 @@ from cc_mujoco.reproduce.experiments.online_runs import (
 from cc_mujoco.transmission.thesis_solver import Mesh
 
 GAINS = np.geomspace(1e-5, 1e-1, 13)
-"""Of the printed law [1/N]."""
+"""Gains of the printed law [1/N]."""
 
 
 class Slopes(NamedTuple):
@@ -46,7 +46,7 @@ class Slopes(NamedTuple):
 
 
 def slopes(seed: int = 39) -> Slopes:
-    """Readings carried along the cable by models of wrong friction."""
+    """Carry readings along the cable by models of wrong friction."""
     truth = simulate(CABLE, strokes(2.0), seed)
     row = round(0.8 / DT)
     reading, clean = truth.reading[row], truth.tension[row]

@@ -1,4 +1,4 @@
-"""What the online estimators are run on: chosen motions, and a truth that drifts.
+"""Runs for the online estimators: chosen motions, and a truth that drifts.
 
 Chosen, because the text gives none: the cable of Table 2.2 with its kinetic friction
 and 40 N of pretension, which keeps it taut; strokes of the motor end of 30 mm in 4 s
@@ -20,13 +20,13 @@ from cc_mujoco.transmission import PARAMETERS, Cable, Section, kernel, rest_stat
 
 DT = 0.01
 PERIOD = 4.0
-"""Of a stroke to and fro [s]."""
+"""Period of a stroke to and fro [s]."""
 NOISE = 1.0
 """Standard deviation of every tension sensor [N]."""
 SENSORS = 11
 CABLE = PRINTED.replace(static_friction=0.0, pretension=40.0, segments=10)
 REST, DURATION = 20.0, 200.0
-"""When drifts begin and end [s]."""
+"""Times at which drifts begin and end [s]."""
 START = 2.0
 """First guess of every estimator, over the truth."""
 MEMORY = 200
@@ -34,13 +34,13 @@ MEMORY = 200
 MODELS = (0.5, 1.0, 1.5, 2.0)
 """Friction of the model over the truth in Fig. 3.9."""
 PLACES = np.linspace(0.1, 1.9, 19)
-"""Where mu/R is compared [m]."""
+"""Places at which mu/R is compared [m]."""
 CHUNK = 10
 """Samples between changes of a drifting parameter."""
 
 
 class Truth(NamedTuple):
-    """A motion, what the cable did, and what the sensors said.
+    """A motion, the state of the cable, and the readings of the sensors.
 
     Attributes:
         time: (samples,) [s].
@@ -73,7 +73,7 @@ def strokes(
 
 
 def pulls(duration: float, depth: float) -> FloatArray:
-    """The same with the output locked and the motor end pulled and let go."""
+    """Return the same with the output locked and the motor end pulled and let go."""
     time = np.arange(0.0, duration, DT)
     pull = 0.5 * (1.0 - np.cos(2.0 * np.pi * time / PERIOD))
     return np.array([time, -depth * pull, np.zeros_like(time)])
@@ -136,7 +136,7 @@ def drift(duration: float, rest: float, gain: float) -> FloatArray:
 
 
 def winding(cable: Cable, swing: float = 0.8, pieces: int = 20) -> Cable:
-    """The cable laid in a smooth path: 1/R swings about its mean by this share."""
+    """Return the cable in a smooth path: 1/R swings about its mean by this share."""
     x = (np.arange(pieces) + 0.5) / pieces
     curvature = cable.wrap / cable.length * (1.0 + swing * np.cos(2.0 * np.pi * x))
     length = cable.length / pieces
@@ -145,7 +145,7 @@ def winding(cable: Cable, swing: float = 0.8, pieces: int = 20) -> Cable:
 
 
 class Following(NamedTuple):
-    """How an estimate came to the truth and followed it.
+    """Convergence of an estimate to the truth, and how it followed it.
 
     Attributes:
         settled: time after which the error stays within 5 % [s]; inf: never.

@@ -21,7 +21,7 @@ from cc_mujoco.transmission import Cable
 DT = 0.005
 DURATION = 6.0
 COUNT = 2.0 * math.pi / 2000.0
-"""Of the motor's encoder [rad]."""
+"""Count of the motor's encoder [rad]."""
 CELL = 5e-4
 """Noise of the load cell, its resolution [Nm]."""
 CABLE = RECONCILED.replace(segments=25)
@@ -88,7 +88,7 @@ def valley(
 
 
 def run(progress: Progress) -> Outcome:
-    """Fit, ask what cannot be known, and count how often the intervals hold."""
+    """Fit, determine what cannot be known, and count how often the intervals hold."""
     trial = blocked_trial(CABLE, 1)
     naive = by_slope(trial)
     fit = calibrate([trial], drive(GUESS), ("friction", "axial_stiffness"))
@@ -207,7 +207,7 @@ def run(progress: Progress) -> Outcome:
 
 
 def _static_fit(segments: int) -> float:
-    """Static friction that a mesh needs to match one break-away of a finer truth."""
+    """Return the static friction of a mesh that fits a finer truth's break-away."""
     truth = CABLE.replace(segments=20, static_friction=3.0 * CABLE.friction)
     trial = blocked_trial(truth, 3)
     start = truth.replace(segments=segments, static_friction=2.0 * CABLE.friction)

@@ -1,7 +1,7 @@
 """Chapter 1: the models that came before, and what each can show.
 
 All models get the same cable and the same motions (`predecessors.capabilities`). The
-thesis names what they lack in words (1.5); here every model is asked. Parameters that a
+thesis names what they lack in words (1.5); here each model is tested. Parameters that a
 model has beyond those of a cable are chosen: bristles of 20 um, 10 lumped masses of a
 0.75 mm rope, and the hysteresis of Do fitted to the first motion that is drawn.
 """
@@ -90,7 +90,7 @@ def models(proximal: FloatArray, recorded: Answer) -> list[Model]:
 
 
 def judge(model: Model, proximal: FloatArray, truth: Answer, unit: float) -> Judged:
-    """Ask, compare and time one model; `unit` is the time of our step [s]."""
+    """Test, compare and time one model; `unit` is the time of our step [s]."""
     answer = model.replay(DT, proximal, SPRING)
     distal = answer.tension_distal - truth.tension_distal
     lost = answer.tension_proximal - truth.tension_proximal - distal
@@ -121,7 +121,7 @@ def cost(model: Model, proximal: FloatArray) -> float:
 
 
 def run(progress: Progress) -> Outcome:
-    """Ask every model."""
+    """Test every model."""
     proximal = motion()
     truth = Distributed(CABLE.replace(segments=FINE)).replay(DT, proximal, SPRING)
     ours = Distributed(CABLE)

@@ -20,7 +20,7 @@ from cc_mujoco.reproduce.rig import (
 )
 
 PRETENSIONS = (5.0, 10.0, 15.0, 20.0)
-"""[N]"""
+"""Pretensions [N]."""
 
 
 def run(progress: Progress) -> Outcome:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 CABLE = PRINTED.replace(friction=0.1, static_friction=0.0)
-"""As in Table 2.2, but with friction of a moderate cable; pretension 10 N."""
+"""Cable of Table 2.2, but with friction of a moderate cable; pretension 10 N."""
 STATIC = 0.3
 """Static coefficient, three times the kinetic one as in Table 2.2."""
 MEMORY = 1e-3
@@ -41,7 +41,7 @@ DT = 1e-3
 
 
 class Opposed(NamedTuple):
-    """Both ends pulled apart and let go, errors in percent of the largest tension.
+    """Both ends pulled outwards and let go, errors in percent of the largest tension.
 
     Attributes:
         thesis_solver: RMS error of the worse end tension of the thesis's solver, per N.
@@ -57,13 +57,13 @@ class Opposed(NamedTuple):
 
 
 def apart_and_back(samples: int) -> tuple[FloatArray, FloatArray]:
-    """Both ends pulled apart and let go three times, the proximal one farther."""
+    """Pull both ends outwards and let go three times, the proximal one farther."""
     pull = 0.5 * (1.0 - np.cos(np.linspace(0.0, 6.0 * np.pi, samples)))
     return -0.013 * pull, 0.018 * pull
 
 
 def opposed(segments: tuple[int, ...] = SEGMENTS, samples: int = SAMPLES) -> Opposed:
-    """How the rounding of the null point to a node shows (2.1.2, 2.3.2)."""
+    """Measure how the rounding of the null point to a node shows (2.1.2, 2.3.2)."""
     proximal, distal = apart_and_back(samples)
     fine = replay(
         CABLE.replace(segments=FINE), DT, u_proximal=proximal, u_distal=distal
@@ -118,7 +118,7 @@ class Static(NamedTuple):
 
 
 def static_effect(segments: tuple[int, ...] = SEGMENTS) -> Static:
-    """How far (2.17) depends on the mesh: RMS change of the proximal tension [N]."""
+    """Return how (2.17) depends on the mesh: RMS change of the proximal tension [N]."""
     pull = -0.03 * np.sin(np.linspace(0.0, 4.0 * np.pi, 2 * SAMPLES))
     still = np.zeros_like(pull)
     rows = []
@@ -192,7 +192,7 @@ def front_speed(segments: int) -> float:
 
 
 def distal_rule_as_printed(pulls: FloatArray) -> int:
-    """How often (2.17), read as printed, lets the next node from the distal end move.
+    """Count how often (2.17) as printed lets the next node from the distal end move.
 
     Args:
         pulls: distal tension over that of its standing neighbour, each above 1.

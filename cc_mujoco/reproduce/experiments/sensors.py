@@ -1,6 +1,6 @@
 """Section 3.2.1: many noisy tension sensors, directions of slip known.
 
-Chosen, because the text does not say: the cable of Table 2.2 with its kinetic friction
+Chosen, as the text is silent: the cable of Table 2.2 with its kinetic friction
 (the only one printed), 10 segments, motor pulling, 20 N at the output. Truth is this
 package's kernel on the same 11 nodes.
 """
@@ -33,7 +33,7 @@ LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2)
 SIMULATIONS = 10_000
 DT = 0.005
 NOISE = 2.0
-"""Of every sensor in Figs. 3.4 and 3.6 [N]."""
+"""Noise of every sensor in Figs. 3.4 and 3.6 [N]."""
 LAGS = 20
 
 
@@ -86,7 +86,7 @@ def error_grid(simulations: int = SIMULATIONS, seed: int = 35) -> Grid:
 
 
 def excess_of_mean(cable: Cable) -> float:
-    """Standard deviation of the sample mean at the output per that of the best weights.
+    """Return the output's deviation by the sample mean over that by the best weights.
 
     With a sensor everywhere along a cable of wrap times friction a it is sinh(a)/a.
     """

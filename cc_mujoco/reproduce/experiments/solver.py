@@ -36,7 +36,7 @@ DT = 1e-3
 
 
 class Costs(NamedTuple):
-    """Time of one step [s], and what the solvers said.
+    """Time of one step [s], and outcomes of the solvers.
 
     Attributes:
         kernel: of this package.

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RADIUS = 0.1
-"""Of both pulleys [m]."""
+"""Radius of both pulleys [m]."""
 STIFFNESS = 1.0
-"""Of the virtual spring [Nm/rad]."""
+"""Stiffness of the virtual spring [Nm/rad]."""
 REACH, LEG = 1.5, 15.0
 """Deflection of the joint, and time to get there [rad, s]."""
 STEMS = ("feedback", "both", "model", "stiction")
@@ -43,7 +43,7 @@ CLOSE = 0.01
 
 
 def drive() -> Drive:
-    """The pull-pull transmission, ratio 1."""
+    """Return the pull-pull transmission, ratio 1."""
     own = cable(GROWTH)
     pair = (CableDrive(own, -RADIUS, -RADIUS), CableDrive(own, RADIUS, RADIUS))
     return Drive(1.0, -20.0, 20.0, PERIOD, cable_drives=(pair,))
@@ -56,7 +56,7 @@ def motion() -> tuple[FloatArray, FloatArray]:
 
 
 class Rendered(NamedTuple):
-    """How a controller renders the spring.
+    """Spring as rendered by a controller.
 
     Attributes:
         torque: of the cables on the joint (samples,) [Nm].

@@ -34,16 +34,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PERIOD, DURATION = 1e-3, 30.0
-"""[s]"""
+"""Control period and duration of a run [s]."""
 SEGMENTS = 10
 INITIAL_ERROR = 0.1
 """Printed, of feed-forward with feedback, when it begins."""
 GROWTH = 2.0 / (1.0 - INITIAL_ERROR) - 1.0
 """C: input per output tension that this implies with K_p = 1."""
 SPEED = 0.01
-"""Of the output, drawn in [m/s]."""
+"""Speed of the output, drawn in [m/s]."""
 ERROR, ERROR_PERIOD = 0.03, 3.0 * math.pi
-"""Of the model's friction, constant or cosine; its period [s]."""
+"""Error of the model's friction, constant or cosine; its period [s]."""
 SETTLED = 5.0
 """Time after which transients of the integrator are over [s]."""
 BEGUN = 0.05
@@ -51,7 +51,7 @@ BEGUN = 0.05
 
 
 def cable(growth: float) -> Cable:
-    """The cable of Table 2.2 with as much wrap as makes this tension ratio."""
+    """Return the cable of Table 2.2, with the wrap for this tension ratio."""
     radius = PRINTED.length * PRINTED.friction / math.log(growth)
     return PRINTED.replace(
         segments=SEGMENTS,
@@ -67,7 +67,7 @@ def drive(growth: float) -> Drive:
 
 
 def schemes(device: Drive) -> dict[str, Controller]:
-    """The six schemes of Fig. 4.4."""
+    """Return the six schemes of Fig. 4.4."""
 
     def cosine(time: FloatArray) -> FloatArray:
         swing: FloatArray = ERROR * np.cos(2.0 * math.pi * time / ERROR_PERIOD)
@@ -90,7 +90,7 @@ def desired() -> tuple[FloatArray, FloatArray]:
 
 
 class Tracked(NamedTuple):
-    """How a scheme tracked; errors are shares of the desired tension.
+    """Tracking by a scheme; errors are shares of the desired tension.
 
     Attributes:
         tension: of the output (samples,) [N].

@@ -1,4 +1,4 @@
-"""Experiment 2: a virtual tunnel, and what its residual says of the friction model.
+"""Experiment 2: a virtual tunnel, and what its residual reveals of the friction model.
 
 The rig is simulated with viscous and Stribeck friction that the model lacks, sensor
 noise and encoder counts. As in the thesis the motor applies the torque of (2.29) to its
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 DT = 2e-3
 DURATION = 24.0
 PERIOD = 3.0
-"""Of the sweep to both sides, with its rests [s]."""
+"""Period of the sweep to both sides, with its rests [s]."""
 COULOMB = RECONCILED.replace(conduit=loops(1), segments=12)
 VISCOUS, STRIBECK, SPEED = 6.0, 0.04, 0.02
-"""Of the rig: [N s/m^2], [1], [m/s]."""
+"""Friction of the rig that the model lacks: [N s/m^2], [1], [m/s]."""
 RIG = COULOMB.replace(
     viscous_friction=VISCOUS,
     stribeck_friction=STRIBECK,
@@ -44,7 +44,7 @@ RIG = COULOMB.replace(
 CELL = 5e-4
 """Noise of the load cell, its resolution (2.4.1) [Nm]."""
 MOTOR_COUNT, HANDLE_COUNT = 2.0 * math.pi / 2000.0, 2.0 * math.pi / 10_000.0
-"""Of the encoders (2.4.1) [rad]."""
+"""Counts of the encoders (2.4.1) [rad]."""
 
 
 class Recording(NamedTuple):

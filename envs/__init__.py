@@ -7,7 +7,7 @@
     many = gymnasium.make_vec("cc_mujoco/AnkleExo-v1", num_envs=256)
 
 `make_vec` simulates on a thread pool and equals, bit for bit, a `SyncVectorEnv` of the
-single environments. The classes' documentation says what they observe and reward;
+single environments. The classes' documentation states what they observe and reward;
 `cc_mujoco.devices.DEVICES` has the ids.
 `RecordVideo(env, folder)` makes videos of 30 pictures a second; `StableBaselines(many)`
 is what Stable-Baselines3 trains on, and `save_policy` keeps what it has learnt.
@@ -52,11 +52,11 @@ MODULES = {
     "StableBaselines": "stable_baselines",
     "save_policy": "stable_baselines",
 }
-"""Where a name is, if it is not that of an environment."""
+"""Module of a name that is not that of an environment."""
 
 
 def register() -> None:
-    """Tell Gymnasium of every environment, once; `import cc_mujoco` does it."""
+    """Register every environment with Gymnasium, once; `import cc_mujoco` does it."""
     import gymnasium
 
     from cc_mujoco.devices import DEVICES
@@ -71,7 +71,7 @@ def register() -> None:
 
 
 def __getattr__(name: str) -> Any:
-    # Classes come when asked for: with them come the scenes' and the wearer's modules,
+    # Classes come on request: with them come the scenes' and the wearer's modules,
     # which an import of the package alone need not wait for.
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

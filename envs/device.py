@@ -46,7 +46,7 @@ class Physics(NamedTuple):
     actuator_moment: Array
 
     def apart(self) -> Physics:
-        """The same, but results in arrays of their own, which may be written."""
+        """Return the same, with the results in writable arrays of their own."""
         return self._replace(**{name: getattr(self, name).copy() for name in _RESULTS})
 
     def take(self, other: Physics, row: Any = slice(None)) -> None:
@@ -56,24 +56,24 @@ class Physics(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Where motor, joint and wearer are in the arrays of a simulation."""
+    """Indices of motor, joint and wearer in the arrays of a simulation."""
 
     motor_q: int
-    """Of the motor in `qpos`."""
+    """Index of the motor in `qpos`."""
     motor_v: int
-    """Of its velocity and torques, in `qvel` and `qfrc_actuator`."""
+    """Index of its velocity and torques, in `qvel` and `qfrc_actuator`."""
     joint_q: int
     joint_v: int
     motor_out: int
-    """Of the motor in `actuator_force`."""
+    """Index of the motor in `actuator_force`."""
     wearer_out: int
 
 
 _RESULTS = Physics._fields[3:]
-"""What a step leaves behind and no state has."""
+"""Fields that a step leaves behind and no state has."""
 
 VARIED = ("plugin_attr", "actuator_gainprm", "actuator_biasprm")
-"""Fields of a model that say what a plant is."""
+"""Fields of a model that define what a plant is."""
 
 SPARE = 1000
 """Bytes in a model for longer configurations of a cable than that of the scene."""
@@ -137,9 +137,9 @@ class Device:
         )
         """Names of the cables that the motor winds."""
         self.cable_outputs = [place for ends in self._ends for place in ends]
-        """Where `actuator_force` has the ends of the cables: proximal, distal, next."""
+        """Indices of the cables' ends in `actuator_force`: proximal, distal, next."""
         self.winding = winding_of(model, self._ends[0][1], setup.joint)
-        """Of the first cable's distal end; None on a round pulley."""
+        """Winding of the first cable's distal end; None on a round pulley."""
         self.cables = engine.from_mjcf(model)
         """The cables of the model, as it was given."""
         self.ratio = self._ratio()
@@ -155,7 +155,7 @@ class Device:
         return float(low), float(high)
 
     def observed(self, period: float) -> Observed:
-        """A frame of what the device measures once a period [s]."""
+        """Return a frame of what the device measures once a period [s]."""
         units = self.setup.units
         return Observed(
             self.setup.scene,
@@ -191,7 +191,7 @@ class Device:
             attributes[: len(text)] = np.frombuffer(text, attributes.dtype)
 
     def drive(self, period: float) -> Drive:
-        """What a controller called once a period [s] knows of the device.
+        """Return what a controller called once a period [s] knows of the device.
 
         That includes where its tension sensors are, and how good.
         """
@@ -312,7 +312,7 @@ class Device:
 
 
 def load(setup: Setup, drawn: bool = True) -> mujoco.MjModel:
-    """The scene of a device, with room for other configurations of its cables.
+    """Return the scene of a device, with room for other configurations of its cables.
 
     Args:
         setup: The device.
@@ -333,7 +333,7 @@ def load(setup: Setup, drawn: bool = True) -> mujoco.MjModel:
 
 
 def physics_of(data: mujoco.MjData) -> Physics:
-    """Views on the arrays of a simulation."""
+    """Return views on the arrays of a simulation."""
     return Physics(*(getattr(data, name) for name in Physics._fields))
 
 
@@ -349,7 +349,7 @@ def _wearer(model: mujoco.MjModel, name: str) -> Wearer:
 
 
 def _ends(model: mujoco.MjModel, name: str) -> tuple[int, int]:
-    """Indices of the proximal and the distal end in `actuator_length`."""
+    """Return the indices of the proximal and the distal end in `actuator_length`."""
     found = np.flatnonzero(model.actuator_plugin == instances(model)[name])
     proximal, distal = (int(model.actuator_outadr[actuator]) for actuator in found)
     return proximal, distal

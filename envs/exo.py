@@ -1,4 +1,4 @@
-"""What a device's single environment and its vector form have in common.
+"""Common part of a device's single environment and its vector form.
 
 Both are thin: they advance MuJoCo, one simulation or a batch of them, and leave all
 else to an `Exo`, whose arithmetic is the same for numbers and arrays. So they agree bit
@@ -48,7 +48,7 @@ REWARDS = ("reward_tracking", "reward_effort", "reward_smoothness")
 
 
 def refuse(unknown: Mapping[str, Any], env: type) -> None:
-    """Say of arguments that an environment does not have which there are.
+    """Refuse arguments that an environment does not have, and list those it has.
 
     Args:
         unknown: What was given beside its arguments, by name.
@@ -145,7 +145,7 @@ class Exo:
         self.task = _task_of(task, source)
         self.author = Author(self.device, source, self.samples, frame_skip)
         self.drive = self.device.drive(self.period)
-        """What a controller may know of the device as its scene has it."""
+        """Knowledge that a controller may have of the device as its scene has it."""
         nominal = self.device.wearers[0]
         self.plants = Ranges(randomise, self.device.cables, nominal, setup.strength)
         self.observation_space = self.observed.space
@@ -195,7 +195,7 @@ class Exo:
         return np.minimum(np.maximum(numbers, -1.0), 1.0)
 
     def action(self, torque: Any) -> NDArray[np.float32]:
-        """The action, (..., 1), that makes the motor give a torque [Nm]."""
+        """Return the action, (..., 1), that makes the motor give a torque [Nm]."""
         scaled = np.asarray(torque)[..., None] / self.device.torque_limit
         return np.clip(scaled, -1.0, 1.0).astype(np.float32)
 
@@ -207,7 +207,7 @@ class Exo:
         Args:
             physics: The simulation, or several.
             marks: Row of `Script.marks` at that sample.
-            asked: What the task asks for there, where it is known already [Nm].
+            asked: Torque that the task demands there, where it is known already [Nm].
 
         Returns:
             What is measured, (k,) or (n, k); its columns; their reward per second for
@@ -256,10 +256,10 @@ class Exo:
         )
 
     def beyond(self, marks: Array) -> str:
-        """One sentence if the task asks for what the motor cannot give, else nothing.
+        """Return a sentence if the task demands what the motor cannot give, else "".
 
         Args:
-            marks: `Script.marks`; what is asked for is that along the reference.
+            marks: `Script.marks`; the demand is that along the reference.
         """
         reference, phase = marks[:, 0], marks[:, 1]
         velocity = np.gradient(reference, self.sampling)
@@ -276,7 +276,7 @@ class Exo:
 
 
 def _task_of(task: str | Task, source: Trajectory) -> Task:
-    """A task itself, or one by name at the pace of the walk that is played."""
+    """Return a task itself, or one by name at the pace of the walk that is played."""
     if not isinstance(task, str):
         return task
     found, source = find_task(task), _base(source)

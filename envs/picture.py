@@ -51,8 +51,8 @@ class Camera:
 class Film:
     """The last picture of a simulation, which serves until the next is due.
 
-    Gymnasium asks for one picture per control step. Most of those are too short for the
-    eye, and drawing takes far longer than simulating. Asked again without a step in
+    Gymnasium requests one picture per control step. Most of those are too short for the
+    eye, and drawing takes far longer than simulating. Called again without a step in
     between, it draws anew, for somebody may have moved the joints by hand.
     """
 
@@ -69,7 +69,7 @@ class Film:
     def picture(
         self, camera: Camera, qpos: NDArray[np.float64], step: int
     ) -> NDArray[np.uint8]:
-        """The picture, (height, width, 3), after a control step, or shortly before."""
+        """Return the picture (height, width, 3) of a control step or shortly before."""
         if self._picture is None or not 0 < step - self._step < self._stride:
             self._picture, self._step = camera.picture(qpos), step
         return self._picture

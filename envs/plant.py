@@ -3,7 +3,7 @@
     ranges = Ranges({"friction": (0.05, 0.2), "delay": (0, 3)}, device)
     ranges.draw(rng, {"delay": 2})
 
-Controllers are not told: `drive` stays that of the scene.
+Controllers are not informed: `drive` stays that of the scene.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ OWN = {
     "delay": (0, LATEST, "samples"),
     "noise": (0.0, 1e3, "times the device's noise"),
 }
-"""What is varied beside the cables: least, most, unit."""
+"""Quantities varied beside the cables: least, most, unit."""
 
 OF_CABLES = (*(p.name for p in PARAMETERS), "break_away", "wrap")
-"""What is varied of cables: parameters; break-away over kinetic friction, at least 1;
-the bend of the whole conduit [rad]."""
+"""Quantities varied of cables: parameters; break-away over kinetic friction, at least
+1; the bend of the whole conduit [rad]."""
 
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Plant:
-    """What may differ from episode to episode.
+    """Properties of a device that may differ from episode to episode.
 
     Attributes:
         values: as `reset` and `randomise` have them, by name.
@@ -60,7 +60,7 @@ class Plant:
 
 
 class Ranges:
-    """From what plants are drawn.
+    """Ranges from which plants are drawn.
 
     Every cable has draws of its own. What is above 0 is drawn with a uniform logarithm,
     whole numbers and what may be 0 uniformly.
@@ -116,11 +116,11 @@ class Ranges:
 
     @property
     def any(self) -> bool:
-        """Whether anything is drawn."""
+        """True if anything is drawn."""
         return bool(self._ranges)
 
     def draw(self, rng: np.random.Generator, given: Mapping[str, Any] | None) -> Plant:
-        """The plant of an episode.
+        """Return the plant of an episode.
 
         Args:
             rng: Source of what is drawn; nothing is taken from it without ranges.
@@ -138,7 +138,7 @@ class Ranges:
                 values[name] = min(max(values[name], low), high)
             else:
                 values[name] = float(rng.uniform(low, high))
-        # What is said of one cable counts more than what is said of all.
+        # A value for one cable takes precedence over one for all.
         said = sorted(named("options", given).items(), key=lambda item: "." in item[0])
         for name, value in said:
             self._check(f"options[{name!r}]", name, value)
@@ -195,7 +195,7 @@ class Ranges:
 
 
 def _changed(name: str, cable: Cable, own: dict[str, float]) -> Cable:
-    """A cable with some parameters changed.
+    """Return a cable with some parameters changed.
 
     Raises:
         CableError: If there is no such cable.

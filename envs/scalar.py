@@ -28,7 +28,7 @@ from .sensors import LateSensors
 
 
 class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
-    r"""Base of the environments of one device; subclasses say which and document it.
+    r"""Base of the environments of one device; subclasses name and document it.
 
     ## Observation space
 
@@ -89,7 +89,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
     ## Randomisation
 
     `randomise={"friction": (0.05, 0.2), "wrap": (5, 9), "delay": (0, 3)}` draws a plant
-    for every episode; `reset(options={"friction": 0.1, "flexor.wrap": 7})` says what
+    for every episode; `reset(options={"friction": 0.1, "flexor.wrap": 7})` sets what
     it is in this one, instead of the draw. Names are
 
     - `wearer`: impedance, as a multiple of the scene's or that of `wearer`;
@@ -169,17 +169,17 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         self._action = 0.0
         self._script: Script | None = None
         self.plant: Plant = self.exo.plants.nominal
-        """What this episode is played on."""
+        """Plant that this episode is played on."""
         self._camera: Camera | None = None
         self._film = Film(self.exo.sampling)
 
     @property
     def drive(self) -> Drive:
-        """What a controller may know of the device."""
+        """Knowledge that a controller may have of the device."""
         return self.exo.drive
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """An environment at the same step of the same episode.
+        """Return an environment at the same step of the same episode.
 
         Raises:
             CableError: If `model` has been written to since it was loaded.
@@ -207,11 +207,11 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         return twin
 
     def action(self, torque: float) -> NDArray[np.float32]:
-        """The action that makes the motor give a torque [Nm]."""
+        """Return the action that makes the motor give a torque [Nm]."""
         return self.exo.action(torque)
 
     def beyond(self) -> str:
-        """What the task asks for beyond the motor in this episode; see `Exo.beyond`."""
+        """Return what the task demands beyond the motor here; see `Exo.beyond`."""
         if self._script is None:
             raise gymnasium.error.ResetNeeded("call reset() before beyond().")
         return self.exo.beyond(self._script.marks)
@@ -308,7 +308,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
 
 
 def _equal(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
-    """Whether two models are the same, to the byte."""
+    """Return whether two models are the same, to the byte."""
     if (size := mujoco.mj_sizeModel(one)) != mujoco.mj_sizeModel(other):
         return False
     found = np.zeros((2, size), np.uint8)
@@ -318,7 +318,7 @@ def _equal(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
 
 
 def _numbers(columns: dict[str, Any], terms: tuple[Any, ...]) -> dict[str, Any]:
-    """A fresh `info`: floats, and arrays that nobody else holds."""
+    """Return a fresh `info`: floats, and arrays that nobody else holds."""
     columns |= zip(REWARDS, terms, strict=True)
     return {
         name: value if isinstance(value, np.ndarray) and value.ndim else float(value)

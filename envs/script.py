@@ -1,4 +1,4 @@
-"""What the wearer does in an episode, worked out before it begins."""
+"""Motion of the wearer in an episode, worked out before it begins."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class Script:
     staircase, which a stiff wearer follows as one.
     """
     marks: Array
-    """At every control step, (n + 1, 4): reference angle [rad], phase of the cycle,
-    sine and cosine of that phase."""
+    """Marks at every control step, (n + 1, 4): reference angle [rad], phase of the
+    cycle, sine and cosine of that phase."""
 
 
 class Author:
@@ -163,11 +163,11 @@ class Scripts:
         return script
 
     def marks(self, steps: NDArray[np.intp]) -> Array:
-        """Marks of every environment at its control step, (environments, 4)."""
+        """Return every environment's marks at its control step, (environments, 4)."""
         return self._at(self._marks, steps)
 
     def asked(self, steps: NDArray[np.intp]) -> Array | None:
-        """Torque that the task asks of every environment there, (environments,) [Nm].
+        """Return the task's torque in every environment there, (environments,) [Nm].
 
         None where it follows from more than the phase.
         """
@@ -186,7 +186,7 @@ class Scripts:
         return self._at(self._commands, np.minimum(places, last))
 
     def _at(self, written: Array, places: NDArray[np.intp]) -> Array:
-        """What every environment has at its places (environments, ...) of the time."""
+        """Return the values at every environment's places (environments, ...)."""
         found: Array
         if self._shared is not None:
             found = written[0].take(places, axis=0)
@@ -196,7 +196,7 @@ class Scripts:
         return found
 
     def _asked_by(self, script: Script) -> Array:
-        """What the task asks for along a script; nothing where it asks for more."""
+        """Return the task's torque along a script; (0,) if not of the phase alone."""
         if self._task is None:
             return np.zeros(0)
         phase = script.marks[:, 1]
@@ -206,7 +206,7 @@ class Scripts:
 
 
 def find_trajectory(given: str | Path | Trajectory, reach: float) -> Trajectory:
-    """Return the trajectory that an environment was asked for.
+    """Return the trajectory that is requested of an environment.
 
     Args:
         given: A name, a CSV file (a string ending in `.csv`, or any `Path`), or a

@@ -1,4 +1,4 @@
-"""Sensors of environments that are late and noisy, each as its plant says."""
+"""Sensors of environments that are late and noisy, each as its plant defines."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BIAS = 2.0
 
 
 class LateSensors:
-    """What n environments measure; angles and velocities are exact."""
+    """Sensors of n environments; angles and velocities are exact."""
 
     def __init__(self, count: int, width: int, torque_noise: float) -> None:
         """Prepare; `begin` before anything else.
@@ -55,7 +55,7 @@ class LateSensors:
             self._errors[row] = 0.0
 
     def first(self, measured: Array, rows: Any = slice(None)) -> Array:
-        """What is read of what is measured (rows, k) at the start of an episode."""
+        """Return the readings of measurements (rows, k) at the start of an episode."""
         self._steps[rows] = 0
         read = self._noisy(measured, rows)
         # Before the first measurement arrives there is the one at rest.
@@ -63,10 +63,10 @@ class LateSensors:
         return read
 
     def read(self, measured: Array, going: Any = True) -> Array:
-        """What is read after one more sample of what is measured, (n, k).
+        """Return the readings after one more sample of the measurements, (n, k).
 
         Args:
-            measured: Of all environments.
+            measured: Measurements of all environments.
             going: Mask (n,) of those in which time went on; of the others it is what it
                 was at the last sample.
         """

@@ -58,7 +58,7 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
             )
         self.envs = own
         self.observed = own[0].exo.observed
-        """What is observed, for `save_policy`."""
+        """Observed quantities, for `save_policy`."""
         if any(env.exo.observed != self.observed for env in own):
             raise CableError("all environments must observe the same.")
         self._seeds: list[int | None] = [None] * len(own)
@@ -94,7 +94,7 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Any]:
-        """Step; `infos` say no more than Stable-Baselines3 needs."""
+        """Step; `infos` hold no more than Stable-Baselines3 needs."""
         parts = np.split(self._actions, self._ends[:-1])
         seen, rewards, overs = [], [], []
         infos: list[dict[str, Any]] = []
@@ -121,7 +121,7 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
             env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of the vector environment that each one is in."""
+        """Return an attribute of the vector environment that each one is in."""
         return [getattr(self.envs[i], attr_name) for i in self._places(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:

@@ -131,7 +131,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         persistent = exo.plants.any
         self.batch = Batch(self.model, num_envs, threads, persistent=persistent)
         self.plants = [exo.plants.nominal] * num_envs
-        """What is played on in every environment."""
+        """Plant that every environment is played on."""
         self._became = exo.plants.nominal
         self._last = exo.samples
         if max_episode_steps is not None:
@@ -155,7 +155,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
 
     @property
     def drive(self) -> Drive:
-        """What a controller may know of the device."""
+        """Knowledge that a controller may have of the device."""
         return self.exo.drive
 
     def action(self, torque: Array) -> NDArray[np.float32]:
@@ -173,7 +173,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         Args:
             seed: Of the first environment; the others count up from it. Or one each.
             options: As in the single environment, for all that start. May hold a
-                `reset_mask` (num_envs,) of bool; `info` then tells of these
+                `reset_mask` (num_envs,) of bool; `info` then describes these
                 environments only.
 
         Raises:
@@ -289,7 +289,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         return tracking
 
     def _diverged(self) -> NDArray[np.bool_]:
-        """Whether the episode of each environment ended with a warning."""
+        """Return whether the episode of each environment ended with a warning."""
         warned = self.batch.warning[:, :, 1]
         found: NDArray[np.bool_] = warned.any(axis=1)
         return found
@@ -302,7 +302,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         return reward
 
     def _felt(self) -> tuple[Array, dict[str, Any], Array]:
-        """What `Exo.feel` says of all environments now."""
+        """Return the result of `Exo.feel` for all environments now."""
         self._marks = self._scripts.marks(self._samples)
         asked = self._scripts.asked(self._samples)
         return self.exo.feel(self._physics, self._marks, asked)
@@ -319,7 +319,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         terms: tuple[Array, ...],
         over: NDArray[np.bool_],
     ) -> dict[str, Any]:
-        """What `info` says of episodes that ended, where the step begins the next."""
+        """Return the `info` of episodes that ended, where the step begins the next."""
         last = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(over):
             last[row] = observation[row].copy()
@@ -391,13 +391,13 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         terms: tuple[Array, ...],
         told: NDArray[np.bool_] | None = None,
     ) -> dict[str, Any]:
-        """An `info` as Gymnasium batches it: arrays and a mask for each.
+        """Return an `info` as Gymnasium batches it: arrays and a mask for each.
 
         Args:
             columns: Of an episode log, fresh from `_told`: what has more than a number
                 for each environment becomes the caller's as it is.
             terms: Of the reward.
-            told: Environments that it tells of; all of them by default.
+            told: Environments that it describes; all of them by default.
         """
         info: dict[str, Any] = {}
         columns |= zip(REWARDS, terms, strict=True)

@@ -1,4 +1,4 @@
-r"""How far a cable's distal end has wound, where no round pulley says so.
+r"""Angle that a cable's distal end has wound, where no round pulley defines it.
 
 A lever's arm changes with the angle, and a cable may pass more joints than one. What a
 cable feels is the length \(\ell\) that its distal end moved. Over the arm of the joint
@@ -25,7 +25,7 @@ from cc_mujoco.sensing import WINDING
 Array = NDArray[np.float64]
 
 LEAST = 0.1
-"""Least leverage that is told; with less the cable hardly turns the joint."""
+"""Least leverage that is reported; with less the cable hardly turns the joint."""
 POSES = np.linspace(0.1, 0.9, 5)
 """Shares of the ranges of all joints at which is looked for what moves an end."""
 NOTHING = 1e-9
@@ -33,25 +33,25 @@ NOTHING = 1e-9
 
 
 class Winding(NamedTuple):
-    """Where a distal end is in the arrays of a simulation, and its neutral pose."""
+    """Indices of a distal end in the arrays of a simulation, and its neutral pose."""
 
     end: int
-    """Of the end in `actuator_length`."""
+    """Index of the end in `actuator_length`."""
     step: float
     """Time step [s]."""
     places: tuple[int, ...]
-    """Of the arms of the end in `actuator_moment`."""
+    """Indices of the arms of the end in `actuator_moment`."""
     dofs: tuple[int, ...]
-    """Of the velocities that they belong to."""
+    """Indices of the velocities that they belong to."""
     own: int
-    """Which of these is the joint's."""
+    """Place of the joint's among these."""
     length: Any
-    """In the neutral pose, one number or (n,) [m]."""
+    """Length in the neutral pose, one number or (n,) [m]."""
     arm: Any
-    """Likewise [m/rad]."""
+    """Arm in the neutral pose, one number or (n,) [m/rad]."""
 
     def read(self, physics: Any) -> dict[str, Any]:
-        """The columns `WINDING` after the last step, of one simulation or several.
+        """Return the columns `WINDING` after the last step, of one or more simulations.
 
         Lengths and arms are of its begin, so the angle is brought forward by the
         velocity at its end.
@@ -75,7 +75,7 @@ class Winding(NamedTuple):
 
     @staticmethod
     def over(windings: Sequence[Winding | None]) -> Winding | None:
-        """That of devices of one layout, simulated together."""
+        """Return the winding of devices of one layout, simulated together."""
         one = windings[0]
         if one is None:
             return None
@@ -85,7 +85,7 @@ class Winding(NamedTuple):
 
 
 def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
-    """The winding of a distal end.
+    """Return the winding of a distal end.
 
     Args:
         model: The device.

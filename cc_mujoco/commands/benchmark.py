@@ -23,7 +23,7 @@ class Benchmark:
     )
 
     suite: Annotated[str, tyro.conf.arg(metavar="NAME")] = "v1"
-    """What is played; a suite never changes."""
+    """Suite to play; a suite never changes."""
     controllers: Names = ()
     """Names, MODULE:FUNCTION or POLICY.safetensors; every name unless given."""
     scene: Names = ()
@@ -54,7 +54,7 @@ class Benchmark:
     verify: Annotated[Path | None, in_words("FILE.parquet")] = None
     """A file of results of which random rows are played again, instead of playing."""
     rows: int = 5
-    """How many rows --verify draws; all of their cells are compared."""
+    """Number of rows that --verify draws; all of their cells are compared."""
 
     def run(self) -> None:
         """Play what is not done yet; print the tables."""

@@ -27,7 +27,7 @@ class Diagnose:
     scene: Annotated[Path | None, in_words("SCENE.xml")] = None
     """MJCF scene of the rig: one cable or a pull-pull pair, or the name of a scene."""
     dataset: Annotated[Path | None, in_words("FILE.toml")] = None
-    """What the columns mean and what is known of the rig; DATA/dataset.toml if any."""
+    """Meaning of the columns and facts of the rig; DATA/dataset.toml if any."""
     earlier: Annotated[Path | None, in_words("DIR"), tyro.conf.arg(name="continue")] = (
         None
     )
@@ -35,11 +35,11 @@ class Diagnose:
     seed: int = 0
     """Seed of bootstraps and noise draws."""
     plan: Flag = False
-    """Before there are data: write the trials to record, as plan.md, CSV and TOML."""
+    """Write the trials to record, before there are data, as plan.md, CSV and TOML."""
     reach: Annotated[float | None, in_words("RAD")] = None
-    """With --plan, the motor's largest angle to either side; default by the joint."""
+    """Motor's largest angle to either side with --plan; default by the joint."""
     speed: Annotated[float | None, in_words("RAD/S")] = None
-    """With --plan, the motor's largest speed; default 3."""
+    """Motor's largest speed with --plan; default 3."""
 
     def run(self) -> None:
         """Diagnose, write, and print the verdict.
@@ -112,7 +112,7 @@ class Diagnose:
         print(f"report:   {report}")
 
     def _plan(self) -> None:
-        """Write what to record, and say what stays doubtful."""
+        """Write what to record, and print what stays doubtful."""
         if self.data:
             raise CableError("--plan is for before there are data; give none with it.")
 
@@ -135,7 +135,7 @@ class Diagnose:
 
 
 def _found(scene: Path | None) -> Path:
-    """The file, or that of a scene of the package.
+    """Return the file, or that of a scene of the package.
 
     Raises:
         CableError: none was given.

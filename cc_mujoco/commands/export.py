@@ -21,11 +21,11 @@ class Export:
     scene: Annotated[str, tyro.conf.arg(metavar="SCENE")]
     """The device whose cables the controller knows."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")]
-    """What drives the motor: pi, feedback, model, stiction, predictive or adaptive."""
+    """Controller: pi, feedback, model, stiction, predictive or adaptive."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder to write to."""
     target: Annotated[str, tyro.conf.arg(metavar="MACHINE")] = "host"
-    """What it runs on: host, aarch64 or armv7."""
+    """Machine that it runs on: host, aarch64 or armv7."""
     model: Annotated[Path | None, in_words("FILE.xml")] = None
     """A variant of the scene, as a diagnosis writes it, to take parameters from."""
     allow_active: Flag = False

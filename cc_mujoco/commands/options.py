@@ -1,4 +1,4 @@
-"""What the commands have in common: options told in words, and a bar."""
+"""Common parts of the commands: options described in words, and a bar."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import tyro
 
 
 def in_words(metavar: str | None = None) -> object:
-    """An option whose help ends without tyro's "(default: None)" or "(default: )".
+    """Return an option whose help has no "(default: None)" or "(default: )" of tyro.
 
     Args:
         metavar: What stands for its value in the help.

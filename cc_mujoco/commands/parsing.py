@@ -1,4 +1,4 @@
-"""From the words of a command line to the command that they mean."""
+"""Parsing of a command line into the command that it means."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def parse(program: str, arguments: Sequence[str]) -> Command:
 
     Raises:
         CableError: They cannot be understood.
-        SystemExit: They asked for help, which was printed.
+        SystemExit: They requested help, which was printed.
     """
     if arguments and not arguments[0].startswith("-"):
         look_up("command", arguments[0], COMMANDS)

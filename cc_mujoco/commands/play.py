@@ -27,12 +27,12 @@ class Play:
     replay: Annotated[Path | None, in_words("LOG")] = None
     """Instead of an episode: show a log of `cc-mujoco run`; SCENE may be a file."""
     trajectory: Name = None
-    """How the wearer moves: a name, or FILE.csv with columns time_s and angle_rad (or
+    """Motion of the wearer: a name, or FILE.csv with columns time_s and angle_rad (or
     time_ms, angle_deg); the default depends on the scene."""
     task: Name = None
-    """What the device should make the wearer feel; the default depends on the scene."""
+    """Feel that the device should give the wearer; the default depends on the scene."""
     controller: Annotated[str, tyro.conf.arg(metavar="NAME")] = "pi"
-    """What drives the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
+    """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
     duration: float = 10.0
     """Length of the episode in seconds."""
     seed: int = 0
@@ -108,7 +108,7 @@ class Play:
             print(sentence)
 
     def _names(self) -> dict[str, str]:
-        """What is played, by what."""
+        """Return what is played, by what."""
         from cc_mujoco.devices import find_device
 
         device = find_device(self.scene)
@@ -123,7 +123,7 @@ class Play:
         }
 
     def _env(self, names: dict[str, str]) -> Any:
-        """The environment."""
+        """Return the environment."""
         import gymnasium
 
         from cc_mujoco.devices import DEVICES
@@ -137,7 +137,7 @@ class Play:
         )
 
     def _warn(self, env: Any, task: str) -> None:
-        """Say what the task asks for beyond the motor, and what ends too early."""
+        """Warn of what the task demands beyond the motor, and what ends too early."""
         env.reset(seed=self.seed)
         if beyond := env.beyond():
             print(f"warning: {task}: {beyond}", file=sys.stderr)

@@ -22,7 +22,7 @@ class Reproduce:
     interrupted: ClassVar[str] = "experiments that were finished, if any, are kept"
 
     names: tyro.conf.Positional[Names] = ()
-    """Which, as `cc-mujoco list` shows them; all unless given."""
+    """Experiments, as `cc-mujoco list` shows them; all unless given."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs", "reproduce")
     """Folder for the results."""
     again: Flag = False

@@ -35,13 +35,13 @@ class Run:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for log.csv and run.json; must not hold a run."""
     controller: Annotated[str | None, in_words("NAME")] = None
-    """What drives the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
+    """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors."""
     duration: Annotated[float | None, in_words("S")] = None
     """Length of the run in seconds; 10 unless given."""
     plan: Annotated[Path | None, in_words("DIR")] = None
     """Instead of a controller: play the trials that `diagnose --plan` wrote there."""
     trial: Annotated[int | None, in_words("NUMBER")] = None
-    """With --plan, only this trial; else all that are not recorded yet, one by one."""
+    """Only trial of --plan to play; else all that are not recorded yet, one by one."""
 
     def run(self) -> None:
         """Run; print why it ended and how punctual it was.
@@ -142,7 +142,7 @@ class Run:
             self._told(found, settings.period)
 
     def _wanted(self, trials: list[Planned]) -> list[Planned]:
-        """Those that are to be played now."""
+        """Return those that are to be played now."""
         from cc_mujoco.diagnosis.data.run_page import cut_short
 
         if self.trial is not None:

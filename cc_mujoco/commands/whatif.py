@@ -40,16 +40,16 @@ class WhatIf:
     designs: Annotated[Path | None, in_words("FILE")] = None
     """CSV or TOML file of designs, instead of --vary."""
     sampling: Annotated[str, tyro.conf.arg(metavar="NAME")] = "grid"
-    """grid, or lhs for a Latin hypercube of --samples designs."""
+    """Sampling: grid, or lhs for a Latin hypercube of --samples designs."""
     samples: Annotated[int | None, in_words("INT")] = None
-    """How many designs the Latin hypercube has."""
+    """Number of designs of the Latin hypercube."""
     trajectory: Name = None
-    """How the wearer moves: a name or FILE.csv; the default depends on the scene."""
+    """Motion of the wearer: a name or FILE.csv; the default depends on the scene."""
     task: Name = None
-    """What the device should make the wearer feel; the default depends on the scene."""
+    """Feel that the device should give the wearer; the default depends on the scene."""
     controllers: Annotated[tuple[str, ...], in_words("NAME [NAME ...]")] = ("model",)
-    """What drives the motor: names, MODULE:FUNCTION or POLICY.safetensors; of several,
-    each design is judged with the one that tracks best."""
+    """Controllers of the motor: names, MODULE:FUNCTION or POLICY.safetensors; of
+    several, each design is judged with the one that tracks best."""
     duration: float = 10.0
     """Length of an episode in seconds."""
     seed: int = 0
@@ -57,16 +57,16 @@ class WhatIf:
     timestep: Annotated[float | None, in_words("FLOAT")] = None
     """Time step in seconds, a divisor of 0.001; that of the scene unless given."""
     metric: Annotated[Names, tyro.conf.arg(metavar="NAME")] = ()
-    """What to measure, once each; all that designs have unless given."""
+    """Metrics to measure, once each; all that designs have unless given."""
     objective: Annotated[Names, tyro.conf.arg(metavar="METRIC")] = ()
-    """What makes a design good, once each, also min:METRIC or max:METRIC."""
+    """Metrics that make a design good, once each, also min:METRIC or max:METRIC."""
     subject_to: Annotated[Names, tyro.conf.arg(metavar="METRIC>=NUMBER")] = ()
     """A limit that a good design keeps, also METRIC<=NUMBER; once each."""
     across: Annotated[Names, tyro.conf.arg(metavar="NAME=VALUES")] = ()
     """Judge designs over cases: values of a variable, or of wearer, the wearer's
     impedance times the scene's; once per name, every combination is a case."""
     rank: Name = None
-    """What a metric is of those in the cases: worst, p90 or mean; worst unless given.
+    """Statistic of a metric over the cases: worst, p90 or mean; worst unless given.
     Limits hold in every case."""
     costs: Annotated[Path | None, in_words("FILE")] = None
     """CSV file part,per,cost of what parts cost; round figures as an example if not
@@ -158,7 +158,7 @@ class WhatIf:
         print(f"one row:  cc-mujoco whatif-show {folder} ROW")
 
     def _asked(self) -> tuple[Plan, tuple[Objective, ...], tuple[Limit, ...]]:
-        """The plan, objectives and limits."""
+        """Return the plan, objectives and limits."""
         from cc_mujoco.whatif.pareto import read_limits, read_objectives
         from cc_mujoco.whatif.plan import make_plan
         from cc_mujoco.whatif.search import make_search
@@ -209,7 +209,7 @@ class WhatIf:
         folder: Path,
         progress: Progress,
     ) -> tuple[Plan, pa.Table]:
-        """The plan with all designs, and their table."""
+        """Return the plan with all designs, and their table."""
         from tqdm import tqdm
 
         from cc_mujoco.whatif.search import search

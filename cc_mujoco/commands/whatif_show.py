@@ -25,7 +25,7 @@ class WhatIfShow:
     row: Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="ROW")]
     """Number of the design, column `design` of the table."""
     case: Annotated[int | None, in_words("INT")] = None
-    """Of a study across several: which, from 0; the worst by its first metric unless
+    """Case of a study across several, from 0; the worst by its first metric unless
     given."""
     against: Annotated[int | None, in_words("ROW")] = None
     """Another design, to set the one beside."""

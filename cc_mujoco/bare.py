@@ -2,7 +2,7 @@
 
 The scenes are drawn with care, and most of a step of theirs goes into things that only
 draw: sites along the conduits, the tendons through them, bodies that do not move.
-Without them a simulation moves alike, bit for bit, in half the time.
+Without them a simulation moves the same, bit for bit, in half the time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ arena whenever a batch of simulations ends, and a study would grow with its desi
 
 
 def strip(whole: mujoco.MjSpec, kept: Collection[str] = ()) -> mujoco.MjSpec:
-    """A copy with what moves: joints, inertias, actuators, and the tendons they need.
+    """Return a copy of what moves: joints, inertias, actuators, tendons they need.
 
     Args:
         whole: the scene; inertias are stated and nothing collides.
@@ -67,5 +67,5 @@ def routes(cables: Iterable[Cable]) -> tuple[str, ...]:
 
 
 def left(spec: mujoco.MjSpec, cable: Cable) -> Cable:
-    """A cable as it is in a stripped scene, which may have lost the tendon it is on."""
+    """Return a cable as it is in a stripped scene, which may have lost its tendon."""
     return cable if spec.tendon(cable.route) else cable.replace(route="")

@@ -66,9 +66,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _interrupted(left)
     except BrokenPipeError:  # as in `cc-mujoco list | head`: the reader has enough
         _discard_output()
-        return 128 + 13  # as a shell says of what SIGPIPE ended
+        return 128 + 13  # as a shell reports what SIGPIPE ended
     except (CableError, OSError) as error:
-        if getattr(error, "errno", None) == errno.ENOSPC:  # files say so themselves
+        if getattr(error, "errno", None) == errno.ENOSPC:  # files report it themselves
             _discard_output()
             error = CableError("cannot write standard output: no space is left.")
         print(f"{PROGRAM}: {error}", file=sys.stderr)

@@ -1,9 +1,9 @@
-"""The devices: one row for each, with all that its scene's file does not say.
+"""Devices: one row for each, with all that its scene's file leaves out.
 
     DEVICES["wrist"].environment, DEVICES["wrist"].sensing
 
-The scene says what the device is: bodies, cables, motor, wearer. A row says what it is
-called, what is measured of it, what is played on it, and how strong its parts are.
+The scene defines the device: bodies, cables, motor, wearer. A row has its name, what is
+measured of it, what is played on it, and how strong its parts are.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Setup:
-    """What distinguishes one device from another."""
+    """Properties that distinguish one device from another."""
 
     scene: str
     """Name of the scene, for `scene_path` and the command line."""
     environment: str
     """Gymnasium id."""
     meaning: str
-    """What it is, in a line."""
+    """Description of the device in a line."""
     joint: str
     """Joint that the cables drive and the wearer moves through `mover`."""
     reach: float
@@ -37,15 +37,15 @@ class Setup:
     torque_scale: float
     """Torque error that costs a reward of 1 per second [Nm]."""
     units: Mapping[str, float]
-    """What is observed, by column name, and what of it counts as 1; see `Observed`."""
+    """Observed columns by name, and the size that counts as 1; see `Observed`."""
     sensing: Sensing
-    """How well it is measured."""
+    """Quality of the measurements."""
     pull_pull: bool
-    """Whether two cables hold each other taut, so that both slack is a failure."""
+    """True if two cables hold each other taut, so that both slack is a failure."""
     trajectory: str
-    """How the wearer moves unless told otherwise."""
+    """Default motion of the wearer."""
     task: str
-    """What the wearer should feel unless told otherwise."""
+    """Default task: what the wearer should feel."""
     safe_torque: float
     """Most that the cables may put into the joint of a wearer [Nm]."""
     strength: float
@@ -56,9 +56,9 @@ class Setup:
     """Inertia of the motor's pulley about its axis [kg m^2]; grows as radius^4."""
     gearing: float | None = None
     """Turns of the rotor per turn of the motor's pulley; None where the scene has a
-    geared motor and says no more of it."""
+    geared motor and states no more of it."""
     joint_pulley: float = 0.0
-    """The same at the joint; 0 where a lever is in its place, which keeps its own."""
+    """Inertia of the joint's pulley [kg m^2]; 0 for a lever, which keeps its own."""
     lever: tuple[str, ...] = ()
     """Sites that move with the lever: the two ends of the free rope at the joint."""
     mover: str = "wearer"
@@ -121,7 +121,7 @@ DEVICES = {
         pull_pull=False,
         trajectory="walk",
         task="assist",
-        # Twice what `assist` asks for, half the biological moment.
+        # Twice what `assist` demands, half the biological moment.
         safe_torque=60.0,
         # The synthetic rope and the drum of the scene's comments.
         strength=8000.0,
@@ -178,7 +178,7 @@ DEVICES = {
         pull_pull=False,
         trajectory="walk",
         task="swing",
-        # Twice what `swing` may ask for and half the biological moment.
+        # Twice what `swing` may demand and half the biological moment.
         safe_torque=40.0,
         # Rope of that diameter (assumed), and the drum of the scene's comment.
         strength=3500.0,
@@ -195,10 +195,10 @@ def find_device(name: str) -> Setup:
     """Return the row of a scene.
 
     Raises:
-        CableError: If there is none by that name; says where a user's own file goes.
+        CableError: If there is none by that name; states where a user's own file goes.
     """
     if name not in DEVICES and (name in SCENES or str(name).endswith(".xml")):
-        # Devices need a wearer, sensors and safe limits, which no MJCF file tells.
+        # Devices need a wearer, sensors and safe limits, which no MJCF file defines.
         what = "That scene" if name in SCENES else "A file of your own"
         raise CableError(
             f"{CableError.unknown('device', name, DEVICES)} {what} tells of no wearer, "

@@ -1,4 +1,4 @@
-"""How every figure of this package looks: Matplotlib's objects on the Agg canvas.
+"""Style of every figure of this package: Matplotlib's objects on the Agg canvas.
 
     with style():
         drawing = figure(8.0, 4.0)
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-# Okabe and Ito's colours, which stay apart for every kind of colour vision.
+# Okabe and Ito's colours, distinguishable for every kind of colour vision.
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#6E6E6E"
 PINK, YELLOW, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
 COLORS = (BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, BLACK, GREY)
@@ -34,7 +34,7 @@ DASH = (4, 2)
 TENSION_COLORS = "viridis"
 
 WRITER = "cc_mujoco"
-"""What a figure of ours says of its origin."""
+"""Origin that a figure of ours states."""
 
 _STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
@@ -94,7 +94,7 @@ def save(path: str | os.PathLike[str], drawing: Figure, *, dpi: float = 130.0) -
 
 
 def is_ours(path: Path) -> bool:
-    """Whether `save` wrote this file."""
+    """Return whether `save` wrote this file."""
     from PIL import Image
 
     try:
@@ -105,7 +105,7 @@ def is_ours(path: Path) -> bool:
 
 
 def figure_path(text: str) -> Path:
-    """Where a script shall save its figure; a `type` of `argparse`.
+    """Return where a script shall save its figure; a `type` of `argparse`.
 
     Raises:
         argparse.ArgumentTypeError: It is a folder, or a file that `save` did not write.

@@ -1,7 +1,7 @@
-"""What is written to disk: whole or not at all, and never over a user's file.
+"""Writing to disk: whole or not at all, and never over a user's file.
 
-A folder is ours once it holds the mark of an earlier run, a file whose content says who
-wrote it; each room knows its own. In any other folder nothing is replaced.
+A folder is ours once it holds the mark of an earlier run, a file whose content names
+its writer; each subpackage knows its own. In any other folder nothing is replaced.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from pathlib import Path
 from cc_mujoco.errors import CableError
 
 KEY = b"cc_mujoco"
-"""Of the metadata that mark a Parquet file as ours."""
+"""Key of the metadata that mark a Parquet file as ours."""
 WRITTEN = ".written"
-"""By what the files of a folder are known again, see `sign`."""
+"""File that lists the checksums of the files of a folder, see `sign`."""
 
 
 def require_ours(
@@ -55,7 +55,7 @@ def require_ours(
 
 
 def as_written(path: Path) -> str:
-    """By which a file that a user may change is known again; to be kept beside it.
+    """Return the checksum line of a file that a user may change; to be kept beside it.
 
     Args:
         path: Of the file, as it has just been written.
@@ -69,7 +69,7 @@ def require_untouched(folder: Path, names: Iterable[str], told: str) -> None:
     Args:
         folder: What an earlier run left.
         names: Files that a user may have changed since.
-        told: Text of that run that has what `as_written` said of them; a file that it
+        told: Text of that run that holds the lines of `as_written`; a file that it
             does not speak of is not looked at.
 
     Raises:
@@ -87,7 +87,7 @@ def require_untouched(folder: Path, names: Iterable[str], told: str) -> None:
 
 
 def sign(folder: Path, names: Iterable[str]) -> None:
-    """Keep by what files are known again that were written to a folder.
+    """Keep the checksums of the files that were written to a folder.
 
     Args:
         folder: Where they are, and `WRITTEN` will be.
@@ -124,7 +124,7 @@ def require_signed(folder: str | os.PathLike[str], names: Iterable[str]) -> None
 
 
 def is_marked(path: Path) -> bool:
-    """Whether this is a Parquet file of ours."""
+    """Return whether this is a Parquet file of ours."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -155,7 +155,7 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
     block raises, the sibling is deleted and `target` is untouched.
 
     Raises:
-        CableError: It cannot be written, as when the disk is full; says which file.
+        CableError: It cannot be written, as when the disk is full; names the file.
     """
     target = Path(target)
     partial = _sibling(target)
@@ -176,7 +176,7 @@ def replacing_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
     block raises, the sibling is deleted and `target` is untouched.
 
     Raises:
-        CableError: It cannot be written; says which file or folder.
+        CableError: It cannot be written; names the file or folder.
     """
     target = Path(target).absolute()
     partial = _sibling(target)
@@ -200,7 +200,7 @@ def _sibling(target: Path) -> Path:
 
 @contextmanager
 def _naming(target: Path) -> Iterator[None]:
-    """Say what was being written when writing fails; a full disk does not say it."""
+    """Name what was being written when writing fails; a full disk does not name it."""
     try:
         yield
     except OSError as error:

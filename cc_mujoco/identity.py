@@ -1,4 +1,4 @@
-"""What decides the numbers of a run besides its settings: the code that made them.
+"""Origin of the numbers of a run besides its settings: the code that made them.
 
     then = made_by("law:make")  # plain JSON, kept beside the numbers
     differences(then, made_by("law:make"))  # ["law.py"] once it is edited
@@ -32,15 +32,15 @@ from typing import Any
 from cc_mujoco.files import KEY
 
 POLICY = ".safetensors"
-"""How the file of a policy ends."""
+"""Ending of a policy's file."""
 
 VERSIONED = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "numba", "scipy")
 """Packages that decide the numbers."""
 
 _opened: dict[str, set[str]] = {}
-"""What code opened, by the path of its source or the name of a controller."""
+"""Files that code opened, by the path of its source or the name of a controller."""
 _digests: dict[str, str] = {}
-"""Of files as they were when they were last read."""
+"""Digests of files as they were when they were last read."""
 _loading = threading.local()
 
 
@@ -66,7 +66,7 @@ def sources() -> str:
 
 
 def made_by(*controllers: str, trajectory: str = "") -> dict[str, Any]:
-    """Who makes numbers in this process, as plain JSON.
+    """Return what makes numbers in this process, as plain JSON.
 
     Args:
         controllers: names of those that were made before, in `watched`.
@@ -83,7 +83,7 @@ def made_by(*controllers: str, trajectory: str = "") -> dict[str, Any]:
 
 
 def differences(then: Any, now: Mapping[str, Any]) -> list[str]:
-    """What differs between two answers of `made_by`, for a reader; empty if nothing.
+    """Return how two results of `made_by` differ, for a reader; empty if they do not.
 
     Args:
         then: one that was kept; may be anything that was found in its place.
@@ -104,19 +104,19 @@ def differences(then: Any, now: Mapping[str, Any]) -> list[str]:
 
 
 def sealed(table: Any, about: Mapping[str, Any]) -> Any:
-    """A table of pyarrow with what made it in its metadata."""
+    """Return a table of pyarrow with what made it in its metadata."""
     return table.replace_schema_metadata({KEY: json.dumps(about).encode()})
 
 
 def seal(table: Any) -> Any:
-    """What `sealed` put into a table; None where nothing is."""
+    """Return what `sealed` put into a table; None if nothing is there."""
     with contextlib.suppress(ValueError):
         return json.loads((table.schema.metadata or {}).get(KEY, b"null"))
     return None
 
 
 def told(kept: int, number: int, kind: str, changed: Sequence[str] = ()) -> str:
-    """What a run says of earlier results; nothing where there are none.
+    """Return a run's message on earlier results; empty if there are none.
 
     Args:
         kept: how many are there already.
@@ -132,7 +132,7 @@ def told(kept: int, number: int, kind: str, changed: Sequence[str] = ()) -> str:
 
 
 def is_outside(controller: str) -> bool:
-    """Whether a controller of this name comes from a file of the user."""
+    """Return whether a controller of this name comes from a file of the user."""
     return ":" in controller or controller.endswith(POLICY)
 
 
@@ -150,7 +150,7 @@ def watched(controller: str) -> Iterator[None]:
 
 @cache
 def _listen() -> None:
-    """Hear of files that are opened; a hook stays for the life of the process."""
+    """Watch which files are opened; the hook stays for the life of the process."""
     _foreign()  # which opens files itself
     sys.addaudithook(_hear)
 
@@ -185,7 +185,7 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
 
 @cache
 def _own(path: str) -> bool:
-    """Whether a path is that of a user's file: not of Python, nor of a package."""
+    """Return whether a path is a user's file: not of Python, nor of a package."""
     return os.path.isabs(path) and not path.startswith(_foreign())
 
 
@@ -230,7 +230,7 @@ def _files(controller: str) -> dict[str, str]:
 
 
 def _imported(path: str) -> set[str]:
-    """The user's modules that a source of theirs imports, as far as they are loaded."""
+    """Return the user's modules that a source of theirs imports, if they are loaded."""
     module = next((m for m in list(sys.modules.values()) if _source(m) == path), None)
     try:
         tree = ast.parse(Path(path).read_bytes())
@@ -260,13 +260,13 @@ def _source(module: ModuleType | None) -> str | None:
 
 
 def _below(path: str, folder: str) -> bool:
-    """Whether a file lies in a folder, in none that is hidden inside."""
+    """Return whether a file lies in a folder, in none that is hidden inside."""
     inner = path.removeprefix(os.path.join(folder, ""))
     return inner != path and f"{os.sep}." not in os.sep + inner
 
 
 def _digest(path: str) -> str:
-    """Of a file, as it was when it was last read; empty if it cannot be."""
+    """Return a file's digest, as it was when last read; empty if it cannot be read."""
     if path not in _digests:
         try:
             content = Path(path).read_bytes()

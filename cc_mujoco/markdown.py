@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 def table(
     head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()
 ) -> str:
-    """A table, as lines without the last line's end.
+    """Return a table, as lines without the last line's end.
 
     Args:
         head: titles of the columns.

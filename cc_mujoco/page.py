@@ -24,7 +24,7 @@ Content = str | Html
 
 
 def element(name: str, *content: Content, **attributes: str) -> Html:
-    """An element with its content, escaped unless it is `Html`.
+    """Return an element with its content, escaped unless it is `Html`.
 
     A trailing underscore of an attribute's name is dropped: `class_`.
     """
@@ -38,17 +38,17 @@ def joined(parts: Iterable[Content], between: Content = "") -> Html:
 
 
 def paragraph(*content: Content, kind: str = "") -> Html:
-    """A paragraph, of a class of the style sheet if it has one."""
+    """Return a paragraph, of a class of the style sheet if it has one."""
     return element("p", *content, **({"class_": kind} if kind else {}))
 
 
 def bullets(items: Iterable[Content], ranked: bool = False) -> Html:
-    """A list, numbered if it is ranked."""
+    """Return a list, numbered if it is ranked."""
     return element("ol" if ranked else "ul", *(element("li", item) for item in items))
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
-    """A table that scrolls sideways by itself where the page is narrow."""
+    """Return a table that scrolls sideways by itself where the page is narrow."""
     top = element("thead", element("tr", *(element("th", each) for each in head)))
     body = element(
         "tbody",
@@ -58,7 +58,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
 
 
 def bar(part: float) -> Html:
-    """A bar as long as a share of 1; nothing for a negative one."""
+    """Return a bar as long as a share of 1; nothing for a negative one."""
     width = 100.0 * min(1.0, max(0.0, part))
     return element(
         "span",
@@ -69,7 +69,7 @@ def bar(part: float) -> Html:
 
 
 def picture(path: Path, words: str) -> Html:
-    """A PNG file inside the page, with words for those who cannot see it."""
+    """Return a PNG file inside the page, with words for those who cannot see it."""
     data = base64.b64encode(path.read_bytes()).decode("ascii")
     image = (
         f"<img{_attributes({'src': f'data:image/png;base64,{data}', 'alt': words})}>"
@@ -85,7 +85,7 @@ def page(
     scripts: Sequence[str] = (),
     data: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
-    """The whole page.
+    """Return the whole page.
 
     Args:
         title: of the window.

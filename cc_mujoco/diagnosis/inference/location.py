@@ -323,8 +323,8 @@ def _constants(seen: Mapping[str, Samples]) -> list[_Structure]:
     sizes, found = {}, []
     for name, each in seen.items():
         weights = np.bincount(each.block, each.weight)
-        means = np.bincount(each.block, each.weight * each.error)
-        means = means[weights > 0.0] / weights[weights > 0.0]
+        sums = np.bincount(each.block, each.weight * each.error)
+        means = sums[weights > 0.0] / weights[weights > 0.0]
         mean = float(np.average(each.error, weights=each.weight))
         square = float(np.average(each.error**2, weights=each.weight))
         takes = mean**2 / max(square, 1e-300)

@@ -48,7 +48,7 @@ class Resolved(NamedTuple):
         plausible: size of its first amplitude that is plausible on the rig, in its
             unit.
         clarity: of plausible sizes, in standard deviations once all is tuned.
-        likest: the effect with which it is confused most.
+        likest: the effect with which it is confused most, "nothing" without others.
         apart: clarity of a plausible size where that one is fitted as well.
     """
 
@@ -301,8 +301,8 @@ def _resolved(gram: FloatArray, owners: Sequence[_Column], base: int) -> list[Re
             for other, theirs in index.items()
             if other != name
         }
-        likest = max(alike, key=lambda other: alike[other])
-        apart = clarity * float(np.sqrt(1.0 - alike[likest] ** 2))
+        likest = max(alike, key=lambda other: alike[other], default="nothing")
+        apart = clarity * float(np.sqrt(1.0 - alike.get(likest, 0.0) ** 2))
         plausible = owners[base + own[0]].size
         found.append(Resolved(name, plausible, clarity, likest, apart))
     return found

@@ -47,6 +47,7 @@ from cc_mujoco.diagnosis.inference.search import (
     Round,
     Search,
     Thresholds,
+    resemble,
     search,
     shares_of,
 )
@@ -247,8 +248,11 @@ def _rivals(found: Search, tie: Sequence[str]) -> Rivals:
     both = [each for each in rounds if all(name in each[1] for name in tie[:2])]
     before, models = both[-1] if both else (found.before, _first(rounds))
     one, two = tie[0], tie[1]
-    confused = (
-        two in EFFECTS[one].confounded_with or one in EFFECTS[two].confounded_with
+    confused = EFFECTS[one].confused(EFFECTS[two]) or any(
+        resemble(first, second)
+        for first in found.signatures
+        for second in found.signatures
+        if (first.id, second.id) == (one, two)
     )
     return Rivals((one, two), before, (models[one], models[two]), confused)
 

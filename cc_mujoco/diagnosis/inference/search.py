@@ -300,12 +300,12 @@ def _overlooked(
         and max(s.explained, s.foreseen) >= PROMISING * leader.reduction
         and s.explained > 0.0
         and not _needless(s.id, candidates, thresholds)
-        and _resemble(sign, s)
+        and resemble(sign, s)
     ]
 
 
-def _resemble(one: Signature, other: Signature) -> bool:
-    """Whether an effect is easily confused with another."""
+def resemble(one: Signature, other: Signature) -> bool:
+    """Return whether an effect is easily confused with another."""
     return (
         signature_cosine(one, other) > LOOKALIKE
         or other.id in EFFECTS[one.id].confounded_with
@@ -386,7 +386,7 @@ def _decided(
     rivals, alike = [best], []
     sign = {signature.id: signature for signature in signatures}
     for other in able[1:]:
-        confused = _resemble(sign[best.id], sign[other.id])
+        confused = resemble(sign[best.id], sign[other.id])
         pair = best.id, other.id
         why = rivalry(now, best.crossed, other.crossed, pair, confused, thresholds)
         if why == "noise":

@@ -40,7 +40,7 @@ PEAK = 40.0
 TAUT = 30.0
 """Tension at the motor that keeps the cable taut [N]."""
 BANDWIDTH = 150.0
-"""Of the control of the tension at the motor [rad/s]."""
+"""Bandwidth of the control of the tension at the motor [rad/s]."""
 CYCLES = 3
 MOVERS = {"ankle": "wearer", "hip": "wearer_hip", "knee": "wearer_knee"}
 
@@ -67,7 +67,7 @@ class Cycle:
 
 
 def scene(bend: str) -> mujoco.MjModel:
-    """The ankle exoskeleton with a conduit that bends so."""
+    """Return the ankle exoskeleton with a conduit that bends so."""
     spec = mujoco.MjSpec.from_file(str(scene_path("ankle")))
     cable = engine.from_mjcf(spec)[CABLE]
     engine.to_mjcf(spec, CABLE, cable.replace(bend=bend))

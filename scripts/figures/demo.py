@@ -1,9 +1,9 @@
-"""What a cable does to a torque, and what compensation buys: one motion, three laws.
+"""Effect of a cable on a torque, and of compensation: one motion, three laws.
 
     python scripts/figures/demo.py --out controllers.png --record runs/demo
 
 The wearer sweeps the wrist handle, which is to feel like a spring. Draws what is
-desired and what arrives, and the flexor's tension at both ends, and says it in plain
+desired and what arrives, and the flexor's tension at both ends, and prints it in plain
 words. With --record the last of the three leaves recording, page, log, metrics, figure.
 """
 
@@ -37,11 +37,11 @@ LAWS = {
 }
 CABLE, SPRING = "flexor", Spring(2.5)
 BEGIN = 0.5
-"""From when on torques are judged [s]."""
+"""Time from which on torques are judged [s]."""
 
 
 class Played(NamedTuple):
-    """What one controller made of it, (samples,) each."""
+    """Result of one controller, (samples,) each."""
 
     time: Array
     desired: Array
@@ -77,7 +77,7 @@ def episode(law: str, duration: float) -> tuple[EpisodeLog, mujoco.MjModel]:
 
 
 def judged(log: EpisodeLog) -> Played:
-    """What the controller made of it."""
+    """Return the result of the controller."""
     lost = [log[f"dissipated_{name}_j"] for name in log.cables]
     return Played(
         log["time_s"],
@@ -136,7 +136,7 @@ def draw(found: dict[str, Played], out: Path) -> None:
 
 
 def main() -> None:
-    """Play, draw, say."""
+    """Play, draw, print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=figure_path, default="controllers.png")
     parser.add_argument("--record", type=Path, help="folder for the last of the three")
@@ -165,7 +165,7 @@ def main() -> None:
 
 
 def _rerun() -> str:
-    """The command, as it works where `.venv` is not active, too."""
+    """Return the command, as it works where `.venv` is not active, too."""
     return (
         "rerun" if shutil.which("rerun") else str(Path(sys.executable).parent / "rerun")
     )

@@ -34,10 +34,10 @@ from cc_mujoco.recording.stage import Stage
 Picture = NDArray[np.uint8]
 
 DURATION, RATE = 5.0, 15
-"""Of the motion [s], frames per second of it."""
+"""Duration of the motion [s], frames per second of it."""
 FRAMES = round(DURATION * RATE)
 REST = 1500
-"""How long the last frame stands [ms]."""
+"""Time for which the last frame stands [ms]."""
 SIZE = (480, 800)
 """Height and width [pixels]."""
 SCENE = (214, 244)
@@ -54,7 +54,7 @@ FADED = 0.25
 """Opacity of what is still to come."""
 DPI = 100
 QUALITY = 72
-"""Of WebP's lossy pictures, up to 100."""
+"""Quality of WebP's lossy pictures, up to 100."""
 AIMED_AT = 40
 """Poses that the camera is aimed by."""
 
@@ -68,7 +68,7 @@ class Take(NamedTuple):
 
 
 def devices(take: Take, samples: NDArray[np.intp], highest: float) -> list[Picture]:
-    """The device at these samples, cables as bright as tension is to the highest."""
+    """Return the device at these samples, a cable at the highest tension brightest."""
     log = take.log
     qpos = log["qpos"]
     poses = qpos[np.linspace(0, len(log) - 1, AIMED_AT).astype(int)]
@@ -166,7 +166,7 @@ def save(path: Path, film: list[Picture]) -> None:
 
 
 def is_ours(path: Path) -> bool:
-    """Whether `save` wrote this file."""
+    """Return whether `save` wrote this file."""
     try:
         with Image.open(path) as image:
             return image.getexif().get(Base.Software) == WRITER
@@ -175,7 +175,7 @@ def is_ours(path: Path) -> bool:
 
 
 def film_path(text: str) -> Path:
-    """Where the film shall be saved; a `type` of `argparse`."""
+    """Return where the film shall be saved; a `type` of `argparse`."""
     path = Path(text)
     try:
         require_ours(path.parent, (path.name,), lambda _: is_ours(path))

@@ -50,7 +50,7 @@ def episode(scene: str) -> tuple[mujoco.MjModel, EpisodeLog]:
 def parts(
     model: mujoco.MjModel, cable: str, tension: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Ends of the parts of a cable's line as shares of it, and the tension of each."""
+    """Return ends of parts of a cable's line as shares of it, and tensions of each."""
     shares = conduit_shares(model, cable)
     if shares.size > tension.size:
         return shares, tension

@@ -1,4 +1,4 @@
-"""What hip and knee feel of an exosuit's open cable, and what one tension would give.
+"""Torques of an exosuit's open cable on hip and knee, and those of a single tension.
 
     python scripts/figures/exosuit_pieces.py
 

@@ -1,4 +1,4 @@
-"""How policies learnt: return against steps, every seed of each training.
+"""Learning of policies: return against steps, every seed of each training.
 
     python scripts/figures/learning_curves.py runs/ppo runs/fixed --out curves.png
 

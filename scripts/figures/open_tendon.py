@@ -56,7 +56,7 @@ class Swing:
 
 
 def arm() -> mujoco.MjModel:
-    """The arm with a winch and a cord."""
+    """Return the arm with a winch and a cord."""
     assets = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
     spec = mujoco.MjSpec.from_file(str(assets / "reacher.xml"))
     spec.option.timestep = 1e-4

@@ -1,9 +1,9 @@
-"""How many loops may the conduit make? Backlash against loops and friction.
+"""Number of loops of the conduit: backlash against loops and friction.
 
     python scripts/figures/whatif_loops.py --out cc_mujoco/whatif/whatif_loops.png
 
 Experiment 1b of the thesis as a design chart: the wrist handle's conduits laid in up to
-three loops, with liners from slippery to dry. Draws the chart and prints what it says.
+three loops, with liners from slippery to dry. Draws the chart and prints its result.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FRICTION = np.array([0.015, 0.03, 0.05, 0.075, 0.1, 0.125, 0.15])
 LOOPS = np.linspace(0.25, 3.0, 12)
 SHOWN = (0, 2, 4, 6)
 LINES = (1.0, 2.0, 3.0, 5.0)
-"""Of equal backlash [deg]."""
+"""Contour lines of equal backlash [deg]."""
 
 
 def main() -> None:

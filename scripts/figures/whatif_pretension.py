@@ -1,10 +1,10 @@
-"""How tight should the cables be? Pretension against transparency and slack.
+"""Tightness of the cables: pretension against transparency and slack.
 
     cd cc_mujoco/whatif
     python ../../scripts/figures/whatif_pretension.py --out whatif_pretension.png
 
 The wrist handle renders a spring while the wearer swings it. Pretension keeps cables
-from going slack, and makes everything rub harder. Draws both and prints what they say.
+from going slack, and makes everything rub harder. Draws both and prints the result.
 """
 
 from __future__ import annotations

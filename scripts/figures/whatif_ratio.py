@@ -1,10 +1,9 @@
-"""Which drum and which lever? Ratio against motor torque and motor power.
+"""Size of drum and lever: ratio against motor torque and motor power.
 
     python scripts/figures/whatif_ratio.py --out cc_mujoco/whatif/whatif_ratio.png
 
 The ankle exoskeleton helps a walking wearer, with drums and levers of many sizes, each
-driven by a model of its own cable. Draws what the motor must give and prints what that
-says.
+driven by a model of its own cable. Draws what the motor must give, prints the result.
 """
 
 from __future__ import annotations

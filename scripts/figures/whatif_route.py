@@ -1,10 +1,10 @@
-"""Where should the conduit run? Routes of the ankle's cable against what arrives.
+"""Course of the conduit: routes of the ankle's cable against what arrives.
 
     python scripts/figures/whatif_route.py --out cc_mujoco/whatif/whatif_route.png
 
 The ankle exoskeleton helps a walking wearer with its motor on a stand, on the back or
 on the thigh, and with the conduit led in wide or tight bends. Draws what each route
-costs and prints what that says.
+costs and prints the result.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ class Route(NamedTuple):
 
     name: str
     length: float
-    """[m]"""
+    """Length of the conduit [m]."""
     wrap: float
-    """[rad]"""
+    """Wrap of the conduit [rad]."""
 
 
 ROUTES = (

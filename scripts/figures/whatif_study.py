@@ -17,7 +17,7 @@ from cc_mujoco.whatif import study
 def studied(
     doc: str | None, name: str, number: int, **how: Any
 ) -> tuple[pa.Table, Path]:
-    """The table of a study, and where its figure is to go.
+    """Return the table of a study, and where its figure is to go.
 
     Args:
         doc: docstring of the script.

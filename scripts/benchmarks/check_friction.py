@@ -215,13 +215,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--duration", type=float, default=3.0)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args(argv)
-    rows = []
+    rows: list[Row] = []
+    head = [*Row._fields]
+    _append(given.out, [head], "w")
     for scene in given.scenes:
         cases = designs(scene, given.terms, given.shares)
         for law in given.controllers:
             for known in (True, False):
                 found = play(scene, law, cases, known, given.duration)
                 rows += found
+                _append(given.out, found, "a")
                 failed = [row for row in found if not row.passed]
                 print(
                     f"{scene}, {law}, {'known' if known else 'unknown'}: "
@@ -229,7 +232,6 @@ def main(argv: Sequence[str] | None = None) -> None:
                     file=sys.stderr,
                     flush=True,
                 )
-    head = [*Row._fields]
     print(
         table(
             head,
@@ -243,11 +245,15 @@ def main(argv: Sequence[str] | None = None) -> None:
             ],
         )
     )
-    if given.out:
-        given.out.parent.mkdir(parents=True, exist_ok=True)
-        with given.out.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerows([head, *rows])
+
+
+def _append(path: Path | None, rows: Sequence[Sequence[Any]], mode: str) -> None:
+    """Write rows to a file, if there is one: a sweep that is cut keeps its rows."""
+    if path is None:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open(mode, newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
 
 
 if __name__ == "__main__":

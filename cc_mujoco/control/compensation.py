@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import FloatArray, compiled, internal
 from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission import packing as at
 from cc_mujoco.transmission.stepper import Counts
@@ -22,6 +22,13 @@ SCRATCH = 6
 _PRETENSION = law.INDEX["pretension"]
 _ASYMMETRY = law.INDEX["friction_asymmetry"]
 _AGEING = law.INDEX["ageing_friction"]
+_DRAGS = (
+    law.INDEX["viscous_friction"],
+    law.INDEX["grease_drag"],
+    law.INDEX["load_independent_friction"],
+    law.INDEX["seal_proximal"],
+    law.INDEX["seal_distal"],
+)
 
 
 @compiled
@@ -69,6 +76,46 @@ def _friction(
     drag = law.drag(values, length, growth, j, n)
     drag += sense * speed * law.viscosity(values, length, growth, abs(speed), 1.0)
     return growth, drag, hold
+
+
+@compiled
+def drags(prm: FloatArray) -> bool:
+    """Return whether a cable has friction that needs no tension."""
+    for place in _DRAGS:
+        if prm[place] != 0.0:
+            return True
+    return False
+
+
+@internal
+def _needed(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    sense: float,
+    speed: float,
+    wanted: float,
+) -> float:
+    """Return the proximal tension that makes a distal one while all slips [N].
+
+    Args:
+        prm: packed parameters.
+        n: segments.
+        state: of the model.
+        sense: of the slip, see `_friction`.
+        speed: likewise.
+        wanted: distal tension [N].
+    """
+    length = at.contact_length(prm, n)
+    ends = np.sum(length)
+    need = wanted
+    for i in range(n):
+        j = n - 1 - i
+        growth, drag, _ = _friction(prm, n, state, sense, speed, j, ends)
+        ends -= length[j]
+        need = growth * need + drag if sense < 0.0 else (need - drag) / growth
+        need = max(need, 0.0)
+    return need
 
 
 @compiled
@@ -167,6 +214,11 @@ def dynamic(
 ) -> float:
     """Compensation of dynamic friction (4.2): every distal tension times its gain.
 
+    Drag that needs no tension is added instead: as part of the gain it would grow with
+    the desired torque. Where a motion turns, it stays against the past motion until all
+    of the cable has turned; so there a cable that pulls more than desired is not pulled
+    harder than the model says that it is, nor one that pulls less let go further.
+
     Args:
         prm: packed parameters (cables, numbers).
         n: segments of every cable.
@@ -186,7 +238,19 @@ def dynamic(
     _shared(prm, n, distal, state, slip_direction, joint_velocity, desired, scratch)
     torque = 0.0
     for k in range(n.size):
-        torque -= arm[k] * gain[k] * share[k]
+        if slip_direction[k] != 0.0 and drags(prm[k]):
+            speed = distal[k] * joint_velocity
+            tension = _needed(
+                prm[k], n[k], state[k], slip_direction[k], speed, share[k]
+            )
+            node = at.tensions(state[k], n[k])
+            if max(node[n[k]], 0.0) > share[k]:
+                tension = min(tension, max(node[0], 0.0))
+            else:
+                tension = max(tension, max(node[0], 0.0))
+            torque -= arm[k] * tension
+        else:
+            torque -= arm[k] * gain[k] * share[k]
     return torque
 
 

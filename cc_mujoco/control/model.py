@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.control.compensation import SCRATCH
+from cc_mujoco.control.compensation import SCRATCH, drags
 from cc_mujoco.control.drive import CableDrive, Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import PARAMETERS, kernel, stepper
@@ -364,6 +364,8 @@ def follow(
         if sign != 0.0 and min(low, high) > 0.0:
             slip_direction[k] = sign
             gain[k] = low / high
+        elif sign != 0.0 and drags(cables.prm[k]):
+            slip_direction[k] = sign  # drag slips by, with slack at the motor
         for i in range(state.shape[1]):
             state[k, i] = new[k, i]
     return found

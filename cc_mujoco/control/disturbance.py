@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.checks import number
+from cc_mujoco.control import laws
 from cc_mujoco.control.drive import Drive
 from cc_mujoco.control.model_based import Mismatch, ModelBased
 
@@ -69,7 +70,15 @@ class DisturbanceObserver(ModelBased):
         return self._applied
 
     def disturbance(self) -> Any:
-        """Motor torque that is added to what is fed forward [Nm]."""
+        """Return the motor torque that is added to what is fed forward [Nm].
+
+        While the guard lets the joint go, nothing is learned and what was learned is
+        forgotten: it may be why the joint was let go.
+        """
+        released = self.memory(np.size(self._known))[:, laws.RELEASED] != 0.0
+        released = np.reshape(released, np.shape(self._known))
+        self._disturbance = np.where(released, 0.0, self._disturbance)
+        self._known = self._known & ~released
         unexplained = np.where(
             self._known, self._applied - self.model.motor_torque(), 0.0
         )

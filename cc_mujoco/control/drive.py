@@ -72,8 +72,8 @@ class Drive:
     """Fastest change of the commanded torque that the host lets through [Nm/s]."""
     safe_torque: float = math.inf
     """Most that the cables may put into the joint [Nm]; of a lever, in the neutral
-    pose. Long before it is reached, controllers with a model let the joint go, see
-    `guard`."""
+    pose. Long before it is reached, controllers that measure a torque let the joint go,
+    see `guard`."""
     crossed: tuple[str, ...] = ()
     """Joints besides the driven one whose motion winds the cables. Then controllers
     with a model need `sensing.WINDING`."""

@@ -107,6 +107,18 @@ class Gains:
         low_open=True,
         meaning="most that the cables may put into the joint",
     )
+    inertia: float = parameter(
+        unit="kg m^2",
+        bounds=(0.0, 1e6),
+        default=0.0,
+        meaning="of the motor with its pulley; 0 is not known",
+    )
+    stiffness: float = parameter(
+        unit="Nm/rad",
+        bounds=(0.0, 1e12),
+        default=0.0,
+        meaning="of all cables at the joint, for the guard; 0 is not known",
+    )
 
     @property
     def packed(self) -> FloatArray:
@@ -119,7 +131,7 @@ GAINS: tuple[Parameter, ...] = parameters_of(Gains)
 
 (
     _RATIO, _LOW, _HIGH, PERIOD, _ONE_WAY, _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL,
-    _SETTLING, _PREVIEW, _TOLERANCE, _SAFE,
+    _SETTLING, _PREVIEW, _TOLERANCE, _SAFE, _INERTIA, STIFFNESS,
 ) = range(len(GAINS))  # fmt: skip
 
 
@@ -169,18 +181,29 @@ def proportional_integral(
 
 
 @internal
+def _ahead(gains: FloatArray, seen: FloatArray) -> float:
+    """Return the velocity of the motor relative to the joint [rad/s]."""
+    return float(seen[VELOCITY] - gains[_RATIO] * seen[JOINT_VELOCITY])
+
+
+@internal
 def _damping(gains: FloatArray, stiffness: float, seen: FloatArray) -> float:
-    """Torque against the motor's running ahead of the joint [Nm]."""
+    """Return the torque against that velocity [Nm]."""
     ratio = gains[_RATIO]
-    ahead = seen[VELOCITY] - ratio * seen[JOINT_VELOCITY]
+    ahead = _ahead(gains, seen)
     return float(gains[_SETTLING] * stiffness / (ratio * ratio) * ahead)
 
 
 @internal
-def _lets_go(gains: FloatArray, memory: FloatArray, seen: FloatArray) -> bool:
+def _lets_go(
+    gains: FloatArray, stiffness: float, memory: FloatArray, seen: FloatArray
+) -> bool:
     """Return whether the motor is to follow the joint; then the law begins anew."""
+    rushing = guard.impact(
+        _ahead(gains, seen), gains[_RATIO], stiffness, gains[_INERTIA]
+    )
     memory[RELEASED] = guard.released(
-        memory[RELEASED], seen[TORQUE], seen[DESIRED], gains[_SAFE]
+        memory[RELEASED], seen[TORQUE], rushing, seen[DESIRED], gains[_SAFE]
     )
     if memory[RELEASED] == 0.0:
         return False
@@ -192,8 +215,15 @@ def _lets_go(gains: FloatArray, memory: FloatArray, seen: FloatArray) -> bool:
 def guarded(
     gains: FloatArray, stiffness: float, memory: FloatArray, seen: FloatArray
 ) -> float:
-    """Motor torque of `proportional_integral`, guarded [Nm]; see `model_based`."""
-    if _lets_go(gains, memory, seen):
+    """Return the motor torque of `proportional_integral`, guarded [Nm].
+
+    Args:
+        gains: see `GAINS`.
+        stiffness: of all cables at the joint; 0 is not known [Nm/rad].
+        memory: of the law.
+        seen: what is measured.
+    """
+    if _lets_go(gains, stiffness, memory, seen):
         return _limited(gains, -_damping(gains, stiffness, seen))
     return proportional_integral(gains, memory, seen[DESIRED], seen[TORQUE])
 
@@ -231,7 +261,7 @@ def model_based(
         seen: what is measured.
         scratch: (compensation.SCRATCH, cables).
     """
-    if _lets_go(gains, memory, seen):
+    if _lets_go(gains, stiffness, memory, seen):
         return _limited(gains, -_damping(gains, stiffness, seen))
     feedforward = compensation.dynamic(
         prm, n, arm, distal, state, slip_direction, gain, seen[JOINT_VELOCITY],
@@ -258,7 +288,7 @@ def stiction(
 
     `state` is that of the model (cables, numbers).
     """
-    if _lets_go(gains, memory, seen):
+    if _lets_go(gains, stiffness, memory, seen):
         return _limited(gains, -_damping(gains, stiffness, seen))
     error = seen[DESIRED] - seen[TORQUE]
     motion = stiffness * gains[_PREVIEW] * seen[JOINT_VELOCITY]

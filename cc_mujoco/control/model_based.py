@@ -9,26 +9,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cc_mujoco.checks import number
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.control import laws
 from cc_mujoco.control.controller import readings, wound
 from cc_mujoco.control.drive import Drive
-from cc_mujoco.control.model import CableModel, joint_stiffness
-from cc_mujoco.control.proportional_integral import ProportionalIntegral
+from cc_mujoco.control.model import CableModel
+from cc_mujoco.control.proportional_integral import ProportionalIntegral, steady
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission.stepper import Counts
 
 Mismatch = float | Callable[[Any], Any]
-
-_STEADY = 0.8
 
 
 class ModelBased(ProportionalIntegral):
@@ -82,8 +79,6 @@ class ModelBased(ProportionalIntegral):
             )
         number("settling", settling, 0.0, 10.0, "s")
         self.mismatch = mismatch
-        self.stiffness = np.array([joint_stiffness(row) for row in drive.cable_drives])
-        """Of all cables at the joint, one for all environments or one each [Nm/rad]."""
         self.settling = steady(drive, self.stiffness, settling)
         self.model = CableModel(drive)
         self._calls: Any = 0
@@ -93,11 +88,6 @@ class ModelBased(ProportionalIntegral):
         super().reset(where)
         self.model.reset(where)
         self._calls = 0 if where is None else np.where(where, 0, self._calls)
-
-    @property
-    def gains(self) -> laws.Gains:
-        """The numbers of the law, as they are now."""
-        return dataclasses.replace(super().gains, settling=self.settling)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
@@ -145,22 +135,6 @@ class ModelBased(ProportionalIntegral):
     def disturbance(self) -> Any:
         """Motor torque that is added to what is fed forward [Nm]: none."""
         return 0.0
-
-
-def steady(drive: Drive, stiffness: ArrayLike, settling: float) -> float:
-    """Return a time in which a damped motor settles that is stable [s].
-
-    Args:
-        drive: The device.
-        stiffness: Of all cables at the joint, one or one each [Nm/rad].
-        settling: The time that is wanted [s].
-    """
-    if not drive.inertia > 0.0:
-        return settling
-    # A damper sampled this slowly would drive the motor, not calm it.
-    most = _STEADY * drive.inertia / (drive.period + drive.motor_lag)
-    at_motor = float(np.max(stiffness)) / drive.ratio**2
-    return min(settling, most / at_motor)
 
 
 @compiled

@@ -94,10 +94,6 @@ _UNSURE = 0.3
 """Relative error of friction for which a bias may be taken."""
 _BIASED = 2.0
 """Greatest bias of the torque sensor, over the torque that is one for sure."""
-_SETTLING = 0.03
-"""Time in which a motor that follows the joint gives in [s]."""
-_STEADY = 0.8
-"""Damping over what is the edge of stability, late as it is, at most."""
 _COULOMB = law.INDEX["friction"]
 _NEWTON_STEPS, _HALVINGS, _ROLLS = 12, 6, 2
 """At most, of a plan of commands, within one of its steps, and around which paths the
@@ -755,8 +751,8 @@ def _is_within(push: FloatArray, load: float, tune: FloatArray, room: Room) -> b
 def _damping(tune: FloatArray, delay: int) -> float:
     """Damping of a motor that follows the joint [Nm s/rad]."""
     late = tune[PERIOD] * (1 + delay) + tune[LAG]
-    steady = _STEADY * tune[INERTIA] / late
-    return float(min(_SETTLING * tune[STIFFNESS] / tune[RATIO] ** 2, steady))
+    steady = guard.STEADY * tune[INERTIA] / late
+    return float(min(guard.SETTLING * tune[STIFFNESS] / tune[RATIO] ** 2, steady))
 
 
 @compiled
@@ -813,9 +809,10 @@ def act(
     own = device.memory
     if not np.isnan(best[best.size - 1]):
         torque = best[best.size - 1]
-    own[RELEASED] = guard.released(own[RELEASED], seen[2], seen[3], tune[SAFE])
+    ahead = velocity - tune[RATIO] * memory[JOINT + 1] / dt
+    rushing = guard.impact(ahead, tune[RATIO], tune[STIFFNESS], tune[INERTIA])
+    own[RELEASED] = guard.released(own[RELEASED], seen[2], rushing, seen[3], tune[SAFE])
     if own[RELEASED] != 0.0:
-        ahead = velocity - tune[RATIO] * memory[JOINT + 1] / dt
         torque = -_damping(tune, delay) * ahead
     most = tune[RATE] * dt
     torque = min(max(torque, own[COMMAND] - most), own[COMMAND] + most)

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.checks import number
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.control import laws
 from cc_mujoco.control.controller import Controller, readings
 from cc_mujoco.control.drive import Drive
-from cc_mujoco.control.guard import UNLIMITED
+from cc_mujoco.control.guard import SETTLING, STEADY, UNLIMITED
+from cc_mujoco.control.model import joint_stiffness
+from cc_mujoco.sensing import WINDING
+
+_TORQUES = laws.SEEN[laws.TORQUE :]
+"""What the law reads, but for its guard."""
 
 
 class ProportionalIntegral(Controller):
@@ -31,6 +37,9 @@ class ProportionalIntegral(Controller):
     further beyond; and where cables only pull, the integral never takes more than what
     is fed forward. It would pay out cable for as long as friction holds back some
     tension, and the motor would then have to catch the slack at speed.
+
+    Where a safe torque is known, the `guard` lets a joint go that is pulled too far:
+    the motor then follows the joint by a damper, and the integral begins anew.
     """
 
     def __init__(
@@ -57,6 +66,13 @@ class ProportionalIntegral(Controller):
         self.proportional = proportional
         self.integral = integral
         self.feed_forward = feed_forward
+        known = drive.cable_drives
+        self.stiffness = np.array([joint_stiffness(row) for row in known] or [0.0])
+        """Of all cables at the joint, one for all environments or one each; 0 where the
+        cables are not known [Nm/rad]."""
+        self.settling = steady(drive, self.stiffness)
+        """Time in which the motor settles relative to the joint [s]; without a model
+        only while the guard lets go."""
         self._memory: FloatArray = np.zeros((1, laws.MEMORY))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -80,6 +96,9 @@ class ProportionalIntegral(Controller):
             proportional=self.proportional,
             integral=self.integral,
             safe_torque=min(drive.safe_torque, UNLIMITED),
+            settling=self.settling,
+            inertia=drive.inertia,
+            stiffness=float(self.stiffness[0]),
         )
 
     def memory(self, rows: int) -> FloatArray:
@@ -90,11 +109,25 @@ class ProportionalIntegral(Controller):
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Torque of the motor [Nm]; see `Controller.torque`."""
-        seen = readings(observation, ("desired_torque_nm", "joint_torque_nm"))
-        memory, found = self.memory(len(seen)), np.empty(len(seen))
-        _torques(self.gains.packed, memory, seen, found)
+        # Without a safe torque there is no guard, which alone reads velocities.
+        names = laws.SEEN if self.drive.safe_torque < math.inf else _TORQUES
+        part = readings(_by_the_cables(observation), names)
+        seen = np.zeros((len(part), len(laws.SEEN)))
+        seen[:, -len(names) :] = part
+        found = self.answer(seen)
         numbers = np.ndim(observation["desired_torque_nm"]) == 0
         return float(found[0]) if numbers else found
+
+    def answer(self, seen: FloatArray) -> FloatArray:
+        """Return the torque of the motor (rows,) [Nm].
+
+        Args:
+            seen: What is measured (rows, `laws.SEEN`).
+        """
+        found = np.empty(len(seen))
+        stiffness = np.full(len(seen), self.stiffness)
+        _torques(self.gains.packed, stiffness, self.memory(len(seen)), seen, found)
+        return found
 
     def closed(self, feedforward: Any, error: Any) -> Any:
         """Close the loop around a feed-forward.
@@ -113,13 +146,43 @@ class ProportionalIntegral(Controller):
         return float(found[0]) if numbers else found
 
 
+def _by_the_cables(observation: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what is measured, with the joint's velocity as the cables see it.
+
+    Of a lever, or of cables that other joints wind, see `sensing.WINDING`.
+    """
+    if WINDING[1] not in observation:
+        return observation
+    return {**observation, "joint_velocity_rad_s": observation[WINDING[1]]}
+
+
+def steady(drive: Drive, stiffness: ArrayLike, settling: float = SETTLING) -> float:
+    """Return a time in which a damped motor settles that is stable [s].
+
+    Args:
+        drive: The device.
+        stiffness: Of all cables at the joint, one or one each [Nm/rad].
+        settling: The time that is wanted [s].
+    """
+    stiffest = float(np.max(stiffness))
+    if not (drive.inertia > 0.0 and stiffest > 0.0):
+        return settling
+    # A damper sampled this slowly would drive the motor, not calm it.
+    most = STEADY * drive.inertia / (drive.period + drive.motor_lag)
+    at_motor = stiffest / drive.ratio**2
+    return min(settling, most / at_motor)
+
+
 @compiled
 def _torques(
-    gains: FloatArray, memory: FloatArray, seen: FloatArray, found: FloatArray
+    gains: FloatArray,
+    stiffness: FloatArray,
+    memory: FloatArray,
+    seen: FloatArray,
+    found: FloatArray,
 ) -> None:
     for row in range(found.size):
-        desired, torque = seen[row, 0], seen[row, 1]
-        found[row] = laws.proportional_integral(gains, memory[row], desired, torque)
+        found[row] = laws.guarded(gains, stiffness[row], memory[row], seen[row])
 
 
 @compiled

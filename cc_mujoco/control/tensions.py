@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.checks import number
-from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.compiled import FloatArray
 from cc_mujoco.control import laws, slopes
 from cc_mujoco.control.controller import readings, wound
 from cc_mujoco.control.drive import CableDrive, Drive
-from cc_mujoco.control.model import CableModel, joint_stiffness
-from cc_mujoco.control.model_based import steady
+from cc_mujoco.control.model import CableModel
 from cc_mujoco.control.predictive import PredictiveCompensation
 from cc_mujoco.control.proportional_integral import ProportionalIntegral
 from cc_mujoco.errors import CableError
@@ -71,9 +70,6 @@ class FusedFeedback(ProportionalIntegral):
         super().__init__(drive, proportional, integral)
         _require_sensors(drive, 1)
         self.model = CableModel(drive)
-        self.stiffness = joint_stiffness(drive.cables)
-        """Of all cables at the joint [Nm/rad]."""
-        self._settling = steady(drive, self.stiffness, laws.Gains().settling)
         self._cables = [_Fused(drive, k) for k in range(len(drive.cables))]
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -97,22 +93,8 @@ class FusedFeedback(ProportionalIntegral):
             torque = torque - cable.distal * cable.fuse(told[:, k], self.model.slip(k))
         seen = readings(observation, laws.SEEN)
         seen[:, laws.TORQUE] = torque
-        found = np.empty(len(seen))
-        gains = dataclasses.replace(self.gains, settling=self._settling)
-        _torques(gains.packed, self.stiffness, self.memory(len(seen)), seen, found)
+        found = self.answer(seen)
         return float(found[0]) if np.ndim(desired) == 0 else found
-
-
-@compiled
-def _torques(
-    gains: FloatArray,
-    stiffness: float,
-    memory: FloatArray,
-    seen: FloatArray,
-    found: FloatArray,
-) -> None:
-    for row in range(found.size):
-        found[row] = laws.guarded(gains, stiffness, memory[row], seen[row])
 
 
 class _Fused:

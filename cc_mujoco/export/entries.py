@@ -168,6 +168,7 @@ def set_gains(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) -
     wrong = wrong_motor(parameters, least, most, _COUNT, _RATIO, _LOW, _HIGH)
     if wrong == 0:
         _take(memory, parameters)
+        memory[STIFFNESS] = parameters[laws.STIFFNESS]
     return wrong
 
 
@@ -226,15 +227,14 @@ def step_proportional_integral(
     memory: Any, shape: Any, tables: Any, readings: Any
 ) -> float:
     """Motor torque of the next step [Nm], or no number where a reading cannot be."""
-    desired, torque = readings[laws.DESIRED], readings[laws.TORQUE]
-    if not (possible(desired) and possible(torque)):
+    if not measured(readings, _SEEN):
         return np.nan
     law = carray(at(memory, FREE), laws.MEMORY)
     if memory[FRESH] != 0.0:
         law[:] = 0.0
         memory[FRESH] = 0.0
     gains = carray(at(memory, _GAINS), _COUNT)
-    return laws.proportional_integral(gains, law, desired, torque)
+    return laws.guarded(gains, memory[STIFFNESS], law, carray(readings, _SEEN))
 
 
 @internal

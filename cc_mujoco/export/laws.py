@@ -64,21 +64,19 @@ _PLANNED = frozenset(
     "late lag".split()
 )
 _SENSE = frozenset({"preview", "tolerance"})
+_FED = frozenset({"feed_forward", "stiffness"})
+"""Not read by a law with a model."""
 _FEEDBACK = Law(
     entries.set_gains,
     entries.step_proportional_integral,
     False,
-    _SENSE | {"settling", "safe_torque"},
+    _SENSE,
 )
 LAWS: dict[type[Controller], Law] = {
     ProportionalIntegral: _FEEDBACK,
     Feedback: _FEEDBACK,
-    ModelBased: Law(
-        entries.set_cables, entries.step_model_based, True, _SENSE | {"feed_forward"}
-    ),
-    StictionCompensation: Law(
-        entries.set_cables, entries.step_stiction, True, frozenset({"feed_forward"})
-    ),
+    ModelBased: Law(entries.set_cables, entries.step_model_based, True, _SENSE | _FED),
+    StictionCompensation: Law(entries.set_cables, entries.step_stiction, True, _FED),
     PredictiveCompensation: Law(
         predictive.set_plan,
         predictive.step_plan,

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.utils import seeding
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.control import (
     CONTROLLERS,
     Controller,
+    DisturbanceObserver,
     Drive,
     PredictiveCompensation,
     controller,
@@ -20,13 +22,17 @@ from cc_mujoco.control import (
     planning,
 )
 from cc_mujoco.control.guard import UNLIMITED, released
-from cc_mujoco.episode import TOO_LONG, unsafe_from
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.envs.exo import Exo
+from cc_mujoco.episode import TOO_LONG, Trace, run, unsafe_from
 from cc_mujoco.errors import CableError
-from cc_mujoco.sensing import MEASURED, TENSIONS, Sensors
+from cc_mujoco.sensing import MEASURED, TENSIONS, Measuring, Sensors
+from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.simulate import FRAME_SKIP, Fleet
 from control.devices import pull_pull, single
 
 SAFE = 8.0
-GUARDED = "fused", "model", "stiction", "disturbance", "predictive", "adaptive"
+GUARDED = [name for name in CONTROLLERS if name != "none"]  # which measures nothing
 
 torques = st.floats(-50.0, 50.0)
 
@@ -36,24 +42,37 @@ def test_a_joint_is_let_go_before_it_is_unsafe_and_not_where_it_is_as_planned(
     measured: float, planned: float, safe: float
 ) -> None:
     for before in (0.0, 1.0):
-        found = released(before, measured, planned, safe)
+        found = released(before, measured, 0.0, planned, safe)
         if abs(measured) > safe:
             assert found == 1.0
         elif abs(measured) <= planned * np.sign(measured):
             assert found == 0.0
-        assert found == released(before, -measured, -planned, safe)
+        assert found == released(before, -measured, 0.0, -planned, safe)
     # What lets go keeps on until much less is left.
-    assert released(1.0, measured, planned, safe) >= released(
-        0.0, measured, planned, safe
+    assert released(1.0, measured, 0.0, planned, safe) >= released(
+        0.0, measured, 0.0, planned, safe
     )
+
+
+@given(measured=torques, rushing=torques, planned=torques, safe=st.floats(0.1, 40.0))
+def test_a_motor_that_would_be_stopped_unsafely_is_let_go_before(
+    measured: float, rushing: float, planned: float, safe: float
+) -> None:
+    for before in (0.0, 1.0):
+        found = released(before, measured, rushing, planned, safe)
+        assert found >= released(before, measured, 0.0 * rushing, planned, 1e9)
+        if abs(measured + rushing) > safe:
+            assert found == 1.0
+        elif released(before, measured, 0.0, planned, safe) == 0.0 and before == 0.0:
+            assert found == 0.0
 
 
 @given(measured=torques, planned=torques)
 def test_without_a_safe_torque_there_is_no_guard(
     measured: float, planned: float
 ) -> None:
-    assert released(0.0, measured, planned, UNLIMITED) == 0.0
-    assert released(0.0, np.nan, planned, 1.0) == 0.0
+    assert released(0.0, measured, 0.0, planned, UNLIMITED) == 0.0
+    assert released(0.0, np.nan, 0.0, planned, 1.0) == 0.0
 
 
 def drive(pair: bool, safe: float) -> Drive:
@@ -76,7 +95,7 @@ def seen(law: Controller, torque: float) -> dict[str, Any]:
 
 @pytest.mark.parametrize("pair", [True, False])
 @pytest.mark.parametrize("name", [name for name in GUARDED if name != "fused"])
-def test_every_controller_with_a_model_lets_go_of_what_it_should_not_pull(
+def test_every_controller_that_measures_lets_go_of_what_it_should_not_pull(
     name: str, pair: bool
 ) -> None:
     """A sensor that shows more and more, whatever the motor does about it."""
@@ -102,13 +121,16 @@ def test_every_controller_with_a_model_lets_go_of_what_it_should_not_pull(
 def test_a_motor_that_is_let_go_follows_the_joint(
     torque: float, motor: float, joint: float
 ) -> None:
-    """The law of `fused`; otherwise it is that of `pi`."""
-    gains = laws.Gains(ratio=2.0, low=-5.0, high=5.0, safe_torque=SAFE, settling=0.1)
+    """And otherwise its law is `proportional_integral`, bit for bit."""
+    gains = laws.Gains(
+        ratio=2.0, low=-5.0, high=5.0, safe_torque=SAFE, settling=0.1, inertia=1e-2
+    )
     read = np.array([0.0, motor, joint, torque, 1.0])
     memory, plain = np.zeros(laws.MEMORY), np.zeros(laws.MEMORY)
     found = laws.guarded(gains.packed, 20.0, memory, read)
     usual = laws.proportional_integral(gains.packed, plain, 1.0, torque)
-    if released(0.0, torque, 1.0, SAFE) == 0.0:
+    rushing = (motor - 2.0 * joint) * np.sqrt(20.0 * 1e-2)
+    if released(0.0, torque, rushing, 1.0, SAFE) == 0.0:
         assert found == usual
         assert np.array_equal(memory, plain)
     else:
@@ -117,9 +139,89 @@ def test_a_motor_that_is_let_go_follows_the_joint(
         assert memory[laws.INTEGRAL] == 0.0
 
 
-def test_the_guarded_are_all_that_have_a_model() -> None:
-    made = {name: controller(name, drive(True, SAFE)) for name in CONTROLLERS}
-    assert {name for name, law in made.items() if hasattr(law, "model")} == set(GUARDED)
+def test_a_disturbance_is_not_learned_while_the_joint_is_let_go() -> None:
+    law = controller("disturbance", drive(True, SAFE))
+    assert isinstance(law, DisturbanceObserver)
+    law.reset()
+    for _ in range(20):
+        law.torque(seen(law, 3.0))
+    assert law.disturbance() != 0.0
+    for _ in range(20):
+        law.torque(seen(law, 1.2 * SAFE))
+    assert law.disturbance() == 0.0
+    for _ in range(20):
+        law.torque(seen(law, 1.0))
+    assert law.disturbance() != 0.0
+
+
+def peaks(
+    scene: str, law: str, changes: dict[str, float], believed: float, duration: float
+) -> list[tuple[float, bool]]:
+    """Return peak torque [Nm], and whether it was unsafe, with the guard and without.
+
+    Args:
+        scene: Name of the device.
+        law: Name of the controller.
+        changes: Parameters of its cables that the controller does not know.
+        believed: Friction that the controller believes, over the true one.
+        duration: Of the episode [s].
+    """
+    setup, builder = DEVICES[scene], Builder(scene)
+    model = builder.model(
+        {f"{cable}.{key}": v for cable in builder.cables for key, v in changes.items()}
+    )
+    exo = Exo(setup, setup.trajectory, setup.task, duration, FRAME_SKIP, None, model)
+    script = exo.author.write(seeding.np_random(0)[0])
+    plain = setup.sensing.equip(exo.device.drive(exo.period))
+    row = tuple(
+        dataclasses.replace(
+            one,
+            cable=own.replace(
+                friction=believed * own.friction,
+                static_friction=believed * own.static_friction,
+            ),
+        )
+        for one, own in zip(plain.cables, builder.cables.values(), strict=True)
+    )
+    known = dataclasses.replace(plain, cable_drives=(row,))
+    found = []
+    for own in (known, dataclasses.replace(known, safe_torque=np.inf)):
+        fleet = Fleet(exo, [exo.device], (script,))
+        measuring = Measuring(setup.sensing, own, exo.device.driven, [0], fleet.steps)
+        trace = Trace(("joint_torque_nm",), fleet.steps, fleet.going)
+        run(fleet, controller(law, own), trace.keep, measure=measuring.measure)
+        torque = trace.columns["joint_torque_nm"][:, 0]
+        unsafe = unsafe_from(torque, setup.safe_torque, exo.period) is not None
+        found.append((float(np.abs(torque).max()), unsafe))
+    return found
+
+
+SEALS = {"seal_proximal": 20.0, "seal_distal": 20.0}
+
+
+@pytest.mark.parametrize(
+    ("scene", "name", "changes", "believed", "duration"),
+    [
+        # Its motor winds up slack at 100 rad/s, and the cable stops it.
+        ("ankle", "pi", SEALS, 1.0, 1.2),
+        ("ankle", "disturbance", SEALS, 3.0, 1.2),
+    ],
+)
+def test_a_joint_stays_safe_that_is_unsafe_without_the_guard(
+    scene: str, name: str, changes: dict[str, float], believed: float, duration: float
+) -> None:
+    guarded, unguarded = peaks(scene, name, changes, believed, duration)
+    assert unguarded[1] and not guarded[1]
+    assert guarded[0] < 0.8 * DEVICES[scene].safe_torque
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("name", GUARDED)
+@pytest.mark.parametrize("scene", DEVICES)
+def test_no_wrong_friction_is_unsafe(scene: str, name: str) -> None:
+    for believed in (0.3, 2.0, 4.0):
+        (_, unsafe), _ = peaks(scene, name, {}, believed, 3.0)
+        assert not unsafe, believed
 
 
 def test_a_safe_torque_is_above_zero() -> None:

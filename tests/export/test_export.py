@@ -397,6 +397,26 @@ def test_every_term_of_the_cables_is_in_the_exported_controller(
 
 
 @needs_compiler
+@pytest.mark.parametrize("name", ["pi", "stiction"])
+def test_the_guard_is_exported(name: str, made: Made) -> None:
+    """A joint that is pulled too hard, and a motor that winds up slack too fast."""
+    readings = episode("wrist", name)[0][:400].copy()
+    plan, drive = plan_of("wrist", name), drive_of("wrist", name)
+    torque, speed = map(plan.seen.index, ("joint_torque_nm", "motor_velocity_rad_s"))
+    readings[100:200, torque] += drive.safe_torque
+    readings[300:350, speed] += 200.0
+    exported = Library(*made("wrist", name))
+    assert exported.take(exported.parameters) == 0
+    found = exported.torques(readings)
+    assert np.array_equal(found, python(controller(name, drive), readings, name))
+    free = controller(name, dataclasses.replace(drive, safe_torque=math.inf))
+    other = found != python(free, readings, name)
+    assert other[100:200].any() and not other[:100].any()
+    # A law with a model is at the limit of its motor against such a speed anyway.
+    assert other[300:350].any() or name == "stiction"
+
+
+@needs_compiler
 def test_friction_that_a_plan_learned_is_kept_when_parameters_are_exchanged(
     made: Made,
 ) -> None:

@@ -201,6 +201,7 @@ class Players:
         if isinstance(law, ProportionalIntegral):
             gains = self._hold(law.gains.packed)
             words[Word.MEMORY] = law.memory(1).ctypes.data
+            own[Number.CABLE_STIFFNESS] = law.stiffness[0]
         else:
             drive = law.drive
             limits = laws.Gains(drive.ratio, drive.low, drive.high, drive.period)
@@ -208,7 +209,6 @@ class Players:
         words[Word.GAINS] = gains.ctypes.data
         if not isinstance(law, ModelBased):
             return
-        own[Number.CABLE_STIFFNESS] = law.stiffness[0]
         model = law.model
         self._models[-1] = model
         arrays = {

@@ -117,7 +117,8 @@ def _torque(record: int, seen: FloatArray) -> float:
         return _clamped(desired / gains[_RATIO], gains[_LOW], gains[_HIGH])
     memory = _told(record, _MEMORY_AT, _MEMORY)
     if law == _FEEDBACK:
-        return float(laws.proportional_integral(gains, memory, desired, torque))
+        stiffness = load_real(load_word(record + _NUMBERS) + _CABLE_STIFFNESS)
+        return float(laws.guarded(gains, stiffness, memory, seen))
     count = load_word(record + _MODEL_CABLES)
     width, long = load_word(record + _PACKED_SIZE), load_word(record + _STATE_SIZE)
     prm = _told(record, _PACKED, count * width).reshape(count, width)
@@ -196,8 +197,11 @@ def _observe(record: int, data: int, step: int, seen: FloatArray) -> None:
         store_real(at + (3 * cables + k) * row, least)
     seen[laws.ANGLE], seen[laws.VELOCITY] = turned, speed
     seen[laws.JOINT_VELOCITY], leverage = velocity, 1.0
-    if load_word(record + _LAW) >= _MODEL:
+    law = load_word(record + _LAW)
+    if law >= _FEEDBACK:
         seen[laws.JOINT_VELOCITY], leverage = _leverage(record, data, velocity)
+    if law < _MODEL:
+        leverage = 1.0
     seen[laws.TORQUE], seen[laws.DESIRED] = torque / leverage, desired / leverage
 
 

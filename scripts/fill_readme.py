@@ -95,7 +95,7 @@ def tables(results: Results) -> str:
 
 
 def played(folder: Path, seeds: int) -> Results:
-    """The suite, and what of it is not played yet."""
+    """Play what of the suite is not played yet, and return all of it."""
     plan = Plan(ENTRIES, seeds=seeds)
     with tqdm(total=len(plan.cells()), unit="cell") as bar:
         return run(
@@ -112,12 +112,12 @@ def studies(folder: Path) -> str:
 
 
 def between(page: str, name: str) -> str:
-    """What stands between the marks of a block."""
+    """Return what stands between the marks of a block."""
     return _marked(name).findall(page)[0].rstrip("\n")
 
 
 def filled(page: str, name: str, text: str) -> str:
-    """The page with this text between the marks of a block."""
+    """Return the page with this text between the marks of a block."""
     found, number = _marked(name).subn(lambda _: text + "\n", page)
     if number != 1:
         raise SystemExit(f"the page of {name} needs its two marks, once")
@@ -125,7 +125,7 @@ def filled(page: str, name: str, text: str) -> str:
 
 
 def shortened(name: str, text: str) -> str:
-    """What the front page shows of a block."""
+    """Return what the front page shows of a block."""
     return "\n\n".join(text.split("\n\n")[: SHORT[name]])
 
 

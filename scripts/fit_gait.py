@@ -30,7 +30,7 @@ JOINTS = ("ankle", "knee", "hip")
 TABLE = Path(__file__).parents[1] / "cc_mujoco" / "human" / "gait_table.py"
 DECIMALS = 6
 UNITS = {"assistance_root": "1", "ankle_moment": "Nm"}
-"""Of series that are no angles."""
+"""Units of series that are no angles."""
 
 HEAD = '''\
 """Coefficients of the harmonic gait profiles; written by `scripts/fit_gait.py`.
@@ -127,7 +127,7 @@ def fit(folder: Path) -> tuple[float, dict[str, Array], dict[str, float]]:
 
 
 def summary(errors: dict[str, float]) -> str:
-    """The errors as one line."""
+    """Return the errors as one line."""
     angles = ", ".join(f"{joint} {errors[joint]:.2f}" for joint in JOINTS)
     moment = f"moment of the ankle {errors['ankle_moment']:.2f} Nm"
     assistance = f"assistance {errors['assistance']:.4f} of its peak"
@@ -147,7 +147,7 @@ def render(period: float, table: dict[str, Array], errors: dict[str, float]) -> 
 
 
 def is_table(path: Path) -> bool:
-    """Whether this script wrote a file."""
+    """Return whether this script wrote a file."""
     return path.is_file() and path.read_bytes().startswith(HEAD[:50].encode())
 
 

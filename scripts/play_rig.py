@@ -5,7 +5,7 @@
 
 It is at a port of this machine, or at the address in a `rig.toml`, on CAN as well. The
 bench of `scripts/diagnosis_study/driven.py`. It answers with a reading every `--period`
-(500 Hz unless given), and has the watchdog that the packet asks of a rig: no command
+(500 Hz unless given), and has the watchdog that the packet demands of a rig: no command
 for 50 ms, no torque.
 """
 
@@ -33,7 +33,7 @@ from rig import make_rig
 from rig.makes import MAKES
 
 PERIOD = 0.002
-"""Between two readings, unless another is asked for [s]."""
+"""Time between two readings, by default [s]."""
 SILENCE = 0.05
 """Time without a command after which there is no torque [s]."""
 
@@ -48,7 +48,7 @@ class End(Protocol):
     name: str
 
     def receive(self) -> tuple[bytes, Sender] | None:
-        """The next packet and whom it came from, None if there is none."""
+        """Return the next packet and its sender, None if there is none."""
 
     def send(self, data: bytes, to: Sender) -> None:
         """Send a packet; it may be lost."""
@@ -119,7 +119,7 @@ class Host:
 
     def __init__(self) -> None:
         self.address: Sender | None = None
-        """Where readings go."""
+        """Address to which readings go."""
         self.enabled = False
         self.torque = 0.0
         self._sequence: int | None = None
@@ -152,7 +152,7 @@ class Host:
 
 
 def serve(end: End, bench: Bench, seed: int, swing: float, swing_period: float) -> None:
-    """Play until the process is told to end."""
+    """Play until the process is terminated."""
     period = bench.period
     instruments, host = Instruments(seed, period), Host()
     pace = 2.0 * math.pi / swing_period
@@ -184,10 +184,10 @@ def serve(end: End, bench: Bench, seed: int, swing: float, swing_period: float) 
 
 
 def end_of(rig: Path | None, port: int) -> End:
-    """The end of a link to be at.
+    """Return this end of a link.
 
     Args:
-        rig: A `rig.toml` that says where, or None.
+        rig: A `rig.toml` with the address, or None.
         port: Of this machine if there is none.
 
     Raises:
@@ -208,7 +208,7 @@ def _ended(number: int, _: FrameType | None) -> None:
 
 
 def main() -> None:
-    """Play the rig that is asked for."""
+    """Play the rig of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--port", type=int, default=5005)
     parser.add_argument(

@@ -25,7 +25,7 @@ PACKAGES: list[str] = SETTINGS["tool"]["setuptools"]["packages"]
 
 
 def opened(package: str) -> list[ModuleType]:
-    """The modules of a package and itself, as pdoc has to see them."""
+    """Return the modules of a package and itself, as pdoc has to see them."""
     module = importlib.import_module(package)
     folder = str(Path(module.__file__ or "").parent)
     inside = [entry.name for entry in pkgutil.iter_modules([folder])]
@@ -33,11 +33,11 @@ def opened(package: str) -> list[ModuleType]:
     inside += [p.split(".")[-1] for p in PACKAGES if p.rpartition(".")[0] == package]
     modules = {name: there for name in inside if (there := found(f"{package}.{name}"))}
     if public := getattr(module, "__all__", None):
-        # What a package gives when asked for is not in it before, where pdoc looks; and
+        # What a package gives on request is not in it before, where pdoc looks; and
         # of its modules pdoc shows those only that are public names.
         shown = []
         for name in public:
-            with suppress(CableError):  # its module is told of already
+            with suppress(CableError):  # its module is reported already
                 setattr(module, name, getattr(module, name))
                 shown.append(name)
         module.__dict__["__all__"] = list(dict.fromkeys([*shown, *modules]))
@@ -45,7 +45,7 @@ def opened(package: str) -> list[ModuleType]:
 
 
 def found(name: str) -> ModuleType | None:
-    """A module, unless it needs a package that is not installed."""
+    """Return a module, unless it needs a package that is not installed."""
     try:
         return importlib.import_module(name)
     except CableError as error:

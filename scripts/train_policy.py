@@ -65,7 +65,7 @@ BENCH = Setup(
 """The bench of the diagnosis study, which has no environment of its own, with a hand
 for a wearer; noise is that of the study's torque sensor."""
 HAND = Wearer(40.0, 1.0)
-"""What `wearer` is a multiple of at the bench."""
+"""Wearer of the bench, of which `wearer` is a multiple."""
 
 
 class Bench(ExoVectorEnv):
@@ -79,7 +79,7 @@ class Sines(Task):
     """Torque that runs by itself, and a spring."""
 
     sizes: tuple[float, ...]
-    """Of the sines [Nm]."""
+    """Amplitudes of the sines [Nm]."""
     lines: tuple[float, ...]
     """Periods of each in one of the phase."""
     shifts: tuple[float, ...]
@@ -110,7 +110,7 @@ PLAYED: dict[str, tuple[tuple[str, Task, int], ...]] = {
         )
     ),
 }
-"""By scene, trajectories and tasks of the training, and how many parts of the
+"""Trajectories and tasks of the training by scene, and how many parts of the
 environments."""
 OBSERVED: dict[str, Any] = {"hold": 5, "history": 4, "memory": True}
 LINERS = {"friction": (0.04, 0.23), "break_away": (1.0, 3.2)}
@@ -119,11 +119,11 @@ SPREAD = {
     "pretension": (0.5, 1.5),
     "wrap": (0.7, 1.33),
 }
-"""Over what the scene has; the wrap of what lies in a conduit all the way."""
+"""Ranges over the scene's values; the wrap of what lies in a conduit all the way."""
 OTHERS = {"wearer": (0.25, 4.0), "delay": (0, 5), "noise": (0.0, 3.0)}
 FIXED = {"delay": (1, 1), "noise": (1.0, 1.0)}
 ORDINARY = {"friction": (0.1, 0.1), "break_away": (1.5, 1.5)}
-"""What one cable is; at the bench that of its scene."""
+"""Values of one cable; at the bench that of its scene."""
 
 COMMON: dict[str, Any] = {"policy": "MlpPolicy", "device": "cpu"}
 ALGORITHMS: dict[str, dict[str, Any]] = {
@@ -160,13 +160,13 @@ the size of the errors that matter: an action of 1 is 5 Nm at the wrist and 240 
 the ankle."""
 TAUT = {"ankle": 0.02, "exosuit": 0.06}
 """Action that PPO begins with where a drum pays out many turns: a cable that hangs
-slack, as without it, tells nothing of what the motor does."""
+slack, as without it, does not show what the motor does."""
 ENVIRONMENTS = {"ppo": 64, "sac": 128}
-"""How many are trained on together unless told otherwise."""
+"""Number of environments trained on together, by default."""
 
 
 def randomised(scene: str) -> dict[str, tuple[float, float]]:
-    """From what plants of a device are drawn."""
+    """Return the ranges from which plants of a device are drawn."""
     cables = from_mjcf(mujoco.MjModel.from_xml_path(str(scene_path(scene))))
     ranges: dict[str, tuple[float, float]] = dict(LINERS)
     for key, (low, high) in SPREAD.items():
@@ -179,7 +179,7 @@ def randomised(scene: str) -> dict[str, tuple[float, float]]:
 
 
 def make(options: argparse.Namespace) -> list[Any]:
-    """The vector environments of the training."""
+    """Return the vector environments of the training."""
     scene, played = options.scene, PLAYED[options.scene]
     given: dict[str, Any] = {
         "duration": options.seconds,
@@ -205,7 +205,7 @@ def make(options: argparse.Namespace) -> list[Any]:
 
 
 def bare_rate(envs: list[Any], seconds: float = 3.0) -> float:
-    """Steps of single environments per second of processor, without any learning."""
+    """Return steps of single environments per second of processor, without learning."""
     random = np.random.default_rng(0)
     for env in envs:
         env.reset(seed=0)

@@ -23,28 +23,28 @@ from rig.guides.plant import GUIDES
 from rig.nominal import Rig
 
 ZONES = 6
-"""Lengths of conduit that a sensor of bend tells the angle of, each a sixth."""
+"""Lengths of conduit whose angle a sensor of bend measures, each a sixth."""
 PLACES = (0.0, 0.5, 1.0)
-"""Of the sensors of tension, over the length of a cable."""
+"""Places of the sensors of tension, over the length of a cable."""
 
 
 @dataclass(frozen=True)
 class Elbow:
-    """How the path changes."""
+    """Bend that changes the path while the bench runs."""
 
     begin: float
-    """Of the part that bends, over the length."""
+    """Begin of the part that bends, over the length."""
     end: float
     most: float
     """Bend that it adds at most [rad]."""
     paces: tuple[float, float]
     """Two periods in which it goes to and fro [s]."""
     shares: tuple[float, float]
-    """Of both conduits: the inner one bends more."""
+    """Shares of both conduits: the inner one bends more."""
 
     @classmethod
     def drawn(cls, seed: int, most: float = 2.2) -> Elbow:
-        """An elbow somewhere in the middle, slow beside the motion of the joint."""
+        """Return an elbow somewhere in the middle, slow beside the joint's motion."""
         random = np.random.default_rng([seed, 0xE1B])
         middle, width = random.uniform(0.35, 0.65), random.uniform(0.2, 0.4)
         inner = 1.0 + random.uniform(-0.03, 0.03)
@@ -56,7 +56,7 @@ class Elbow:
         )  # fmt: skip
 
     def bend(self, time: float) -> float:
-        """What it adds to the bend of a conduit [rad], 0 at first."""
+        """Return what it adds to the bend of a conduit [rad], 0 at first."""
         long, short = (
             0.5 - 0.5 * math.cos(2.0 * math.pi * time / t) for t in self.paces
         )
@@ -97,26 +97,26 @@ class BendingBench(Bench):
 
     @property
     def tensions(self) -> Array:
-        """Of both cables where the sensors are (2, `PLACES`) [N]."""
+        """Tensions of both cables where the sensors are (2, `PLACES`) [N]."""
         pieces = np.round(np.array(PLACES) * GUIDES).astype(int)
         return self.cables.tension[:, pieces].copy()
 
 
 class Quality(NamedTuple):
-    """How bad a kind of sensor is; each sensor of a bench is bad in its own way."""
+    """Errors of a kind of sensor; each sensor of a bench has its own."""
 
     noise: float
     """Standard deviation of every reading."""
     gain: float
-    """Of the error of its gain, relative."""
+    """Standard deviation of the error of its gain, relative."""
     drift: float
-    """Of what it has drifted by after 10 s, as a random walk."""
+    """Standard deviation of its drift after 10 s, as a random walk."""
 
 
 BEND = Quality(0.02, 0.03, 0.03)
-"""Of a zone [rad]."""
+"""Errors of the bend of a zone [rad]."""
 STRAIN = Quality(1.0, 0.02, 1.0)
-"""Of a tension [N]."""
+"""Errors of a tension [N]."""
 
 
 class _Kind:

@@ -50,7 +50,7 @@ from rig.strength import calibrate
 from rig.trials import COMPLIANT, Trial
 
 PERIOD, TRIAL_PERIOD = 0.0005, 0.001
-"""Of the loop in the task and in the trials [s]."""
+"""Periods of the loop in the task and in the trials [s]."""
 SECONDS, SETTLED = 12.0, 2.0
 """Length of the task, and from when on its error counts [s]."""
 LIMITS = Limits(
@@ -63,7 +63,7 @@ LIMITS = Limits(
 TURN = 2.0
 """Change of the motor's torque where it turns [Nm]: about its friction."""
 TRIAL_LIMITS = dataclasses.replace(LIMITS, torque=20.0)
-"""A hand that pushes against the motor asks for more."""
+"""Limits in trials: a hand that pushes against the motor demands more."""
 FRICTION = "friction"
 """No effect of the library: friction coefficients other than the scene's."""
 EFFECTS = (
@@ -113,7 +113,7 @@ class Case:
         return self.played(law, drive, run)
 
     def played(self, law: str, drive: Drive, run: str) -> dict[str, Any]:
-        """The same with a controller that believes in a drive."""
+        """Return the same with a controller that relies on the model of a drive."""
         desired, swing = task()
         bench = Bench(self.rig, self.hidden, PERIOD)
         lockstep = Lockstep(bench, self.seed, swing)
@@ -137,7 +137,7 @@ class Case:
         }
 
     def identify(self) -> None:
-        """Play trials, one log each, with what is known of them."""
+        """Play trials, one log each, with the known facts about them."""
         data = self.folder / "data"
         limits = TRIAL_LIMITS
         drive = drive_of("bench", self.folder, TRIAL_PERIOD, limits.torque)
@@ -160,14 +160,14 @@ class Case:
             log.close(loop.run(APPROACH + float(times[-1])).to_json())
             if loop.outcome.code:
                 raise RuntimeError(f"{data}, trial {number}: {loop.outcome.sentence}")
-        # A log has the torque that the motor was told, and its rotor takes a part.
+        # A log has the commanded torque of the motor, and its rotor takes a part.
         rotor = f"[rig]\nrotor_inertia = {drive.inertia:g}\n\n"
         facts = rotor + facts_of("rich", self.seed)
         (data / "dataset.toml").write_text(facts, encoding="utf-8")
 
 
 def true_drive(rig: Rig, drive: Drive) -> Drive:
-    """The drive of the bench with the constants of a rig in which nothing is hidden."""
+    """Return the bench's drive with the constants of a rig that hides nothing."""
     cables = []
     for one, friction in zip(
         drive.cables, (rig.friction_a, rig.friction_b), strict=True
@@ -204,7 +204,7 @@ def floor(law: str, seed: int, folder: Path) -> dict[str, float]:
 
 
 def beyond(error: float, floor: float) -> float:
-    """What an error has beyond a floor, in squares; 0 at the floor or below."""
+    """Return an error's excess over a floor, in squares; 0 at the floor or below."""
     return math.sqrt(max(error**2 - floor**2, 0.0))
 
 
@@ -213,7 +213,7 @@ def between(log: Path) -> float:
 
     The torque sensor is averaged over 10 ms. A turn is where the command changes by
     more than `TURN` within 20 ms; within 0.1 s of one the motor crosses the backlash,
-    which takes time whatever the model says.
+    which takes time with any model.
     """
     rows = np.genfromtxt(log, delimiter=",", names=True)
     rows = rows[np.isfinite(rows["desired_torque_nm"])]
@@ -228,7 +228,7 @@ def between(log: Path) -> float:
 
 
 def led(times: NDArray[np.float64], trial: Trial) -> Swing:
-    """Where what holds the joint goes in a trial."""
+    """Return the motion in a trial of what holds the joint."""
 
     def swing(now: float) -> tuple[float, float]:
         at = now - APPROACH
@@ -269,7 +269,7 @@ def run(
 
 
 def told(records: list[Mapping[str, Any]], floors: Floors) -> str:
-    """The cases as a Markdown table."""
+    """Return the cases as a Markdown table."""
     rows = []
     for r in records:
         for law, before in r["before"].items():
@@ -303,7 +303,7 @@ def _fall(old: float, new: float) -> str:
 
 
 def counted(records: list[Mapping[str, Any]], floors: Floors) -> str:
-    """What the table comes to, in lines."""
+    """Return a summary of the table, in lines."""
     hidden = [r for r in records if r["effect"] not in ("none", FRICTION)]
     right = [r for r in hidden if [r["effect"]] == r["named"] and not r["ties"]]
     tied = [r for r in hidden if any(r["effect"] in tie for tie in r["ties"])]
@@ -336,7 +336,7 @@ def counted(records: list[Mapping[str, Any]], floors: Floors) -> str:
 
 
 def _size(record: Mapping[str, Any]) -> str:
-    """How strong an effect was, as the table says it."""
+    """Return the strength of an effect, as the table shows it."""
     if record["effect"] == FRICTION:
         return f"+{10 * record['strength']:.0f} %"
     return "-" if record["effect"] == "none" else f"{record['strength']:g}"
@@ -401,7 +401,7 @@ def read_floors(path: Path) -> Floors:
 
 
 def read(kept: Path) -> list[Mapping[str, Any]]:
-    """The cases that an earlier run finished; none if the file is no such run's."""
+    """Return the cases of an earlier run; none if the file is no such run's."""
     try:
         found = [json.loads(line) for line in kept.read_text().splitlines()]
     except (OSError, ValueError):

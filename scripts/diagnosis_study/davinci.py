@@ -38,14 +38,14 @@ OCCASIONS = {
 
 
 def toml_of(held_out: str, names: list[str]) -> str:
-    """The file of the rig, with the tables of other trials than its own."""
+    """Return the rig's file, with the tables of other trials than its own."""
     head = TOML.read_text(encoding="utf-8").partition("\n[trials")[0]
     tests = [Path(name).stem for name in names if re.search(held_out, name)]
     return head + "".join(f'\n[trials."{t}"]\nsplit = "test"\n' for t in tests)
 
 
 def diagnosed(occasion: str, folder: Path, work: Path) -> tuple[Result, float]:
-    """What an occasion shows by itself, and seconds of processor time."""
+    """Return the result of an occasion by itself, and seconds of processor time."""
     pattern, held_out = OCCASIONS[occasion]
     files = sorted(f for f in folder.iterdir() if re.fullmatch(pattern, f.name))
     if not files:
@@ -59,7 +59,7 @@ def diagnosed(occasion: str, folder: Path, work: Path) -> tuple[Result, float]:
 
 
 def with_sizes(problem: Problem, other: Problem, values: dict[str, float]) -> Problem:
-    """A baseline with the effects of another model, of sizes that are not tuned."""
+    """Return a baseline with another model's effects, of sizes that are not tuned."""
     for name in other.effects:
         problem = problem.with_effect(name, {})
     tuned = list(problem.tuned)

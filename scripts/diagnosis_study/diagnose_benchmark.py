@@ -1,4 +1,4 @@
-"""How often `cc-mujoco diagnose` is right, on rigs in which an effect is hidden.
+"""Benchmark of `cc-mujoco diagnose`, on rigs in which an effect is hidden.
 
     python scripts/diagnosis_study/diagnose_benchmark.py --strength 2 4 --out runs/b
 
@@ -6,8 +6,8 @@ Rigs, motions and sensors come from `rig`, which shares no code with the package
 `--make guides` and `--make elements` are rigs by other equations.
 Every case is generated, written to files, diagnosed from these as the command does, and
 only then compared with its label. Studies draw from disjoint seeds: `development` and
-`calibration` were used to set thresholds, `final` only to measure, once; what that
-taught was measured on `second`, and so on: changes are measured on rigs that had not
+`calibration` were used to set thresholds, `final` only to measure, once; what followed
+from it was measured on `second`, and so on: changes are measured on rigs that had not
 led to them. Cases that are done are kept; the table is written anew after each.
 
 With `--naive binned sparse bic` every case is also named in the naive ways of
@@ -136,7 +136,7 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def truth_of(rig: Rig) -> dict[str, float]:
-    """What the baseline's parameters are for a rig, as a lumped scene means them."""
+    """Return the baseline's parameters of a rig, as a lumped scene means them."""
     from rig.makes import MAKES
     from rig.nominal import NOMINAL
 
@@ -157,7 +157,7 @@ def truth_of(rig: Rig) -> dict[str, float]:
 def settled(
     case: dict[str, Any], amounts: dict[str, float], result: Result, folder: Path
 ) -> dict[str, Any] | None:
-    """What is said when the experiment that a tie proposes has been done as well."""
+    """Return the result once the experiment that a tie proposes has been done, too."""
     from cc_mujoco.assets import scene_path
     from cc_mujoco.diagnosis.data.bench import Bench
     from cc_mujoco.diagnosis.diagnose import inferred
@@ -207,7 +207,7 @@ def settled(
 
 
 def said(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What a diagnosis says that is judged."""
+    """Return the judged parts of a diagnosis."""
     return {
         "verdict": diagnosis.verdict,
         "named": [effect.id for effect in diagnosis.missing],
@@ -248,7 +248,7 @@ def off(result: Result) -> dict[str, list[list[float]]]:
 
 
 def guesses(baseline_fit: BaselineFit, methods: Sequence[str]) -> dict[str, Any]:
-    """What naive ways say, and how long it takes to say it [s]."""
+    """Return the answers of naive methods, and the time that they take [s]."""
     from baselines import installed
 
     known = installed()
@@ -325,7 +325,7 @@ def main() -> None:
 
 
 def read(kept: Path) -> list[dict[str, Any]]:
-    """The cases that an earlier run finished; none if the file is no such run's."""
+    """Return the cases of an earlier run; none if the file is no such run's."""
     try:
         found = [json.loads(line) for line in kept.read_text().splitlines()]
         return (

@@ -1,4 +1,4 @@
-"""What a study of `diagnose_benchmark.py` says, as Markdown."""
+"""Results of a study of `diagnose_benchmark.py`, as Markdown."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def judged(
         hidden: ids of what is hidden.
         verdict: of the diagnosis.
         named: ids that it names, the first first.
-        ties: groups of ids that it cannot tell apart.
+        ties: groups of ids that it cannot distinguish.
     """
     tied = [set(tie) for tie in ties]
     if kind == "none":
@@ -56,7 +56,7 @@ def judged(
             return "tie"
         return "half" if set(hidden) & either else "wrong"
     if verdict == "unknown":
-        return "silent"  # whatever it added: most of the error is left, it says
+        return "silent"  # whatever it added: it reports that most of the error is left
     for tie in tied:
         if hidden[0] in tie:
             return "tie" if len(tie) == 2 else "silent"
@@ -66,7 +66,7 @@ def judged(
 
 
 def went(record: dict[str, Any]) -> str:
-    """The same of a record."""
+    """Return the same of a record."""
     names = ("kind", "hidden", "verdict", "named", "ties")
     return judged(**{name: record[name] for name in names})
 
@@ -128,7 +128,7 @@ def summary(records: list[dict[str, Any]]) -> str:
 
 
 def _shares(words: Sequence[str], wanted: Iterable[str]) -> list[str]:
-    """How many cases, and how many went each way, the first with its interval."""
+    """Return the number of cases, and of each word, the first with its interval."""
     whole = len(words)
     found = [_share(words.count(word), whole) for word in wanted]
     right = f"{found[0]} ({exact(words.count('right'), whole)})"
@@ -214,7 +214,7 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
 
 
 def _well(record: dict[str, Any]) -> bool:
-    """Whether the proposed experiment settled a tie."""
+    """Return whether the proposed experiment settled a tie."""
     told = record["settled"]
     return told["verdict"] == "named" and set(record["hidden"]) <= set(told["named"])
 
@@ -258,7 +258,7 @@ def _strengths(records: list[dict[str, Any]]) -> list[str]:
 
 
 def confusion(records: list[dict[str, Any]]) -> dict[str, str]:
-    """By what was hidden alone: first names or verdicts with their counts."""
+    """Return first names or verdicts with their counts, by what was hidden alone."""
     told: dict[str, Counter[str]] = {}
     for r in sorted(records, key=lambda record: record["seed"] % 100):
         if r["kind"] == "pair":

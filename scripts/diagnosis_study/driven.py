@@ -32,7 +32,7 @@ STEP = 2e-4
 LEFT_OUT = (
     "detent", "play", "offcentre", "unbalance", "strap", "bearing", "settling",
 )  # fmt: skip
-"""Of the plant, what `advance` does not play."""
+"""Properties of the plant that `advance` does not play."""
 HAND = (10.0, 0.3)
 """Stiffness [Nm/rad] and damping [Nm s/rad] of the hand."""
 
@@ -58,7 +58,7 @@ class Instruments:
         return float(channel.resolution * round(noisy / channel.resolution))
 
     def readings(self, state: Array, torque: float, status: Status) -> Readings:
-        """What they show."""
+        """Return the readings of the instruments."""
         angles = [
             self._read("motor_angle", state[0]),
             self._read("joint_angle", state[2]),
@@ -122,7 +122,7 @@ class Bench:
 
         Args:
             torque: That the motor is commanded [Nm].
-            swing: Angle that the hand asks for [rad].
+            swing: Angle that the hand aims at [rad].
             rate: Its speed [rad/s].
         """
         hand = np.array([*self._hand, swing, rate])
@@ -144,12 +144,12 @@ class Bench:
 
     @property
     def joint_torque(self) -> float:
-        """That the cables put into the joint [Nm]."""
+        """Torque that the cables put into the joint [Nm]."""
         return float(self.plant.joint_radius * (self.ends[2] - self.ends[3]))
 
 
 Swing = Callable[[float], tuple[float, float]]
-"""Angle that the hand asks for [rad] and its speed [rad/s], by time [s]."""
+"""Angle that the hand aims at [rad] and its speed [rad/s], by time [s]."""
 
 
 class Lockstep:
@@ -165,7 +165,7 @@ class Lockstep:
         """
         self.bench = bench
         self.torques: list[float] = []
-        """What the joint truly got, one number a period from the first on [Nm]."""
+        """True torques of the joint, one number a period from the first on [Nm]."""
         self._instruments = Instruments(seed, bench.period)
         self._swing = swing
         self._torque = 0.0

@@ -1,4 +1,4 @@
-"""How far from the noise floor rigs are in which nothing is hidden, trial by trial.
+"""Distance from the noise floor of rigs in which nothing is hidden, trial by trial.
 
     python scripts/diagnosis_study/floors.py --make guides elements --rigs 10
 
@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 
 
 def written(data: list[dict[str, Array]], trials: str, seed: int) -> Dataset:
-    """Recorded trials as an experimenter's files make them."""
+    """Return recorded trials as an experimenter's files make them."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "data"
         write_data(path, data, facts_of(trials, seed))
@@ -49,7 +49,7 @@ def written(data: list[dict[str, Array]], trials: str, seed: int) -> Dataset:
 
 
 def fitted(dataset: Dataset) -> tuple[BaselineFit, Filtering]:
-    """The baseline of a data set on the bench."""
+    """Return the baseline of a data set on the bench."""
     bench = Bench.of(scene_path("bench")).known(dataset.constants)
     records, filtering = prepare(dataset, bench)
     baseline = fit_baseline(dataset, plant_of(dataset, bench, records), filtering, 0)
@@ -71,7 +71,7 @@ def errors_of(make: str, seed: int, effect: str, strength: float) -> dict[str, A
 
 
 def by_trial(crossed: CrossValidation) -> dict[str, list[list[float]]]:
-    """Sums of squares by trial and channel: held-out errors, and those of noise.
+    """Return sums of squares by trial and channel: held-out errors, and those of noise.
 
     Both are over what errors are divided by, so that their ratio is over the floor.
     """
@@ -92,7 +92,7 @@ def by_trial(crossed: CrossValidation) -> dict[str, list[list[float]]]:
 
 
 def told(record: Mapping[str, Any]) -> str:
-    """A rig in a line."""
+    """Return a rig in a line."""
     squares = np.array(list(record["squares"].values()))
     errors, noise = squares.sum(axis=2).T
     beyond = (errors - noise) / noise.sum()

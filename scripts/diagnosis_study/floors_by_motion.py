@@ -1,4 +1,4 @@
-"""Whether the noise floor is what readings are off by, however the rig moves.
+"""Check of the noise floor against the errors of readings, by motion of the rig.
 
     python scripts/diagnosis_study/floors_by_motion.py --make bristles --rigs 10
 
@@ -34,7 +34,7 @@ PACES = {"rest": 0.005, "creep": 0.06, "slow": 0.5, "fast": np.inf}
 
 
 def squares(make: str, seed: int) -> dict[str, Array]:
-    """Sums of squares by pace and trial: of noise, of the floor (2, channels).
+    """Return sums of squares by pace and trial: of noise, of the floor (2, channels).
 
     As in fits, errors are over what divides them, and Huber's.
     """

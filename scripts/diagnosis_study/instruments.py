@@ -1,4 +1,4 @@
-"""What `cc-mujoco diagnose` says of one rig, by what its torques are known from.
+"""Diagnoses of one rig by `cc-mujoco diagnose`, by what its torques are known from.
 
     python scripts/diagnosis_study/instruments.py --out runs/instruments
 
@@ -36,7 +36,7 @@ Columns = dict[str, NDArray[np.float64]]
 HIDDEN = ("none", "viscous_friction", "load_independent_friction", "end_compliance")
 SEED, STRENGTH = 900, 4.0
 CONSTANT, FRICTION, DRAG, WIND_UP = 0.5, 0.15, 0.03, 1e-3
-"""Of the motor: torque constant [Nm/A], its own friction [Nm], drag [Nm s/rad] and
+"""Motor: torque constant [Nm/A], its own friction [Nm], drag [Nm s/rad] and
 turn before friction slides [rad]."""
 
 
@@ -55,7 +55,7 @@ def cells(columns: Columns) -> Columns:
 
 
 def current(columns: Columns) -> Columns:
-    """The motor's current, and a torque sensor at the joint."""
+    """Return the motor's current, and a torque sensor at the joint."""
     made = sensors(columns)
     angle = made["motor_angle_rad"]
     speed = velocity(angle, 0.002)
@@ -99,7 +99,7 @@ KINDS: dict[str, tuple[Callable[[Columns], Columns], str, tuple[str, ...]]] = {
         ("spring",),
     ),
 }  # fmt: skip
-"""By name: columns, beginning of `dataset.toml`, and loads that are recorded."""
+"""Columns, beginning of `dataset.toml`, and recorded loads, by name."""
 
 
 def diagnosed(data: list[Columns], kind: str, seed: int) -> dict[str, Any]:

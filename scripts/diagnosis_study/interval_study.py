@@ -1,4 +1,4 @@
-"""How often 95 % intervals of what every scene has cover what a rig has.
+"""Coverage of a rig's values by the 95 % intervals of what every scene has.
 
     python scripts/diagnosis_study/interval_study.py --make guides --rigs 20
 
@@ -37,7 +37,7 @@ _STEP = 7
 
 
 def found_on(make: str, seed: int, strength: float) -> dict[str, Any]:
-    """What a diagnosis finds on a rig, with the truth."""
+    """Return the findings of a diagnosis on a rig, with the truth."""
     rig = make_rig(seed, make=make)
     trials = MAKES[make].trials(rig)
     names = MAKES[make].named
@@ -67,7 +67,7 @@ def off(value: float, low: float, high: float, truth: float) -> float:
 
 
 def told(record: dict[str, Any]) -> str:
-    """A rig in a line."""
+    """Return a rig in a line."""
     distances = ", ".join(
         f"{name} {off(*interval):+.2f}"
         for name, interval in sorted(record["intervals"].items())
@@ -81,7 +81,7 @@ def told(record: dict[str, Any]) -> str:
 
 
 def covered(records: Sequence[dict[str, Any]]) -> str:
-    """How many intervals cover, by make and parameter, with exact intervals."""
+    """Return how many intervals cover, by make and parameter, with exact intervals."""
     lines = []
     makes = sorted({record["make"] for record in records})
     together = [makes] if len(makes) > 1 else []

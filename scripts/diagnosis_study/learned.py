@@ -37,19 +37,19 @@ from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 
 NOISE = 0.025
-"""Of the joint's torque sensor, as its data sheet has it [Nm]."""
+"""Noise of the joint's torque sensor, as its data sheet has it [Nm]."""
 EFFECTS = (
     "none", FRICTION, "viscous_friction", "load_independent_friction",
     "stribeck_friction", "presliding", "asymmetric_friction", "end_compliance",
     "configuration_dependent_wrap", "friction_drift",
 )  # fmt: skip
 MORE = 1.4
-"""What friction is multiplied by where that is what is hidden."""
+"""Factor of friction where that is what is hidden."""
 KEPT, TABLE = "cases.jsonl", "table.md"
 
 
 class Rows:
-    """Keeps what the motor was told."""
+    """Record of the commands of the motor."""
 
     def __init__(self) -> None:
         """Begin with nothing."""
@@ -61,7 +61,7 @@ class Rows:
 
 
 def built(effect: str, seed: int) -> tuple[Rig, dict[str, float]]:
-    """A rig, and what it hides."""
+    """Return a rig, and what it hides."""
     rig = make_rig(seed, make="guides")
     if effect == FRICTION:
         both = {n: MORE * getattr(rig, n) for n in ("friction_a", "friction_b")}
@@ -72,7 +72,7 @@ def built(effect: str, seed: int) -> tuple[Rig, dict[str, float]]:
 
 
 def law_of(name: str) -> Controller:
-    """A controller by name, or a policy that learnt on the bench by its file."""
+    """Return a controller by name, or by its file a policy that learnt on the bench."""
     drive = drive_of("bench", Path(), PERIOD, LIMITS.torque)
     drive = dataclasses.replace(drive, torque_noise=NOISE)
     if Path(name).suffix == ".safetensors":

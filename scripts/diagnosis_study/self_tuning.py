@@ -1,11 +1,11 @@
-"""What does a self-tuning model pay while the path of the cable changes?
+"""Value of a self-tuning model while the path of the cable changes.
 
     python scripts/diagnosis_study/self_tuning.py --out runs/self_tuning
 
 The next step of the thesis's section 5.3. A rig by other equations (`bending.py`),
 whose conduits an elbow bends by up to 2.2 rad more while a wearer leads the joint,
 follows two sines of torque, through the loop of `cc-mujoco run`, in lockstep at 1 kHz.
-The controller is `predictive` with the nominal `bench` for a model; it is told nothing,
+The controller is `predictive` with the nominal `bench` for a model; it knows no more,
 or learns friction by its motor, or has sensors of bend or of tension, all of them with
 noise, wrong gains and drift. In one world only the path changes, in the other friction
 drifts as well. Errors are of the torque that the joint truly got. Tasks that are done
@@ -48,8 +48,8 @@ LIMITS = Limits(
     soft_start=0.5,
 )  # fmt: skip
 SETTINGS = {"rotor": 1500.0, "motion": 100.0, "latest": 0.003}
-"""Of the controller, chosen on seeds 1 to 5 against limit cycles of 40 Hz: the rotor is
-light, and the joint's encoder noisy."""
+"""Settings of the controller, chosen on seeds 1 to 5 against limit cycles of 40 Hz: the
+rotor is light, and the joint's encoder noisy."""
 EVERY, CUTOFF = 10, 3.0
 """Periods between two paths that the model takes over; low-pass before [Hz]."""
 PERFECT = Quality(1e-6, 0.0, 0.0)
@@ -57,7 +57,7 @@ WORLDS: dict[str, dict[str, float]] = {
     "path": {},
     "path and friction": {"friction_drift": 0.5},
 }
-"""What changes in the rig; friction over travel, by up to half, up or down by seed."""
+"""Changes in the rig; friction over travel, by up to half, up or down by seed."""
 VARIANTS = {
     "pi": "no model (`pi`)",
     "fixed": "fixed model",
@@ -70,7 +70,7 @@ VARIANTS = {
     "strain, perfect": "sensors of tension without error",
     "truth": "path and friction as they are",
 }
-"""What the controller has, by its short name."""
+"""Equipment of the controller, by its short name."""
 SEEDS, KEPT, TABLE = tuple(range(11, 21)), "cases.jsonl", "table.md"
 FIGURE = "self_tuning.png"
 RESAMPLES = 10_000
@@ -90,7 +90,7 @@ class Equipped(Controller):
             bench: That the sensors are on.
             taps: The sensors.
             feels_bend: Whether it takes the path from them.
-            is_told: Whether path and friction are told as they are.
+            is_told: Whether path and friction are given to it as they are.
         """
         super().__init__(law.drive)
         self._law, self._bench, self._taps = law, bench, taps
@@ -123,7 +123,7 @@ class Equipped(Controller):
         return self._law.torque({**observation, TENSIONS: tensions})
 
     def _tell(self, law: PredictiveCompensation) -> None:
-        """The true product of friction and bend, by other bends of the model."""
+        """Give the true product of friction and bend, by other bends of the model."""
         plant, cables = self._bench.plant, self._bench.cables
         ran = 1.0 - np.exp(-cables.travel / plant.running_travel)
         friction = plant.friction * (1.0 + plant.running_in * ran)
@@ -145,7 +145,7 @@ def along(bends: Array, segments: int) -> Array:
 
 
 def equipped(name: str, drive: Drive, bench: BendingBench, seed: int) -> Equipped:
-    """A controller of this name."""
+    """Return a controller of this name."""
     bend, strain = (BEND, STRAIN) if "perfect" not in name else (PERFECT, PERFECT)
     row = drive.cables
     sensors = tuple(
@@ -224,7 +224,7 @@ def played(name: str, world: str, seed: int) -> dict[str, Any]:
 def compared(
     records: list[Mapping[str, Any]], world: str, name: str, key: str
 ) -> tuple[float, float, float, float, int]:
-    """A variant beside the fixed model, by seeds that both finished.
+    """Compare a variant with the fixed model, by seeds that both finished.
 
     Returns:
         Mean error [Nm]; geometric mean of its quotient by that of the fixed model, and
@@ -250,7 +250,7 @@ def compared(
 
 
 def told(records: list[Mapping[str, Any]]) -> str:
-    """The cases as a Markdown table."""
+    """Return the cases as a Markdown table."""
     rows = []
     for world in WORLDS:
         for name, meaning in VARIANTS.items():

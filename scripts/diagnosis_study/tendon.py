@@ -1,4 +1,4 @@
-"""What `cc-mujoco diagnose` says of a tendon in the open, the finger of the scenes.
+"""Diagnoses by `cc-mujoco diagnose` of a tendon in the open, the finger of the scenes.
 
     python scripts/diagnosis_study/tendon.py --out runs/tendon
 
@@ -39,7 +39,7 @@ TORQUE = {"motor_torque_nm": 4e-4, "joint_torque_nm": 6e-4}
 OTHERWISE: dict[str, float] = {
     "friction": 0.22, "axial_stiffness": 1850.0, "pretension": 5.3,
 }  # fmt: skip
-"""What the rig is other than the scene says, for the baseline to tune."""
+"""Values of the rig that differ from the scene's, for the baseline to tune."""
 HIDDEN: dict[str, dict[str, float]] = {
     "none": {},
     "more friction": {"friction": 0.32},
@@ -116,7 +116,7 @@ def rollout_of(
 def recorded(
     rig: str, hidden: Mapping[str, float], seed: int, seconds: float = 8.0
 ) -> Dataset:
-    """What a rig that hides something records of the motions."""
+    """Return the recordings of the motions on a rig that hides something."""
     bench = Bench.of(scene_path("finger"))
     random = np.random.default_rng(seed)
     trials = []
@@ -152,7 +152,7 @@ def recorded(
 
 
 def diagnosed(rig: str, name: str, seed: int) -> dict[str, Any]:
-    """What is said of one case."""
+    """Return the diagnosis of one case."""
     data = recorded(rig, HIDDEN[name], seed)
     bench = Bench.of(scene_path("finger"))
     began = time.process_time()

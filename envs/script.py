@@ -59,7 +59,7 @@ class Author:
         self.frame_skip = frame_skip
         self._only: Script | None = None
         self._wearer = device.wearers[0]
-        """Whose script that is."""
+        """Wearer whose script that is."""
 
     def write(self, rng: np.random.Generator) -> Script:
         """Write the script of an episode.
@@ -136,7 +136,7 @@ class Scripts:
         self._count = count
         self._rows = np.zeros(count, dtype=np.intp)
         self._shared: Script | None = None
-        """The only one so far."""
+        """Only script so far."""
         self._commands = np.zeros((0, 0, 0))
         self._marks = np.zeros((0, 0, 0))
         self._asked = np.zeros((0, 0))

@@ -39,7 +39,7 @@ SILENCE = 0.05
 
 
 Sender = tuple[str, int]
-"""Whom a packet came from; on CAN, where nobody has an address, the bus."""
+"""Sender of a packet; on CAN, where nobody has an address, the bus."""
 
 
 class End(Protocol):
@@ -115,7 +115,7 @@ class CanEnd:
 
 
 class Host:
-    """Whom the rig obeys: what it owes as to watchdog, sequence and enabling."""
+    """Host that the rig obeys: its duties as to watchdog, sequence and enabling."""
 
     def __init__(self) -> None:
         self.address: Sender | None = None

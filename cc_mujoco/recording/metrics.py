@@ -137,9 +137,9 @@ class Efficiency:
     overall: float
     """Efficiency in both directions together, in (0, 1]."""
     motor_drives: float
-    """Motor to joint, in (0, 1]."""
+    """Efficiency from motor to joint, in (0, 1]."""
     wearer_drives: float
-    """Joint to motor (the device is backdriven), in (0, 1]."""
+    """Efficiency from joint to motor (the device is backdriven), in (0, 1]."""
     motor_share: float
     """Work put in by the motor over work put in by both sides, in [0, 1]."""
 

@@ -17,7 +17,7 @@ AHEAD = 0.004
 BEHIND = 0.1
 """Lag that is not made up for: where real time is too fast, time slows down [s]."""
 SPAN = 0.5
-"""Over which `Pace.factor` is taken [s]."""
+"""Time over which `Pace.factor` is taken [s]."""
 
 
 class Pace:
@@ -36,7 +36,7 @@ class Pace:
         """
         self._now, self._sleep = now, sleep
         self.factor = math.nan
-        """Simulated over real time of late; NaN before there is any."""
+        """Ratio of simulated to real time of late; NaN before there is any."""
 
     def begin(self, time: float) -> None:
         """Go on from here, after whatever took the wall's time.

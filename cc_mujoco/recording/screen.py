@@ -37,7 +37,7 @@ Rows = tuple[tuple[str, str], ...]
 """Lines of two columns."""
 
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-"""One of them is set where X or Wayland has a screen."""
+"""Variables of which one is set where X or Wayland has a screen."""
 PERIOD = 1.0 / 60.0
 """Least time from frame to frame [s]."""
 PATIENCE = 2.0

@@ -38,7 +38,7 @@ class Series(NamedTuple):
     """One line of a plot."""
 
     path: tuple[str, ...]
-    """Parts of it."""
+    """Parts of its path."""
     name: str
     """Name in the legend."""
     values: NDArray[np.float64]

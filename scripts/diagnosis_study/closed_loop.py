@@ -1,4 +1,4 @@
-"""Does a controller do better once its model was mended by a diagnosis of its own rig?
+"""Gain of a controller whose model was mended by a diagnosis of its own rig.
 
     python scripts/diagnosis_study/closed_loop.py --seeds 1 2 --out runs/closed_loop
 
@@ -52,7 +52,7 @@ from rig.trials import COMPLIANT, Trial
 PERIOD, TRIAL_PERIOD = 0.0005, 0.001
 """Periods of the loop in the task and in the trials [s]."""
 SECONDS, SETTLED = 12.0, 2.0
-"""Length of the task, and from when on its error counts [s]."""
+"""Length of the task, and time from which its error counts [s]."""
 LIMITS = Limits(
     torque=10.0,
     torque_rate=1000.0,

@@ -1,4 +1,4 @@
-"""One mechanism on several occasions: does a model mended on one hold on the others?
+"""One mechanism on several occasions: a model mended on one, tested on the others.
 
     python scripts/diagnosis_study/davinci.py DIR --out runs/davinci.json
 

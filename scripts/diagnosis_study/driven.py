@@ -28,7 +28,7 @@ from rig.sensors import CHANNELS
 Array = NDArray[np.float64]
 
 STEP = 2e-4
-"""Longest of the equations [s]."""
+"""Longest time step of the equations [s]."""
 LEFT_OUT = (
     "detent", "play", "offcentre", "unbalance", "strap", "bearing", "settling",
 )  # fmt: skip

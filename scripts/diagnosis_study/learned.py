@@ -1,4 +1,4 @@
-"""Do policies that learnt on a simulated bench play rigs that it does not know?
+"""Policies that learnt on a simulated bench, on rigs that they do not know.
 
     python scripts/train_policy.py --scene bench --algorithm sac --out runs/bench
     python scripts/train_policy.py --scene bench --algorithm sac --fixed --out runs/one

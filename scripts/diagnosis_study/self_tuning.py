@@ -40,7 +40,7 @@ from rig.nominal import make_rig
 
 PERIOD = 0.001
 SECONDS, SETTLED = 20.0, 2.0
-"""Length of a task, and from when on its error counts [s]."""
+"""Length of a task, and time from which its error counts [s]."""
 WEARER = (200.0, 5.0)
 """Stiffness [Nm/rad] and damping [Nm s/rad] of who leads the joint."""
 LIMITS = Limits(

@@ -52,7 +52,7 @@ AGILITIES = (100.0, 300.0, 1000.0)
 CHUNK = 250
 """Instants solved at once, which bounds the memory."""
 LAST_MOVING = (6, 7, 9, 7, 0, 0, 0)
-"""Footnote 4."""
+"""Values of footnote 4."""
 
 
 class Votes(NamedTuple):

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 CABLE = PRINTED.replace(friction=0.1, static_friction=0.0)
 TENSION = 10.0
-"""Measured at the proximal end, beside its displacement [N]."""
+"""Tension measured at the proximal end, beside its displacement [N]."""
 SHARPNESS = (1e2, 1e3, 1e4)
 """Sharpness k of tanh(k v) in place of sign(v) [s/m]."""
 PERIOD = 1.0

@@ -37,7 +37,7 @@ PERIOD, DURATION = 1e-3, 30.0
 """Control period and duration of a run [s]."""
 SEGMENTS = 10
 INITIAL_ERROR = 0.1
-"""Printed, of feed-forward with feedback, when it begins."""
+"""Printed error of feed-forward with feedback, when it begins."""
 GROWTH = 2.0 / (1.0 - INITIAL_ERROR) - 1.0
 """C: input per output tension that this implies with K_p = 1."""
 SPEED = 0.01

@@ -32,7 +32,7 @@ METHODS: dict[str, Callable[[BaselineFit], Guess]] = {
 
 
 def installed() -> dict[str, Callable[[BaselineFit], Guess]]:
-    """The ways that can run: `sparse` needs pysindy."""
+    """Return the methods that can run: `sparse` needs pysindy."""
     return {
         name: method
         for name, method in METHODS.items()

@@ -29,12 +29,12 @@ Development rigs without any effect reach half of it.
 
 
 def binned(baseline_fit: BaselineFit) -> Guess:
-    """The effect whose formula runs best through the binned residual."""
+    """Return the effect whose formula runs best through the binned residual."""
     return regressed(signals(baseline_fit))
 
 
 def regressed(records: Sequence[Signals], least: float = LEAST) -> Guess:
-    """The same from signals.
+    """Return the same from signals.
 
     Args:
         records: about the tuned baseline.

@@ -1,8 +1,8 @@
-"""What the residual would look like if an effect were missing: by formula only.
+"""Look of the residual if an effect were missing: by formula only.
 
 An effect is a function of what can be read off motion and torque at the same instant,
 as in a plot of residual over speed. Where a formula has a scale that the data must
-tell, there is one term for each scale tried.
+settle, there is one term for each scale tried.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EFFECTS
 
 Signal = Callable[[Signals, int], FloatArray]
-"""Of a record and a channel (0 motor, 1 joint), (samples,)."""
+"""Signal of a record and a channel (0 motor, 1 joint), (samples,)."""
 BOTH, MOTOR, JOINT = (0, 1), (0,), (1,)
 DISTANCES = (2e-4, 1e-3, 5e-3)
 """Travels over which friction may build up after the motion has turned [m]."""
@@ -52,7 +52,7 @@ class Family(NamedTuple):
 
 
 def _plain(signal: Signal) -> tuple[Term, ...]:
-    """The residual is proportional to a signal."""
+    """Return terms of a residual that is proportional to a signal."""
     return (Term(signal, (signal,)),)
 
 

@@ -1,4 +1,4 @@
-"""What a naive way says."""
+"""Answer of a naive method."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Guess(NamedTuple):
 
 
 def decided(shares: Mapping[str, float], least: float) -> Guess:
-    """The effect with the largest share, named if it takes as much as `least`."""
+    """Return the effect with the largest share, named if that is at least `least`."""
     ranking = tuple(sorted(shares, key=lambda name: -shares[name]))
     if not ranking:
         return Guess(None, (), 0.0)

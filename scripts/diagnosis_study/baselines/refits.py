@@ -32,7 +32,7 @@ def bic(
     evaluations: int = EVALUATIONS,
     ids: Sequence[str] = tuple(EFFECTS),
 ) -> Guess:
-    """The effect with the lowest BIC, named if that is below the baseline's.
+    """Return the effect with the lowest BIC, named if that is below the baseline's.
 
     Args:
         baseline_fit: the baseline and its fit.

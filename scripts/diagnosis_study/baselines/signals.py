@@ -1,4 +1,4 @@
-"""What residual and features are made of: motion, simulated torques, their history."""
+"""Inputs of residual and features: motion, simulated torques, their history."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def held(values: FloatArray, taken: NDArray[np.bool_]) -> FloatArray:
 
 
 def _resting(moves: NDArray[np.bool_], dt: float) -> FloatArray:
-    """How long the rest before each sample was that ends with it [s]."""
+    """Return the length of the rest before each sample that ends with it [s]."""
     place = np.arange(moves.size)
     last = np.maximum.accumulate(np.where(moves, place, 0))
     before = np.concatenate([[0], last[:-1]])

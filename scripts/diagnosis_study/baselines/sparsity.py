@@ -1,7 +1,7 @@
 """Sparse regression of the residual (SINDy discrepancy model), with pysindy.
 
 All looks of all effects stand side by side as columns of one table for each channel;
-sequentially thresholded least squares drops the small ones. What is left over says
+sequentially thresholded least squares drops the small ones. What is left over shows
 which effects are in the residual; the one with the largest part is named.
 
 Kaheman, Kaiser, Strom, Kutz, Brunton, arXiv 1909.08574.
@@ -31,7 +31,7 @@ RIDGE = 0.05
 
 
 def sparse(baseline_fit: BaselineFit) -> Guess:
-    """The effect with the largest part of a sparse model of the residual.
+    """Return the effect with the largest part of a sparse model of the residual.
 
     Raises:
         ImportError: pysindy is not installed.
@@ -40,7 +40,7 @@ def sparse(baseline_fit: BaselineFit) -> Guess:
 
 
 def selected(records: Sequence[Signals], threshold: float = THRESHOLD) -> Guess:
-    """The same from signals.
+    """Return the same from signals.
 
     Args:
         records: about the tuned baseline.

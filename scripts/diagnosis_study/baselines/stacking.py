@@ -20,7 +20,7 @@ from cc_mujoco.diagnosis.inference.passing import low_passed
 def gathered(
     records: Sequence[Signals], of: Callable[[Signals], FloatArray]
 ) -> FloatArray:
-    """A signal where samples count, one record after the other (samples,)."""
+    """Return a signal where samples count, one record after the other (samples,)."""
     return np.concatenate([of(s)[s.counts] for s in records])
 
 
@@ -37,7 +37,7 @@ def errors(records: Sequence[Signals], channel: int) -> FloatArray:
 
 
 def column(records: Sequence[Signals], of: Signal, channel: int) -> FloatArray:
-    """A feature over the floor, low-passed like torques, without offset (samples,)."""
+    """Return a feature over the floor, low-passed like torques, levelled (samples,)."""
 
     def passed(s: Signals) -> FloatArray:
         signal = low_passed(of(s, channel), s.band, 1.0 / s.dt)

@@ -17,7 +17,7 @@ HEAD = (
 
 
 def comparison(records: Sequence[Record], judge: Judge) -> str:
-    """A table in Markdown; every method on the same cases.
+    """Return a table in Markdown; every method on the same cases.
 
     Args:
         records: of cases; those without naive answers do not count.
@@ -40,7 +40,7 @@ def comparison(records: Sequence[Record], judge: Judge) -> str:
 
 
 def _as_diagnosis(record: Record, guess: Record) -> Record:
-    """The record as if the diagnosis had guessed so."""
+    """Return the record as if the diagnosis had guessed so."""
     named = [guess["named"]] if guess["named"] else []
     verdict = "named" if named else "none"
     return {**record, "verdict": verdict, "named": named, "ties": []}

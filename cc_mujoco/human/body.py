@@ -7,8 +7,8 @@
     >>> tall.pace() == Body().pace()      # the same gait, unless a speed is given
     True
 
-Two people walk similarly when the Froude number v^2 / (g l) of speed v, leg length l is
-the same: times are then as sqrt(l / g), moments as m g l (A. L. Hof, "Scaling gait data
+Two people walk similarly at the same Froude number v^2 / (g l), of speed v and leg
+length l: times are then as sqrt(l / g), moments as m g l (A. L. Hof, "Scaling gait data
 to body size", Gait & Posture 4, 1996, pp. 222-223). Segments have fixed shares of the
 mass of the body and of its height (D. A. Winter, Biomechanics and Motor Control of
 Human Movement, Fig. 4.1 and Table 4.1, adults), so their inertias go as m l^2. Builds

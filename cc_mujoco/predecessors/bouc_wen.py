@@ -4,7 +4,7 @@ r"""Do's modified Bouc-Wen friction of a whole cable (thesis 1.5, eq. 1.3-1.5).
 
 The friction of the cable, :math:`F_f = T_p - T_d` for motion x towards the motor, is
 one hysteresis curve in x, its velocity and the sign of its acceleration. Cable stretch
-is not part of the model: output and motor move by the same. Its parameters do not
+is not part of the model: output and motor move equally. Its parameters do not
 describe a cable and have to be fitted to a recording. The brackets of (1.4) are taken
 as printed, with rho in front of all terms.
 """

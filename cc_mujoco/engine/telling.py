@@ -138,9 +138,10 @@ def warn_jump(
     by_hand = load_word(block + TOUCHED) != 0
     prm = floats(parameters_at(block), kernel.parameter_size(n))
     node = packing.tensions(floats(state, kernel.state_size(n)), n)
-    soft = prm[_PRETENSION] * prm[packing.LENGTH] / prm[_STIFFNESS]
+    most = prm[_PRETENSION]
     for tension in node:
-        soft = max(soft, tension * prm[packing.LENGTH] / prm[_STIFFNESS])
+        most = max(most, tension)
+    soft = most * prm[packing.LENGTH] / prm[_STIFFNESS]
     for what in range(3):
         tendon, share = route, 1.0
         if what == jumps.PATH:

@@ -365,7 +365,7 @@ def _commit(
         # Mean friction over the slip; after a reversal slip begins at the new friction.
         mean = 0.5 * (force + before)
         taken = (mean if before * moved > 0.0 else force) * moved
-        if prm[at.LENGTHENS] != 0.0:
+        if taken != 0.0 and prm[at.LENGTHENS] != 0.0:
             taken *= material.heating(prm, node[j], node[j + 1])
         if has_bristles:
             # What the elastic part of the motion takes and the bristles do not keep.

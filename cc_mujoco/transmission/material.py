@@ -82,10 +82,12 @@ def _carried(
     length: FloatArray,
     j: int,
     flow: float,
+    ratio: float,
 ) -> tuple[float, float]:
-    """Unstretched length that a flow of path takes from node j to the next [m].
+    """Return the unstretched length that a flow of path takes from node j on [m].
 
-    `flow` is in stretched lengths [m], negative towards node j.
+    `flow` is in stretched lengths [m], negative towards node j; `ratio` is that of the
+    stretched and the unstretched length of the node that it leaves.
 
     Returns:
         That, of its sign, and the elastic energy that is lost in mixing [J].
@@ -97,11 +99,15 @@ def _carried(
     while left > 0.0:
         last = k + way < 0 or k + way > n
         part = left if last else min(left, length[k])
-        total += part / stretched(prm, tension[k])
+        total += part / ratio
         left -= part
         k += way
+        if left > 0.0:
+            ratio = stretched(prm, tension[k])
     total = total if flow > 0.0 else -total
     low, high = max(tension[j], 0.0), max(tension[j + 1], 0.0)
+    if low == high:
+        return total, 0.0
     return total, (high - low) * (total * heating(prm, low, high) - flow)
 
 
@@ -132,14 +138,17 @@ def carry(
     compliance, stiffness = at.node_compliance(prm, n), at.node_stiffness(prm, n)
     soft = 1.0 / prm[_EA]
     flow, carried, mixed, changed = 0.0, 0.0, 0.0, False
+    following = stretched(prm, tension[0])
     for i in range(n + 1):
-        came = carried
+        came, ratio = carried, following
         flow += gained[i] - (now[i] - before[i])
         carried = 0.0
         if i < n:
-            carried, lost = _carried(prm, n, tension, before, i, flow)
+            following = stretched(prm, tension[i + 1])
+            left = ratio if flow > 0.0 else following
+            carried, lost = _carried(prm, n, tension, before, i, flow, left)
             mixed += lost
-        share = 1.0 / stretched(prm, tension[i])
+        share = 1.0 / ratio
         taken = (now[i] - before[i]) * share + carried - came
         loose = now[i] * share * share
         changed = changed or taken != longer[i] or loose != length[i]
@@ -166,11 +175,12 @@ def _spring(prm: FloatArray, n: int, i: int) -> float:
 @internal
 def _by_law(prm: FloatArray, n: int, i: int, before: float, after: float) -> float:
     """Tension of node i by the law, where a straight line found `after` [N]."""
-    start, spring = stretched(prm, before), _spring(prm, n, i)
+    spring = _spring(prm, n, i)
     if spring == 0.0 and not nodes.is_curved(prm):
         whole = prm[_EA] + before
         risen = min(after - before, _MOST * whole)
         return float(before + risen * whole / (whole - risen))
+    start = stretched(prm, before)
     length = at.node_length(prm, n)[i] * start * start
     moved = nodes.stretched(prm, n, i, before, after)
     unit, tension = _unit(prm), after

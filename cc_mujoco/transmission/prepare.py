@@ -36,9 +36,12 @@ def _follow_angles(prm: FloatArray, n: int) -> None:
     angle, drag = at.segment_angles(prm, n), at.constant_drag(prm, n)
     growth, holding = at.constant_growth(prm, n), at.constant_hold(prm, n)
     for j in range(n):
-        growth[j] = holding[j] = law.ratio(values[_FRICTION], angle[j])
-        if hold != values[_FRICTION]:
-            holding[j] = law.ratio(hold, angle[j])
+        if j > 0 and angle[j] == angle[j - 1]:  # as along an arc
+            growth[j], holding[j] = growth[j - 1], holding[j - 1]
+        else:
+            growth[j] = holding[j] = law.ratio(values[_FRICTION], angle[j])
+            if hold != values[_FRICTION]:
+                holding[j] = law.ratio(hold, angle[j])
         drag[j] = law.drag(values, length[j], growth[j], j, guided)
 
 

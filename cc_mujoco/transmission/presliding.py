@@ -57,6 +57,45 @@ def _limits(
 
 
 @internal
+def _line(
+    direction: float,
+    hold_distal: float,
+    hold_proximal: float,
+    drag: float,
+    viscosity: float,
+    held: float,
+    spring: float,
+) -> tuple[float, float, float]:
+    """Return `gain`, `offset`, `own` of a segment, see `chain.py`.
+
+    It slips towards `direction`, or is held by its bristles where that is 0.
+    """
+    if direction == 0.0:
+        return 1.0, held, spring + viscosity
+    return slipping(direction, hold_distal, hold_proximal, drag, viscosity)
+
+
+@internal
+def _strained(
+    i: int,
+    n: int,
+    tension: FloatArray,
+    stiffness: FloatArray,
+    proximal_p: float,
+    proximal_q: float,
+    distal_p: float,
+    distal_q: float,
+    shift: FloatArray,
+) -> float:
+    """Return the tension of node i after displacements, below 0 where slack [N]."""
+    if i == 0:
+        return proximal_p + proximal_q * shift[0]
+    if i == n:
+        return distal_p - distal_q * shift[n - 1]
+    return float(tension[i] + stiffness[i] * (shift[i] - shift[i - 1]))
+
+
+@internal
 def _solve_choices(
     n: int,
     tension: FloatArray,
@@ -80,11 +119,10 @@ def _solve_choices(
     """Solve for the displacements with the choices of `_alternate`, by elimination."""
     ratio, right = work[:n], work[n : 2 * n]
     for s in range(n):
-        gain, offset, own = 1.0, held[s], spring[s] + viscosity[s]
-        if direction[s] != 0.0:
-            gain, offset, own = slipping(
-                direction[s], hold_distal[s], hold_proximal[s], drag[s], viscosity[s]
-            )
+        gain, offset, own = _line(
+            direction[s], hold_distal[s], hold_proximal[s], drag[s], viscosity[s],
+            held[s], spring[s],
+        )  # fmt: skip
         low, diagonal, high = 0.0, max(own, _SOFT * stiffness[s]), 0.0
         constant = -offset
         if slack_before[s] == 0.0:
@@ -160,12 +198,14 @@ def _alternate(
                 break
             for s in range(n):
                 w = shift[s]
-                before = proximal_p + proximal_q * w
-                if s > 0:
-                    before = tension[s] + stiffness[s] * (w - shift[s - 1])
-                behind = distal_p - distal_q * w
-                if s < n - 1:
-                    behind = tension[s + 1] + stiffness[s + 1] * (shift[s + 1] - w)
+                before = _strained(
+                    s, n, tension, stiffness, proximal_p, proximal_q, distal_p,
+                    distal_q, shift,
+                )  # fmt: skip
+                behind = _strained(
+                    s + 1, n, tension, stiffness, proximal_p, proximal_q, distal_p,
+                    distal_q, shift,
+                )  # fmt: skip
                 proximal = max(before, 0.0)
                 scale = abs(before) + abs(behind) + drag[s] + abs(held[s])
                 scale += (stiffness[s] + spring[s] + viscosity[s]) * abs(w)
@@ -255,15 +295,10 @@ def preslide(
                 slip_direction, slack, work[2 * n + 1 :],
             )  # fmt: skip
         for s in range(n):
-            gain[s], offset[s], own[s] = 1.0, held[s], spring[s] + viscosity[s]
-            if slip_direction[s] != 0.0:
-                gain[s], offset[s], own[s] = slipping(
-                    slip_direction[s],
-                    hold_distal[s],
-                    hold_proximal[s],
-                    drag[s],
-                    viscosity[s],
-                )
+            gain[s], offset[s], own[s] = _line(
+                slip_direction[s], hold_distal[s], hold_proximal[s], drag[s],
+                viscosity[s], held[s], spring[s],
+            )  # fmt: skip
         solve(
             n, tension, stiffness, gain, offset, own, slack,
             proximal_p, proximal_q, distal_p, distal_q, shift, node, rest,
@@ -281,11 +316,10 @@ def preslide(
         for i in range(n + 1):
             behind = shift[i - 1] if i > 0 else 0.0
             ahead = shift[i] if i < n else 0.0
-            strained = tension[i] + stiffness[i] * (ahead - behind)
-            if i == 0:
-                strained = proximal_p + proximal_q * ahead
-            elif i == n:
-                strained = distal_p - distal_q * behind
+            strained = _strained(
+                i, n, tension, stiffness, proximal_p, proximal_q, distal_p, distal_q,
+                shift,
+            )  # fmt: skip
             now = 1.0 if strained < 0.0 else 0.0
             if now != slack[i]:
                 slack[i] = now

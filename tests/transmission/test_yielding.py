@@ -20,7 +20,13 @@ JUMPS = ("static_friction",)  # where a tension has two values
 def test_a_step_ends_where_it_would_if_its_ends_were_driven_there(
     term: str, seed: int
 ) -> None:
-    """And they yield by what their tensions tell; parameters stay as they were."""
+    """And they yield by what their tensions tell; parameters stay as they were.
+
+    A solver for any friction has one answer for both. Fronts follow the ends through
+    the step: a spring at an end takes it another way to the same place, and where
+    fronts meet, the tensions of one segment depend on the way (0.2 of the friction of a
+    segment at most in 2,400 motions, 0.73 with static friction).
+    """
     rng = np.random.default_rng(seed)
     cable = cable_of(rng, term)
     proximal, distal = motion_of(rng, cable)
@@ -28,6 +34,10 @@ def test_a_step_ends_where_it_would_if_its_ends_were_driven_there(
     before = prm.copy()
     state, work = rest_state(cable), np.empty(kernel.work_size(n))
     yielding, plain = state.copy(), state.copy()
+    hold, drag = packing.constant_hold(prm, n), packing.constant_drag(prm, n)
+    marched = prm[packing.CONSTANT_COULOMB] != 0.0
+    share = 1.0 if term == "static" else 0.5
+    apart = []
     for u in zip(proximal[:60], distal[:60], strict=True):
         yields = 10.0 ** rng.uniform(-1.0, 2.0, 2) * packing.node_compliance(prm, n)[0]
         held = np.maximum(packing.tensions(state, n)[[0, n]], 0.0)
@@ -39,9 +49,12 @@ def test_a_step_ends_where_it_would_if_its_ends_were_driven_there(
             np.maximum(packing.tensions(x, n), 0.0) for x in (yielding, plain)
         )
         largest = max(theirs.max(), cable.pretension, 1.0)
-        # Where fronts meet the solver is right to this, see `fronts.py`.
-        assert ours == pytest.approx(theirs, abs=0.015 * largest)
-        assert np.abs(ours - theirs).mean() < 1e-3 * largest
+        most = (1e-4 if term == "grease" else 1e-9) * largest
+        if marched:
+            high = np.maximum(theirs[1:], theirs[:-1])
+            most += share * float(((hold - 1.0) * high + drag).max())
+        assert ours == pytest.approx(theirs, abs=most)
+        apart.append(np.abs(ours - theirs).mean() / largest)
         slack = (kernel.slack(prm, n, x) for x in (yielding, plain))
         assert next(slack) == pytest.approx(next(slack), rel=1e-3, abs=1e-7)
         assert yielding[3] == pytest.approx(plain[3], rel=1e-6, abs=1e-9)
@@ -49,3 +62,4 @@ def test_a_step_ends_where_it_would_if_its_ends_were_driven_there(
         gone = yields * (ends - held) * (1.0, -1.0)
         assert yielding[:2] - u == pytest.approx(gone, abs=1e-12)
         state[:] = yielding
+    assert np.mean(apart) < 5e-4

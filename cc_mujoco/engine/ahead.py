@@ -13,10 +13,15 @@ a spring of the frequency w/sqrt(1 + beta (h w)^2) in the place of w. With
     beta = max(1/s - 1/(h w)^2, 0)
 
 that is no more than sqrt(s)/h, which is stable, and an end is implicit by as much as
-stability needs: not at all below. For Euler and its kin s is 2, of 4 that are stable,
-and alpha grows from 0 to 0.2 with beta, which damps what the step cannot resolve. RK4
-damps that itself; there s is 5.8, of 8, alpha is 0, and each of its four stages looks
-ahead from its own displacement. All springs of a cable beyond its ends stay explicit,
+stability needs: not at all below. For Euler and its kin s is 2.5 and
+
+    alpha = 0.25 (s beta)^2,
+
+which damps what the step cannot resolve; they are stable below s (1 + 2 alpha) = 4. At
+s >= 2.4, beta is at most 1/6 where explicit ends are stable, so that the frequency is
+off by (beta - 1/12) (h w)^2 / 2, no more than theirs. RK4 damps by itself, most at s of
+6; there s is 5.8, of 8, alpha is 0, and each of its four stages looks ahead from its
+own displacement. All springs of a cable beyond its ends stay explicit,
 and all under `discrete`, whose constraints are known only after the actuators.
 
 `foresee` solves for a as MuJoCo does: smooth forces, with those of the cables as they
@@ -58,6 +63,7 @@ from cc_mujoco.engine.block import (
     shape_at,
     wound,
 )
+from cc_mujoco.engine.evaluation import origin
 from cc_mujoco.engine.memory import (
     add,
     apply_force,
@@ -84,7 +90,7 @@ from cc_mujoco.transmission import kernel, packing
 
 Floats = npt.NDArray[np.float64]
 
-_SQUARE, _SQUARE_RK4, _VELOCITY = 2.0, 5.8, 0.2
+_SQUARE, _SQUARE_RK4, _VELOCITY = 2.5, 5.8, 0.25
 _LOOK, _LOOK_RK4 = 1.0, 2.0
 """Square of step times frequency, in `qpos0`, above which an end may be implicit."""
 MOST = 300
@@ -194,7 +200,7 @@ def _blend(model: int, block: int, end: int, mobility: float) -> tuple[float, fl
     step, most = fields.timestep(model), _SQUARE_RK4 if runge_kutta else _SQUARE
     square = step * step * mobility * _stiffness(block, end)
     share = max(1.0 - most / square, 0.0) if square > 0.0 else 0.0
-    velocity = 0.0 if runge_kutta else _VELOCITY * share * step
+    velocity = 0.0 if runge_kutta else _VELOCITY * share * share * step
     return velocity, share * step * step / most
 
 
@@ -278,7 +284,8 @@ def _smooth(model: int, data: int, kind: int, force: Floats, acted: Floats) -> N
         if block == 0:
             continue
         n = load_word(block + SEGMENTS)
-        state = floats(fields.state(model, data, instance), kernel.state_size(n))
+        begin = origin(block, model, data, instance)[0]
+        state = floats(begin, kernel.state_size(n))
         node = packing.tensions(state, n)
         if load_word(block + TIED) == 0:
             lever = wound(model, block, displacement(data, block, PROXIMAL))[1]

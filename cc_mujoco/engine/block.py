@@ -55,10 +55,15 @@ MOCAPS = 344  # of a model's first cable, where it keeps poses of mocap bodies, 
 STIFFEST = 352  # stiffness of a piece when the time step was last held against limits
 STAGES = 360  # u_proximal, u_distal, time, inputs of the last four evaluations of RK4
 STAGE = 64
-HEADER = STAGES + 4 * STAGE
+FIRST = STAGES + 4 * STAGE  # where the state after the first stage of RK4 is
+BEGUN = FIRST + 8  # whether there is one
+HEADER = BEGUN + 8
 TEXT_CAPACITY = 4096
 KEPT, FOR_NOW = 1, 2
 """Early pull that the evaluation of the actuators keeps, or that it replaces."""
+TIME, POSE, PATH = 0, 1, 2
+"""Place, behind the kernel's own state, of the time of the committed configuration, of
+a checksum of its pose, and of what an open cable remembers of its path."""
 
 
 @internal
@@ -123,6 +128,16 @@ def before_at(block: int, n: int) -> int:
 
 
 @internal
+def first_at(block: int) -> int:
+    """Address of the state after the first stage of the last step of RK4.
+
+    It is laid out as a committed one, with the time of that stage, the checksum of the
+    state that it began from, and the path.
+    """
+    return block + load_word(block + FIRST)
+
+
+@internal
 def outdate(block: int) -> None:
     """Forget what follows from the packed parameters."""
     store_word(block + KNOWN, 0)
@@ -173,16 +188,17 @@ def wound(model: int, block: int, length: float) -> tuple[float, float]:
 @internal
 def committed_time(state: int, n: int) -> int:
     """Address of the time of the committed configuration."""
-    return state + 8 * kernel.state_size(n)
+    return state + 8 * (kernel.state_size(n) + TIME)
 
 
 @internal
 def pose_at(state: int, n: int) -> int:
     """Address of the checksum of the pose to which the last step led."""
-    return committed_time(state, n) + 8
+    return state + 8 * (kernel.state_size(n) + POSE)
 
 
 @internal
 def memory(state: int, n: int) -> npt.NDArray[np.float64]:
     """What a committed state of an open cable remembers of its path."""
-    return floats(pose_at(state, n) + 8, pieces.memory_size(n))
+    begin = state + 8 * (kernel.state_size(n) + PATH)
+    return floats(begin, pieces.memory_size(n))

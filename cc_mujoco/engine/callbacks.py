@@ -20,10 +20,9 @@ configuration are in `plugin_state`. Its pieces pull by `qfrc_passive`: MuJoCo e
 that before the actuators, so `compute` adds to it when it is asked for the actuator,
 once for each time that it was evaluated.
 
-Under RK4 the four stages are evaluated from the committed state too. The first stage is
-at the configuration where the step begins, one time step after the committed one; the
-later ones are half, half and one step further on, so that much time has passed for the
-rate-dependent friction terms. The first stage is what `advance` commits.
+Under RK4 the first stage is evaluated from the committed state, one time step before,
+and is what `advance` commits. The later ones are half, half and one step further on;
+they are evaluated from the state after the first stage, which the block keeps.
 """
 
 from __future__ import annotations
@@ -48,12 +47,14 @@ from cc_mujoco.engine import (
 )
 from cc_mujoco.engine.block import (
     AREA,
+    BEGUN,
     CHECKED,
     DISTAL,
     DOFS,
     EARLY,
     EVALUATION,
     EXPLICIT,
+    FIRST,
     FOLLOWS,
     FOR_NOW,
     FRESH,
@@ -62,8 +63,10 @@ from cc_mujoco.engine.block import (
     INPUTS,
     INSTANCE,
     KEPT,
+    KNOWN,
     MOCAPS,
     MOUTH,
+    PATH,
     PROXIMAL,
     REFERENCE,
     REFERRED,
@@ -99,13 +102,14 @@ from cc_mujoco.engine.evaluation import (
     RK4,
     begin,
     bent_as_last,
-    elapsed,
     evaluate,
     evaluated,
     follow_all,
     follow_others,
     inputs,
+    note_first,
     note_motion,
+    origin,
     repack,
     stiffened,
     up_to_date,
@@ -425,14 +429,12 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         if not up_to_date(block, model, instance):
             return
         lead = fields.block(data, ahead.first(model, instance))
-        state = fields.state(model, data, instance)
+        state, dt = origin(block, model, data, instance)
         follow(block, model, data, state)
         store_word(block + WALKED, load_word(lead + EVALUATION) + 1)
-        n = load_word(block + SEGMENTS)
         u_proximal = wound(model, block, displacement(data, block, PROXIMAL))[0]
         u_distal = displacement(data, block, DISTAL)
         known, looks = True, ahead.implicit(model, block)
-        dt = elapsed(model, data, load_real(committed_time(state, n)))
         if not looks:
             known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
         elif not evaluated(block, data, state, u_proximal, u_distal):
@@ -507,7 +509,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         attributes = fields.attributes(model, instance)
         n = max(config.segments(attributes), 1)
         more = pieces.memory_size(n) if config.opens(attributes) else 0
-        return kernel.state_size(n) + 2 + more
+        return kernel.state_size(n) + PATH + more
 
     @cfunc(integer(address, address, integer), **options)
     def init(model: int, data: int, instance: int) -> int:
@@ -522,11 +524,14 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         pulls = 8 * (3 * fields.dofs(model) + n + 1) if free else 0
         # Its parts follow each other from the header on, whatever is in it.
         own = text_at(0, n) + TEXT_CAPACITY + (REFERENCE + 1) * shape + pulls
-        area = poses = 0
+        kept, area, poses = own, 0, 0
+        own += 8 * (kernel.state_size(n) + PATH)
+        own += 8 * pieces.memory_size(n) if free else 0
         if ahead.first(model, instance) == instance:
             area, poses = ahead.area_size(model), jumps.poses_size(model)
         block = allocate(own + area + poses)
         clear(block, own + area + poses)
+        store_word(block + FIRST, kept)
         store_word(block + AREA, own if area > 0 else 0)
         store_word(block + MOCAPS, own + area if poses > 0 else 0)
         _, first, second = ends.find(model, instance)
@@ -592,16 +597,15 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
         if fields.enabled(model, _SLEEP):
             route = load_word(block + ROUTE) if opens(block) else -1
             ends.keep_awake(model, instance, route, load_word(block + MOUTH))
-        state = fields.state(model, data, instance)
         n = load_word(block + SEGMENTS)
         fits = up_to_date(block, model, instance)
+        state, dt = origin(block, model, data, instance)
+        begins = state == fields.state(model, data, instance)
         u_proximal, lever = wound(model, block, displacement(data, block, PROXIMAL))
         u_distal = displacement(data, block, DISTAL)
         seen = u_proximal, u_distal
         yields = 0.0, 0.0
-        dt = 0.0
         if fits:
-            dt = elapsed(model, data, load_real(committed_time(state, n)))
             evaluation = load_word(lead + EVALUATION)
             if load_word(block + WALKED) != evaluation:
                 follow(block, model, data, state)
@@ -611,7 +615,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             if shorter or load_real(block + CHECKED) != fields.timestep(model):
                 store_real(block + CHECKED, fields.timestep(model))
                 _check(model, data, instance)
-            if dt == fields.timestep(model):  # not of a later stage of RK4
+            if begins:
                 touched = jumps.touched(model, data, load_real(pose_at(state, n)))
                 store_word(block + TOUCHED, 1 if touched else 0)
             if ahead.implicit(model, block):
@@ -639,6 +643,9 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
             pull(block, model, data)
         store_word(block + EARLY, 0)
         if fields.integrator(model) == RK4:
+            if begins:
+                store_word(block + BEGUN, load_word(block + KNOWN))
+                note_first(block, data, state)
             stages = block + STAGES
             copy(stages + STAGE, stages, 3 * STAGE)
             store_real(stages + 3 * STAGE, seen[0])

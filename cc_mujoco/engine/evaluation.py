@@ -7,6 +7,7 @@ import numpy as np
 
 from cc_mujoco.engine import fields, pieces
 from cc_mujoco.engine.block import (
+    BEGUN,
     DISTAL,
     EARLY,
     INPUTS,
@@ -20,11 +21,13 @@ from cc_mujoco.engine.block import (
     TEXT_SIZE,
     WALKED,
     committed_time,
+    first_at,
     memory,
     new_at,
     old_at,
     opens,
     parameters_at,
+    pose_at,
     shape_at,
     text_at,
     work_at,
@@ -82,16 +85,47 @@ def bent_as_last(block: int) -> bool:
 
 
 @internal
-def elapsed(model: int, data: int, committed: float) -> float:
-    """Time between the committed configuration and the present one [s].
+def origin(block: int, model: int, data: int, instance: int) -> tuple[int, float]:
+    """Return the state that an evaluation begins from, and the time since then [s].
 
-    One time step; under RK4, at the later stages, up to two.
+    The committed state, a time step ago; at the later stages of RK4 that of the first
+    one. So a motion that turns at the start of the step is followed to there and back.
+
+    Returns:
+        Address of the state, and half a step, a step or, where there was no first
+        stage, up to two.
     """
-    step = fields.timestep(model)
+    state, step = fields.state(model, data, instance), fields.timestep(model)
     if fields.integrator(model) != RK4:
-        return step
-    halves = np.rint(2.0 * (fields.time(data) - committed) / step)
-    return 0.5 * halves * step if 2.0 <= halves <= 4.0 else step
+        return state, step
+    n = load_word(block + SEGMENTS)
+    committed, first = committed_time(state, n), first_at(block)
+    halves = np.rint(2.0 * (fields.time(data) - load_real(committed)) / step)
+    if not 3.0 <= halves <= 4.0:
+        return state, step
+    between = load_real(committed_time(first, n)) - load_real(committed)
+    if (
+        load_word(block + BEGUN) != 0
+        and np.rint(2.0 * between / step) == 2.0
+        and load_word(pose_at(first, n)) == load_word(pose_at(state, n))
+    ):
+        return first, 0.5 * (halves - 2.0) * step
+    return state, 0.5 * halves * step
+
+
+@internal
+def note_first(block: int, data: int, state: int) -> None:
+    """Keep the state that was found last as that of the first stage of RK4.
+
+    It began from the state at address `state`.
+    """
+    n, first = load_word(block + SEGMENTS), first_at(block)
+    copy_words(new_at(block, n), first, kernel.state_size(n))
+    store_real(committed_time(first, n), fields.time(data))
+    store_word(pose_at(first, n), load_word(pose_at(state, n)))
+    if opens(block):
+        shape = floats(shape_at(block, n, 0), pieces.shape_size(n))
+        pieces.remember(shape, n, memory(first, n))
 
 
 @internal
@@ -223,7 +257,8 @@ def follow_all(model: int, data: int, instance: int) -> None:
         if kind == fields.integer(model, fields.PLUGIN, instance):
             block = fields.block(data, other)
             if block != 0 and opens(block):
-                follow(block, model, data, fields.state(model, data, other))
+                state = origin(block, model, data, other)[0]
+                follow(block, model, data, state)
 
 
 @internal
@@ -235,5 +270,6 @@ def follow_others(model: int, data: int, instance: int, evaluation: int) -> None
             block = fields.block(data, other)
             walked = block == 0 or load_word(block + WALKED) == evaluation
             if not walked and opens(block):
-                follow(block, model, data, fields.state(model, data, other))
+                state = origin(block, model, data, other)[0]
+                follow(block, model, data, state)
                 store_word(block + WALKED, evaluation)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import compiled
+from cc_mujoco.engine.block import PATH
 from cc_mujoco.engine.mjcf import cable_of, instances
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import kernel
@@ -121,8 +122,8 @@ class Reader:
         self._segments = cable.segments
         self._compliance, self._strain, self._lengths = _compliance(cable), 0.0, -1
         if cable.path != PATHS[0]:
-            # Behind the cable's own state, a time and a checksum, see `block.memory`.
-            self._lengths = self.start + kernel.state_size(cable.segments) + 2
+            # The first that is remembered of a path, see `block.memory`.
+            self._lengths = self.start + kernel.state_size(cable.segments) + PATH
             self._compliance, self._strain = _slack_compliance(cable)
         self._total = int(model.npluginstate)
 

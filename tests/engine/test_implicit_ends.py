@@ -178,14 +178,19 @@ def test_no_step_gains_energy(
     # A constant force balances the pretension; its potential belongs to the energy.
     d.qfrc_applied[:] = -100.0 * DRUM, 100.0 * LEVER
     d.qvel[:] = speed, speed * DRUM / LEVER
-    kinetic = np.empty(80)
+    kinetic = np.empty(240)
     for i in range(kinetic.size):
         mujoco.mj_forward(m, d)
         kinetic[i] = d.energy[1]
         mujoco.mj_step(m, d)
-    # Positions and velocities of a step are half a step apart, so energy trembles.
-    assert kinetic.max() <= 1.5 * kinetic[0]
-    assert kinetic[-10:].max() <= 1.001 * kinetic[0]
+    # Euler's positions and velocities are half a step apart, so that its kinetic energy
+    # trembles by up to 1 / (1 - s / 4), s = 2.5 of `ahead.py`, but does not grow.
+    exact = integrator == "RK4"
+    assert kinetic.max() <= (1.001 if exact else 8.0 / 3.0) * kinetic[0]
+    assert kinetic[120:].max() <= 1.001 * kinetic[:120].max()
+    # Friction has no more to take than what there was.
+    lost = read(m, d, "cable").dissipated
+    assert lost <= (1.1 if exact else 1.7) * kinetic[0]
 
 
 @settings(deadline=None, derandomize=True, max_examples=8)
@@ -217,16 +222,22 @@ def test_ends_are_no_less_right_than_explicit_ones_where_those_are_stable(
 
 @pytest.mark.filterwarnings("ignore:compiler attribute:UserWarning")
 @pytest.mark.parametrize(
-    ("name", "joint", "armature", "most"),
+    ("name", "joint", "armature", "angle", "most"),
     [
-        ("half_cheetah", "bfoot", 2e-3, 0.03),
-        ("ant", "ankle_1", 2e-4, 0.1),
+        ("half_cheetah", "bfoot", 2e-3, 0.0, 0.03),
+        ("ant", "ankle_1", 2e-4, 0.0, 0.1),
+        ("ant", "ankle_1", 5e-3, 0.87, 0.05),
+        ("ant", "ankle_1", 2e-2, 0.87, 0.05),
     ],
 )
 def test_a_model_of_other_makers_at_its_own_step(
-    name: str, joint: str, armature: float, most: float
+    name: str, joint: str, armature: float, angle: float, most: float
 ) -> None:
-    """Models of Gymnasium at their 10 ms; the ant is under RK4."""
+    """Models of Gymnasium at their 10 ms; the ant is under RK4.
+
+    At 0 its ankle is out of its range of 0.52 to 1.22 rad, and MuJoCo throws it back
+    within a few steps; with a heavy motor the tensions then differ by up to a fifth.
+    """
     tension, taken = {}, {}
     for part in (1, FINER):
         spec = mujoco.MjSpec.from_file(str(MODELS / f"{name}.xml"))
@@ -249,6 +260,7 @@ def test_a_model_of_other_makers_at_its_own_step(
         m = spec.compile()
         m.opt.timestep /= part
         d = mujoco.MjData(m)
+        d.joint(joint).qpos[:] = angle
         settle(m, d)
         dof = m.joint("motor").dofadr[0]
         series = np.empty((round(1.0 / m.opt.timestep), 2))

@@ -89,9 +89,9 @@ def _strained(
 ) -> float:
     """Return the tension of node i after displacements, below 0 where slack [N]."""
     if i == 0:
-        return proximal_p + proximal_q * shift[0]
+        return float(proximal_p + proximal_q * shift[0])
     if i == n:
-        return distal_p - distal_q * shift[n - 1]
+        return float(distal_p - distal_q * shift[n - 1])
     return float(tension[i] + stiffness[i] * (shift[i] - shift[i - 1]))
 
 

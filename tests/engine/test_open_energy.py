@@ -73,9 +73,11 @@ def test_work_is_stored_or_heat_and_torques_are_virtual_work(
     )
     assert fine.jump < 1e-6
     assert fine.work > fine.stored
-    assert missing(fine) < 1e-2
-    # Cable that a geom carries over nodes shorter than a step loses a trace.
-    assert missing(fine) < 0.5 * missing(coarse) + 5e-4
+    assert missing(fine) < 1e-3
+    # Cable that a geom carries over nodes shorter than a step loses a trace: of the
+    # first case 3.5e-4 with 360 steps, 1.1e-4 with 1080 and 3.8e-5 with 3240. With 120
+    # errors of two signs cancel.
+    assert missing(fine) < 0.5 * missing(coarse) + 2e-4
     assert fine.torques < 1e-6
 
 

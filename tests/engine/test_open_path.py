@@ -180,11 +180,17 @@ def test_what_another_joint_draws_is_felt_where_it_is_drawn() -> None:
     d = mujoco.MjData(m)
     d.qpos[:] = [0.0, 0.6, 0.6, 0.6]
     settle(m, d)
+    rest = mujoco.MjData(m)
+    rest.qpos[:] = d.qpos
+    mujoco.mj_forward(m, rest)
     d.qpos[3] -= 3e-4
     mujoco.mj_step(m, d)
     gained = read(m, d, "flexor").tension - 5.0
-    # From the site far1 to near2.
-    assert abs(gained[4]) > 0.25
+    before, after = (
+        np.linalg.norm(x.site("near2").xpos - x.site("far1").xpos) for x in (rest, d)
+    )
+    piece = 3005.0 * (after / before - 1.0)  # EA and the pretension
+    assert gained[4] == pytest.approx(piece, rel=1e-4)
     assert np.delete(gained, 4) == pytest.approx(0.0, abs=1e-9)
 
 

@@ -19,7 +19,8 @@ def test_while_it_slides_the_ratio_is_that_of_a_capstan() -> None:
     motor = np.linspace(0.0, 0.6, 800)
     pulled, given = played(Tendon(), DT, motor, np.zeros(800))
     ratio = pulled[-1] / WINCH_RADIUS / (given[-1] / KNUCKLE_RADIUS)
-    assert np.log(ratio) == pytest.approx(0.22 * path(0.0).wrap.sum(), rel=1e-6)
+    # 4.7e-8 off, and 2.9e-9 with a quarter of the step.
+    assert np.log(ratio) == pytest.approx(0.22 * path(0.0).wrap.sum(), rel=1e-7)
 
 
 def test_no_energy_comes_of_a_cycle() -> None:

@@ -11,10 +11,11 @@ shifted the joint of a single cable's model so that it pulls, now and when it la
 pulled no more than desired; logarithms of the factors of friction.
 
 A motor whose torque lags follows its command by lag dtau/dt + tau = command. Observers
-and prediction work on the mean torque of every step, and the plan on commands. Where
-their rate is limited, the plan minimises the same cost over increments within the
-limit: D. Bertsekas, "Projected Newton methods for optimization problems with simple
-constraints", SIAM J. Control and Optimization 20, 1982.
+and prediction work on the mean torque of every step; the plan is that of a motor
+without lag, and its torque is led by the command, see `_led`. Where the rate of the
+command is too limited for that, the plan minimises a cost of commands over increments
+within the limit: D. Bertsekas, "Projected Newton methods for optimization problems with
+simple constraints", SIAM J. Control and Optimization 20, 1982.
 
 Which torque made the rotor move as it was seen to tells how late that was: there is an
 observer of the rotor for every delay that may be, and the one that errs least is
@@ -462,7 +463,7 @@ def _plan(
 ) -> float:
     """Plan for a motor that turns one way only: `push`, its accelerations [rad/s^2].
 
-    Behind them is the first command, where the motor lags or its rate is limited.
+    Behind them is the first command, where the rate of the command is limited too much.
 
     Returns:
         Mean squared error of the torque over the horizon, half of it on the planned
@@ -497,7 +498,7 @@ def _plan(
         room.holding[i] = stepper.torque(cables, new, False, at)[0]
     found = _roll(cables, joint, cost, tune, push, room)
     push[count] = np.nan
-    if tune[RATE] < np.inf or tune[LAG] > 0.0:
+    if tune[RATE] < np.inf:
         load = stepper.torque(cables, room.state, False, angle)[0]
         if not _is_within(push, load, tune, room):
             for _ in range(_ROLLS):
@@ -733,18 +734,40 @@ def _solve(
 
 
 @internal
+def _led(before: float, wanted: float, tune: FloatArray) -> float:
+    """Return the command for which a motor that lags has a mean torque [Nm].
+
+    The mean is that over the time between two knots, although the next step gives
+    another command: to make up for the lag within a step would swing from step to step,
+    and multiply the noise.
+
+    Args:
+        before: torque of the motor now [Nm].
+        wanted: mean torque [Nm].
+        tune: see `Tables`.
+    """
+    lag, span = tune[LAG], tune[SPAN]
+    if lag == 0.0:
+        return wanted
+    kept = -np.expm1(-span / lag) * lag / span
+    return float(before + (wanted - before) / (1.0 - kept))
+
+
+@internal
 def _is_within(push: FloatArray, load: float, tune: FloatArray, room: Room) -> bool:
-    """Return whether a motor without lag can be commanded to follow a plan."""
+    """Return whether the rate of the command lets the motor follow a plan."""
     last, lasting, before = room.memory[ANGLE], load, room.memory[COMMAND]
+    torque = room.memory[MOTOR]
     for i in range(room.path.size):
         most = tune[RATE] * (tune[SPAN] if i > 0 else tune[PERIOD])
         need = 0.5 * (lasting + room.load[i]) + tune[INERTIA] * push[i]
         need += tune[DAMPING] * (room.path[i] - last) / tune[SPAN]
         need -= room.memory[UNEXPLAINED]
-        if abs(need - before) > most:
+        command = _led(torque, need, tune)
+        if abs(command - before) > most:
             return False
-        last, lasting, before = room.path[i], room.load[i], need
-    return bool(tune[LAG] == 0.0)
+        last, lasting, before, torque = room.path[i], room.load[i], command, need
+    return True
 
 
 @internal
@@ -807,6 +830,7 @@ def act(
     torque = load + tune[INERTIA] * best[0] + tune[DAMPING] * velocity
     torque -= memory[UNEXPLAINED]
     own = device.memory
+    torque = _led(own[MOTOR], torque, tune)
     if not np.isnan(best[best.size - 1]):
         torque = best[best.size - 1]
     ahead = velocity - tune[RATIO] * memory[JOINT + 1] / dt

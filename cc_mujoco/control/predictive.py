@@ -70,8 +70,9 @@ class PredictiveCompensation(Controller):
     6. the motor gets the torque of the first acceleration and of the cables on its way,
        less what the rotor observer finds that the model does not explain.
 
-    A motor that lags (`Drive.motor_lag`), or whose command may not change as fast as
-    the plan needs (`Drive.torque_rate`), gets another plan in 4: commands \(u_i\),
+    A motor that lags (`Drive.motor_lag`) is commanded ahead of that torque, so that
+    its mean until the next knot is right. A motor whose command may not change as fast
+    as that needs (`Drive.torque_rate`) gets another plan in 4: commands \(u_i\),
     constant between knots, with increments within the rate, that minimise
 
     \[ \sum_i (\theta_i - \theta^*_i)^2 + \omega_c^{-4}

@@ -164,10 +164,10 @@ def device(law: str, scene: str, lag: float, known: bool, seed: int) -> float:
     return float(np.sqrt(np.mean(off**2)))
 
 
-def row(scene: str, law: str, lag: float, known: bool, seeds: int) -> tuple[str, ...]:
+def row(scene: str, law: str, lag: float, known: bool, seeds: range) -> tuple[str, ...]:
     """Return a row of the table, errors as mean over the seeds."""
     found, limited = [], 0.0
-    for seed in range(1, seeds + 1):
+    for seed in seeds:
         if scene != "bench":
             found.append(device(law, scene, lag, known, seed))
             continue
@@ -175,7 +175,7 @@ def row(scene: str, law: str, lag: float, known: bool, seeds: int) -> tuple[str,
         settings = dataclasses.replace(settings, motor_lag=lag if known else 0.0)
         rms, outcome = bench(law, settings, lag=lag, seed=seed)
         found.append(rms)
-        limited += outcome.rate_limited / outcome.cycles / seeds
+        limited += outcome.rate_limited / outcome.cycles / len(seeds)
     at_limit = f"{limited:.0%}" if scene == "bench" else "-"
     believed = "-" if law not in ("predictive",) else "known" if known else "0"
     return (
@@ -191,20 +191,22 @@ def main() -> None:
     parser.add_argument("--lags", nargs="+", type=float, default=[0.0, 1.0, 3.0, 5.0])
     parser.add_argument("--laws", nargs="+", choices=LAWS, default=list(LAWS))
     parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--first-seed", type=int, default=1)
     given = parser.parse_args()
+    seeds = range(given.first_seed, given.first_seed + given.seeds)
     rows = []
     for scene in given.scenes:
         for law in given.laws:
             for lag in given.lags:
                 both = law == "predictive" and lag > 0.0
                 for known in (True, False) if both else (True,):
-                    rows.append(row(scene, law, 1e-3 * lag, known, given.seeds))
+                    rows.append(row(scene, law, 1e-3 * lag, known, seeds))
                     print(*rows[-1], flush=True)
     head = (
         "scene", "controller", "lag [ms]", "lag believed", "RMS error [Nm]",
         "cycles at the rate limit",
     )  # fmt: skip
-    print(f"\n{given.seeds} seeds\n\n{table(head, rows)}")
+    print(f"\nseeds {seeds.start} to {seeds.stop - 1}\n\n{table(head, rows)}")
 
 
 if __name__ == "__main__":

@@ -85,10 +85,16 @@ class Row(NamedTuple):
     unsafe: bool
 
     @property
+    def stayed_safe(self) -> bool:
+        """Return whether the torque was safe, or friction alone made it unsafe."""
+        return not self.unsafe or self.unavoidable > self.safe
+
+    @property
     def passed(self) -> bool:
         """Return whether the joint was not pulled harder than it should be."""
-        safe = not self.unsafe or self.unavoidable > self.safe
-        return safe and self.torque <= MARGIN * max(self.desired, self.unavoidable)
+        return self.stayed_safe and self.torque <= MARGIN * max(
+            self.desired, self.unavoidable
+        )
 
 
 def sized(term: Term, share: float) -> dict[str, float]:

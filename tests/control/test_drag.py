@@ -81,13 +81,22 @@ def test_a_drag_that_is_not_known_is_not_paid_out_for_without_an_end() -> None:
     assert row.rms_error < 3.3
 
 
+def test_a_drag_is_added_to_what_is_fed_forward_and_not_multiplied() -> None:
+    """As part of the gain it pulled the ankle with 44 Nm, where 30 were desired."""
+    (row,) = play("ankle", "model", designs("ankle", ["seals"], [1.0]), True, 1.3)
+    assert row.passed
+
+
 @pytest.mark.study
 @pytest.mark.parametrize("scene", DEVICES)
-@pytest.mark.parametrize("law", CONTROLLERS)
-def test_no_friction_makes_a_controller_pull_harder_than_it_should(
-    scene: str, law: str
-) -> None:
+@pytest.mark.parametrize("law", [law for law in CONTROLLERS if law != "none"])
+def test_no_friction_makes_a_controller_unsafe(scene: str, law: str) -> None:
+    """Unless friction alone does.
+
+    Nearer than that to the desired torque only controllers stay that know friction: the
+    others make up for it late, and add it to the desired torque once the motion turns.
+    """
     cases = designs(scene, list(LARGE), SHARES)
     for known in (True, False):
         for row in play(scene, law, cases, known, 3.0):
-            assert row.passed, row
+            assert row.stayed_safe, row

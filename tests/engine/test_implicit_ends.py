@@ -236,7 +236,7 @@ def test_a_model_of_other_makers_at_its_own_step(
     """Models of Gymnasium at their 10 ms; the ant is under RK4.
 
     At 0 its ankle is out of its range of 0.52 to 1.22 rad, and MuJoCo throws it back
-    within a few steps; with a heavy motor the tensions then differ by up to a fifth.
+    within a few steps; with a heavy motor the tensions then differ by up to 16 %.
     """
     tension, taken = {}, {}
     for part in (1, FINER):

@@ -1,9 +1,4 @@
-"""The decorator of every compiled function, and the guard of its cache.
-
-Numba keeps compiled code beside the source and drops it when that file changes, but
-not when a function that it calls, in another file, does. So compiled code older than
-any source of its part, or of the parts that it calls, is removed at import.
-"""
+"""The decorators of compiled functions."""
 
 from __future__ import annotations
 
@@ -25,6 +20,8 @@ from numba.core import cgutils, errors, event
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from cc_mujoco.code_stamp import stamp_compiled_code
+
 types: Any = numba.types
 """Numba's types; calling one makes a signature, which its annotations do not tell."""
 
@@ -35,35 +32,7 @@ INTEGER, REAL, REALS = types.int64, types.float64, types.float64[::1]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_CALLS = {
-    "transmission": ("transmission",),
-    "engine": ("transmission", "engine"),
-    "estimation": ("transmission", "estimation"),
-    "control": ("transmission", "engine", "estimation", "control"),
-    "export": ("transmission", "engine", "estimation", "control", "export"),
-    "predecessors": ("transmission", "engine", "predecessors"),
-    "whatif/inner": ("transmission", "engine", "control", "whatif/inner"),
-    "reproduce/experiments": ("transmission", "engine", "reproduce/experiments"),
-}
-"""Parts of the package that are compiled, and those whose code is in theirs."""
-
-
-def _drop_stale_code() -> None:
-    root = Path(__file__).parent
-    for part, called in _CALLS.items():
-        sources = [root / "compiled.py"]
-        for other in called:
-            sources += (root / other).glob("*.py")
-        newest = max(source.stat().st_mtime for source in sources)
-        for index in (root / part / "__pycache__").glob("*.nbi"):
-            try:
-                if index.stat().st_mtime < newest:
-                    index.unlink()
-            except OSError:
-                continue  # gone already, or a read-only install, where nothing is stale
-
-
-_drop_stale_code()
+stamp_compiled_code()
 
 _NOTICE = "cc_mujoco: compiling; this happens once, 1-2 min\n"
 _NOT_KEPT = (
@@ -86,20 +55,7 @@ def internal(function: Function) -> Function:
         "no_cpython_wrapper": True,
         "no_cfunc_wrapper": True,
     }
-    dispatcher: Any = njit(**options)(function)
-    specialise = dispatcher.get_call_template
-
-    def call_template(args: Any, kws: Any) -> Any:
-        return specialise([_widest(given) for given in args], kws)
-
-    dispatcher.get_call_template = call_template
-    return cast("Function", dispatcher)
-
-
-def _widest(given: Any) -> Any:
-    """The type to compile for: one for all integers, whatever Numba knows of them."""
-    given = types.unliteral(given)
-    return INTEGER if isinstance(given, types.Integer) else given
+    return _widening(njit(**options)(function))
 
 
 def compiled(function: Function) -> Function:
@@ -108,10 +64,27 @@ def compiled(function: Function) -> Function:
         "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
     }  # fmt: skip
     try:
-        return cast("Function", njit(cache=True, **options)(function))
+        return _widening(njit(cache=True, **options)(function))
     except RuntimeError:  # Numba finds no folder that it may write its cache to
         _notice.is_kept = False
-        return cast("Function", njit(**options)(function))
+        return _widening(njit(**options)(function))
+
+
+def _widening(dispatcher: Any) -> Any:
+    """Have compiled callers share what is compiled: 0, 1 and n are one type."""
+    specialise = dispatcher.get_call_template
+
+    def call_template(args: Any, kws: Any) -> Any:
+        return specialise([_widest(given) for given in args], kws)
+
+    dispatcher.get_call_template = call_template
+    return dispatcher
+
+
+def _widest(given: Any) -> Any:
+    """Return the type to compile for: one for all integers, known or not."""
+    given = types.unliteral(given)
+    return INTEGER if isinstance(given, types.Integer) else given
 
 
 class _Notice(event.Listener):

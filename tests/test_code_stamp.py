@@ -1,0 +1,98 @@
+"""Compiled code is kept exactly as long as the sources that it was made of."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
+
+import cc_mujoco.control
+import cc_mujoco.engine  # noqa: F401
+from cc_mujoco import code_stamp
+
+SOURCES = {
+    "law.py": "from cc_mujoco.room import (\n    gain,\n    other,\n)\n",
+    "room/__init__.py": "",
+    "room/gain.py": "def late():\n    from cc_mujoco.deep import half\n",
+    "room/other.py": "from cc_mujoco.law import turn\n",
+    "deep.py": "half = 0.5\n",
+    "idle.py": "from cc_mujoco.law import turn\n",
+}
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    root = tmp_path / "cc_mujoco"
+    for name, text in SOURCES.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    monkeypatch.setattr(code_stamp, "_ROOT", root)
+    return root
+
+
+def stamp(file: Path) -> str:
+    code_stamp.digest.cache_clear()
+    code_stamp._imported.cache_clear()
+    try:
+        return code_stamp.digest(file)
+    finally:
+        code_stamp.digest.cache_clear()
+        code_stamp._imported.cache_clear()
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_stamp_changes_with_what_is_imported_and_with_nothing_else(
+    package: Path, name: str
+) -> None:
+    before = stamp(package / "law.py")
+    (package / name).write_text(SOURCES[name] + "more = 1\n")
+    assert (stamp(package / "law.py") == before) == (name == "idle.py")
+    (package / name).write_text(SOURCES[name])
+    assert stamp(package / "law.py") == before
+
+
+def compiled_functions() -> dict[str, Any]:
+    found = {}
+    for name, module in list(sys.modules.items()):
+        if name.startswith("cc_mujoco."):
+            for key, value in vars(module).items():
+                if isinstance(value, Dispatcher):
+                    found[f"{name}.{key}"] = value
+    return found
+
+
+def test_every_compiled_function_that_another_calls_is_in_its_stamp() -> None:
+    functions = compiled_functions()
+    assert len(functions) > 100
+    for name, function in functions.items():
+        file = Path(inspect.getfile(function.py_func))
+        callees = [
+            value
+            for value in inspect.getclosurevars(function.py_func).globals.values()
+            if isinstance(value, Dispatcher)
+        ]
+        known, left = {file}, [file]
+        while left:
+            new = code_stamp._imported(left.pop()) - known
+            known |= new
+            left += new
+        for callee in callees:
+            assert Path(inspect.getfile(callee.py_func)) in known, name
+
+
+def test_numba_uses_the_stamp_here_and_its_own_elsewhere(tmp_path: Path) -> None:
+    from cc_mujoco.control import guard
+
+    ours: Any = FunctionCache(guard.released.py_func)  # type: ignore[attr-defined]
+    assert ours._impl.locator.get_source_stamp() == code_stamp.digest(
+        Path(guard.__file__)
+    )
+    other: Any = FunctionCache(stamp)
+    assert other._impl.locator.get_source_stamp() != code_stamp.digest(
+        Path(guard.__file__)
+    )

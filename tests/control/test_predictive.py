@@ -196,7 +196,7 @@ def test_a_biased_sensor_pays_out_no_slack() -> None:
     assert np.min(slack[500:]) > -0.002 * stiffness
 
 
-@pytest.mark.parametrize("bias", [-2.0, 2.0])
+@pytest.mark.parametrize("bias", [-2.0, pytest.param(2.0, marks=pytest.mark.study)])
 def test_a_bias_is_told_from_friction_by_what_the_motor_feels(bias: float) -> None:
     """The error of whoever believes the sensor is its bias, 2 Nm."""
     quiet = Sensing(torque_noise=0.3, tension_noise=3.0)

@@ -42,11 +42,11 @@ CASES = [
     ("wrist", "pi"),
     ("wrist", "stiction"),
     ("wrist", "predictive"),
-    ("wrist", "adaptive"),
     ("ankle", "pi"),
     ("exosuit", "adaptive"),
     pytest.param("ankle", "model", marks=pytest.mark.study),  # part of `stiction`
     pytest.param("ankle", "predictive", marks=pytest.mark.study),
+    pytest.param("wrist", "adaptive", marks=pytest.mark.study),
     pytest.param("ankle", "adaptive", marks=pytest.mark.study),
     pytest.param("exosuit", "stiction", marks=pytest.mark.study),
 ]

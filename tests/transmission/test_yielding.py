@@ -25,7 +25,7 @@ def test_a_step_ends_where_it_would_if_its_ends_were_driven_there(
     A solver for any friction has one answer for both. Fronts follow the ends through
     the step: a spring at an end takes it another way to the same place, and where
     fronts meet, the tensions of one segment depend on the way (0.2 of the friction of a
-    segment at most in 2,400 motions, 0.73 with static friction).
+    segment at most in 1,800 motions, 0.73 with static friction).
     """
     rng = np.random.default_rng(seed)
     cable = cable_of(rng, term)

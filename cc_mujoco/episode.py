@@ -32,10 +32,6 @@ Observer = Callable[[int, Columns, NDArray[np.float64]], object]
 """Takes the control step, its columns and the torque that follows [Nm]; may raise."""
 
 
-TOO_LONG = 0.01
-"""Time for which a torque beyond what is safe is a failure [s]."""
-
-
 class Plant(Protocol):
     """What a controller drives: one device, or several as arrays."""
 
@@ -106,20 +102,6 @@ def run(
                 at = no_torque(called(), step * controller.drive.period)
                 raise CableError(f"{at}; it must be a number in Nm.")
             columns = plant.advance(torque)
-
-
-def unsafe_from(torque: NDArray[np.float64], safe: float, period: float) -> int | None:
-    """Return the sample from which a joint torque is unsafe; None where it never is.
-
-    Args:
-        torque: Of the cables on the joint (samples,) [Nm].
-        safe: Most that is safe, either way [Nm]; more for `TOO_LONG` is a failure.
-        period: Time between samples [s].
-    """
-    beyond = np.concatenate([[False], np.abs(torque) > safe, [False]])
-    first, end = np.flatnonzero(np.diff(beyond)).reshape(-1, 2).T
-    unsafe = first[(end - first) * period >= TOO_LONG]
-    return int(unsafe[0]) if unsafe.size else None
 
 
 def no_torque(name: str, time: float) -> str:

@@ -1,9 +1,9 @@
-r"""Put parameters, materials, claims and both benchmarks into their pages.
+r"""Put parameters, materials, metrics, claims and both benchmarks into their pages.
 
     python scripts/diagnosis_study/diagnose_benchmark.py \
         --naive binned sparse bic --out runs/sealed
-    python scripts/fill_readme.py [parameters] [materials] [claims] [benchmark] \
-        [diagnosis]
+    python scripts/fill_readme.py [parameters] [materials] [metrics] [claims] \
+        [benchmark] [diagnosis]
 
 Runs what is not done yet of claims and benchmark, and replaces what stands between the
 marks of each block, on its page and, in short, on the front page. The benchmark is
@@ -35,6 +35,8 @@ from cc_mujoco.benchmark.report import (
 )
 from cc_mujoco.benchmark.results import Results, rms_errors
 from cc_mujoco.files import replacing
+from cc_mujoco.metrics import METRICS
+from cc_mujoco.metrics import table as of_metrics
 from cc_mujoco.reproduce import EXPERIMENTS, Claim, reproduce, table
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import as_table
@@ -50,6 +52,7 @@ FRONT = ROOT / "README.md"
 PAGES = {
     "parameters": ROOT / "cc_mujoco" / "transmission" / "README.md",
     "materials": ROOT / "cc_mujoco" / "whatif" / "README.md",
+    "metrics": ROOT / "cc_mujoco" / "metrics" / "README.md",
     "claims": ROOT / "cc_mujoco" / "reproduce" / "README.md",
     "benchmark": ROOT / "cc_mujoco" / "benchmark" / "README.md",
     "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "README.md",
@@ -161,6 +164,8 @@ def main() -> None:
         write("parameters", as_table(PARAMETERS))
     if "materials" in options.blocks:
         write("materials", of_materials.as_table(MATERIALS.values()))
+    if "metrics" in options.blocks:
+        write("metrics", of_metrics.as_table(METRICS.values()))
     if "claims" in options.blocks:
         records = reproduce([], options.results)
         write("claims", block({record.name: record.claims for record in records}))

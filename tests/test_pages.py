@@ -15,6 +15,8 @@ from PIL import Image
 
 import cc_mujoco
 from cc_mujoco.engine import CableReading
+from cc_mujoco.metrics import METRICS
+from cc_mujoco.metrics import table as metrics
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import as_table
 from cc_mujoco.whatif import MATERIALS, materials
@@ -147,6 +149,13 @@ def test_table_of_materials_is_that_of_the_package() -> None:
     written = fill_readme.between(page, "materials")
     table = materials.as_table(MATERIALS.values())
     assert written == table, "run scripts/fill_readme.py materials"
+
+
+def test_table_of_metrics_is_that_of_the_package() -> None:
+    page = fill_readme.PAGES["metrics"].read_text("utf-8")
+    written = fill_readme.between(page, "metrics")
+    table = metrics.as_table(METRICS.values())
+    assert written == table, "run scripts/fill_readme.py metrics"
 
 
 def test_every_field_of_a_reading_is_on_the_page_of_the_engine() -> None:

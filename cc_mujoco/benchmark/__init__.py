@@ -17,7 +17,7 @@ from cc_mujoco.benchmark.ranking import normalised, ranking
 from cc_mujoco.benchmark.references import REFERENCES, Reference
 from cc_mujoco.benchmark.report import Interval, interval, markdown
 from cc_mujoco.benchmark.runner import Plan, run
-from cc_mujoco.benchmark.scores import SCORES, Score
+from cc_mujoco.benchmark.scores import SCORES
 
 __all__ = [
     "REFERENCES",
@@ -29,7 +29,6 @@ __all__ = [
     "Interval",
     "Plan",
     "Reference",
-    "Score",
     "Suite",
     "interval",
     "markdown",

@@ -2,7 +2,7 @@
 
     ordinary = SUITES["v1"].conditions("wrist")[0]
     played = play(Cell(ordinary, "stiction", seeds=(0, 1, 2)))
-    played.scores["rms_error"]                  # (seeds,) [Nm]
+    played.scores["rms_torque_error"]           # (seeds,) [N m]
 
 A cell is one batch of simulations. What it gives, computing times excepted, depends on
 nothing but the cell.
@@ -22,7 +22,7 @@ from cc_mujoco.benchmark import entry
 from cc_mujoco.benchmark.conditions import ERRORS, LEAST, Condition
 from cc_mujoco.benchmark.plant import Belief, Plant, believed, draw
 from cc_mujoco.benchmark.references import REFERENCES, Reference
-from cc_mujoco.benchmark.scores import SCORES, Limits, score
+from cc_mujoco.benchmark.scores import SCORES, score
 from cc_mujoco.benchmark.sensors import DrawnSensors
 from cc_mujoco.control import Controller, Drive
 from cc_mujoco.devices import DEVICES
@@ -30,6 +30,14 @@ from cc_mujoco.envs.exo import Exo
 from cc_mujoco.episode import Columns, Trace, run
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
+from cc_mujoco.metrics import Record
+from cc_mujoco.metrics.metric import (
+    DRIVEN,
+    PULL_PULL,
+    SAFE_TORQUE,
+    SPRING,
+    STRENGTH,
+)
 from cc_mujoco.sensing import Sensing
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.laws import Unpowered
@@ -226,11 +234,9 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
         )
     rows: dict[str, NDArray[Any]] = dict(trace.columns)
     time = np.arange(fleet.steps + 1) * made.period
-    ends = [fleet.cables.index(name) for name in made.driven]
     reference = _reference(cells[0])
     if reference is not None and reference.ideal:
         _transmit(made, rows)
-    rows["slack"] = rows["least_tension_n"][:, :, ends] < 0.0
     found: list[CellResult] = []
     for place, cell in enumerate(cells):
         count = len(cell.seeds)
@@ -238,7 +244,7 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
         part = {name: values[:, own] for name, values in rows.items()}
         found.append(
             CellResult(
-                _scores(cell, part, time, made.period),
+                _scores(cell, part, time, made),
                 _plants(made, own),
                 _trace(cell, part, time) if cell.condition.usual else {},
             )
@@ -258,18 +264,28 @@ def _transmit(made: Stage, rows: Mapping[str, NDArray[Any]]) -> None:
 
 
 def _scores(
-    cell: Cell, rows: Mapping[str, NDArray[Any]], time: Array, period: float
+    cell: Cell, rows: Mapping[str, NDArray[Any]], time: Array, made: Stage
 ) -> dict[str, Array]:
-    setup = DEVICES[cell.condition.scene]
-    limits = Limits(setup.safe_torque, setup.strength, setup.pull_pull)
-    spring = isinstance(cell.condition.task, Spring)
-    first = round(WARM_UP / period)
+    """Return the scores of every seed (seeds,), without the warm-up."""
+    setup, cables = DEVICES[cell.condition.scene], made.fleet.cables
+    about = {
+        DRIVEN: made.driven,
+        STRENGTH: dict.fromkeys(cables, setup.strength),
+        SAFE_TORQUE: setup.safe_torque,
+        PULL_PULL: setup.pull_pull,
+        SPRING: isinstance(cell.condition.task, Spring),
+    }
+    first = round(WARM_UP / made.period)
     found: dict[str, list[float]] = {s.name: [] for s in SCORES}
     for row in range(len(cell.seeds)):
         columns = {name: values[first:, row] for name, values in rows.items()}
         columns["time_s"] = time[first:]
-        scored = score(columns, spring=spring, period=period, limits=limits)
-        for name, value in scored.items():
+        ends, least = columns.pop("tension_n"), columns.pop("least_tension_n")
+        for place, cable in enumerate(cables):
+            columns[f"tension_{cable}_proximal_n"] = ends[:, 2 * place]
+            columns[f"tension_{cable}_distal_n"] = ends[:, 2 * place + 1]
+            columns[f"tension_{cable}_nodes_n"] = least[:, [place]]
+        for name, value in score(Record(columns, cables, about)).items():
             found[name].append(value)
     return {name: np.array(values) for name, values in found.items()}
 

@@ -38,7 +38,7 @@ def pareto(results: Results, scene: str) -> Figure:
     with style():
         drawing = figure(9.6, 4.0)
         panels = drawing.subplots(1, 2, sharey=True)
-        for axes, cost in zip(panels, ("effort", "chatter"), strict=True):
+        for axes, cost in zip(panels, ("rms_motor_torque", "chatter"), strict=True):
             points = {
                 law: (_mean(results, scene, law, cost), float(np.mean(values)))
                 for law, values in errors.items()
@@ -56,9 +56,9 @@ def pareto(results: Results, scene: str) -> Figure:
                 axes.axhline(float(np.mean(errors[law])), label=law, **about)
             axes.set(ylim=(0.0, None))
             axes.set_xlabel(
-                "effort: RMS torque of the motor [Nm]"
-                if cost == "effort"
-                else "chatter: RMS of the same less its mean over 50 ms [Nm]"
+                "effort: RMS torque of the motor [N m]"
+                if cost == "rms_motor_torque"
+                else "chatter: RMS of the same less its mean over 50 ms [N m]"
             )
         panels[0].set(title=f"{scene}: error against effort", ylabel="normalised error")
         panels[1].set(title="and against chatter")
@@ -89,7 +89,7 @@ def cycle(results: Results, scene: str) -> Figure:
         axes.set(
             title=f"{scene}: error over the cycle, ordinary condition",
             xlabel=label,
-            ylabel="RMS error [Nm]",
+            ylabel="RMS error [N m]",
             ylim=(0.0, None),
         )
         if shown:

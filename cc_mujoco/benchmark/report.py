@@ -101,7 +101,7 @@ def diverged(results: Results) -> list[str]:
     """Controllers with episodes that came to no score, a sentence each."""
     lost: dict[str, list[Array]] = {}
     for cell, played in results:
-        values = np.isnan(played.scores["rms_error"])
+        values = np.isnan(played.scores["rms_torque_error"])
         lost.setdefault(cell.controller, []).append(values)
     told = {law: np.concatenate(values) for law, values in lost.items()}
     return [
@@ -116,7 +116,7 @@ def definitions() -> str:
     """What every row and every score is, a line each."""
     lines = [f"- *{name}*: {row.meaning}" for name, row in REFERENCES.items()]
     lines.append(
-        "- `error` [1]: `rms_error` over the mean of that of `none` in the same "
+        "- `error` [1]: `rms_torque_error` over the mean of that of `none` in the same "
         "condition, at most 10, which an episode that diverged has"
     )
     lines += [f"- `{s.name}` [{s.unit}]: {s.meaning}" for s in SCORES]
@@ -179,7 +179,7 @@ def conditions_table(results: Results, scene: str) -> str:
     rows = []
     for place, (condition, unit) in enumerate(rms[SCALE].items()):
         means = [f"{np.mean(errors[law][place]):.2f}" for law in laws]
-        rows.append([condition, f"{np.nanmean(unit):.3g} Nm", *means])
+        rows.append([condition, f"{np.nanmean(unit):.3g} N m", *means])
     return table(["condition", f"`{SCALE}`", *map(_called, laws)], rows)
 
 
@@ -220,7 +220,7 @@ def plants_table(results: Results, scene: str) -> str:
     cell, played = next((c, r) for c, r in chosen if c.controller == SCALE)
     drawn = played.plants
     heads = ["seed", "friction", "EA [kN]", "pretension [N]", "wrap [rad]"]
-    heads += ["wearer [Nm/rad]", "delay [steps]", "bias of torque [Nm]"]
+    heads += ["wearer [N m/rad]", "delay [steps]", "bias of torque [N m]"]
     rows = []
     for row, seed in enumerate(cell.seeds):
 

@@ -38,7 +38,7 @@ def rms_errors(results: Results) -> Errors:
     found: Errors = {}
     for cell, played in results:
         own = found.setdefault(cell.condition.scene, {})
-        errors = played.scores["rms_error"]
+        errors = played.scores["rms_torque_error"]
         own.setdefault(cell.controller, {})[cell.condition.name] = errors
     return found
 
@@ -159,7 +159,7 @@ def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
     """
     table, about = read_rows(path)
     found: dict[str, dict[str, dict[str, list[tuple[int, float]]]]] = {}
-    names = ("scene", "controller", "condition", "seed", "rms_error")
+    names = ("scene", "controller", "condition", "seed", "rms_torque_error")
     rows = zip(*(table[name].to_pylist() for name in names), strict=True)
     for scene, law, condition, seed, error in rows:
         own = found.setdefault(scene, {}).setdefault(law, {})

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 if TYPE_CHECKING:
-    from cc_mujoco.whatif import Metric, Variable
+    from cc_mujoco.metrics import Metric
+    from cc_mujoco.whatif import Variable
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,9 @@ class Listing:
         from cc_mujoco.devices import DEVICES
         from cc_mujoco.diagnosis import EFFECTS
         from cc_mujoco.human import TASKS, TRAJECTORIES
+        from cc_mujoco.metrics import METRICS
         from cc_mujoco.reproduce import EXPERIMENTS
-        from cc_mujoco.whatif import MATERIALS, METRICS, MOTORS, VARIABLES
+        from cc_mujoco.whatif import MATERIALS, MOTORS, VARIABLES
 
         meanings = {
             "scenes": {
@@ -53,7 +55,7 @@ class Listing:
                 f"{motor.source}"
                 for name, motor in MOTORS.items()
             },
-            "metrics of what-ifs": _with_units(METRICS),
+            "metrics": _with_units(METRICS),
         }
         width = max(len(name) for group in meanings.values() for name in group)
         for number, (group, entries) in enumerate(meanings.items()):

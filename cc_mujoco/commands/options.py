@@ -25,6 +25,9 @@ RARE = 10.0
 
 Name = Annotated[str | None, in_words("NAME")]
 Names = Annotated[tuple[str, ...], in_words("[NAME ...]")]
+Added = Annotated[
+    tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="NAME")
+]
 Flag = Annotated[tyro.conf.FlagCreatePairsOff[bool], in_words()]
 
 

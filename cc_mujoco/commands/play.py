@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar
 
 import tyro
 
-from cc_mujoco.commands.options import Flag, Name, bar, in_words, video_bar
+from cc_mujoco.commands.options import Added, Flag, Name, bar, in_words, video_bar
 from cc_mujoco.errors import CableError
 
 
@@ -41,6 +41,8 @@ class Play:
     """Folder for the results; runs/SCENE-TRAJECTORY-TASK-CONTROLLER-SEED by default,
     with the duration behind it if it is another."""
 
+    metric: Added = ()
+    """A metric to measure besides, once each: a name or MODULE:NAME."""
     video: Flag = False
     """Write video.mp4, too: the scene beside torques and tensions."""
     html: Flag = False
@@ -69,6 +71,7 @@ class Play:
         out = self.out or Path("runs", name)
 
         from cc_mujoco.control import controller
+        from cc_mujoco.metrics import find_metric
         from cc_mujoco.recording import play, write_episode
         from cc_mujoco.recording.episode import require_ours
 
@@ -82,6 +85,7 @@ class Play:
 
             require_page()
 
+        metrics = [find_metric(name) for name in self.metric]
         env = self._env(names)
         inner: Any = env.unwrapped
         law = controller(self.controller, inner.drive)
@@ -94,15 +98,16 @@ class Play:
                 out,
                 log,
                 inner.model,
+                metrics=metrics,
                 video=self.video,
                 html=self.html,
                 progress=progress,
                 say=said.append,
             )
         env.close()
-        for metric in found:
-            value = f"{metric.value:.4g}" if math.isfinite(metric.value) else "-"
-            print(f"{metric.name:32} {value:>10} {metric.unit}")
+        for metric, value in found.items():
+            number = f"{value:.4g}" if math.isfinite(value) else "-"
+            print(f"{metric.name:32} {number:>10} {metric.unit}")
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
         for sentence in said:
             print(sentence)
@@ -154,7 +159,7 @@ class Play:
 
     def _live(self) -> None:
         """Play in a window."""
-        self._alone("live", "video", "html", "out")
+        self._alone("live", "metric", "video", "html", "out")
         names = self._names()
 
         from cc_mujoco.recording.live import live

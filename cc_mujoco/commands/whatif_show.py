@@ -69,10 +69,10 @@ class WhatIfShow:
         print(f"\nopen with:  rerun {out / compare.RECORDING}\nsee also:   {out}")
 
     def _show(self) -> None:
+        from cc_mujoco.metrics import METRICS
         from cc_mujoco.recording import write_episode
         from cc_mujoco.recording.episode import require_ours
         from cc_mujoco.whatif.across import about as about_name
-        from cc_mujoco.whatif.metrics import METRICS
         from cc_mujoco.whatif.show import case_of, read_row, show
         from cc_mujoco.whatif.store import read_study
         from cc_mujoco.whatif.variables import VARIABLES

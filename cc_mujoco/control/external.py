@@ -9,19 +9,15 @@ was raised; the exception itself is its cause.
 
 from __future__ import annotations
 
-import importlib
 import inspect
-import os
-import sys
-import traceback
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from types import ModuleType
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco import user_code
 from cc_mujoco.control.controller import Controller
 from cc_mujoco.control.drive import Drive
 from cc_mujoco.errors import CableError
@@ -79,8 +75,8 @@ def from_callable(name: str, drive: Drive) -> Controller:
         CableError: If there is no such module or function, it makes no controller,
             either takes other than one argument, or its code raises.
     """
+    make = user_code.named_object("controller", name, "function")
     place, _, function = name.partition(":")
-    make = getattr(_module(name, place), function, None)
     if not callable(make):
         raise CableError(
             f"controller {name!r}: module {place!r} has no function {function!r}."
@@ -116,39 +112,6 @@ def _require_taken(name: str, called: Any, which: str, what: str) -> None:
         ) from None
 
 
-def _module(name: str, place: str) -> ModuleType:
-    here = os.getcwd()
-    sys.path.insert(0, here)
-    try:
-        with blamed(name):
-            return importlib.import_module(place)
-    except CableError as error:
-        missing = getattr(error.__cause__, "name", None)
-        absent = isinstance(error.__cause__, ModuleNotFoundError)
-        if place and not (absent and missing and f"{place}.".startswith(f"{missing}.")):
-            raise
-        raise CableError(
-            f"controller {name!r}: there is no module {place!r}; it must be importable "
-            f"or lie in {here}."
-        ) from None
-    finally:
-        sys.path.remove(here)
-
-
-@contextmanager
-def blamed(name: str) -> Iterator[None]:
+def blamed(name: str) -> AbstractContextManager[None]:
     """Say in one sentence which controller raised what, and where."""
-    try:
-        yield
-    except CableError:
-        raise
-    except Exception as error:
-        if isinstance(error, SyntaxError):
-            what, file, line = error.msg, error.filename, error.lineno
-        else:
-            last = traceback.extract_tb(error.__traceback__)[-1]
-            what, file, line = str(error), last.filename, last.lineno
-        raise CableError(
-            f"controller {name!r} raised {type(error).__name__} in {file}, line "
-            f"{line}: {what}"
-        ) from error
+    return user_code.blamed(f"controller {name!r}")

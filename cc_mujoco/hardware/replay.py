@@ -25,7 +25,8 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.files import is_marked, replacing_folder, require_ours
 from cc_mujoco.hardware.drives import bench_drive
 from cc_mujoco.hardware.log import COLUMNS, files_of
-from cc_mujoco.recording.columns import DEVICE, MODEL_XML, RATIO
+from cc_mujoco.metrics.metric import RATIO
+from cc_mujoco.recording.columns import DEVICE, MODEL_XML
 from cc_mujoco.recording.log import EpisodeLog
 
 Array = NDArray[np.float64]

@@ -13,7 +13,6 @@ from __future__ import annotations
 from cc_mujoco.recording.columns import CABLE, DEVICE, Column, columns_for
 from cc_mujoco.recording.episode import FILES, play, write_episode
 from cc_mujoco.recording.log import EpisodeLog, Recorder
-from cc_mujoco.recording.metrics import Metric, measure, write_metrics
 from cc_mujoco.recording.summary import draw_summary, write_summary
 
 __all__ = [
@@ -22,13 +21,10 @@ __all__ = [
     "FILES",
     "Column",
     "EpisodeLog",
-    "Metric",
     "Recorder",
     "columns_for",
     "draw_summary",
-    "measure",
     "play",
     "write_episode",
-    "write_metrics",
     "write_summary",
 ]

@@ -31,10 +31,6 @@ class Column:
         return replace(self, name=self.name.format(cable=cable))
 
 
-RATIO = "ratio"
-"""Metadata key: joint angle per motor angle of an unstretched cable (signed)."""
-DRIVEN = "driven"
-"""Metadata key: names of the cables that the motor winds; all where it is missing."""
 MODEL_XML = "model_xml"
 """Metadata key: the MJCF of the model."""
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +16,19 @@ from cc_mujoco import engine, files
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Controller
 from cc_mujoco.episode import Columns, Single, run
+from cc_mujoco.human import Spring
 from cc_mujoco.identity import versions
-from cc_mujoco.recording.columns import DRIVEN, MODEL_XML, RATIO
+from cc_mujoco.metrics import METRICS, Metric, measure, of_cables
+from cc_mujoco.metrics.metric import (
+    DRIVEN,
+    PULL_PULL,
+    RATIO,
+    SAFE_TORQUE,
+    SPRING,
+    STRENGTH,
+)
+from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.recording.log import EpisodeLog, Recorder
-from cc_mujoco.recording.metrics import Metric, measure, write_metrics
 from cc_mujoco.recording.summary import write_summary
 from cc_mujoco.sensing import Measuring, Sensing
 
@@ -28,6 +39,21 @@ LOG = "log.parquet"
 FILES = ("recording.rrd", LOG, "metrics.json", "summary.png", files.WRITTEN)
 """Files that `write_episode` leaves in its folder."""
 _CHANGED = ("recording.rrd", "metrics.json", "summary.png")
+MEASURED = (
+    "rms_torque_error",
+    "torque_lag",
+    "peak_joint_torque",
+    "rms_joint_torque",
+    "rms_angle_error",
+    "twist_backlash",
+    "efficiency",
+    "efficiency_motor_drives",
+    "efficiency_wearer_drives",
+    "motor_share",
+    "slack_time_{cable}",
+    "dissipated_energy_{cable}",
+)
+"""Metrics of an episode that is played."""
 VIDEO, PAGE = "video.mp4", "episode.html"
 """Files that it also leaves there on request."""
 
@@ -100,6 +126,10 @@ def describe(
         "wearer": dataclasses.asdict(wearer),
         RATIO: 1.0 / env.drive.ratio,
         DRIVEN: list(env.exo.device.driven),
+        STRENGTH: dict.fromkeys(cables, setup.strength),
+        SAFE_TORQUE: setup.safe_torque,
+        PULL_PULL: setup.pull_pull,
+        SPRING: isinstance(env.exo.task, Spring),
         "cables": {name: cable.to_config() for name, cable in cables.items()},
         "versions": versions(),
         MODEL_XML: scene_path(setup.scene).read_text(encoding="utf-8"),
@@ -122,11 +152,12 @@ def write_episode(
     log: EpisodeLog,
     model: mujoco.MjModel,
     *,
+    metrics: Iterable[Metric] = (),
     video: bool = False,
     html: bool = False,
     progress: Callable[[float], object] | None = None,
     say: Callable[[str], object] = lambda sentence: None,
-) -> tuple[Metric, ...]:
+) -> dict[Metric, float]:
     """Write recording, log, metrics and figure, and on request video and page.
 
     They are made beside the folder and moved into it when all are whole; other files in
@@ -136,13 +167,14 @@ def write_episode(
         folder: Where `FILES` shall lie; made if need be.
         log: The episode.
         model: The model that the episode was played on.
+        metrics: Measured besides `MEASURED`.
         video: Whether to write `VIDEO`, too.
         html: Whether to write `PAGE`, too.
         progress: Called with the simulated time [s] that the video has reached.
         say: Called with a sentence where a video or page of an earlier episode goes.
 
     Returns:
-        The metrics that were written.
+        The value of every metric that was written.
 
     Raises:
         CableError: If the folder has files by these names that are not an episode's, or
@@ -152,7 +184,8 @@ def write_episode(
     from cc_mujoco.recording.rerun_file import write_recording
 
     require_ours(folder)
-    found = measure(log)
+    chosen = dict.fromkeys((*(METRICS[name] for name in MEASURED), *metrics))
+    found = measure(log, of_cables(chosen, log.cables))
     with files.replacing_folder(folder) as partial:
         log.write(partial / LOG)
         write_metrics(partial / "metrics.json", found)
@@ -173,3 +206,17 @@ def write_episode(
             old.unlink()
             say(f"{old} is deleted, as it showed an earlier episode.")
     return found
+
+
+def write_metrics(path: str | os.PathLike[str], found: Mapping[Metric, float]) -> None:
+    """Write values with unit and meaning as JSON; NaN becomes `null`."""
+    content = {
+        metric.name: {
+            "value": value if math.isfinite(value) else None,
+            "unit": metric.unit,
+            "meaning": metric.meaning,
+        }
+        for metric, value in found.items()
+    }
+    with files.replacing(path) as partial:
+        partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")

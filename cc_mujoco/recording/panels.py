@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.figures import BLUE, GREEN, ORANGE, SKY
-from cc_mujoco.recording.columns import RATIO
+from cc_mujoco.metrics.metric import RATIO
 from cc_mujoco.recording.log import EpisodeLog
 
 Array = NDArray[np.float64]

@@ -10,8 +10,9 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
@@ -22,6 +23,7 @@ from rerun.error_utils import strict_mode
 
 from cc_mujoco import engine, markdown
 from cc_mujoco.files import replacing
+from cc_mujoco.metrics import Metric
 from cc_mujoco.recording.branch import Branch
 from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.recording.conduit3d import (
@@ -34,7 +36,6 @@ from cc_mujoco.recording.conduit3d import (
 from cc_mujoco.recording.lanes import log_lanes
 from cc_mujoco.recording.layout import blueprint
 from cc_mujoco.recording.log import EpisodeLog
-from cc_mujoco.recording.metrics import Metric
 from cc_mujoco.recording.panels import highest_tension
 from cc_mujoco.recording.scene3d import (
     TIMELINE,
@@ -53,7 +54,7 @@ def write_recording(
     path: str | os.PathLike[str],
     log: EpisodeLog,
     model: mujoco.MjModel,
-    metrics: Iterable[Metric] = (),
+    metrics: Mapping[Metric, float] = MappingProxyType({}),
 ) -> None:
     """Write an episode as a `.rrd` file.
 
@@ -178,7 +179,7 @@ def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
             )
 
 
-def _about(log: EpisodeLog, metrics: Iterable[Metric]) -> rr.TextDocument:
+def _about(log: EpisodeLog, metrics: Mapping[Metric, float]) -> rr.TextDocument:
     """Describe the episode in Markdown, without the model's XML."""
     facts = []
     for key, value in log.metadata.items():
@@ -188,8 +189,8 @@ def _about(log: EpisodeLog, metrics: Iterable[Metric]) -> rr.TextDocument:
             value = ", ".join(f"{name} {entry}" for name, entry in value.items())
         facts.append((key, str(value)))
     results = []
-    for metric in metrics:
-        number = f"{metric.value:.4g}" if math.isfinite(metric.value) else "-"
+    for metric, value in metrics.items():
+        number = f"{value:.4g}" if math.isfinite(value) else "-"
         results.append((metric.name, number, metric.unit, metric.meaning))
     parts = (
         "# Episode",

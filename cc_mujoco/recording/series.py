@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.recording.columns import RATIO
+from cc_mujoco.metrics.metric import RATIO
 from cc_mujoco.recording.log import EpisodeLog
 
 # Okabe and Ito's colours, as in the summary figure.

@@ -11,8 +11,9 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import mujoco
@@ -23,10 +24,10 @@ from cc_mujoco import page
 from cc_mujoco.errors import CableError
 from cc_mujoco.figures import TENSION_COLORS
 from cc_mujoco.files import replacing
+from cc_mujoco.metrics import Metric
 from cc_mujoco.recording.axis import limits
 from cc_mujoco.recording.conduit3d import SLACK_COLOR
 from cc_mujoco.recording.log import EpisodeLog
-from cc_mujoco.recording.metrics import Metric
 from cc_mujoco.recording.moments import moments
 from cc_mujoco.recording.panels import (
     Panel,
@@ -62,7 +63,7 @@ def write_page(
     path: str | os.PathLike[str],
     log: EpisodeLog,
     model: mujoco.MjModel,
-    metrics: Iterable[Metric] = (),
+    metrics: Mapping[Metric, float] = MappingProxyType({}),
 ) -> None:
     """Write the page of an episode.
 
@@ -131,7 +132,7 @@ def _rgb(color: NDArray[np.uint8]) -> str:
 
 
 def _body(
-    log: EpisodeLog, panels: list[Panel], metrics: Iterable[Metric], every: int
+    log: EpisodeLog, panels: list[Panel], metrics: Mapping[Metric, float], every: int
 ) -> page.Html:
     """All but what the script draws."""
     e = page.element
@@ -175,11 +176,11 @@ def _body(
     rows = [
         (
             metric.name.replace("_", " "),
-            f"{metric.value:.4g}" if math.isfinite(metric.value) else "-",
+            f"{value:.4g}" if math.isfinite(value) else "-",
             metric.unit,
             metric.meaning,
         )
-        for metric in metrics
+        for metric, value in metrics.items()
     ]
     thinned = f" Of the samples one in {every} is shown." if every > 1 else ""
     parts = [

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.recording.signals import loop_width
+from cc_mujoco.metrics.signals import loop_width
 from cc_mujoco.transmission import Cable, Section, Transmission
 
 LENGTH = 2.0

@@ -3,14 +3,13 @@
     from cc_mujoco.whatif import study
     table = study("wrist", {"friction": "0.05:0.3:10", "loops": [1, 2, 3]})
 
-`VARIABLES` says what can be varied, `MATERIALS` of what a cable may be, `METRICS` what
-is measured.
+`VARIABLES` says what can be varied, `MATERIALS` of what a cable may be,
+`cc_mujoco.metrics.METRICS` what is measured.
 """
 
 from __future__ import annotations
 
 from cc_mujoco.whatif.materials import MATERIALS
-from cc_mujoco.whatif.metrics import METRICS, Metric
 from cc_mujoco.whatif.motors import MOTORS
 from cc_mujoco.whatif.plan import Plan, make_plan
 from cc_mujoco.whatif.search import optimise
@@ -19,10 +18,8 @@ from cc_mujoco.whatif.variables import VARIABLES, Variable
 
 __all__ = [
     "MATERIALS",
-    "METRICS",
     "MOTORS",
     "VARIABLES",
-    "Metric",
     "Plan",
     "Variable",
     "carry_out",

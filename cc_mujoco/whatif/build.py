@@ -14,6 +14,7 @@ import math
 import threading
 from collections.abc import Mapping
 from functools import cache, cached_property
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -26,6 +27,15 @@ from cc_mujoco.devices import find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Wearer
 from cc_mujoco.human.body import MASS, SCENES, SEGMENTS
+from cc_mujoco.metrics.metric import (
+    CONTINUOUS_TORQUE,
+    GEARING,
+    PULL_PULL,
+    RESISTANCE,
+    SAFE_TORQUE,
+    STRENGTH,
+    TORQUE_CONSTANT,
+)
 from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.inner.plugin import attend
@@ -151,6 +161,22 @@ class Builder:
         """Turns of the rotor per turn of its pulley; NaN where nobody says."""
         scene = self.device.gearing
         return float(design.get("gearing", math.nan if scene is None else scene))
+
+    def facts(self, design: Mapping[str, Value]) -> dict[str, Any]:
+        """Return the constants of a design that metrics need, as far as known."""
+        motor = self.motor(design)
+        found = {
+            GEARING: self.gearing(design),
+            RESISTANCE: motor.resistance,
+            TORQUE_CONSTANT: motor.torque_constant,
+            CONTINUOUS_TORQUE: motor.continuous_torque,
+        }
+        return {
+            STRENGTH: self.strength(design),
+            SAFE_TORQUE: self.device.safe_torque,
+            PULL_PULL: self.device.pull_pull,
+            **{key: value for key, value in found.items() if not math.isnan(value)},
+        }
 
     def wearer(self, factor: float) -> Wearer:
         """The wearer of the scene, so many times as stiff and as damped."""

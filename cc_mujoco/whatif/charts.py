@@ -19,7 +19,7 @@ from cc_mujoco.figures import (
     figure,
     mark,
 )
-from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.metrics import METRICS
 from cc_mujoco.whatif.pareto import Objective
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity

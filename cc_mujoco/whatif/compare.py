@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from cc_mujoco import figures, files, markdown
 from cc_mujoco.errors import CableError
-from cc_mujoco.whatif.show import case_of, read_row, show
+from cc_mujoco.whatif.show import case_of, find_own, read_row, show
 from cc_mujoco.whatif.store import CONTROLLER, read_study
 from cc_mujoco.whatif.wording import cell, headed
 
@@ -56,6 +56,7 @@ def compare(
     """
     if row == against:
         raise CableError(f"design {row} is compared with itself; name another one.")
+    find_own(folder)
     about = read_study(Path(folder))
     protocol = about["protocol"]
     rows = [read_row(folder, number) for number in (row, against)]

@@ -13,28 +13,26 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.control import controller
-from cc_mujoco.episode import unsafe_from
-from cc_mujoco.human import Wearer
+from cc_mujoco.human import Spring, Wearer
+from cc_mujoco.human import task as find_task
 from cc_mujoco.identity import made_by
+from cc_mujoco.metrics import METRICS, Record, measure
+from cc_mujoco.metrics.metric import MOMENT, PACE, SPRING, Test
+from cc_mujoco.metrics.torques import unsafe_from
 from cc_mujoco.sensing import PERFECT
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.across import LEAST, WEARER, Case, plant
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.metrics import (
     CHOSEN_BY,
-    METRICS,
-    Row,
-    Test,
     by_case,
     by_controller,
-    measure_backdrive,
-    measure_backlash,
-    measure_bandwidth,
-    measure_episode,
     numbers,
+    of_strides,
+    record_of,
     wants_high,
 )
-from cc_mujoco.whatif.parts import measure_parts
+from cc_mujoco.whatif.parts import parts_of
 from cc_mujoco.whatif.protocol import (
     CHIRP_SHARE,
     CHIRP_TIME,
@@ -47,7 +45,6 @@ from cc_mujoco.whatif.protocol import (
     Swing,
 )
 from cc_mujoco.whatif.simulate import Episode, Rollout, play
-from cc_mujoco.whatif.strides import measure_strides
 from cc_mujoco.whatif.variables import Value
 from cc_mujoco.workers import Tick
 
@@ -89,6 +86,7 @@ def evaluate(
         controller is one and the same: that whose tracking error over them is least,
         of those that fail in none.
     """
+    protocol.find_metrics()
     builder = Builder(protocol.scene, protocol.timestep)
     cases = protocol.across.cases
     tried = [
@@ -133,9 +131,9 @@ def _tried(
     failed: list[dict[str, str]] = [{} for _ in designs]
     if any(METRICS[name].test == "parts" for name in protocol.metrics):
         for each, design, model in zip(found, designs, models, strict=True):
-            parts = measure_parts(builder, design, model, dict(protocol.costs))
+            parts = parts_of(builder, design, model, dict(protocol.costs))
             for law in laws:
-                each[law] |= parts
+                each[law] |= _values("parts", Record({}, metadata=parts), protocol)
     total = sum(episode.duration for _, _, episode in tests)
     done = 0.0
     for test, law, episode in tests:
@@ -276,7 +274,8 @@ class Trial:
 
     def made_by(self) -> dict[str, Any]:
         """See `Job.made_by`; a trajectory from a file goes with the protocol."""
-        return made_by(*self.protocol.controllers)
+        self.protocol.find_metrics()
+        return made_by(*self.protocol.controllers, *self.protocol.metric_files)
 
     def size(self, piece: Sequence[Design]) -> int:
         """Number of designs."""
@@ -325,21 +324,23 @@ def _measure(
     played: Rollout,
     index: int,
     builder: Builder,
-    design: Design,
+    design: Mapping[str, Value],
     protocol: EpisodeProtocol,
 ) -> dict[str, float]:
-    row = Row(played, index, tuple(builder.cables))
-    if test == "backdrive":
-        return measure_backdrive(row)
-    if test == "backlash":
-        return measure_backlash(row)
-    if test == "bandwidth":
-        return measure_bandwidth(row)
-    motor, gearing = builder.motor(design), builder.gearing(design)
-    found = measure_episode(row, builder.strength(design), motor, gearing)
-    if any(METRICS[name].strides for name in protocol.metrics):
-        found |= measure_strides(row, gait.pace_of(design), gait.body_of(design).moment)
-    return found
+    """Return the metrics of one test of a design, by name."""
+    facts = builder.facts(design) | {
+        SPRING: isinstance(find_task(protocol.task), Spring)
+    }
+    if any(of_strides(name) for name in protocol.metrics):
+        facts |= {PACE: gait.pace_of(design), MOMENT: gait.body_of(design).moment}
+    log = record_of(played, index, tuple(builder.cables), facts)
+    return _values(test, log, protocol)
+
+
+def _values(test: Test, log: Record, protocol: EpisodeProtocol) -> dict[str, float]:
+    chosen = (METRICS[name] for name in protocol.metrics)
+    found = measure(log, (metric for metric in chosen if metric.test == test))
+    return {metric.name: value for metric, value in found.items()}
 
 
 def _unsafe(played: Rollout, index: int, safe: float) -> str:

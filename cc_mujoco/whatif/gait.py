@@ -27,7 +27,7 @@ from cc_mujoco.human import (
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human.body import LEG, MASS
 from cc_mujoco.human.profile import Profiles
-from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.whatif.metrics import of_strides
 from cc_mujoco.whatif.protocol import CONTROL_PERIOD, EpisodeProtocol
 from cc_mujoco.whatif.simulate import Episode
 from cc_mujoco.whatif.variables import Value
@@ -159,7 +159,7 @@ def require_strides(
         CableError: a metric that is asked for has no number of one of them, in one of
             the cases at least; the others would be compared without it.
     """
-    asked = [name for name in protocol.metrics if METRICS[name].strides]
+    asked = [name for name in protocol.metrics if of_strides(name)]
     if not asked:
         return
     said = {tuple((n, d[n]) for n in WALKER if n in d) for d in designs}

@@ -1,19 +1,14 @@
 """Motors that a design may name: figures of data sheets.
 
-    MOTORS["maxon_353297"].heat(torque, gearing=5.0)
+    MOTORS["maxon_353297"].continuous_torque        # [N m]
 
-Torque is that at the pulley, behind a gear without losses where there is one.
+Torque is that of the rotor, before a gear.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -32,16 +27,6 @@ class Motor:
     rotor_inertia: float = math.nan
     """Of the rotor [kg m^2]."""
     source: str = ""
-
-    def heat(self, torque: Array, gearing: float) -> Array:
-        """Heat of the winding, R (torque / (gearing k))^2; in W.
-
-        Args:
-            torque: at the pulley [Nm].
-            gearing: turns of the rotor per turn of the pulley.
-        """
-        current = torque / (gearing * self.torque_constant)
-        return self.resistance * current**2
 
 
 MOTORS: dict[str, Motor] = {

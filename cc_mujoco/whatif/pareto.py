@@ -11,9 +11,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cc_mujoco.checks import listed
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.errors import CableError
+from cc_mujoco.metrics import METRICS
 from cc_mujoco.whatif.across import LEAST, MOST
-from cc_mujoco.whatif.metrics import METRICS
+from cc_mujoco.whatif.metrics import metric_of_designs
 
 Array = NDArray[np.float64]
 
@@ -90,7 +91,7 @@ def read_limits(
             raise CableError(
                 f"limit {text!r} must be METRIC>=NUMBER or METRIC<=NUMBER."
             )
-        look_up("metric", name, METRICS)
+        name = metric_of_designs(name).name
         if measured is not None and name not in measured:
             raise CableError(
                 f"limit {text!r} is on what is not among the metrics measured; add "
@@ -112,6 +113,8 @@ def read_objectives(
 ) -> tuple[Objective, ...]:
     """Understand `METRIC`, `min:METRIC` and `max:METRIC`.
 
+    A metric of the user is `MODULE:NAME`, or its name once it was found.
+
     Args:
         texts: the objectives.
         measured: metrics that the study measures; None where it will do as asked.
@@ -121,10 +124,20 @@ def read_objectives(
     """
     found: list[Objective] = []
     for text in listed("objectives", texts):
-        way, colon, name = text.rpartition(":")
-        metric = look_up("metric", name, METRICS)
-        if colon and way not in ("min", "max"):
-            raise CableError(f"objective {text!r} must be NAME, min:NAME or max:NAME.")
+        way, _, given = text.partition(":")
+        if way not in ("min", "max"):
+            if given in METRICS:
+                raise CableError(
+                    f"objective {text!r} must be NAME, min:NAME or max:NAME."
+                )
+            way, given = "", text
+        metric = metric_of_designs(given)
+        name = metric.name
+        if not (way or metric.better):
+            raise CableError(
+                f"objective {text!r} is better neither high nor low; write min:{text} "
+                f"or max:{text}."
+            )
         if measured is not None and name not in measured:
             raise CableError(
                 f"objective {name!r} is not among the metrics that are measured; add "
@@ -132,7 +145,7 @@ def read_objectives(
             )
         if any(other.name == name for other in found):
             raise CableError(f"objective {name!r} is given twice.")
-        found.append(Objective(name, way == "max" if colon else metric.high))
+        found.append(Objective(name, way == "max" if way else metric.high))
     return tuple(found)
 
 

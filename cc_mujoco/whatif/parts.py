@@ -27,13 +27,13 @@ COIL = (1.75, 2.6)
 about a bicycle's brake cable: 2.8 and 4.2 mm for 1.6 mm (assumed)."""
 
 
-def measure_parts(
+def parts_of(
     builder: Builder,
     design: Mapping[str, Value],
     model: mujoco.MjModel,
     costs: Mapping[str, float],
 ) -> dict[str, float]:
-    """The metrics of the parts.
+    """Return what metrics of the parts are, by name, as far as it is known.
 
     Args:
         builder: of the scene.

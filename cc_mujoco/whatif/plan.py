@@ -19,6 +19,7 @@ from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Trajectory
 from cc_mujoco.human.recorded import given_trajectory
 from cc_mujoco.identity import made_by
+from cc_mujoco.metrics import METRICS, Metric, find_metric, known_by, own_metrics
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.across import Across, read_across
 from cc_mujoco.whatif.build import Builder
@@ -33,7 +34,14 @@ from cc_mujoco.whatif.designs import (
     require_count,
 )
 from cc_mujoco.whatif.evaluate import Design, rehearse
-from cc_mujoco.whatif.metrics import CHOSEN_BY, COST, METRICS
+from cc_mujoco.whatif.metrics import (
+    CHOSEN_BY,
+    COST,
+    USUAL,
+    lacking,
+    metric_of_designs,
+    of_strides,
+)
 from cc_mujoco.whatif.pareto import Objective
 from cc_mujoco.whatif.protocol import CHIRP_TIME, CONTROL_PERIOD, EpisodeProtocol
 
@@ -99,6 +107,8 @@ class Plan:
             "rank": self.protocol.across.rank,
             "turned": list(self.protocol.across.turned),
         }
+        own = self.protocol.own
+        protocol["own"] = {find_metric(one).name: known_by(one) for one in own}
         if self.protocol.costs:
             protocol["costs"] = dict(self.protocol.costs)
         else:
@@ -119,7 +129,8 @@ class Plan:
 
     def made_by(self) -> dict[str, Any]:
         """What makes the table besides, see `identity`."""
-        return made_by(*self.protocol.controllers, trajectory=self.source)
+        names = *self.protocol.controllers, *self.protocol.metric_files
+        return made_by(*names, trajectory=self.source)
 
 
 def _digest(listed: Sequence[object]) -> str:
@@ -139,7 +150,7 @@ def make_plan(
     duration: float = 10.0,
     seed: int = 0,
     timestep: float | None = None,
-    metrics: Sequence[str] = (),
+    metrics: Sequence[str | Metric] = (),
     across: Mapping[str, Given] | None = None,
     rank: str | None = None,
     goals: Sequence[Objective] = (),
@@ -205,7 +216,7 @@ def empty_plan(
     duration: float = 10.0,
     seed: int = 0,
     timestep: float | None = None,
-    metrics: Sequence[str] = (),
+    metrics: Sequence[str | Metric] = (),
     across: Mapping[str, Given] | None = None,
     rank: str | None = None,
     goals: Sequence[Objective] = (),
@@ -250,7 +261,7 @@ def _trial(
     duration: float,
     seed: int,
     timestep: float | None,
-    metrics: Sequence[str],
+    metrics: Sequence[str | Metric],
     across: Mapping[str, Given] | None,
     rank: str | None,
     goals: Sequence[Objective],
@@ -266,8 +277,7 @@ def _trial(
             f"the time step must divide the {1e3 * CONTROL_PERIOD:g} ms between two "
             f"calls of the controller, which {1e3 * step:g} ms does not."
         )
-    for name in listed("metrics", metrics):
-        look_up("metric", name, METRICS)
+    chosen = tuple(dict.fromkeys(metric.name for metric in metrics_of(metrics)))
     laws = _read_controllers(laws)
     number("duration", duration, 0.05, LONGEST, "s")
     if not (isinstance(seed, int) and seed >= 0):
@@ -277,18 +287,17 @@ def _trial(
     home = builder.device
     given_motion = home.trajectory if trajectory is None else trajectory
     motion, source = given_trajectory(given_motion), _source(given_motion)
-    chosen = tuple(dict.fromkeys(metrics))
     said = {name.rpartition(".")[2] for name in (*named, *cases.names)}
     given = home.task if task is None else task
     gait.require_played(home, said, source, given)
     for name in chosen:
-        if METRICS[name].strides and (home.joint, source) != ("ankle", gait.WALK):
+        if of_strides(name) and (home.joint, source) != ("ankle", gait.WALK):
             raise CableError(
                 f"metric {name!r} is of the strides of an ankle; it needs the scene "
                 f"'ankle' and the trajectory {gait.WALK!r}."
             )
-        if lacking := METRICS[name].lacks(said):
-            ways = " or ".join(map(repr, lacking))
+        if variables := lacking(METRICS[name], said):
+            ways = " or ".join(map(repr, variables))
             raise CableError(
                 f"metric {name!r} needs what no scene says: give every design "
                 f"{ways} (--vary, one value is enough)."
@@ -312,9 +321,21 @@ def _trial(
         measured,
         cases,
         tuple(priced.items()) if COST in measured else (),
+        own_metrics(measured),
     )
     rehearse(protocol, builder)
     return protocol, builder
+
+
+def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:
+    """Return the metrics that are chosen for a study.
+
+    Raises:
+        CableError: They are no list, or there is no such metric.
+    """
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise CableError(f"metrics must be a list of texts, not {given!r}.")
+    return [metric_of_designs(one) for one in given]
 
 
 def _source(trajectory: str | Path | Trajectory) -> str:
@@ -331,8 +352,8 @@ def _had(said: Collection[str], costs: bool) -> tuple[str, ...]:
     """Metrics that designs with these variables have, and are measured unasked."""
     return tuple(
         name
-        for name, metric in METRICS.items()
-        if not metric.lacks(said) and (not metric.asked or (costs and name == COST))
+        for name in (*USUAL, COST)
+        if not lacking(METRICS[name], said) and (costs or name != COST)
     )
 
 

@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.human import Task, Trajectory
 from cc_mujoco.human.motion import Motion, progress
+from cc_mujoco.metrics import Metric, find_metric
+from cc_mujoco.metrics.held import CHIRP_HIGH, CHIRP_LOW, SWINGS
 from cc_mujoco.whatif.across import Across
 
 Array = NDArray[np.float64]
@@ -28,14 +30,13 @@ Real = TypeVar("Real", float, Array)
 CONTROL_PERIOD = 1e-3
 """Time between two calls of the controller [s]."""
 
-SWINGS, SWING_TIME = 2, 2.0
-"""Of the backlash test: number and length [s]; what counts is from the last trough but
-one to the last. They go as far as the scene's own motor would if nothing rubbed."""
+SWING_TIME = 2.0
+"""Length of a swing of the backlash test [s]. Swings go as far as the scene's own motor
+would if nothing rubbed."""
 
 CHIRP_TIME = 6.0
-CHIRP_LOW, CHIRP_HIGH = 0.5, 60.0
 CHIRP_SHARE = 0.2
-"""Duration [s], range [Hz] and amplitude of the chirp that the bandwidth is measured
+"""Duration [s] and amplitude of the chirp that the bandwidth is measured
 with, as a part of the largest torque of the scene's own motor at the joint."""
 
 
@@ -60,6 +61,18 @@ class EpisodeProtocol:
     """Over which cases a design is judged."""
     costs: tuple[tuple[str, float], ...] = ()
     """What each part costs, where that is measured."""
+    own: tuple[str | Metric, ...] = ()
+    """Metrics of the user among them, as they were given."""
+
+    def find_metrics(self) -> None:
+        """Put the metrics of the user into `METRICS` of this process."""
+        for given in self.own:
+            find_metric(given)
+
+    @property
+    def metric_files(self) -> tuple[str, ...]:
+        """Metrics of the user that lie in a module, as `MODULE:NAME`."""
+        return tuple(one for one in self.own if isinstance(one, str))
 
     @property
     def frame_skip(self) -> int:

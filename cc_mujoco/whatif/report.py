@@ -14,13 +14,13 @@ from cc_mujoco import identity
 from cc_mujoco.figures import save, style
 from cc_mujoco.files import WRITTEN, replacing, sign
 from cc_mujoco.markdown import table as table_of
+from cc_mujoco.metrics import METRICS
 from cc_mujoco.page import Html, element, joined, page, paragraph, picture
 from cc_mujoco.whatif import sections
 from cc_mujoco.whatif.across import WORST_CASE
 from cc_mujoco.whatif.around import Around
 from cc_mujoco.whatif.charts import effects_plot, heat_maps, pareto_plot
 from cc_mujoco.whatif.halved import Halved
-from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.pareto import Limit, Objective, costs, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity, sensitivity
@@ -123,8 +123,10 @@ def goals_of(
     """What designs are ranked by: the objectives, or all of which there are numbers."""
     measured = plan.protocol.metrics
     had = [name for name in measured if table[name].null_count < len(table)]
+    names = had or measured
+    directed = [name for name in names if METRICS[name].better]
     return tuple(objectives) or tuple(
-        Objective(name, METRICS[name].high) for name in had or measured
+        Objective(name, METRICS[name].high) for name in directed or names
     )
 
 

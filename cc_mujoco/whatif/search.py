@@ -24,10 +24,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from cc_mujoco.checks import listed, named
+from cc_mujoco.checks import named
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Trajectory
 from cc_mujoco.identity import told
+from cc_mujoco.metrics import Metric
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.across import plant
 from cc_mujoco.whatif.build import Builder
@@ -40,7 +41,13 @@ from cc_mujoco.whatif.pareto import (
     read_limits,
     read_objectives,
 )
-from cc_mujoco.whatif.plan import DEFAULT_CONTROLLERS, Plan, batches_of, empty_plan
+from cc_mujoco.whatif.plan import (
+    DEFAULT_CONTROLLERS,
+    Plan,
+    batches_of,
+    empty_plan,
+    metrics_of,
+)
 from cc_mujoco.whatif.store import Store
 from cc_mujoco.workers import WORKER_TIMEOUT, Progress, run_here, run_on_cluster
 
@@ -68,7 +75,7 @@ def optimise(
     duration: float = 10.0,
     seed: int = 0,
     timestep: float | None = None,
-    metrics: Sequence[str] = (),
+    metrics: Sequence[str | Metric] = (),
     across: Mapping[str, Given] | None = None,
     rank: str | None = None,
     costs: str | Path | None = None,
@@ -153,7 +160,7 @@ def make_search(
     objectives: Sequence[str],
     subject_to: Sequence[str] = (),
     *,
-    metrics: Sequence[str] = (),
+    metrics: Sequence[str | Metric] = (),
     **trial: Any,
 ) -> tuple[Plan, tuple[Objective, ...], tuple[Limit, ...]]:
     """A plan without designs, what makes a design good, and its limits.
@@ -171,7 +178,7 @@ def make_search(
         CableError: what is wrong, in one sentence.
     """
     _optuna()
-    vary, metrics = named("vary", vary), listed("metrics", metrics)
+    vary, chosen = named("vary", vary), metrics_of(metrics)
     limits = read_limits(subject_to, across=bool(trial.get("across")))
     goals = read_objectives(objectives)
     if not 1 <= len(goals) <= MOST_OBJECTIVES:
@@ -182,7 +189,7 @@ def make_search(
     measured = (*(goal.name for goal in goals), *(limit.name for limit in limits))
     plan, builder = empty_plan(
         scene,
-        metrics=tuple(dict.fromkeys((*measured, *metrics))),
+        metrics=tuple(dict.fromkeys((*measured, *(one.name for one in chosen)))),
         goals=goals,
         named=vary,
         **trial,

@@ -13,6 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cc_mujoco.devices import DEVICES
+from cc_mujoco.metrics import METRICS
 from cc_mujoco.page import Html, bar, bullets, element, joined, listed, paragraph, table
 from cc_mujoco.transmission.parameters import PARAMETERS
 from cc_mujoco.whatif.across import WORST_CASE, about
@@ -20,7 +21,6 @@ from cc_mujoco.whatif.around import WORSE, Around, Price, Slope
 from cc_mujoco.whatif.build import RADII, Builder
 from cc_mujoco.whatif.designs import Range
 from cc_mujoco.whatif.halved import Halved
-from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.pareto import Limit, Objective, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity

@@ -12,7 +12,8 @@ import mujoco
 from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TRAJECTORIES
-from cc_mujoco.identity import differences, made_by, seal
+from cc_mujoco.identity import differences, is_outside, made_by, seal
+from cc_mujoco.metrics import find_metric
 from cc_mujoco.recording import EpisodeLog, play
 from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.sensing import PERFECT
@@ -58,6 +59,7 @@ def show(
             f"object, {motion}; its designs can be shown only where it plays a name or "
             "a CSV file."
         )
+    find_own(folder)
     builder = Builder(protocol["scene"], protocol["timestep"])
     played = case_of(folder, row, case)
     design |= plant(played)
@@ -80,7 +82,9 @@ def show(
     chosen = read_row(folder, row).get(CONTROLLER) or protocol["controllers"][0]
     law = laws[chosen]
     names = {key: protocol[key] for key in ("trajectory", "task")}
-    makers = made_by(*laws, trajectory=protocol["trajectory"])
+    makers = made_by(
+        *laws, *protocol["own"].values(), trajectory=protocol["trajectory"]
+    )
     if changed := differences(seal(read_table(folder)), makers):
         raise CableError(
             f"design {row} would not be the one in the table of {folder}, which was "
@@ -100,8 +104,25 @@ def show(
         },
         progress=progress,
     )
-    log = EpisodeLog(log.columns, {**log.metadata, MODEL_XML: builder.xml(design)})
+    facts = {**builder.facts(design), MODEL_XML: builder.xml(design)}
+    log = EpisodeLog(log.columns, {**log.metadata, **facts})
     return log, model
+
+
+def find_own(folder: str | Path) -> None:
+    """Find the metrics of the user that a study measures.
+
+    Raises:
+        CableError: There is no such study or metric, or it was given as an object.
+    """
+    for name, known in read_study(Path(folder))["protocol"]["own"].items():
+        if not is_outside(known):
+            raise CableError(
+                f"the study in {folder} measures metric {name!r}, which was given as a "
+                "Python object; its designs can be shown only where metrics are "
+                "MODULE:NAME."
+            )
+        find_metric(known)
 
 
 def case_of(folder: str | Path, row: int, case: int | None = None) -> Case:

@@ -23,9 +23,10 @@ from cc_mujoco import files
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
 from cc_mujoco.identity import differences, seal, sealed
+from cc_mujoco.metrics import METRICS
 from cc_mujoco.whatif.across import LEAST, MOST, RANKS, WORST_CASE, about
 from cc_mujoco.whatif.evaluate import Result
-from cc_mujoco.whatif.metrics import METRICS, by_controller, numbers
+from cc_mujoco.whatif.metrics import by_controller, numbers
 from cc_mujoco.whatif.plan import VALUES, Plan
 from cc_mujoco.whatif.protocol import EpisodeProtocol
 
@@ -37,6 +38,7 @@ _PLAIN = {
     "batches": "designs",
     "digest": "designs",
     "turned": "objectives",
+    "own": "metrics of the user",
 }
 """What is said of entries of a description whose names mean nothing outside."""
 FAILED = "failed"

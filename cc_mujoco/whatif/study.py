@@ -1,7 +1,7 @@
 """A whole study in one call.
 
 table = study("wrist", {"friction": "0.05:0.3:10", "loops": [1, 2, 3]})
-table.sort_by("backlash_width").slice(0, 5).to_pandas()
+table.sort_by("held_backlash").slice(0, 5).to_pandas()
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from cc_mujoco.human import Trajectory
 from cc_mujoco.identity import told
+from cc_mujoco.metrics import Metric
 from cc_mujoco.whatif.designs import Given
 from cc_mujoco.whatif.evaluate import Trial
 from cc_mujoco.whatif.plan import DEFAULT_CONTROLLERS, Plan, make_plan
@@ -34,7 +35,7 @@ def study(
     duration: float = 10.0,
     seed: int = 0,
     timestep: float | None = None,
-    metrics: Sequence[str] = (),
+    metrics: Sequence[str | Metric] = (),
     across: Mapping[str, Given] | None = None,
     rank: str | None = None,
     costs: str | Path | None = None,
@@ -62,7 +63,8 @@ def study(
         duration: of the episode of each design [s].
         seed: of everything random, sampling included.
         timestep: of the physics, a divisor of 1 ms [s]; that of the scene by default.
-        metrics: names of `METRICS`; by default all that the designs have.
+        metrics: names of `METRICS`, or metrics of the user; by default all usual ones
+            that the designs have.
         across: values of what differs from case to case, as in `vary`; `wearer`
             besides, the wearer's impedance times that of the scene. Every design is
             tried in all combinations, and a metric is the worst of its numbers there;

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cc_mujoco.metrics import METRICS
 from cc_mujoco.whatif.across import WEARER, WORST_CASE
-from cc_mujoco.whatif.metrics import METRICS
 from cc_mujoco.whatif.variables import VARIABLES
 
 UNSAID = (

@@ -32,7 +32,7 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=0.2)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--controllers", nargs="+", default=["model"])
-    parser.add_argument("--metrics", nargs="+", default=["tracking_error"])
+    parser.add_argument("--metrics", nargs="+", default=["rms_torque_error"])
     arguments = parser.parse_args()
     plan = make_plan(
         arguments.scene,

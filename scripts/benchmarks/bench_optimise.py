@@ -34,7 +34,7 @@ ENDS = {
     "joint_radius": "0.05:0.2",
     "pretension": "2:40",
 }
-GOALS, LIMITS = ["tracking_error", "peak_motor_torque"], ["slack_margin>=1"]
+GOALS, LIMITS = ["rms_torque_error", "peak_motor_torque"], ["slack_margin>=1"]
 SHARE = 20
 """Designs of the grid for one of the search."""
 

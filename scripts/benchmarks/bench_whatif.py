@@ -34,7 +34,7 @@ from cc_mujoco.whatif.simulate import play
 
 EPISODE = (
     "efficiency",
-    "tracking_error",
+    "rms_torque_error",
     "peak_motor_torque",
     "peak_motor_power",
     "slack_margin",

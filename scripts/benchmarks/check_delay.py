@@ -46,7 +46,7 @@ def errors(
     swing = np.abs(desired) < NOTHING * np.abs(desired).max()
     rests = swing.mean() > LEAST
     return (
-        float(np.mean(played.scores["rms_error"])),
+        float(np.mean(played.scores["rms_torque_error"])),
         float(np.sqrt(np.mean(missed[swing] ** 2))) if rests else np.nan,
         float(np.mean(played.scores["failed"])),
     )

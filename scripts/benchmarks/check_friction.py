@@ -28,9 +28,10 @@ from cc_mujoco.benchmark.cell import WARM_UP
 from cc_mujoco.control import CONTROLLERS, Drive, controller
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.envs.exo import Exo
-from cc_mujoco.episode import Trace, run, unsafe_from
+from cc_mujoco.episode import Trace, run
 from cc_mujoco.errors import CableError
 from cc_mujoco.markdown import table
+from cc_mujoco.metrics.torques import unsafe_from
 from cc_mujoco.sensing import Measuring
 from cc_mujoco.transmission.parameters import PARAMETERS
 from cc_mujoco.whatif.build import Builder

@@ -44,7 +44,7 @@ DURATION = {"ankle": 5.0, "wrist": 6.0}
 """Of an episode [s]."""
 LAWS = ("none", "pi", "check_ranks:damped", "model")
 METRICS = (
-    "tracking_error",
+    "rms_torque_error",
     "peak_motor_power",
     "peak_motor_torque",
     "slack_share",
@@ -125,7 +125,7 @@ def main() -> None:
     for law in LAWS:
         share, error = (
             np.array(table[f"{name}@{law}"].to_pylist(), float)
-            for name in ("efficiency", "tracking_error")
+            for name in ("efficiency", "rms_torque_error")
         )
         has = np.isfinite(share)
         rank = spearmanr(share[has], error[has]).statistic

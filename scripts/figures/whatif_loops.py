@@ -37,9 +37,9 @@ def main() -> None:
         FRICTION.size * LOOPS.size,
         scene="wrist",
         vary={"friction": FRICTION, "loops": LOOPS, "static_friction": 0.0},
-        metrics=["backlash_width"],
+        metrics=["held_backlash"],
     )
-    width = table["backlash_width"].to_numpy(zero_copy_only=False)
+    width = table["held_backlash"].to_numpy(zero_copy_only=False)
     backlash = np.degrees(width).reshape(FRICTION.size, LOOPS.size)
     draw(backlash, out)
     print(conclusion(backlash))

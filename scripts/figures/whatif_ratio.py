@@ -29,7 +29,7 @@ HOW: dict[str, Any] = {
     "metrics": (
         "peak_motor_torque",
         "peak_motor_power",
-        "tracking_error",
+        "rms_torque_error",
         "peak_tension",
     ),
 }
@@ -55,7 +55,7 @@ def draw(table: pa.Table, out: Path) -> None:
         "peak_motor_torque": "Motor torque [N m]",
         "peak_motor_power": "Motor power [W]",
         "peak_tension": "Cable tension [N]",
-        "tracking_error": "Torque error, RMS [N m]",
+        "rms_torque_error": "Torque error, RMS [N m]",
     }
     with style():
         drawing = figure(10.0, 7.4)
@@ -88,7 +88,7 @@ def draw(table: pa.Table, out: Path) -> None:
 def conclusion(table: pa.Table) -> str:
     """Three sentences, with numbers from the study."""
     torque, power = _grid(table, "peak_motor_torque"), _grid(table, "peak_motor_power")
-    error, tension = _grid(table, "tracking_error"), _grid(table, "peak_tension")
+    error, tension = _grid(table, "rms_torque_error"), _grid(table, "peak_tension")
     ratio = LEVER[:, None] / DRUM
     steep = np.polyfit(np.log(ratio).ravel(), np.log(torque).ravel(), 1)[0]
     lever = np.polyfit(np.log(LEVER), np.log(tension.mean(axis=1)), 1)[0]

@@ -42,7 +42,7 @@ FRICTION = (0.05, 0.1, 0.15)
 PANELS = {
     "efficiency": "Efficiency [1]",
     "peak_motor_power": "Peak motor power [W]",
-    "tracking_error": "Torque error, RMS [N m]",
+    "rms_torque_error": "Torque error, RMS [N m]",
     "reflected_torque": "Felt unpowered, RMS [N m]",
 }
 

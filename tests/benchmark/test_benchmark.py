@@ -111,7 +111,7 @@ def test_cells_played_together_give_what_each_gives_alone() -> None:
 
 def test_a_cell_is_the_episode_of_the_environment_on_its_plant() -> None:
     cell = Cell(WRIST["delay-none"], "none", (4,))
-    found = play(cell).scores["rms_error"]
+    found = play(cell).scores["rms_torque_error"]
     (plant,) = draw(cell.condition, cell.seeds)
     env: Any = gymnasium.make(
         "cc_mujoco/WristHandle-v1",
@@ -140,8 +140,8 @@ def test_references_give_the_scores_a_scale() -> None:
     for name in names:
         played = play(Cell(USUAL, name, (0,)))
         assert played.scores["failed"][0] == 0.0
-        error[name] = played.scores["rms_error"][0]
-        effort[name] = played.scores["effort"][0]
+        error[name] = played.scores["rms_torque_error"][0]
+        effort[name] = played.scores["rms_motor_torque"][0]
         if name == "unplugged":
             trace = played.trace
             asked = trace["desired_torque_nm"][trace["time_s"] >= 0.5]
@@ -190,7 +190,7 @@ def test_a_run_resumes_replays_other_code_and_is_the_same_in_two_processes(
             mine, folder, workers=workers, progress=counts.append, say=said.append
         )
         kept.append(counts[0])
-        errors.append(float(results[-1][1].scores["rms_error"][0]))
+        errors.append(float(results[-1][1].scores["rms_torque_error"][0]))
         write(folder, mine, results, "none")
         table = pq.read_table(Path(folder, "results.parquet"))
         times = [n for n in table.column_names if n.startswith("step_")]

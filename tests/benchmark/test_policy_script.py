@@ -34,8 +34,8 @@ def test_script_trains_a_policy_that_the_benchmark_takes(tmp_path: Path) -> None
     path = str(tmp_path / "0.safetensors")
     trained, none = (play(Cell(condition, law)).scores for law in (path, "none"))
     assert trained["failed"][0] == 0.0
-    assert np.isfinite(trained["rms_error"][0])
-    assert trained["effort"][0] != none["effort"][0]
+    assert np.isfinite(trained["rms_torque_error"][0])
+    assert trained["rms_motor_torque"][0] != none["rms_motor_torque"][0]
 
 
 def test_script_says_what_to_install_where_it_is_missing(

@@ -81,7 +81,7 @@ def fake(laws: dict[str, float], scene: str = "wrist") -> list[tuple[Cell, CellR
     for row, condition in enumerate(SUITES["v1"].conditions(scene)[-9:]):
         for law, mean in laws.items():
             scores = {s.name: np.full(SEEDS, 0.25) for s in SCORES}
-            scores["rms_error"] = noisy(mean, len(law), 9)[row]
+            scores["rms_torque_error"] = noisy(mean, len(law), 9)[row]
             cell = Cell(condition, law, tuple(range(SEEDS)))
             results.append((cell, CellResult(scores, plants, {})))
     return results

@@ -36,7 +36,7 @@ def test_an_entry_changes_neither_its_own_scores_nor_the_judge() -> None:
     for name, values in honest.scores.items():
         assert np.array_equal(values, cheated.scores[name], equal_nan=True)
         assert np.array_equal(values, again.scores[name], equal_nan=True)
-    assert honest.scores["rms_error"].min() > 0.1
+    assert honest.scores["rms_torque_error"].min() > 0.1
     assert "entries.py" in "".join(makers(CHEAT)["files"])
 
 
@@ -77,7 +77,7 @@ def rewritten(
     return other
 
 
-@pytest.mark.parametrize("column", ["rms_error", "error", "failed", "seed"])
+@pytest.mark.parametrize("column", ["rms_torque_error", "error", "failed", "seed"])
 def test_an_edited_file_is_refused(results: Path, column: str) -> None:
     def edit(name: str, values: list[Any]) -> list[Any]:
         return [*values[:-1], values[-1] * 2 + 1] if name == column else values
@@ -93,12 +93,12 @@ def test_a_forged_file_is_found_out_by_a_replay(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def better(name: str, values: list[Any]) -> list[Any]:
-        return [0.5 * v for v in values] if name == "rms_error" else values
+        return [0.5 * v for v in values] if name == "rms_torque_error" else values
 
     path = rewritten(results, better, signed=True)
     assert cli.main(["benchmark", "--verify", str(path), "--rows", "1"]) == 2
     said = capsys.readouterr().err
-    assert "is not what a replay gives: rms_error of" in said
+    assert "is not what a replay gives: rms_torque_error of" in said
 
     def flattering(name: str, values: list[Any]) -> list[Any]:
         return [0.0 for _ in values] if name == "error" else values

@@ -24,8 +24,9 @@ from cc_mujoco.control import (
 from cc_mujoco.control.guard import UNLIMITED, released
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.envs.exo import Exo
-from cc_mujoco.episode import TOO_LONG, Trace, run, unsafe_from
+from cc_mujoco.episode import Trace, run
 from cc_mujoco.errors import CableError
+from cc_mujoco.metrics.torques import TOO_LONG, unsafe_from
 from cc_mujoco.sensing import MEASURED, TENSIONS, Measuring, Sensors
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.simulate import FRAME_SKIP, Fleet

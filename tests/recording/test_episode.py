@@ -12,9 +12,10 @@ import cc_mujoco  # noqa: F401  (registers the environments)
 from cc_mujoco import engine
 from cc_mujoco.control import External, controller
 from cc_mujoco.errors import CableError
+from cc_mujoco.metrics.efficiency import efficiency
+from cc_mujoco.metrics.metric import RATIO
 from cc_mujoco.recording import play
-from cc_mujoco.recording.columns import MODEL_XML, RATIO
-from cc_mujoco.recording.metrics import efficiency
+from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS, WINDING
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.recording.metrics import (
-    Metric,
-    backlash_width,
-    efficiency,
-    measure,
-    slack_time,
-    write_metrics,
-)
-from cc_mujoco.recording.signals import lag, loop_opening, loop_width
+from cc_mujoco.metrics import METRICS, Metric, Record, measure, of_cables
+from cc_mujoco.metrics.efficiency import efficiency
+from cc_mujoco.metrics.signals import lag, loop_opening, loop_width
+from cc_mujoco.metrics.torques import twist_backlash
+from cc_mujoco.recording.episode import MEASURED, write_metrics
 from cc_mujoco.transmission import Cable, Section, replay
 
 TIME = np.linspace(0.0, 6.0, 6001)
@@ -54,19 +49,7 @@ def replaced(log: Any, make_log: Any, **columns: Any) -> Any:
     return make_log(cables=("one",), **{**log.columns, **columns})
 
 
-@dataclass
-class Pulled:
-    """A log of the columns that a test needs."""
-
-    columns: dict[str, Any]
-    cables: tuple[str, ...] = ("one",)
-    metadata: dict[str, Any] = field(default_factory=dict)
-
-    def __getitem__(self, name: str) -> Any:
-        return self.columns[name]
-
-
-def pulled(cable: Cable, reach: float, motor: bool) -> Pulled:
+def pulled(cable: Cable, reach: float, motor: bool) -> Record:
     """Log of one cable that one end pulls slowly after the other, on pulleys of 1 m.
 
     The first half, in which the tension finds its slope, is left out.
@@ -85,7 +68,8 @@ def pulled(cable: Cable, reach: float, motor: bool) -> Pulled:
         "dissipated_one_j": played.dissipated,
     }
     half = len(TIME) // 2
-    return Pulled({name: values[half:] for name, values in columns.items()})
+    columns = {name: values[half:] for name, values in columns.items()}
+    return Record(columns, ("one",))
 
 
 @settings(max_examples=15, deadline=None)
@@ -129,7 +113,7 @@ def test_friction_of_a_cable_that_another_motor_winds_does_not_count(
     log = capstan(make_log, 0.5, 2.0)
     columns = log.columns | {"dissipated_other_j": 9.0 * TIME}
     for metadata, counts in (({}, True), ({"driven": ["one"]}, False)):
-        found = efficiency(Pulled(columns, ("one", "other"), metadata)).overall
+        found = efficiency(Record(columns, ("one", "other"), metadata)).overall
         assert found < 0.2 if counts else found == pytest.approx(0.5, rel=1e-9)
 
 
@@ -235,9 +219,9 @@ def test_backlash_is_in_the_twist_not_in_the_task(make_log: Any) -> None:
         "motor_angle_rad": (twist + joint) / 0.4,
     }
     log = make_log(rows=len(TIME), metadata={"ratio": 0.4}, **columns)
-    assert backlash_width(log) == pytest.approx(0.1, abs=1e-3)
+    assert twist_backlash(log) == pytest.approx(0.1, abs=1e-3)
     unknown = make_log(rows=len(TIME), metadata={}, **columns)
-    assert math.isnan(backlash_width(unknown))
+    assert math.isnan(twist_backlash(unknown))
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.0124, 0.25])
@@ -298,22 +282,23 @@ def test_simple_numbers(make_log: Any) -> None:
         joint_angle_rad=wave,
         reference_angle_rad=0.0 * wave,
         dissipated_one_j=0.5 + 0.2 * TIME,
-        slack_one_m=np.where(TIME < 1.5, 0.01, 0.0),
+        tension_one_nodes_n=np.where(TIME < 1.5, 0.0, 5.0)[:, None] + [0.0, 1.0],
     )
-    found = {metric.name: metric.value for metric in measure(log)}
+    metrics = of_cables((METRICS[name] for name in MEASURED), log.cables)
+    found = {metric.name: value for metric, value in measure(log, metrics).items()}
     assert found["peak_joint_torque"] == pytest.approx(3.0)
     assert found["rms_joint_torque"] == pytest.approx(3.0 / math.sqrt(2), rel=1e-3)
-    assert found["torque_tracking_error"] == pytest.approx(0.25)
-    assert found["angle_tracking_error"] == pytest.approx(math.sqrt(0.5), rel=1e-3)
+    assert found["rms_torque_error"] == pytest.approx(0.25)
+    assert found["rms_angle_error"] == pytest.approx(math.sqrt(0.5), rel=1e-3)
     assert found["dissipated_energy_one"] == pytest.approx(1.2)
     assert found["slack_time_one"] == pytest.approx(1.5, abs=2e-3)
-    assert slack_time(log, "one") == found["slack_time_one"]
     assert found["torque_lag"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_json_has_null_for_what_is_unknown(tmp_path: Path) -> None:
     path = tmp_path / "metrics.json"
-    write_metrics(path, [Metric("a", math.nan, "s", "x"), Metric("b", 2.5, "N", "y")])
+    a, b = (Metric(*words, len) for words in (("a", "s", "x"), ("b", "N", "y")))
+    write_metrics(path, {a: math.nan, b: 2.5})
     text = path.read_text()
     assert "NaN" not in text
     assert json.loads(text) == {

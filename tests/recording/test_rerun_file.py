@@ -15,10 +15,11 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import strict_mode
 
 import cc_mujoco.engine  # noqa: F401  (registers the plugin)
-from cc_mujoco.recording.columns import RATIO
+from cc_mujoco.metrics import METRICS, Metric, measure
+from cc_mujoco.metrics.metric import RATIO
+from cc_mujoco.recording import EpisodeLog
 from cc_mujoco.recording.conduit3d import PIECES, resample, tension_colors
 from cc_mujoco.recording.lanes import STATES, changes
-from cc_mujoco.recording.metrics import measure
 from cc_mujoco.recording.rerun_file import recording_id, write_recording
 from cc_mujoco.recording.series import series
 
@@ -76,6 +77,10 @@ def model() -> Any:
     return mujoco.MjModel.from_xml_string(SCENE)
 
 
+def measured(log: EpisodeLog) -> dict[Metric, float]:
+    return measure(log, [METRICS["peak_joint_torque"]])
+
+
 def rerun(*arguments: object) -> subprocess.CompletedProcess[str]:
     # `python -m rerun_cli` would drop the exit code.
     program = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
@@ -115,9 +120,14 @@ def test_verified_and_equal_for_equal_runs(
 ) -> None:
     log = make_log(cables=("flexor",))
     for name in ("one.rrd", "two.rrd"):
-        write_recording(tmp_path / name, log, model, measure(log))
+        write_recording(tmp_path / name, log, model, measured(log))
     other = make_log(cables=("flexor",), motor_torque_nm=log["motor_torque_nm"] + 1e-9)
-    write_recording(tmp_path / "three.rrd", other, model, measure(other))
+    write_recording(
+        tmp_path / "three.rrd",
+        other,
+        model,
+        measured(other),
+    )
 
     verified = rerun("verify", tmp_path / "one.rrd")
     assert verified.returncode == 0, verified.stderr
@@ -276,7 +286,7 @@ def test_about_shows_metadata_and_results(
 ) -> None:
     about = {"scene": "wrist", "versions": {"mujoco": "4"}, "model_xml": "<mujoco/>"}
     log = make_log(metadata=about)
-    write_recording(tmp_path / "run.rrd", log, model, measure(log))
+    write_recording(tmp_path / "run.rrd", log, model, measured(log))
     text = static(tmp_path / "run.rrd", "/about")["TextDocument:text"][0][0]
     assert "| scene | wrist |" in text
     assert "| versions | mujoco 4 |" in text

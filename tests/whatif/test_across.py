@@ -17,16 +17,16 @@ from cc_mujoco.control import Controller
 from cc_mujoco.control.controllers import CONTROLLERS
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
+from cc_mujoco.metrics import METRICS
 from cc_mujoco.recording import EpisodeLog
-from cc_mujoco.whatif import METRICS, carry_out, make_plan, optimise, study
+from cc_mujoco.whatif import carry_out, make_plan, optimise, study
 from cc_mujoco.whatif.across import Across
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import evaluate
-from cc_mujoco.whatif.metrics import measure_episode
 from cc_mujoco.whatif.pareto import costs, read_limits, read_objectives, within
 from cc_mujoco.whatif.show import show
 
-MEASURED = ("tracking_error", "slack_margin", "peak_tension", "efficiency")
+MEASURED = ("rms_torque_error", "slack_margin", "peak_tension", "efficiency")
 SHORT: dict[str, Any] = {
     "duration": 0.1,
     "timestep": 1e-3,
@@ -131,18 +131,17 @@ def test_a_design_is_shown_in_its_worst_case_unless_another_is_asked_for(
 ) -> None:
     cases = {"wearer": [0.2], "pretension": [5.0, 30.0]}
     table = study("wrist", VARY, across=cases, out=tmp_path, **SHORT)
-    strength = Builder("wrist").strength({})
 
     def error(log: EpisodeLog) -> float:
-        return measure_episode(log, strength)["tracking_error"]
+        return METRICS["rms_torque_error"].compute(log)
 
     log, _ = show(tmp_path, 1)
-    assert error(log) == table["tracking_error"][1].as_py()
-    told = table["tracking_error@worst_case"][1].as_py()
+    assert error(log) == table["rms_torque_error"][1].as_py()
+    told = table["rms_torque_error@worst_case"][1].as_py()
     variables = log.metadata["variables"]
     assert told == ", ".join(f"{name}={variables[name]:g}" for name in cases)
     other = cases["pretension"].index(variables["pretension"]) ^ 1
-    least = table["tracking_error@least"][1].as_py()
+    least = table["rms_torque_error@least"][1].as_py()
     assert error(show(tmp_path, 1, case=other)[0]) == least < error(log)
     with pytest.raises(CableError, match="cases 0 to 1, not 2"):
         show(tmp_path, 1, case=2)
@@ -207,8 +206,8 @@ def test_a_case_in_which_a_design_fails_or_has_no_number_counts(
     about = {**SHORT, "controllers": ["mad"]}
     (row,) = study("wrist", {"pretension": [10.0]}, across=cases, **about).to_pylist()
     assert row["failed"].startswith("in case motor_torque=1: controller 'mad' gave no")
-    assert row["tracking_error"] is row["tracking_error@least"] is None
-    assert row["tracking_error@worst_case"] is None
+    assert row["rms_torque_error"] is row["rms_torque_error@least"] is None
+    assert row["rms_torque_error@worst_case"] is None
     across = Across((("friction", (0.1, 0.2, 0.3)),))
     assert np.isnan(across.of([1.0, np.nan, 3.0], high=False))
     for high in (False, True):
@@ -224,13 +223,13 @@ def test_of_several_controllers_one_is_chosen_for_all_cases() -> None:
         for law in laws
     }
     for place, row in enumerate(both.to_pylist()):
-        errors = {law: each[law]["tracking_error"][place].as_py() for law in laws}
+        errors = {law: each[law]["rms_torque_error"][place].as_py() for law in laws}
         best = min(laws, key=lambda law: errors[law])
         alone = each[best].slice(place, 1).to_pylist()[0]
         assert row["controller"] == best
         assert {name: row[name] for name in alone} == alone
         for law in laws:
-            assert row[f"tracking_error@{law}"] == errors[law]
+            assert row[f"rms_torque_error@{law}"] == errors[law]
 
 
 def test_limits_hold_in_every_case_whatever_the_rank_and_goals_turn_the_worst(

@@ -17,7 +17,7 @@ from cc_mujoco.whatif.around import TRUST, around
 from cc_mujoco.whatif.pareto import read_limits, read_objectives
 
 Law = Callable[[Mapping[str, Any]], Mapping[str, float]]
-MEASURED = ("tracking_error", "peak_tension")
+MEASURED = ("rms_torque_error", "peak_tension")
 RANGES = {"friction": "0.1:0.3:3", "pretension": "10:110:3", "loops": "1,2,4"}
 WHOLE = make_plan("wrist", RANGES, metrics=MEASURED)
 GOALS = read_objectives(MEASURED[:1])
@@ -61,7 +61,7 @@ def test_of_linear_metrics_slopes_and_promises_are_exact(
     def law(design: Mapping[str, Any]) -> Mapping[str, float]:
         one, other = shares(design)
         return {
-            "tracking_error": 10.0 - gain[0] * one - gain[1] * other,
+            "rms_torque_error": 10.0 - gain[0] * one - gain[1] * other,
             "peak_tension": cost[0] * (one - 0.5) + cost[1] * (other - 0.5),
         }
 
@@ -71,11 +71,11 @@ def test_of_linear_metrics_slopes_and_promises_are_exact(
     assert found is not None and found.design == 0
     slopes = {(s.metric, s.variable): s for s in found.slopes}
     for name, less, more in zip(RANGES, gain, cost, strict=False):
-        one = slopes["tracking_error", name]
+        one = slopes["rms_torque_error", name]
         assert one.change == pytest.approx(-TRUST * less)
         assert one.error == pytest.approx(0.0, abs=1e-9)
         assert slopes["peak_tension", name].change == pytest.approx(TRUST * more)
-    loops = slopes["tracking_error", "loops"]
+    loops = slopes["rms_torque_error", "loops"]
     assert (loops.low, loops.high, loops.change) == (1, 4, 0.0)
     asis, relaxed = found.prices
     # Along the limit, up with the variable that buys more per tension and down with
@@ -93,7 +93,7 @@ def test_of_linear_metrics_slopes_and_promises_are_exact(
 def test_a_limit_is_worth_what_the_objective_pays_for_it() -> None:
     def law(design: Mapping[str, Any]) -> Mapping[str, float]:
         share, _ = shares(design)
-        return {"tracking_error": 5.0 - 2.0 * share, "peak_tension": 100.0 * share}
+        return {"rms_torque_error": 5.0 - 2.0 * share, "peak_tension": 100.0 * share}
 
     plan = plan_of()
     tight = read_limits(["peak_tension<=50"])
@@ -117,7 +117,7 @@ def test_what_breaks_a_limit_in_simulation_is_said_to() -> None:
     def law(design: Mapping[str, Any]) -> Mapping[str, float]:
         share, _ = shares(design)
         tension = 80.0 if share > 0.55 else 50.0
-        return {"tracking_error": 5.0 - 2.0 * share, "peak_tension": tension}
+        return {"rms_torque_error": 5.0 - 2.0 * share, "peak_tension": tension}
 
     plan = plan_of()
     limits = read_limits(["peak_tension<=60"])
@@ -129,7 +129,7 @@ def test_what_breaks_a_limit_in_simulation_is_said_to() -> None:
 def test_a_bend_shows_as_an_error_and_as_a_promise_that_fails() -> None:
     def law(design: Mapping[str, Any]) -> Mapping[str, float]:
         share, _ = shares(design)
-        return {"tracking_error": 1.0 + (share - 0.499) ** 2}
+        return {"rms_torque_error": 1.0 + (share - 0.499) ** 2}
 
     plan = plan_of()
     found = around(plan, table_of(plan), GOALS, (), run(law, []))
@@ -142,7 +142,7 @@ def test_a_bend_shows_as_an_error_and_as_a_promise_that_fails() -> None:
 
 def test_at_the_end_of_a_range_there_is_one_side() -> None:
     def law(design: Mapping[str, Any]) -> Mapping[str, float]:
-        return {"tracking_error": shares(design)[0]}
+        return {"rms_torque_error": shares(design)[0]}
 
     plan = plan_of(friction=0.1, loops=1)
     found = around(plan, table_of(plan), GOALS, (), run(law, []))
@@ -155,7 +155,7 @@ def test_at_the_end_of_a_range_there_is_one_side() -> None:
 
 def test_without_a_good_design_nothing_is_simulated() -> None:
     plan, tried = plan_of(), []
-    none = pa.table({"tracking_error": [math.nan] * len(plan.designs)})
+    none = pa.table({"rms_torque_error": [math.nan] * len(plan.designs)})
     assert around(plan, none, GOALS, (), run(lambda design: {}, tried)) is None
     assert not tried
     with pytest.raises(CableError, match="needs an objective"):

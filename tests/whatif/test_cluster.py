@@ -115,7 +115,7 @@ def _plan() -> Plan:
         "wrist",
         {"friction": "0.05:0.2:8", "loops": [1, 2]},
         duration=0.3,
-        metrics=("tracking_error", "slack_margin"),
+        metrics=("rms_torque_error", "slack_margin"),
     )
 
 
@@ -128,7 +128,7 @@ def refusal(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Asked:
 
     def ask(address: str, *words: str) -> str:
         arguments = ["whatif", "--vary", "friction=0.1,0.2", "--duration", "0.2"]
-        arguments += ["--metric", "tracking_error", "--scheduler", address]
+        arguments += ["--metric", "rms_torque_error", "--scheduler", address]
         arguments += ["--out", str(tmp_path / "refused"), *words]
         assert cli.main(arguments) == 2
         said = capsys.readouterr().err
@@ -177,7 +177,7 @@ def test_cases_have_the_same_bytes_on_a_cluster(
         "ankle",
         {"friction": [0.05, 0.1]},
         duration=0.2,
-        metrics=["tracking_error", "slack_margin"],
+        metrics=["rms_torque_error", "slack_margin"],
         across={"wearer": [0.5, 2.0], "gait_speed": [0.9, 1.3]},
         rank="p90",
     )
@@ -195,9 +195,9 @@ def other_code(tmp_path: Path) -> Path:
     home = tmp_path / "other"
     for name in ("cc_mujoco", "envs", "assets"):
         shutil.copytree(HOME / name, home / name)
-    path = home / "cc_mujoco" / "whatif" / "metrics.py"
+    path = home / "cc_mujoco" / "metrics" / "torques.py"
     text = path.read_text()
-    path.write_text(text.replace('"tracking_error": ', '"tracking_error": 2.0 * ', 1))
+    path.write_text(text.replace("return error", "return 2.0 * error", 1))
     assert path.read_text() != text
     return home
 
@@ -252,7 +252,7 @@ def test_the_controller_of_a_worker_is_that_of_the_client(
         {"loops": [1, 2]},
         duration=0.2,
         controllers=["law_of_mine:make"],
-        metrics=["tracking_error"],
+        metrics=["rms_torque_error"],
     )
     assert carry_out(plan, scheduler=cluster.address).equals(carry_out(plan))
     cluster.work(HOME, tmp_path / "other")

@@ -8,8 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from cc_mujoco import cli
+from cc_mujoco.metrics import METRICS
 from cc_mujoco.recording import FILES, EpisodeLog
-from cc_mujoco.whatif import METRICS
 
 GOAL = ["--objective", "slack_margin"]
 
@@ -24,7 +24,7 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
 ) -> None:
     words = ["whatif", "--scene", "wrist", "--duration", "0.3", "--out", "study"]
     vary = ["--vary", "friction=0.05:0.2:3", "--vary", "loops=1,2"]
-    metrics = ("slack_margin", "peak_tension", "tracking_error", "efficiency")
+    metrics = ("slack_margin", "peak_tension", "rms_torque_error", "efficiency")
     words += ["--controllers", "pi"]
     words += [word for name in metrics for word in ("--metric", name)]
     goals = ["--objective", "slack_margin", "--objective", "max:peak_tension"]
@@ -146,7 +146,7 @@ def test_a_report_that_a_user_has_changed_is_not_replaced(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     words = ["whatif", "--scene", "wrist", "--duration", "0.1", "--out", "study"]
-    words += ["--vary", "friction=0.1,0.2", "--metric", "tracking_error"]
+    words += ["--vary", "friction=0.1,0.2", "--metric", "rms_torque_error"]
     assert cli.main(words) == 0
     assert "2 designs from the best to the worst give" in Path(
         "study/ranking.md"

@@ -34,9 +34,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_table_is_that_of_the_study(folder: Path) -> None:
     pairs = {pair.name: pair for pair in compare(folder, 3, 0)}
     one, other = (read_row(folder, row) for row in (3, 0))
-    units = {"peak_tension": "N", "slack_margin": "N", "tracking_error": "N m"}
+    units = {"peak_tension": "N", "slack_margin": "N", "rms_torque_error": "N m"}
     named = {name: f"{name} [{unit}]" for name, unit in units.items()}
-    names = ["friction", "conduit", "controller", *METRICS, "tracking_error"]
+    names = ["friction", "conduit", "controller", *METRICS, "rms_torque_error"]
     assert list(pairs) == [named.get(name, name) for name in names]
     for name in names:
         pair = pairs[named.get(name, name)]

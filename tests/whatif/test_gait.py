@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,37 +17,44 @@ from cc_mujoco.human import Assist, Body, Pace, Paced, Profile, Walk
 from cc_mujoco.human.body import LEG, MASS, SEGMENTS
 from cc_mujoco.human.gait import ANKLE_MOMENT
 from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
-from cc_mujoco.whatif import METRICS, make_plan, optimise, study
+from cc_mujoco.metrics import METRICS, Record
+from cc_mujoco.recording import EpisodeLog
+from cc_mujoco.whatif import make_plan, optimise, study
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.gait import fitted, profile_of, task_of
-from cc_mujoco.whatif.metrics import measure_episode
+from cc_mujoco.whatif.metrics import of_strides
 from cc_mujoco.whatif.show import show
-from cc_mujoco.whatif.strides import NAMES, measure_strides
 
+NAMES = [name for name in METRICS if of_strides(name)]
 QUICK: dict[str, Any] = {"duration": 0.3, "threads": 1}
-PLAIN = ("tracking_error", "peak_tension", "reflected_torque")
+PLAIN = ("rms_torque_error", "peak_tension", "reflected_torque")
 STRIDE = {"duration": 3.5, "threads": 1, "timestep": 1e-3, "controllers": ["none"]}
 
 
-class Log(dict[str, Any]):
-    """Columns of an episode of a walk in which cables give what is said."""
+def walked(speed: float, share: float, duration: float = 6.0) -> Record:
+    """Return a walk in which the cables give a share of the ankle's moment."""
+    pace = Pace(speed)
+    motion = Walk.at(speed).sample(duration, 1e-3, np.random.default_rng(0))
+    own = pace.moment("ankle") * ANKLE_MOMENT(pace.phase(motion.phase))
+    turn = 2 * np.pi * motion.phase
+    columns = {
+        "time_s": motion.time,
+        "phase_sine": np.sin(turn),
+        "phase_cosine": np.cos(turn),
+        "reference_angle_rad": motion.angle,
+        "joint_velocity_rad_s": motion.velocity,
+        "joint_torque_nm": share * own,
+    }
+    return Record(columns)
 
-    metadata: Mapping[str, Any] = {}
 
-    @classmethod
-    def of(cls, speed: float, share: float, duration: float = 6.0) -> Log:
-        pace = Pace(speed)
-        motion = Walk.at(speed).sample(duration, 1e-3, np.random.default_rng(0))
-        own = pace.moment("ankle") * ANKLE_MOMENT(pace.phase(motion.phase))
-        turn = 2 * np.pi * motion.phase
-        return cls(
-            time_s=motion.time,
-            phase_sine=np.sin(turn),
-            phase_cosine=np.cos(turn),
-            reference_angle_rad=motion.angle,
-            joint_velocity_rad_s=motion.velocity,
-            joint_torque_nm=share * own,
-        )
+def strides_of(
+    log: Record | EpisodeLog, pace: Pace, moment: float = 1.0
+) -> dict[str, float]:
+    """Return all metrics of strides of an episode at this pace."""
+    about = {"pace": pace, "ankle_moment": moment}
+    log = Record(log.columns, metadata=about)
+    return {name: METRICS[name].compute(log) for name in NAMES}
 
 
 def test_at_the_measured_speed_a_study_is_bit_for_bit_that_without() -> None:
@@ -69,20 +75,19 @@ def test_a_design_at_a_speed_is_shown_as_it_was_measured(
     scene: str, tmp_path: Path
 ) -> None:
     table = study(scene, {"gait_speed": "0.8,1.6", "friction": "0.05,0.1"},
-                  out=tmp_path, metrics=["tracking_error"], **QUICK)  # fmt: skip
+                  out=tmp_path, metrics=["rms_torque_error"], **QUICK)  # fmt: skip
     assert table["failed"].null_count == 4
-    assert len(set(table["tracking_error"].to_pylist())) == 4
+    assert len(set(table["rms_torque_error"].to_pylist())) == 4
     for row in (0, 3):
         log, _ = show(tmp_path, row)
-        cables = {"plantarflexor": 1.0, "thigh": 1.0, "heel": 1.0}
-        found = measure_episode(log, cables)["tracking_error"]
-        assert found == table["tracking_error"][row].as_py()
+        found = METRICS["rms_torque_error"].compute(log)
+        assert found == table["rms_torque_error"][row].as_py()
 
 
 def test_profiles_of_a_batch_are_each_as_alone_and_as_shown(tmp_path: Path) -> None:
     vary = {"peak_time": "48,52", "onset": "30,40", "peak_torque": "20", "fall": "9"}
     across = {"gait_speed": "0.8,1.4"}
-    asked = ["tracking_error", *NAMES]
+    asked = ["rms_torque_error", *NAMES]
     table = study("ankle", vary, across=across, out=tmp_path, metrics=asked, **STRIDE)
     assert table["failed"].null_count == 4
     for row, design in enumerate(table.select(list(vary)).to_pylist()):
@@ -91,7 +96,7 @@ def test_profiles_of_a_batch_are_each_as_alone_and_as_shown(tmp_path: Path) -> N
             assert alone[name][0].as_py() == table[name][row].as_py()
     for case, speed in enumerate((0.8, 1.4)):
         log, _ = show(tmp_path, 2, case=case)
-        found = measure_strides(log, Pace(speed))
+        found = strides_of(log, Pace(speed))
         for name in NAMES:
             low, high = (table[f"{name}@{end}"][2].as_py() for end in ("least", "most"))
             assert found[name] in (low, high)
@@ -177,8 +182,8 @@ def test_a_profile_that_may_be_anywhere_is_as_it_was_drawn() -> None:
 def test_help_in_the_shape_of_the_moment_saves_its_share(
     speed: float, share: float
 ) -> None:
-    found = measure_strides(Log.of(speed, share), Pace(speed))
-    alone = measure_strides(Log.of(speed, 0.0), Pace(speed))
+    found = strides_of(walked(speed, share), Pace(speed))
+    alone = strides_of(walked(speed, 0.0), Pace(speed))
     assert alone["wearer_work_change"] == 0.0 == alone["assistance_work"]
     assert found["wearer_work_change"] == pytest.approx(-share, abs=1e-9)
     left = (1.0 - share) * alone["wearer_work"]
@@ -186,20 +191,18 @@ def test_help_in_the_shape_of_the_moment_saves_its_share(
     given_work = share * alone["wearer_work"]
     assert found["assistance_work"] == pytest.approx(given_work, rel=2e-3, abs=1e-9)
     assert found["peak_assistance"] == pytest.approx(
-        share * np.max(-Log.of(speed, 1.0)["joint_torque_nm"]), rel=1e-3, abs=1e-9
+        share * np.max(-walked(speed, 1.0)["joint_torque_nm"]), rel=1e-3, abs=1e-9
     )
 
 
 def test_an_episode_without_a_whole_stride_has_no_number() -> None:
-    found = measure_strides(Log.of(MEASURED, 0.5, 2.0), Pace())
-    assert set(found) == set(NAMES)
+    found = strides_of(walked(MEASURED, 0.5, 2.0), Pace())
     assert all(math.isnan(value) for value in found.values())
 
 
 def test_strides_are_measured_only_where_they_are_asked_for() -> None:
     plain = make_plan("ankle", {"friction": "0.1"}, duration=0.3).protocol.metrics
     assert not set(NAMES) & set(plain)
-    assert set(NAMES) == {name for name, metric in METRICS.items() if metric.strides}
 
 
 @pytest.mark.parametrize(
@@ -246,14 +249,14 @@ def test_the_size_of_the_scenes_wearer_changes_no_bit() -> None:
 
 def test_a_wearer_of_another_size_is_shown_as_measured(tmp_path: Path) -> None:
     across = {"body_mass": "55,95", "leg_length": "0.85,1"}
-    asked = ["tracking_error", *NAMES]
+    asked = ["rms_torque_error", *NAMES]
     table = study("ankle", {"friction": "0.1"}, across=across, out=tmp_path,
                   metrics=asked, **STRIDE)  # fmt: skip
     found = set()
     for case in range(4):
         log, model = show(tmp_path, 0, case=case)
         body = Body(float((55, 95)[case // 2]), (0.85, 1.0)[case % 2])
-        work = measure_strides(log, body.pace(), body.moment)["wearer_work"]
+        work = strides_of(log, body.pace(), body.moment)["wearer_work"]
         found.add(work)
         least, most = (table[f"wearer_work@{e}"][0].as_py() for e in ("least", "most"))
         assert least <= work <= most

@@ -14,7 +14,7 @@ from cc_mujoco.whatif.pareto import read_limits, read_objectives
 from cc_mujoco.whatif.sections import settled
 from cc_mujoco.whatif.study import carry_out
 
-MEASURED = ("tracking_error", "peak_tension")
+MEASURED = ("rms_torque_error", "peak_tension")
 PLAN = make_plan("wrist", {"friction": "0.1:0.3:40"}, metrics=MEASURED)
 GOALS = read_objectives(MEASURED[:1])
 LIMITS = read_limits(["peak_tension<=100"], MEASURED)

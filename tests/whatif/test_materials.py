@@ -16,7 +16,7 @@ SHORT: dict[str, Any] = {
     "duration": 0.1,
     "timestep": 1e-3,
     "controllers": ["pi"],
-    "metrics": ["tracking_error", "peak_tension", "strength_used"],
+    "metrics": ["rms_torque_error", "peak_tension", "strength_used"],
     "threads": 1,
 }
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,40 +10,32 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from cc_mujoco.whatif import study
-from cc_mujoco.whatif.metrics import (
-    bandwidth,
-    measure_backlash,
-    measure_bandwidth,
-    measure_episode,
-    response,
-)
-from cc_mujoco.whatif.protocol import (
+from cc_mujoco.metrics import METRICS, Record
+from cc_mujoco.metrics.held import (
     CHIRP_HIGH,
     CHIRP_LOW,
-    CHIRP_TIME,
-    SWING_TIME,
     SWINGS,
-    Chirp,
+    held_backlash,
+    response,
 )
+from cc_mujoco.whatif import study
+from cc_mujoco.whatif.metrics import USUAL
+from cc_mujoco.whatif.protocol import CHIRP_TIME, SWING_TIME, Chirp
 
+EPISODE = [n for n in USUAL if METRICS[n].test == "episode"]
 Array = NDArray[np.float64]
 DT = 1e-3
 
 
-@dataclass
-class Log:
-    """Columns made up for a test."""
+def _answer(desired: Array, actual: Array) -> Record:
+    time = np.arange(desired.size) * DT
+    return Record(
+        {"time_s": time, "desired_torque_nm": desired, "joint_torque_nm": actual}
+    )
 
-    columns: Mapping[str, Array]
-    cables: tuple[str, ...] = ()
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        return {"ratio": 0.5}
-
-    def __getitem__(self, name: str) -> Array:
-        return self.columns[name]
+def bandwidth(desired: Array, actual: Array) -> float:
+    return METRICS["bandwidth"].compute(_answer(desired, actual))
 
 
 def _chirp(bias: float = 0.0) -> Array:
@@ -59,27 +49,26 @@ def test_bandwidth_of_a_first_order_lag_is_its_corner(corner: float) -> None:
     desired = _chirp(bias=1.25)
     actual = lfilter([share], [1.0, share - 1.0], desired)
     # The lag has lost some already at the lowest band, which is the reference.
-    assert bandwidth(desired, actual, DT) == pytest.approx(corner, rel=0.15)
-    assert bandwidth(desired, 0.1 * actual, DT) == pytest.approx(corner, rel=0.15)
+    assert bandwidth(desired, actual) == pytest.approx(corner, rel=0.15)
+    assert bandwidth(desired, 0.1 * actual) == pytest.approx(corner, rel=0.15)
 
 
 def test_response_is_what_arrives_at_each_frequency() -> None:
     desired = _chirp()
-    centre, gain = response(desired, 0.3 * desired, DT)
+    log = _answer(desired, 0.3 * desired)
+    centre, gain = response(log)
     assert gain == pytest.approx(np.full(gain.size, 0.3))
     assert centre[0] == pytest.approx(CHIRP_LOW * math.sqrt(2.0))
     assert np.all(np.diff(centre) > 0.0) and centre[-1] < CHIRP_HIGH
-    time = np.arange(desired.size) * DT
-    log = Log({"time_s": time, "desired_torque_nm": desired,
-               "joint_torque_nm": 0.3 * desired})  # fmt: skip
-    assert measure_bandwidth(log) == {"bandwidth": CHIRP_HIGH, "response": gain[0]}
+    assert METRICS["response"].compute(log) == gain[0]
+    assert METRICS["bandwidth"].compute(log) == CHIRP_HIGH
 
 
 def test_bandwidth_ends_at_the_chirp_and_begins_at_nothing() -> None:
     desired = _chirp()
-    assert bandwidth(desired, desired, DT) == CHIRP_HIGH
-    assert bandwidth(desired, 0.01 * desired, DT) == 0.0
-    assert bandwidth(desired, 0.0 * desired, DT) == 0.0
+    assert bandwidth(desired, desired) == CHIRP_HIGH
+    assert bandwidth(desired, 0.01 * desired) == 0.0
+    assert bandwidth(desired, 0.0 * desired) == 0.0
 
 
 @pytest.mark.parametrize("bias", [0.0, 3.0])
@@ -93,24 +82,26 @@ def test_backlash_is_the_play_of_a_gear(bias: float) -> None:
         output = min(max(output, angle - width / 2), angle + width / 2)
         found[i] = output
     torque = stiffness * found + bias
-    log = Log(
+    log = Record(
         {
             "time_s": phase,
             "motor_angle_rad": 2.0 * twist,
             "joint_angle_rad": 0.0 * twist,
             "joint_torque_nm": torque,
             "desired_torque_nm": stiffness * twist,
-        }
+        },
+        metadata={"ratio": 0.5},
     )
-    assert measure_backlash(log)["backlash_width"] == pytest.approx(width, rel=0.01)
-    stuck = Log({**log.columns, "joint_torque_nm": 1e-3 * torque})
-    assert math.isnan(measure_backlash(stuck)["backlash_width"])
+    assert held_backlash(log) == pytest.approx(width, rel=0.01)
+    columns = {**log.columns, "joint_torque_nm": 1e-3 * torque}
+    stuck = Record(columns, metadata=log.metadata)
+    assert math.isnan(held_backlash(stuck))
 
 
 def test_numbers_of_an_episode() -> None:
     time = np.arange(0.0, 1.0 + DT / 2, DT)
     tension = np.where(time < 0.25, 0.0, 10.0 + 5.0 * time)
-    log = Log(
+    log = Record(
         {
             "time_s": time,
             "motor_torque_nm": -2.0 * np.ones_like(time),
@@ -124,10 +115,11 @@ def test_numbers_of_an_episode() -> None:
             "tension_a_nodes_n": np.stack([2.0 * tension, tension], axis=-1),
         },
         ("a",),
+        {"strength": {"a": 100.0}},
     )
-    found = measure_episode(log, {"a": 100.0})
+    found = {name: METRICS[name].compute(log) for name in EPISODE}
     assert math.isnan(found["efficiency"])
-    assert found["tracking_error"] == pytest.approx(1.0)
+    assert found["rms_torque_error"] == pytest.approx(1.0)
     assert found["peak_motor_torque"] == 2.0
     assert found["peak_motor_power"] == pytest.approx(6.0)
     assert found["slack_margin"] == 0.0

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from cc_mujoco.errors import CableError
 from cc_mujoco.whatif.pareto import costs, order, pareto, read_objectives
 
-MEASURED = ("efficiency", "backlash_width", "tracking_error")
+MEASURED = ("efficiency", "held_backlash", "rms_torque_error")
 
 
 @given(
@@ -41,8 +41,8 @@ def test_the_order_is_of_all_and_begins_with_the_set(cost: np.ndarray) -> None:
 
 
 def test_objectives_know_their_direction() -> None:
-    table = pa.table({"efficiency": [0.2, None], "backlash_width": [1.0, 2.0]})
-    goals = read_objectives(["efficiency", "max:backlash_width"], MEASURED)
+    table = pa.table({"efficiency": [0.2, None], "held_backlash": [1.0, 2.0]})
+    goals = read_objectives(["efficiency", "max:held_backlash"], MEASURED)
     found = costs(table, goals)
     assert np.array_equal(found, [[-0.2, -1.0], [np.nan, -2.0]], equal_nan=True)
 

@@ -12,11 +12,11 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.errors import CableError
-from cc_mujoco.whatif import MATERIALS, METRICS, MOTORS, make_plan, optimise, study
+from cc_mujoco.metrics import METRICS, Record
+from cc_mujoco.whatif import MATERIALS, MOTORS, make_plan, optimise, study
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.costs import EXAMPLE, read_costs
-from cc_mujoco.whatif.metrics import measure_episode
-from cc_mujoco.whatif.motors import Motor
+from cc_mujoco.whatif.metrics import USUAL
 
 PARTS = [name for name, metric in METRICS.items() if metric.test == "parts"]
 MOTOR = "maxon_353297"
@@ -34,37 +34,25 @@ def parts(scene: str, design: dict[str, Any], **how: Any) -> dict[str, float]:
     return {name: table[name][0].as_py() for name in PARTS}
 
 
-class Log(dict[str, np.ndarray]):
-    """An episode at constant torque and speed, made up."""
-
-    metadata: dict[str, Any] = {"ratio": 0.5}  # noqa: RUF012
-
-    @classmethod
-    def of(cls, torque: np.ndarray, speed: float = 0.0) -> Log:
-        """With this torque of the motor [Nm] at this speed [rad/s]."""
-        flat = np.ones_like(torque)
-        return cls(
-            time_s=1e-3 * np.arange(torque.size),
-            motor_torque_nm=torque,
-            motor_velocity_rad_s=speed * flat,
-            joint_torque_nm=flat,
-            joint_velocity_rad_s=0.0 * flat,
-            desired_torque_nm=flat,
-            dissipated_a_j=0.0 * flat,
-            tension_a_proximal_n=flat,
-            tension_a_distal_n=flat,
-            tension_a_nodes_n=flat[:, None],
-        )
-
-    cables = ("a",)
+MOTOR_METRICS = (
+    "rms_motor_torque",
+    "thermal_load",
+    "motor_heat",
+    "electrical_power",
+)
+SHEET = {"winding_resistance": 0.5, "torque_constant": 0.1, "continuous_torque": 0.4}
 
 
-SHEET = Motor("sheet", 0.5, 0.1, 0.4, 1.0, 1e-4)
-
-
-def measured(torque: np.ndarray, speed: float = 0.0, gear: float = 1.0) -> Any:
-    """Metrics of an episode with the motor of `SHEET`."""
-    return measure_episode(Log.of(torque, speed), {"a": 1.0}, SHEET, gear)
+def measured(
+    torque: np.ndarray, speed: float = 0.0, gear: float = 1.0, **sheet: float
+) -> dict[str, float]:
+    """Metrics of a motor with this torque [N m] at this speed [rad/s]."""
+    columns = {
+        "motor_torque_nm": torque,
+        "motor_velocity_rad_s": np.full(torque.size, speed),
+    }
+    log = Record(columns, metadata={"gearing": gear, **(sheet or SHEET)})
+    return {name: METRICS[name].compute(log) for name in MOTOR_METRICS}
 
 
 @pytest.mark.parametrize("gear", [1.0, 5.0])
@@ -97,7 +85,7 @@ def test_a_motor_that_is_driven_gives_nothing_back_but_heats() -> None:
 
 
 def test_a_motor_of_which_nothing_is_known_has_no_heat_but_an_rms() -> None:
-    found = measure_episode(Log.of(np.ones(9)), {"a": 1.0})
+    found = measured(np.ones(9), rotor_inertia=1e-4)
     assert found["rms_motor_torque"] == 1.0
     assert math.isnan(found["motor_heat"]) and math.isnan(found["thermal_load"])
 
@@ -171,7 +159,7 @@ def test_a_motor_is_what_its_numbers_set_by_hand_are() -> None:
         "continuous_torque": row.continuous_torque,
         "motor_mass": row.mass,
     }
-    names = ["tracking_error", "thermal_load", "motor_heat", "electrical_power"]
+    names = ["rms_torque_error", "thermal_load", "motor_heat", "electrical_power"]
     names += ["reflected_inertia"]
     tables = [
         study("ankle", designs=[design], metrics=names, **SHORT)
@@ -189,7 +177,7 @@ def test_unasked_a_study_measures_what_its_designs_have() -> None:
     assert not {"cable_mass", "mass", "motor_heat", "cost"} & set(plain)
     vary = {"material": "steel_ptfe", "motor": MOTOR}
     rich = make_plan("ankle", vary, costs=EXAMPLE, **how).protocol.metrics
-    assert set(rich) == {name for name, m in METRICS.items() if not m.strides}
+    assert rich == (*USUAL, "cost")
     crossed = {"material": "steel_ptfe,steel_nylon"}
     across = make_plan("ankle", {"motor_radius": "0.02"}, across=crossed, **how)
     assert "cable_mass" in across.protocol.metrics

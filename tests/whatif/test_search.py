@@ -35,7 +35,7 @@ VARY: dict[str, Any] = {
     "pretension": "2:60:log",
     "motor_radius": [0.03, 0.02],
 }
-GOALS, LIMITS = ["peak_tension", "tracking_error"], ["slack_margin>=20"]
+GOALS, LIMITS = ["peak_tension", "rms_torque_error"], ["slack_margin>=20"]
 SHORT: dict[str, Any] = {
     "duration": 0.15, "trajectory": "sine", "controllers": ["pi"],
 }  # fmt: skip
@@ -158,7 +158,7 @@ def test_a_limit_is_read_as_it_is_written_and_exceeded_beyond_it(
 def test_what_a_search_cannot_do_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     for goals, limits, said in (
         ([], [], "1 to 4 objectives, not 0"),
-        (["tracking"], [], "did you mean 'tracking_error'"),
+        (["tracking"], [], "did you mean 'rms_torque_error'"),
         (GOALS, ["slack_margin>1"], "METRIC>=NUMBER"),
         (GOALS, ["slack_margin>=nan"], "METRIC>=NUMBER"),
         (GOALS, ["slackness<=1"], "unknown metric"),
@@ -237,7 +237,7 @@ def test_no_design_is_tried_twice_and_all_of_a_few_are(seed: int) -> None:
     plan, goals, limits = make_search(
         "wrist",
         {"loops": [1, 2, 3], "material": ["steel_ptfe", "steel_steel"]},
-        ["tracking_error"],
+        ["rms_torque_error"],
         seed=seed,
         **SHORT,
     )

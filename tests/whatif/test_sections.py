@@ -25,7 +25,7 @@ from cc_mujoco.whatif.sections import (
     slack,
 )
 
-GOALS = ("tracking_error", "peak_tension")
+GOALS = ("rms_torque_error", "peak_tension")
 
 
 def finding(
@@ -43,7 +43,7 @@ def finding(
         {
             "design": range(len(errors)),
             **{n: [d[n] for d in plan.designs] for n in plan.ranges},
-            "tracking_error": pa.array(errors, pa.float64()),
+            "rms_torque_error": pa.array(errors, pa.float64()),
             "peak_tension": pa.array(tensions, pa.float64()),
             "failed": pa.array(failed or [None] * len(errors), pa.string()),
         }
@@ -100,11 +100,11 @@ def test_without_a_good_design_the_page_says_what_stands_in_the_way(
 
 
 def test_a_limit_excludes_alone_what_keeps_all_others() -> None:
-    limits = ["peak_tension<=55", "tracking_error<=2.5"]
+    limits = ["peak_tension<=55", "rms_torque_error<=2.5"]
     found, _ = finding([3.0, 1.0, 2.0, 4.0], [50.0, 60.0, 40.0, 70.0], limits)
     text = " ".join(said(slack(found)).split())
     assert "peak_tension<=55 2 of 4 1 40 N 15 N" in text
-    assert "tracking_error<=2.5 2 of 4 1 2 N m 0.5 N m" in text
+    assert "rms_torque_error<=2.5 2 of 4 1 2 N m 0.5 N m" in text
 
 
 @pytest.mark.parametrize(
@@ -167,9 +167,9 @@ def test_of_several_controllers_the_page_says_whose_ranks_are_alike() -> None:
         {
             "design": range(4),
             "friction": [d["friction"] for d in designs],
-            "tracking_error": [1.0, 2.0, 3.0, 4.0],
-            "tracking_error@none": [4.0, 3.5, 3.2, 4.0],
-            "tracking_error@pi": [1.0, 2.0, 3.0, None],
+            "rms_torque_error": [1.0, 2.0, 3.0, 4.0],
+            "rms_torque_error@none": [4.0, 3.5, 3.2, 4.0],
+            "rms_torque_error@pi": [1.0, 2.0, 3.0, None],
             "controller": ["pi", "pi", "pi", "none"],
             "failed": pa.array([None] * 4, pa.string()),
         }

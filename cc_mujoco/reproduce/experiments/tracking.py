@@ -24,7 +24,7 @@ from cc_mujoco.control import (
     ProportionalIntegral,
 )
 from cc_mujoco.figures import COLORS, DASH, GREY, figure
-from cc_mujoco.recording.signals import lag
+from cc_mujoco.metrics.signals import lag
 from cc_mujoco.reproduce.inertia_free import InertiaFree
 from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress, Verdict
 from cc_mujoco.reproduce.rig import PRINTED

@@ -20,7 +20,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.estimation.calibration import Calibration, Measurement, calibrate
 from cc_mujoco.figures import BLUE, DASH, GREEN, GREY, ORANGE, figure
 from cc_mujoco.human import task, trajectory
-from cc_mujoco.recording.signals import lag
+from cc_mujoco.metrics.signals import lag
 from cc_mujoco.reproduce.outcome import Claim, Outcome, Progress
 from cc_mujoco.reproduce.rig import RECONCILED, drive, loops
 from cc_mujoco.transmission import Cable

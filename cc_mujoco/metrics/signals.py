@@ -10,6 +10,20 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+MEAN_TIME = 0.05
+"""Window of `moving_mean` [s]."""
+
+
+def moving_mean(values: Array, period: float) -> Array:
+    """Return the mean over `MEAN_TIME`, where the window fits.
+
+    Args:
+        values: Samples (T,).
+        period: Time between samples [s].
+    """
+    width = max(1, round(MEAN_TIME / period))
+    return np.convolve(values, np.full(width, 1.0 / width), mode="valid")
+
 
 def loop_width(angle: Array, torque: Array) -> float:
     """Return the width of a torque-angle loop at zero torque.

@@ -11,51 +11,61 @@ were without help, which people change; and work is not metabolic cost.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.human import Pace
 from cc_mujoco.human.gait import ANKLE_MOMENT
-from cc_mujoco.recording.metrics import Samples
-
-Array = NDArray[np.float64]
+from cc_mujoco.metrics.metric import MOMENT, PACE, Array, Log
 
 RATE_TIME = 0.01
 """Over which the rate of a torque is taken [s]."""
 
 
-def measure_strides(log: Samples, pace: Pace, size: float = 1.0) -> dict[str, float]:
-    """The metrics of the ankle over the whole strides of an episode.
+class Strides(NamedTuple):
+    """Numbers of the ankle over the whole strides of an episode; NaN without one."""
+
+    wearer_work: float = math.nan
+    wearer_work_change: float = math.nan
+    assistance_work: float = math.nan
+    peak_assistance: float = math.nan
+    torque_rate: float = math.nan
+    swing_torque: float = math.nan
+
+
+def strides(log: Log) -> Strides:
+    """Return the numbers of the ankle over the whole strides of an episode.
+
+    Strides go from heel strike to heel strike. The first, in which the walk begins, is
+    left out.
 
     Args:
-        log: of an episode in which the ankle walks.
-        pace: how fast.
-        size: of the moment over that of the wearer of the scene, see `Body.moment`.
-
-    Returns:
-        By name of the metric. Strides go from heel strike to heel strike, the first,
-        in which the walk begins, left out; of an episode without one all are NaN.
+        log: Of an episode in which the ankle walks at the pace of its metadata.
     """
+    if PACE not in log.metadata:
+        return Strides()
+    pace: Pace = log.metadata[PACE]
+    size = log.metadata.get(MOMENT, 1.0)
     time = log["time_s"]
     phase = np.mod(np.arctan2(log["phase_sine"], log["phase_cosine"]) / math.tau, 1.0)
     strikes = np.flatnonzero(np.diff(phase) < -0.5) + 1
     if strikes.size < 2:
-        return dict.fromkeys(NAMES, math.nan)
-    step, strides = float(time[1] - time[0]), strikes.size - 1
+        return Strides()
+    step, count = float(time[1] - time[0]), strikes.size - 1
     whole = slice(int(strikes[0]), int(strikes[-1]))
     phase, given = phase[whole], log["joint_torque_nm"][whole]
     meant = np.gradient(log["reference_angle_rad"], step)[whole]
     own = size * pace.moment("ankle") * ANKLE_MOMENT(pace.phase(phase))
 
     def work(torque: Array, velocity: Array) -> float:
-        return float(np.sum(np.maximum(torque * velocity, 0.0))) * step / strides
+        return float(np.sum(np.maximum(torque * velocity, 0.0))) * step / count
 
     alone, helped = work(own, meant), work(own - given, meant)
     gap = max(1, round(RATE_TIME / step))
     rates = np.abs(given[gap:] - given[:-gap]) / (gap * step)
     swing = phase > pace.toe_off
-    found = (
+    return Strides(
         helped,
         (helped - alone) / alone,
         work(given, log["joint_velocity_rad_s"][whole]),
@@ -63,15 +73,3 @@ def measure_strides(log: Samples, pace: Pace, size: float = 1.0) -> dict[str, fl
         float(np.max(rates)),
         float(np.max(np.abs(given[swing]))),
     )
-    return dict(zip(NAMES, found, strict=True))
-
-
-NAMES = (
-    "wearer_work",
-    "wearer_work_change",
-    "assistance_work",
-    "peak_assistance",
-    "torque_rate",
-    "swing_torque",
-)
-"""Metrics, in the order of `measure_strides`."""

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import CacheImpl
+from numba.core.caching import _SourceFileBackedLocatorMixin
 
 _ROOT = Path(__file__).parent
 _IMPORT = re.compile(
@@ -26,23 +26,15 @@ _IMPORT = re.compile(
 
 def stamp_compiled_code() -> None:
     """Have Numba stamp this package's functions with `digest`; other code as ever."""
-    usual = CacheImpl._locator_classes
-    CacheImpl._locator_classes = [*map(_stamping, usual), *usual]
+    locator: Any = _SourceFileBackedLocatorMixin
+    usual = locator.get_source_stamp
 
+    def get_source_stamp(self: Any) -> Any:
+        file = Path(self._py_file)
+        ours = _ROOT in file.parents and file.is_file()
+        return digest(file) if ours else usual(self)
 
-def _stamping(locator: Any) -> Any:
-    """Return a locator of Numba's cache for functions of this package alone."""
-
-    class Stamping(locator):  # type: ignore[misc]
-        @classmethod
-        def from_function(cls, function: Any, file: str) -> Any:
-            ours = _ROOT in Path(file).parents
-            return super().from_function(function, file) if ours else None
-
-        def get_source_stamp(self) -> str:
-            return digest(Path(self._py_file))
-
-    return Stamping
+    locator.get_source_stamp = get_source_stamp
 
 
 @cache

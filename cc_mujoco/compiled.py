@@ -55,7 +55,7 @@ def internal(function: Function) -> Function:
         "no_cpython_wrapper": True,
         "no_cfunc_wrapper": True,
     }
-    return _widening(njit(**options)(function))
+    return cast("Function", _widening(njit(**options)(function)))
 
 
 def compiled(function: Function) -> Function:
@@ -64,10 +64,10 @@ def compiled(function: Function) -> Function:
         "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
     }  # fmt: skip
     try:
-        return _widening(njit(cache=True, **options)(function))
+        return cast("Function", _widening(njit(cache=True, **options)(function)))
     except RuntimeError:  # Numba finds no folder that it may write its cache to
         _notice.is_kept = False
-        return _widening(njit(**options)(function))
+        return cast("Function", _widening(njit(**options)(function)))
 
 
 def _widening(dispatcher: Any) -> Any:

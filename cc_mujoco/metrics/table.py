@@ -257,7 +257,7 @@ def measure(log: Log, metrics: Iterable[Metric]) -> dict[Metric, float]:
     Raises:
         CableError: A metric of the user raises, or gives what is no real number.
     """
-    found = {}
+    found: dict[Metric, float] = {}
     for metric in metrics:
         with blamed(f"metric {metric.name!r}"):
             value = metric.compute(log)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,7 +134,7 @@ def peak_tension(log: Log, cable: str) -> float:
 
 def strength_used(log: Log, *cables: str) -> float:
     """Return peak tension per breaking load of some cables, by default the wound."""
-    strength = log.metadata.get(STRENGTH, {})
+    strength: Mapping[str, float] = log.metadata.get(STRENGTH, {})
     return max(
         peak_tension(log, cable) / strength.get(cable, math.nan)
         for cable in cables or wound(log)

@@ -17,6 +17,7 @@ from cc_mujoco.human import Spring, Wearer
 from cc_mujoco.human import task as find_task
 from cc_mujoco.identity import made_by
 from cc_mujoco.metrics import METRICS, Record, measure
+from cc_mujoco.metrics.held import SWINGS
 from cc_mujoco.metrics.metric import MOMENT, PACE, SPRING, Test
 from cc_mujoco.metrics.torques import unsafe_from
 from cc_mujoco.sensing import PERFECT
@@ -38,7 +39,6 @@ from cc_mujoco.whatif.protocol import (
     CHIRP_TIME,
     CONTROL_PERIOD,
     SWING_TIME,
-    SWINGS,
     Chirp,
     EpisodeProtocol,
     Hold,

@@ -100,7 +100,7 @@ def test_tables_have_every_row_and_say_what_it_is() -> None:
     assert "| 1 | `model` | 0." in ranks and "less `model`" in ranks
     assert "`none`, `pi` |" in ranks and "unplugged" not in ranks
     unit = np.mean(noisy(1.0, len("none"), 9)[4])
-    assert f"| ordinary-rough | {unit:.3g} Nm | 2." in text
+    assert f"| ordinary-rough | {unit:.3g} N m | 2." in text
     assert "0.1 (0.1), 0.1 (0.1) | 4 (4), 4 (4)" in text
 
 

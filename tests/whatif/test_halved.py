@@ -62,7 +62,7 @@ def test_one_that_changes_is_named_with_what_it_became() -> None:
     (change,) = found.unsettled
     assert (change.metric, change.design) == (MEASURED[0], len(ERRORS) - 1)
     assert change.share == pytest.approx(0.3)
-    assert "tracking error of design 39 is 1.69 N m instead of 1.3" in settled(found)
+    assert "rms torque error of design 39 is 1.69 N m instead of 1.3" in settled(found)
     assert "--timestep 0.00025" in settled(found)
 
 

@@ -158,7 +158,7 @@ def test_a_limit_is_read_as_it_is_written_and_exceeded_beyond_it(
 def test_what_a_search_cannot_do_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     for goals, limits, said in (
         ([], [], "1 to 4 objectives, not 0"),
-        (["tracking"], [], "did you mean 'rms_torque_error'"),
+        (["torque_error"], [], "did you mean 'rms_torque_error'"),
         (GOALS, ["slack_margin>1"], "METRIC>=NUMBER"),
         (GOALS, ["slack_margin>=nan"], "METRIC>=NUMBER"),
         (GOALS, ["slackness<=1"], "unknown metric"),

@@ -146,7 +146,7 @@ def test_a_better_neighbour_is_said_to_be_one() -> None:
         return said(confidence(found, Around(0, (), (price,))))
 
     assert (
-        "beside it, friction 0.15 and pretension 9 N gives tracking error 0.6 N m"
+        "beside it, friction 0.15 and pretension 9 N gives rms torque error 0.6 N m"
         in (text(gives=0.6))
     )
     for other in (
@@ -190,7 +190,7 @@ def test_failures_are_counted_by_reason_whatever_their_numbers() -> None:
     text = said(failures(found))
     assert "2 designs: diverged at … s (X)." in text
     assert "1 designs: impossible: y." in text
-    assert "1 designs ran, but have no tracking error." in text
+    assert "1 designs ran, but have no rms torque error." in text
 
 
 def test_what_follows_a_variable_is_not_called_fixed() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from cc_mujoco import whatif
+from cc_mujoco import metrics
 from cc_mujoco.whatif.pareto import Objective, costs
 from cc_mujoco.whatif.plan import Plan, make_plan
 from cc_mujoco.whatif.report import markdown, sobol_table
@@ -142,7 +142,7 @@ def _reported(plan: Plan, metric: pa.Table, found: Sensitivity) -> str:
     columns: dict[str, Any] = {"design": range(count), "failed": pa.nulls(count)}
     columns |= {name: [d[name] for d in plan.designs] for name in plan.varied}
     table = pa.table({**columns, "efficiency": metric["efficiency"]})
-    goals = (Objective("efficiency", whatif.METRICS["efficiency"].high),)
+    goals = (Objective("efficiency", metrics.METRICS["efficiency"].high),)
     return markdown(plan, table, goals, False, costs(table, goals), [found])
 
 

@@ -1,1 +1,1 @@
-"""Which effect is missing: replays, fits, folds, search, experiments."""
+"""Search for the missing effect: replays, fits, folds, search, experiments."""

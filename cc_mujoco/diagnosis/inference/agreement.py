@@ -1,4 +1,4 @@
-"""Whether parts of the data name what the whole does.
+"""Check that parts of the data name the same effects as the whole.
 
 Where a model stays far from the noise whatever is added, every part of the data rewards
 what mends its own form errors, and resampling samples does not show it: the error is
@@ -36,7 +36,7 @@ RIVALLED = 0.5
 
 
 class Agreement(NamedTuple):
-    """What parts of the data say of what the whole names.
+    """Support that parts of the data give to the effects the whole names.
 
     Attributes:
         shares: of the parts that name an effect or one it is in a tie with, by id;
@@ -112,7 +112,7 @@ def counted(
 def _named(
     baseline_fit: BaselineFit, part: Masks, ids: Sequence[str], limits: Thresholds
 ) -> list[set[str]]:
-    """What a part of the data names, each with what it is in a tie with."""
+    """Return the effects a part of the data names, each with its ties."""
     problem = baseline_fit.problem
     division = tuple(
         Fold(_both(fold.train, part), _both(fold.test, part))

@@ -1,4 +1,4 @@
-"""How much parts of the data disagree about each parameter, beyond what noise makes.
+"""Disagreement between parts of the data about each parameter, beyond what noise makes.
 
 Every trial is left out in turn, by one Gauss-Newton step from the fit: its Jacobian and
 residuals are at hand, so nothing is fitted again. How far a parameter then moves is
@@ -27,7 +27,7 @@ _TELLS = 1e-9
 
 
 class Disagreement(NamedTuple):
-    """What leaving out parts of the data says.
+    """Result of leaving out parts of the data.
 
     Attributes:
         factor: (parameters,) mean square of the moves over what noise makes of it; 1

@@ -1,4 +1,4 @@
-"""What to record next, so that two rivals would no longer look the same."""
+"""Choice of the next experiment, in which two rivals no longer look the same."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def knob_as_tuned(parameter: EffectParameter, start: float, plant: Plant) -> Tun
 
 
 def _inside(tuned: Tuned, low: float, high: float) -> Tuned:
-    """The same with bounds at which no rounding takes the value beyond its own.
+    """Return the same with bounds at which no rounding takes the value beyond its own.
 
     What a parameter of a cable may be ends there, and a fit ends at its bounds.
     """
@@ -63,7 +63,7 @@ def _inside(tuned: Tuned, low: float, high: float) -> Tuned:
 
 @dataclass(frozen=True)
 class Problem:
-    """What is fitted to what.
+    """Parameters of a fit and the records they are fitted to.
 
     Attributes:
         plant: simulates.
@@ -118,7 +118,7 @@ class Problem:
 
     @property
     def sensed(self) -> tuple[FloatArray, ...]:
-        """What noise of the sensors makes of every record, as `noise` [Nm]."""
+        """Return the effect of sensor noise on every record, as `noise` [Nm]."""
         part = np.square(self.scatter)
         return tuple(np.sqrt(np.maximum(n**2 - part, 0.0)) for n in self.noise)
 
@@ -146,7 +146,7 @@ class Problem:
         )
 
     def with_effect(self, name: str, start: dict[str, float]) -> Problem:
-        """The same with an effect more, its shape parameters from `start`."""
+        """Return the same with an effect more, its shape parameters from `start`."""
         more = tuple(
             knob_as_tuned(
                 parameter, start.get(parameter.name, parameter.typical), self.plant
@@ -169,7 +169,7 @@ class Problem:
         return np.concatenate([x, new])
 
     def without(self, name: str) -> Problem:
-        """The same without an effect."""
+        """Return the same without an effect."""
         effect = self.plant.library.effects[name]
         gone = {parameter.name for parameter in effect.parameters}
         return replace(
@@ -295,7 +295,7 @@ def fit(
 
 
 def settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
-    """The same, to an end that errors decide and not where the fit gave up.
+    """Fit the same, to an end that errors decide and not where the fit gave up.
 
     Along a flat valley (friction against pretension, where no trial goes slack) a
     thousandth of the cost is standard deviations away from the least.

@@ -183,7 +183,7 @@ def _in_blocks(crossed: CrossValidation, parts: Sequence[FloatArray]) -> FloatAr
 
 
 def excess(crossed: CrossValidation) -> float:
-    """By how much held-out errors exceed those of noise, over its standard error.
+    """Excess of held-out errors over those of noise, over its standard error.
 
     The error is that of blocks: a few bad moments, say one stick that broke at another
     time, do not make a model wrong.

@@ -123,7 +123,7 @@ def _times(
 
 
 def _pushes(measured: Sequence[FloatArray], simulated: Sequence[FloatArray]) -> bool:
-    """Whether a lone cable would have to push nearly all the time."""
+    """Return whether a lone cable would have to push nearly all the time."""
     if not measured:
         return False
     side = float(np.sign(np.concatenate(simulated).sum()))

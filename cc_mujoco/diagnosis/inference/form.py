@@ -1,4 +1,4 @@
-"""What an error of the model's form does to its parameters, which no trial tells.
+"""Effect of a model-form error on the parameters, which no trial tells.
 
 A rig has what its scene has not: ends that give a little, seals that hold a little (the
 effects of ordinary size), and forms that are not those of the library. All trials share

@@ -1,4 +1,4 @@
-"""How much of the gap is closed, on trials that the parameters have not seen.
+"""Share of the gap that is closed on trials the parameters have not seen.
 
 Errors are weighted by how well the angles tell the torque at that moment: where an end
 of the cable sticks, the last digit of its angle is worth newtons, and a handful of such
@@ -125,7 +125,7 @@ def off(found: Mapping[str, Gap]) -> tuple[float, float]:
 def traces(
     problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
 ) -> tuple[Trace, ...]:
-    """What the report draws."""
+    """Return the series that the report draws."""
     channels = problem.plant.instruments.channels
     return tuple(
         Trace(

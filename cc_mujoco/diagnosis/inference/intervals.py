@@ -23,7 +23,7 @@ UNTOLD = 1.0
 
 
 class Spread(NamedTuple):
-    """How uncertain the place of a fit is.
+    """Uncertainty of the place of a fit.
 
     Attributes:
         covariance: (parameters, parameters).

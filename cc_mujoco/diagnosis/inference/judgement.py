@@ -38,7 +38,7 @@ _AS_MUCH = " The layout of a rig can make as much: take this for a hint."
 
 
 class Outcome(NamedTuple):
-    """What was found once all data have been fitted.
+    """Findings once all data have been fitted.
 
     Attributes:
         effects: in the model.
@@ -181,7 +181,7 @@ def _nothing(
 
 
 def _impossible(found: Search) -> str:
-    """Which effects would do if they could be so large, in words."""
+    """Name the effects that would do if they could be so large, in words."""
     said = [
         f"{EFFECTS[candidate.id].title} {candidate.reason}"
         for candidate in found.rounds[-1].candidates

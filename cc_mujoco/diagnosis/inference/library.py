@@ -1,4 +1,4 @@
-"""Which effects a rig can show: by its cables, and by what its torques are known from.
+"""Effects that a rig can show: by its cables, and by what its torques are known from.
 
 A load cell on the cable does not see what happens behind it, a known load has no
 sensor that could be off, and of a torque that nothing tells no effect can be seen. What

@@ -75,7 +75,7 @@ def load_noise(
 
 
 def load_tuned(constants: Mapping[str, Constant]) -> list[Tuned]:
-    """What is uncertain of a load, as parameters of a fit."""
+    """Return the uncertain quantities of a load, as parameters of a fit."""
     found = []
     for name in LOAD:
         known = constants.get(name, Constant(0.0))

@@ -1,4 +1,4 @@
-"""Where the error lies: in which torque, periodic in which angle, in which trials.
+"""Location of the error: in which torque, periodic in which angle, in which trials.
 
 The first sentence names the torque that is off and the structure that takes most of its
 error; the others give each structure by itself, with its test statistic. There is
@@ -74,7 +74,7 @@ _SHOWN = 12
 
 
 class Trials(NamedTuple):
-    """What trials are compared by.
+    """Quantities by which trials are compared.
 
     Attributes:
         constants: parameters with a value of their own in every trial, best first.

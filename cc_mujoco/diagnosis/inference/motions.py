@@ -189,5 +189,5 @@ def middle(bench: Bench, swing: float) -> float:
 
 
 def _about(motion: Motion, motor: float, joint: float) -> Motion:
-    """The same motion about these angles of motor and joint [rad]."""
+    """Return the same motion about these angles of motor and joint [rad]."""
     return replace(motion, motor=motor + motion.motor, joint=joint + motion.joint)

@@ -1,4 +1,4 @@
-"""Whether a simulation is fine enough for what it is compared with, and a finer one."""
+"""Check that a simulation is fine enough for its comparison, and a finer one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SUBSTEPS = 8
 
 
 def refined(problem: Problem, x: FloatArray) -> Problem | None:
-    """The same problem simulated more finely; None where that changes nothing.
+    """Return the same problem simulated more finely; None where that changes nothing.
 
     Or where it is as fine as it gets.
     """

@@ -1,4 +1,4 @@
-"""How far off every trial is, and whether one of them was recorded on another rig.
+"""Error of every trial, and a test for one recorded on another rig.
 
 A cable that was tightened or laid anew between trials is no effect of the library: the
 trials then contradict each other, and nothing that is added explains them all.
@@ -91,7 +91,7 @@ class Odd(NamedTuple):
 
     @property
     def question(self) -> str:
-        """What to ask whoever recorded it."""
+        """Return the question for whoever recorded it."""
         several = len(self.trials) > 1
         off = (
             f"Trial{'s' * several} {listed(self.trials)} {'are' if several else 'is'} "

@@ -93,7 +93,7 @@ class Line(NamedTuple):
 
     @property
     def whole_order(self) -> bool:
-        """Whether the order is a whole number as far as the data tell."""
+        """Return whether the order is a whole number as far as the data tell."""
         return abs(self.order - round(self.order)) < max(2.0 * self.order_error, 0.02)
 
 

@@ -41,7 +41,7 @@ CLEARLY = 10.0 * SEEN
 
 
 class Resolved(NamedTuple):
-    """What a set of trials says about one effect.
+    """Information that a set of trials gives about one effect.
 
     Attributes:
         id: of the effect.
@@ -201,7 +201,7 @@ def _floor(
     sizes: FloatArray,
     noise: Mapping[str, Noise],
 ) -> FloatArray:
-    """What noise of torques and angles makes of both torques (2, samples) [Nm]."""
+    """Return the effect of torque and angle noise on both torques (2, samples) [Nm]."""
     random = np.random.default_rng(0)
     deviation = [
         noise[name].deviation if name in noise else DIGIT

@@ -248,7 +248,7 @@ class Plant:
     def setting(
         self, values: Values, effects: Sequence[str], pretension: float | None = None
     ) -> Setting:
-        """What the cables feel of these values, see `cables`."""
+        """Return what the cables feel of these values, see `cables`."""
         radii = self.radii(values)
         return Setting(
             self.cables(values, effects, pretension),
@@ -371,13 +371,13 @@ class Plant:
         )
 
     def finer(self, segments: int = 1, substeps: int = 1) -> Plant:
-        """The same with more segments or smaller steps, by these factors."""
+        """Return the same with more segments or smaller steps, by these factors."""
         return replace(
             self, segments=self.segments * segments, substeps=self.substeps * substeps
         )
 
     def limited(self, records: Sequence[Record]) -> Plant:
-        """The same plant for other records."""
+        """Return the same plant for other records."""
         return replace(self, records=tuple(records))
 
 

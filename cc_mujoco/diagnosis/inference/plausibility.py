@@ -92,7 +92,7 @@ def _freedom(contrast: FloatArray, variance: FloatArray, freedom: FloatArray) ->
 
 
 def ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
-    """Whether an effect of a model is no larger than any rig may have.
+    """Return whether an effect of a model is no larger than any rig may have.
 
     The conduit of a scene holds its cable evenly from end to end; those of rigs do not,
     and good sensors see it.

@@ -268,7 +268,7 @@ def _first(
 
 
 class Model(NamedTuple):
-    """What is left of a search when it has been held against all data.
+    """Result of a search once it has been held against all data.
 
     Attributes:
         problem: the model.
@@ -367,7 +367,7 @@ class _Holding:
 
 
 def isolability(signatures: Sequence[Signature]) -> Isolability:
-    """How alike the signatures of the effects are."""
+    """Compute the similarity of the effects' signatures."""
     table = np.array([[signature_cosine(a, b) for b in signatures] for a in signatures])
     return Isolability(
         tuple(s.id for s in signatures),

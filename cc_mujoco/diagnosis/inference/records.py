@@ -98,23 +98,23 @@ class Record:
 
     @property
     def unhooked(self) -> bool:
-        """Whether the cables were taken off, so that they pull nothing."""
+        """Return whether the cables were taken off, so that they pull nothing."""
         return self.pretension == 0.0
 
     @property
     def free(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Whether a sample counts and is not reserved for the test."""
+        """Return whether a sample counts and is not reserved for the test."""
         return self.counts & (self.split != "test")
 
     @property
     def reserved(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Whether a sample counts and is reserved for the test."""
+        """Return whether a sample counts and is reserved for the test."""
         return self.counts & (self.split == "test")
 
 
 @dataclass(frozen=True)
 class Filtering:
-    """What happened to the recorded signals.
+    """Processing applied to the recorded signals.
 
     Attributes:
         motion_band: cut-off of the low-pass of angles [Hz].

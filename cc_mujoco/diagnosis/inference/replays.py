@@ -60,7 +60,7 @@ class Setting(NamedTuple):
 
 
 class Played(NamedTuple):
-    """What a replay shows, (samples,) each.
+    """Signals of a replay, (samples,) each.
 
     Attributes:
         joint_angle: as it is compared [rad].

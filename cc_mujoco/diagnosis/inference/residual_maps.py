@@ -1,4 +1,4 @@
-"""Where the error lies: its mean along speed, load, angle, time, and what chance does.
+"""Maps of the error: its mean along speed, load, angle, time, and what chance does.
 
 The share that an axis explains is that of a mean per bin, found on one half of the
 stretches and tried on the other. Chance is the same with the error shifted in time
@@ -194,7 +194,7 @@ def ranked(drawn: Sequence[Map], most: int = 6) -> tuple[Where, ...]:
 
 
 def sentence(drawn: Map) -> str:
-    """What a map shows, in one sentence."""
+    """Describe what a map shows, in one sentence."""
     good = np.isfinite(drawn.before)
     centre, error = drawn.centre[good], drawn.before[good]
     low, high = int(np.argmin(error)), int(np.argmax(error))

@@ -36,7 +36,7 @@ PIECE = 1e-9
 
 
 class Signature(NamedTuple):
-    """What one start of one effect could do for the error.
+    """Contribution that one start of one effect could make to the error.
 
     Attributes:
         id: of the effect.
@@ -59,7 +59,7 @@ class Signature(NamedTuple):
 
 
 class Changes:
-    """What effects change of the torques, kept from one round of a search to the next.
+    """Torque changes due to effects, kept from one round of a search to the next.
 
     They are simulated again where the model has changed by more than `_MOVED`.
     """

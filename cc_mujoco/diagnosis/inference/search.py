@@ -1,4 +1,4 @@
-"""Which effects to add, one after another, by what they do for held-out data."""
+"""Search for effects to add one after another, by their gain on held-out data."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ DRAWS = 400
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When an effect is named; calibrated on rigs without any.
+    """Thresholds for naming an effect; calibrated on rigs without any.
 
     How often the verdicts are right then: `README.md` of `cc_mujoco.diagnosis`.
 
@@ -124,7 +124,7 @@ class Round(NamedTuple):
 
 
 class Search(NamedTuple):
-    """How the search went.
+    """Course of the search.
 
     Attributes:
         before: the baseline.
@@ -270,7 +270,7 @@ def _chosen(signatures: Sequence[Signature], hopeful: float) -> list[Signature]:
 def _needless(
     name: str, candidates: Sequence[Candidate], thresholds: Thresholds
 ) -> bool:
-    """Whether a special case of an effect has left nothing to explain."""
+    """Return whether a special case of an effect has left nothing to explain."""
     return any(
         c.id in EFFECTS[name].generalises
         and not c.reason
@@ -284,7 +284,7 @@ def _overlooked(
     candidates: Sequence[Candidate],
     thresholds: Thresholds,
 ) -> list[Signature]:
-    """What resembles the best candidate and was not refitted.
+    """Return what resembles the best candidate and was not refitted.
 
     Signatures are of first order, and screening by them may rank lookalikes wrongly.
     """

@@ -65,7 +65,7 @@ _EVALUATIONS = 12
 
 
 class Start(NamedTuple):
-    """Where the fit of the baseline starts.
+    """Starting point of the fit of the baseline.
 
     Attributes:
         bench: with estimates in place of values that the data contradict.

@@ -1,4 +1,4 @@
-"""What these data cannot tell: effects too small to show, and those that tuning hides.
+"""Limits of these data: effects too small to show, and those that tuning hides.
 
 What an effect of a size that is plausible on the rig changes of the torques is compared
 with the noise, and with what each parameter of the accepted model changes. Where the
@@ -98,7 +98,7 @@ ZERO_REMEDY = (
 
 
 class Change(NamedTuple):
-    """What plausible sizes of an effect change of the torques.
+    """Torque changes due to plausible sizes of an effect.
 
     Attributes:
         effect: of the library.
@@ -113,7 +113,7 @@ class Change(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """What the data show of effects that the accepted model has not.
+    """Evidence in the data for effects that the accepted model has not.
 
     Attributes:
         problem: the model by the noise of the sensors alone.

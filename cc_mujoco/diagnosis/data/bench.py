@@ -78,7 +78,7 @@ class Bench:
 
     @property
     def tied(self) -> bool:
-        """Whether the end of an open path is where the cable pulls the joint."""
+        """Return whether the end of an open path is where the cable pulls the joint."""
         return self.led in OPEN and self.lever is not None
 
     def courses(self, segments: int) -> tuple[Course, ...]:
@@ -272,7 +272,7 @@ class _Ends(NamedTuple):
 def _ends(
     spec: mujoco.MjSpec, model: mujoco.MjModel, path: Path, name: str, cable: Cable
 ) -> _Ends:
-    """What a cable connects."""
+    """Return what a cable connects."""
     ends: list[tuple[str, float]] = []
     lever = None
     for actuator in spec.actuators:

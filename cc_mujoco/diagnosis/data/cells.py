@@ -71,7 +71,7 @@ def _channels(end: str, bench: Bench) -> list[tuple[str, ...]]:
 
 
 def declared(file: DatasetFile, end: str, bench: Bench) -> bool:
-    """Whether load cells of all cables at one end are declared."""
+    """Return whether load cells of all cables at one end are declared."""
     wanted = _channels(end, bench)
     given = [name for name in file.columns if is_end(name, end)]
     for name in given:
@@ -88,7 +88,7 @@ def declared(file: DatasetFile, end: str, bench: Bench) -> bool:
 
 
 def is_end(name: str, end: str) -> bool:
-    """Whether a channel is a load cell at an end of a cable."""
+    """Return whether a channel is a load cell at an end of a cable."""
     return channels.is_tension(name) and channels.cable_end(name)[1] == end
 
 

@@ -1,4 +1,4 @@
-"""What a trial may hold: one table of channels, and the units their readings come in.
+"""Channels that a trial may hold, in one table, and the units their readings come in.
 
 A channel is called by its column, whose name ends in the unit: `motor_angle_rad`. The
 same column in another unit may be called by that unit: `motor_angle_deg`.
@@ -76,7 +76,7 @@ _ELSE = {
 
 
 def kind(channel: str) -> Kind:
-    """What the channel of this name measures.
+    """Return what the channel of this name measures.
 
     Raises:
         CableError: there is no such channel.
@@ -89,7 +89,7 @@ def kind(channel: str) -> Kind:
 
 
 def is_tension(column: str) -> bool:
-    """Whether a column is a measured end tension by its name."""
+    """Return whether a column is a measured end tension by its name."""
     return _TENSION.fullmatch(column) is not None
 
 

@@ -112,7 +112,7 @@ def lay_out(
 def _other_unit(
     recording: Recording, file: DatasetFile, rate: float, lasts: float
 ) -> str:
-    """What to declare if the times were in another unit; "" if none would do."""
+    """Return what to declare if the times were in another unit; "" if none would do."""
     label = recording.labels.get(TIME, TIME)
     now = CLOCK.factors[file.unit(TIME, label)]
     for unit, factor in CLOCK.factors.items():
@@ -277,7 +277,7 @@ def _runs(
 
 
 def _even(recording: Recording, track: Track) -> tuple[Track, list[Finding]]:
-    """The same stretches, sampled evenly."""
+    """Return the same stretches, sampled evenly."""
     time, segments = track.time, track.segments
     spans = [
         (time[part][0], time[part][-1], part.stop - part.start) for part in segments

@@ -1,4 +1,4 @@
-"""Which column of a file is which channel, and in which unit.
+"""Assignment of the columns of a file to channels and units.
 
 A column in a struct, group, topic or file of a trial may be called by its last name
 alone (`motor_angle_deg` for `data.motor_angle_deg`) where there is one such.

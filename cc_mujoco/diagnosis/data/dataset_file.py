@@ -130,7 +130,7 @@ MAY_VANISH = ("friction", *ANGLES, "load_damping")
 
 @dataclass(frozen=True)
 class Source:
-    """Where a channel comes from: value = sign * (reading - offset) * factor.
+    """Source of a channel: value = sign * (reading - offset) * factor.
 
     Attributes:
         name: column of the files; None is the channel's own name.
@@ -195,7 +195,7 @@ class DatasetFile:
     sha256: str = ""
 
     def source(self, channel: str) -> Source:
-        """Where a channel comes from."""
+        """Return the source of a channel."""
         return self.columns.get(channel, Source())
 
     def unit(self, channel: str, column: str) -> str:
@@ -205,7 +205,7 @@ class DatasetFile:
         return told or channels.kind(channel).unit
 
     def stands_in(self, torque: str, found: Iterable[str]) -> bool:
-        """Whether a torque that has no column follows from something else.
+        """Return whether a torque that has no column follows from something else.
 
         Args:
             torque: channel without a column.
@@ -288,7 +288,7 @@ class DatasetFile:
         return path.stem
 
     def _absent(self, names: Mapping[Path, str]) -> bool:
-        """Whether something is said of a trial that is not among these."""
+        """Return whether something is said of a trial that is not among these."""
         told = [*self.facts, *(known.get("repeat_of") for known in self.facts.values())]
         return not all(_any(names, name) for name in told if name is not None)
 
@@ -453,7 +453,7 @@ def _facts(table: Table) -> dict[str, Any]:
 
 
 def _tilt(table: Table) -> float | None:
-    """By how much the rig was turned, or None if it is not said [rad]."""
+    """Return the angle by which the rig was turned, None if not given [rad]."""
     given = table.number("tilt", -math.inf)
     if given is not None and abs(given) > 2.0 * math.pi:
         raise table.wrong("tilt", "an angle in radians, at most a turn either way")
@@ -490,12 +490,12 @@ def _named(given: str | None, names: Mapping[Path, str]) -> str | None:
 
 
 def _any(names: Mapping[Path, str], pattern: str) -> bool:
-    """Whether a pattern of `[trials]` means one of these files."""
+    """Return whether a pattern of `[trials]` means one of these files."""
     return any(_matches(path, name, pattern) for path, name in names.items())
 
 
 def _matches(path: Path, name: str, pattern: str) -> bool:
-    """Whether a pattern of `[trials]` means this file.
+    """Return whether a pattern of `[trials]` means this file.
 
     A pattern with folders is held against as much of the path: how much of it is in the
     name depends on which other files were given.

@@ -1,4 +1,4 @@
-"""What is noticed about the data: one sentence each."""
+"""Findings about the data: one sentence each."""
 
 from __future__ import annotations
 
@@ -39,5 +39,5 @@ def doubt(statement: str, trial: str = "", channel: str = "") -> Finding:
 
 
 def errors(findings: list[Finding]) -> list[Finding]:
-    """Those that must be put right first."""
+    """Return those that must be put right first."""
     return [finding for finding in findings if finding.severity == "error"]

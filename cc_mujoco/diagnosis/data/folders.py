@@ -80,6 +80,6 @@ def beside(files: Iterable[Path]) -> Path | None:
 
 
 def _is_data(path: Path, folder: Path) -> bool:
-    """Whether a path inside a folder is a data file that is not hidden."""
+    """Return whether a path inside a folder is a data file that is not hidden."""
     hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
     return not hidden and path.is_file() and path.suffix.lower() in tables.ENDINGS

@@ -1,4 +1,4 @@
-"""What the torque at either end of a transmission is known from.
+"""Sources of the torque at either end of a transmission.
 
 A torque sensor shows what passes through it; a load cell on the cable only what the
 cable pulls; a motor's current what the motor makes, its own friction included; and a
@@ -28,7 +28,7 @@ class Instruments(NamedTuple):
 
     @property
     def rows(self) -> tuple[int, ...]:
-        """Which of motor (0) and joint (1) are compared."""
+        """Return which of motor (0) and joint (1) are compared."""
         return tuple(row for row, each in enumerate(self) if each is not None)
 
     @property

@@ -111,7 +111,7 @@ def courses(scene: Scene, segments: int) -> tuple[Course, ...]:
 
 
 def _turned(course: Course) -> Course:
-    """The same course over angles that count the other way."""
+    """Return the same course over angles that count the other way."""
     return replace(
         course,
         joint=-course.joint[::-1],

@@ -104,7 +104,7 @@ def _order(
 
 
 def _twice(time: FloatArray, back: NDArray[np.intp]) -> bool:
-    """Whether two runs of rows in order cover the same time.
+    """Return whether two runs of rows in order cover the same time.
 
     Args:
         time: (rows,) [s].

@@ -30,7 +30,7 @@ _SAME_ZERO = (
 
 @dataclass
 class Recording:
-    """What a file holds, before it is checked and cut.
+    """Contents of a file, before it is checked and cut.
 
     Attributes:
         name: of the trial.
@@ -301,7 +301,7 @@ def _scaled(
 
 
 def _sha256(paths: Sequence[Path]) -> str:
-    """Of a file's bytes; of several, of their hashes in a row."""
+    """Return the hash of a file's bytes; of several, of their hashes in a row."""
     hashes = []
     for path in paths:
         with path.open("rb") as file:

@@ -124,7 +124,7 @@ def derived_noise(
 def _instrument(
     torque: str, trials: Sequence[Trial], file: DatasetFile, bench: Bench | None
 ) -> tuple[Instrument | None, list[Finding]]:
-    """What a torque is known from in all trials."""
+    """Return what a torque is known from in all trials."""
     if not file.source(torque).measured or not trials:
         if torque == channels.JOINT_TORQUE and _loaded(file):
             return "known load", []
@@ -153,7 +153,7 @@ def _instrument(
 
 
 def _said(torque: str, instrument: Instrument | None, trials: Sequence[Trial]) -> str:
-    """What a torque is known from, for the report."""
+    """Return what a torque is known from, for the report."""
     where = "every trial" if len(trials) > 1 else trials[0].name
     if instrument is None:
         return f"{torque} of {where} is not measured, so only the other is compared."

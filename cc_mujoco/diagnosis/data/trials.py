@@ -37,7 +37,7 @@ class Constant(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """How much a channel scatters when nothing happens, in its SI unit.
+    """Scatter of a channel when nothing happens, in its SI unit.
 
     Attributes:
         deviation: standard deviation of the sensor noise, quantisation included.
@@ -53,7 +53,7 @@ class Noise(NamedTuple):
 
 @dataclass(frozen=True)
 class Facts:
-    """What `dataset.toml` says of one trial.
+    """Declarations of `dataset.toml` for one trial.
 
     Attributes:
         split: what the trial may be used for; None leaves it to the program.
@@ -78,7 +78,7 @@ class Facts:
 
     @property
     def unhooked(self) -> bool:
-        """Whether the cables were taken off, so that they connect nothing."""
+        """Return whether the cables were taken off, so that they connect nothing."""
         return self.pretension == 0.0
 
 

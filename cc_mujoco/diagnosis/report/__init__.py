@@ -1,1 +1,1 @@
-"""What a diagnosis writes: page, figures, maps, recording."""
+"""Output of a diagnosis: page, figures, maps, recording."""

@@ -177,7 +177,7 @@ def _draw_map(axes: Axes, each: Map, both: bool) -> None:
 
 
 def _geometric(centre: FloatArray) -> bool:
-    """Whether bins have equal ratios rather than equal differences."""
+    """Return whether bins have equal ratios rather than equal differences."""
     if len(centre) < 3 or not np.all(centre > 0):
         return False
     even, ratio = np.diff(centre), np.diff(np.log(centre))

@@ -40,7 +40,7 @@ def ordinary(evidence: Evidence) -> Excerpt | None:
 
 
 def changed(evidence: Evidence) -> bool:
-    """Whether the model of `after` is another one than that of `before`."""
+    """Return whether the model of `after` is another one than that of `before`."""
     return any(
         not np.array_equal(trace.before[channel], trace.after[channel], equal_nan=True)
         for trace in evidence.traces

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves behind: one folder, written whole."""
+"""Results folder of a diagnosis: one folder, written whole."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
 
 
 def _provenance(folder: Path) -> Mapping[str, Any] | None:
-    """Of the diagnosis in a folder; None without one."""
+    """Return the provenance of the diagnosis in a folder; None without one."""
     try:
         found = json.loads((folder / VERDICT).read_text(encoding="utf-8"))
         return dict(found["provenance"]) if "verdict" in found else None

@@ -1,4 +1,4 @@
-"""What each section of the report says in words, without its figures.
+"""Text of each section of the report, without its figures.
 
 A section is None where the diagnosis has nothing for it.
 """
@@ -160,7 +160,7 @@ def maps(evidence: Evidence) -> Html | None:
 
 
 def excerpt_caption(excerpt: Excerpt, worst: bool) -> str:
-    """What an excerpt shows and why it was chosen."""
+    """Describe what an excerpt shows and why it was chosen."""
     time = excerpt.trace.time[excerpt.part]
     span = f"Trial {excerpt.trace.trial}, {time[0]:.1f} s to {time[-1]:.1f} s"
     size = f"{number(excerpt.error)} times its RMS error over all trials"
@@ -191,7 +191,7 @@ def candidates(diagnosis: Diagnosis, names: Names) -> Html | None:
 
 
 def likeness(evidence: Evidence, names: Names) -> Html | None:
-    """Which effects are alike, and which would drown in the noise."""
+    """Describe which effects are alike, and which would drown in the noise."""
     if not evidence.isolability.ids:
         return None
     pairs = [
@@ -218,7 +218,7 @@ def untested(diagnosis: Diagnosis, names: Names) -> Html | None:
 
 
 def experiment(diagnosis: Diagnosis, names: Names) -> Html | None:
-    """What to record next."""
+    """Describe what to record next."""
     planned = diagnosis.next_experiment
     if planned is None:
         return None
@@ -249,14 +249,14 @@ def parameters(diagnosis: Diagnosis, names: Names) -> Html | None:
 
 
 def problems(diagnosis: Diagnosis) -> Html:
-    """What is wrong with the data or the numerics."""
+    """Describe what is wrong with the data or the numerics."""
     if not diagnosis.problems:
         return paragraph("No problem of the data or of the numerics was found.")
     return bullets(diagnosis.problems)
 
 
 def provenance(diagnosis: Diagnosis) -> Html | None:
-    """From what, by what and how this was made."""
+    """Describe from what, by what and how this was made."""
     return _nested(diagnosis.provenance) if diagnosis.provenance else None
 
 

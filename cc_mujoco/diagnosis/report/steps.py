@@ -1,4 +1,4 @@
-"""What to do next: the three things at the top of the report."""
+"""Next steps: the three things at the top of the report."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _sure(found: Found, names: Names) -> str:
 
 
 def _use(diagnosis: Diagnosis) -> Html:
-    """What to change in the model."""
+    """Describe what to change in the model."""
     if any(problem.startswith(NO_SCENE) for problem in diagnosis.problems):
         return Html()
     gaps = [gap_sentence(name, each) for name, each in list(diagnosis.gap.items())[:1]]
@@ -105,7 +105,7 @@ def _use(diagnosis: Diagnosis) -> Html:
 
 
 def _doubt(diagnosis: Diagnosis, names: Names) -> Html:
-    """What to record or to declare, in order to know more."""
+    """Describe what to record or to declare, in order to know more."""
     if diagnosis.question and diagnosis.verdict != "unknown":  # which asks it first
         return _step("What to settle", diagnosis.question)
     if diagnosis.strayed:

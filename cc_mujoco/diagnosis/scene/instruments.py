@@ -32,7 +32,7 @@ _SENSOR = mujoco.mjtObj.mjOBJ_SENSOR
 
 
 class Measured(NamedTuple):
-    """What the sensors of a rig show at one instant.
+    """Readings of the sensors of a rig at one instant.
 
     Attributes:
         motor_angle: [rad].
@@ -104,7 +104,7 @@ def angle_sensors(model: mujoco.MjModel) -> tuple[int, int]:
 
 
 def instrumented(spec: mujoco.MjSpec) -> bool:
-    """Whether a scene has the four channels."""
+    """Return whether a scene has the four channels."""
     return all(spec.tuple(name) is not None for name in CHANNELS) and all(
         spec.sensor(name) is not None for name in (MOTOR_ANGLE, JOINT_ANGLE)
     )
@@ -178,7 +178,7 @@ def word(name: str) -> str:
 
 
 def parts(spec: mujoco.MjSpec, channel: str) -> list[Part]:
-    """What a torque is the sum of; nothing where the scene does not say."""
+    """Return what a torque is the sum of; nothing where the scene does not say."""
     found = spec.tuple(channel)
     if found is None:
         return []
@@ -230,7 +230,7 @@ def _ends(spec: mujoco.MjSpec, cable: str) -> tuple[str, str]:
 
 
 def _of_force(sensor: mujoco.MjsSensor | None, actuators: list[str]) -> bool:
-    """Whether a sensor shows the force of one of these actuators."""
+    """Return whether a sensor shows the force of one of these actuators."""
     force = mujoco.mjtSensor.mjSENS_ACTUATORFRC
     return sensor is not None and sensor.type == force and sensor.objname in actuators
 

@@ -1,4 +1,4 @@
-"""How MuJoCo has the effects that are not in the cable.
+"""Realisation in MuJoCo of the effects that are not in the cable.
 
     REALISATIONS["motor_inertia"].apply(spec, bench, {"motor_inertia": 2e-4})
 
@@ -24,7 +24,7 @@ from cc_mujoco.diagnosis.scene.mechanical import Values
 
 @dataclass(frozen=True)
 class Realisation:
-    """How MuJoCo has one effect.
+    """Realisation of one effect in MuJoCo.
 
     Attributes:
         parameters: names of its values; 0 is off, and leaves the scene as it was.

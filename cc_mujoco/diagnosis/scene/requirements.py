@@ -1,4 +1,4 @@
-"""What a scene must be so that any effect can be added to it, asked before the work.
+"""Requirements on a scene so that any effect can be added to it, asked before the work.
 
     require_repairable(Bench.of("bench.xml"))
 

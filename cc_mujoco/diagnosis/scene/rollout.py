@@ -103,7 +103,7 @@ def rollout(
 
 
 class _Sensors:
-    """What the instruments of a scene show.
+    """Readings of the instruments of a scene.
 
     Attributes:
         joints: indices of the motor's and the joint's hinge.

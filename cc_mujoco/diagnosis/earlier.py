@@ -1,4 +1,4 @@
-"""What an earlier diagnosis was made from, to be diagnosed again with more data."""
+"""Inputs of an earlier diagnosis, to be diagnosed again with more data."""
 
 from __future__ import annotations
 

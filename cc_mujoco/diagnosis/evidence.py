@@ -1,4 +1,4 @@
-"""What the report shows: measured and simulated signals, and maps of the error."""
+"""Contents of the report: measured and simulated signals, and maps of the error."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Map:
 
 @dataclass(frozen=True)
 class Isolability:
-    """How much alike two effects look once the baseline is retuned.
+    """Similarity of two effects once the baseline is retuned.
 
     Attributes:
         ids: of the effects.

@@ -1,4 +1,4 @@
-"""From files to a dataset, with everything noticed on the way.
+"""Intake of files into a dataset, with everything noticed on the way.
 
 >>> from cc_mujoco.diagnosis.intake import load
 >>> dataset, findings = load(["data"], "dataset.toml")    # doctest: +SKIP

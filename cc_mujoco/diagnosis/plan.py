@@ -127,7 +127,7 @@ def _require_free(out: Path, names: Sequence[str]) -> None:
 
 
 def _declared(path: Path) -> str:
-    """What was declared for a plan, to go on with its trials.
+    """Return what was declared for a plan, to go on with its trials.
 
     Raises:
         CableError: it speaks of trials, of which there are none before the plan.
@@ -206,7 +206,7 @@ def _write_motion(path: Path, motion: Motion) -> None:
 
 
 def _dataset(found: Plan, bench: Bench) -> str:
-    """What is known already of the trials, as TOML."""
+    """Return what is known already of the trials, as TOML."""
     lines = ["# What is planned; correct it where the rig did otherwise.", ""]
     for k, motion in enumerate(found.trials, start=1):
         tension = bench.cables[0].pretension * motion.pretension

@@ -1,4 +1,4 @@
-"""What a diagnosis says: the contract of `verdict.json`, schema 1."""
+"""Verdict of a diagnosis: the contract of `verdict.json`, schema 1."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class Strayed:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """What to record in order to tell rivals apart.
+    """Experiment to record in order to distinguish rivals.
 
     Attributes:
         description: what to do on the rig.
@@ -122,7 +122,7 @@ class NextExperiment:
 
 @dataclass(frozen=True)
 class Where:
-    """Where the error of the baseline lies.
+    """Location of the error of the baseline.
 
     Attributes:
         channel: `motor_torque_nm` or `joint_torque_nm`.

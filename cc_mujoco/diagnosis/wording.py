@@ -48,7 +48,7 @@ NOT_IN_SCENE = "scene.xml does not contain"
 
 
 class Names:
-    """What ids of effects are called in sentences.
+    """Names of effect ids in sentences.
 
     Args:
         titles: id to name; an id that is not in it has its underscores replaced.
@@ -72,12 +72,12 @@ def plain(name: str) -> str:
 
 
 def channel(name: str) -> str:
-    """What a channel is called: without its unit, `motor torque`."""
+    """Return the name of a channel: without its unit, `motor torque`."""
     return plain(name.removesuffix("_nm"))
 
 
 def capital(text: str) -> str:
-    """The same with a capital first letter."""
+    """Return the same with a capital first letter."""
     return text[:1].upper() + text[1:]
 
 
@@ -175,7 +175,7 @@ def fitted(value: Estimate) -> str:
 
 
 def gap_sentence(name: str, gap: Gap) -> str:
-    """What became of the error of one channel on held-out data."""
+    """Describe what became of the error of one channel on held-out data."""
     before, after, floor = (
         number(value, gap.noise_floor)
         for value in (gap.rmse_before, gap.rmse_after, gap.noise_floor)
@@ -204,7 +204,7 @@ def _places(value: float, digits: int) -> int:
 
 
 def _signed(text: str) -> str:
-    """The same with a true minus sign, and none at all on a rounded zero."""
+    """Return the same with a true minus sign, and none at all on a rounded zero."""
     if not text.startswith("-"):
         return text
     return text[1:] if not text.strip("-0.") else MINUS + text[1:]

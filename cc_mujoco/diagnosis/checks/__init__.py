@@ -1,1 +1,1 @@
-"""What is wrong with the data, before anything is inferred from them."""
+"""Checks for faults in the data, before anything is inferred from them."""

@@ -32,7 +32,7 @@ _DRIFT = 0.03  # change of the delay over a trial that matters [s]
 
 
 class Alignment(NamedTuple):
-    """How the joint's readings lie in time against the motor's.
+    """Timing of the joint's readings against the motor's.
 
     Attributes:
         delay: by which the joint comes late [s], NaN if that cannot be seen.

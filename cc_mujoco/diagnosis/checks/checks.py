@@ -338,7 +338,7 @@ def _motion(trial: Trial) -> list[Finding]:
 
 
 def _is_copy(one: FloatArray, other: FloatArray) -> bool:
-    """Whether a signal that moves is another one, scaled and shifted."""
+    """Return whether a signal that moves is another one, scaled and shifted."""
     there = np.isfinite(one) & np.isfinite(other)
     one, other = one[there], other[there]
     if one.size < 3 or not np.ptp(one) > 0.0 < np.ptp(other):

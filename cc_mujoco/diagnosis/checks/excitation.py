@@ -1,4 +1,4 @@
-"""What a dataset can show at all: speeds, reversals, rests, loads, repeats."""
+"""Content of a dataset: speeds, reversals, rests, loads, repeats."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SEEN = 3.0
 
 
 class Excitation(NamedTuple):
-    """What a dataset covers.
+    """Coverage of a dataset.
 
     Attributes:
         duration: time in valid stretches [s].
@@ -91,7 +91,7 @@ class Excitation(NamedTuple):
 
 
 def excitation(dataset: Dataset) -> Excitation:
-    """What the trials of a dataset cover together."""
+    """Return what the trials of a dataset cover together."""
     speeds, rests = [np.empty(0)], []
     reversals = 0
     for trial in dataset.trials:

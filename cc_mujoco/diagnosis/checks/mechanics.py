@@ -1,4 +1,4 @@
-"""What the two sides of a trial have to do with each other: ratios and works.
+"""Relations between the two sides of a trial: ratios and works.
 
 By virtual work the ratio of the angles is the ratio of the torques, friction aside. The
 work that goes in on one side and does not come out on the other is friction.
@@ -24,7 +24,7 @@ _BLOCKS = 8
 
 
 class Mechanics(NamedTuple):
-    """What the two sides of a trial have to do with each other.
+    """Relations between the two sides of a trial.
 
     Attributes:
         ratio: joint speed per motor speed.

@@ -1,4 +1,4 @@
-"""What a channel shows when nothing happens: quantisation and sensor noise."""
+"""Readings of a channel when nothing happens: quantisation and sensor noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How alike two repetitions are: what no model can explain.
+"""Deviation between two repetitions, which no model can explain.
 
 Of two repetitions the root mean square difference over the square root of two is what
 one of them scatters. As far as the difference follows the motor's, it is no scatter
@@ -28,7 +28,7 @@ Pair = dict[str, FloatArray]
 
 
 class Scatter(NamedTuple):
-    """What repetitions deviate by.
+    """Deviation between repetitions.
 
     Attributes:
         deviation: of one repetition by channel [its unit]; 0 without any.
@@ -66,7 +66,7 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[Finding]:
 
 
 def scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
-    """What one repetition deviates by, and in which trials.
+    """Return what one repetition deviates by, and in which trials.
 
     It comes from trials declared as repeats, else from the periods of periodic trials.
     Samples that are NaN do not count.

@@ -1,4 +1,4 @@
-"""Which side leads: a cable that pulls is longer, so that the motor is ahead.
+"""Check of which side leads: a cable that pulls is longer, so that the motor is ahead.
 
 The motor turns further than the joint by what the cable stretches, and more the more
 it pulls, whatever its friction. Angles that say the opposite are those of the other

@@ -56,12 +56,12 @@ class EffectParameter(NamedTuple):
 
     @property
     def linear(self) -> bool:
-        """Whether 0 is off; what cannot be 0 only shapes the effect."""
+        """Return whether 0 is off; what cannot be 0 only shapes the effect."""
         return self.low <= 0.0
 
     @property
     def size(self) -> bool:
-        """Whether it is one of the sizes by which the effect is known."""
+        """Return whether it is one of the sizes by which the effect is known."""
         return self.linear and not self.beside
 
 
@@ -95,7 +95,7 @@ class Torques:
 
 
 class Rig(NamedTuple):
-    """What an effect may need to know of the rig."""
+    """Properties of the rig that an effect may need."""
 
     motor_radius: float
     joint_radius: float
@@ -149,7 +149,7 @@ class Effect:
 
 
 def on_both(*names: str) -> Callable[..., tuple[Cable, ...]]:
-    """The same parameters on every cable."""
+    """Return the same parameters on every cable."""
 
     def cables(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
         changes = {name: values[name] for name in names}

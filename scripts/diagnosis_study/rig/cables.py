@@ -104,7 +104,7 @@ def start(p: Plant, pretension: float, arc_a: float, arc_b: float) -> Cables:
 
 @compiled
 def varies(p: Plant) -> bool:
-    """Whether friction depends on anything but load."""
+    """Return whether friction depends on anything but load."""
     return (
         p.stribeck != 0.0
         or p.asymmetry != 0.0

@@ -66,7 +66,7 @@ def clean_dataset(
     seed: int,
     names: tuple[str, ...] = BASIC,
 ) -> list[Array]:
-    """What a logger without noise would store: (samples, names) per trial."""
+    """Return what a logger without noise would store: (samples, names) per trial."""
     truth = truth_of(rig, effects, seed)
     sampled = MAKES[rig.make].logger.sampled
     return [sampled(run(truth, rig, t), rig, truth.chain, names) for t in trials]

@@ -58,7 +58,7 @@ def write_data(folder: Path, data: list[dict[str, Array]], facts: str) -> None:
 
 
 def facts_of(trials: str, seed: int) -> str:
-    """What the experimenter noted down about each trial."""
+    """Return what the experimenter noted down about each trial."""
     lines = []
     for k, trial in enumerate(make_trials(trials, seed)):
         tension = NOMINAL["pretension_n"] * trial.tightness
@@ -91,7 +91,7 @@ def _differences(truth: Truth, plain: Truth) -> dict[str, Any]:
 def label_of(
     rig: Rig, amounts: dict[str, float], asked: float, trials: str, seed: int
 ) -> dict[str, Any]:
-    """What is hidden, how much of it, and in which rig."""
+    """Return what is hidden, how much of it, and in which rig."""
     hidden = []
     for name, amount in amounts.items():
         effect = MAKES[rig.make].effects[name]

@@ -17,7 +17,7 @@ from rig.nominal import Rig
 
 
 class Logger(NamedTuple):
-    """How what happens in a rig becomes what is stored.
+    """Conversion of what happens in a rig into what is stored.
 
     Attributes:
         chain_of: what the sensors of a rig are like when nothing is hidden.
@@ -75,7 +75,7 @@ def _rich(_rig: Rig) -> str:
 
 
 def _slow_where_coarse(rig: Rig) -> str:
-    """Where encoders are coarse, trials with what is hard for them."""
+    """Return, where encoders are coarse, trials with what is hard for them."""
     return "restful" if instruments.chain_of(rig).coarse else "rich"
 
 

@@ -32,7 +32,7 @@ PARTS = 8
 
 
 class Tendon(NamedTuple):
-    """What the rig is made of, and what it hides; SI.
+    """Composition of the rig, and the effects it hides; SI.
 
     Attributes:
         friction: mu.

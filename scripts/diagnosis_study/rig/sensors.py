@@ -1,4 +1,4 @@
-"""From what happens in the rig to what its data logger stores.
+"""Sensors between what happens in the rig and what its data logger stores.
 
 All channels pass the logger's decimation filter, so it shifts none against another; the
 two channels of the joint are sampled by a card of their own, whose clock is a little
@@ -54,7 +54,7 @@ BASIC = ("motor_angle", "motor_torque", "joint_angle", "joint_torque")
 
 
 class Chain(NamedTuple):
-    """What may be wrong with the sensors, off at 0; SI and radians."""
+    """Possible faults of the sensors, off at 0; SI and radians."""
 
     delay: float = 0.0
     """Of the joint's card [s]: part dead time, part first-order lag."""

@@ -124,7 +124,7 @@ def forget() -> None:
 
 
 def _left_over(rig: Rig, change: Array, trials: str, seed: int) -> Array:
-    """What of a change remains when the plain rig has been tuned to it."""
+    """Return what of a change remains when the plain rig has been tuned to it."""
     bounds = np.array([tuned.bound for tuned in TUNED.values()])
     # Unit bounds, so that no constant is favoured by its unit.
     scaled = _tangents(rig, trials, seed) * bounds
@@ -140,7 +140,7 @@ def _left_over(rig: Rig, change: Array, trials: str, seed: int) -> Array:
 
 
 class Strength(NamedTuple):
-    """How strongly something shows: R, and RMS over floor by channel, twice."""
+    """Strength with which something shows: R, and RMS over floor by channel, twice."""
 
     raw: float
     refit: float
@@ -159,7 +159,7 @@ def measure(
     trials: str = "rich",
     seed: int = 0,
 ) -> Strength:
-    """How strongly effects, amount by id, show in the trials of `LOOKED_AT`."""
+    """Measure how strongly effects, amount by id, show in the trials of `LOOKED_AT`."""
     changed = _responses(rig, *_simulated(rig, effects, trials, seed))
     change = changed - _plain(rig, trials, seed)[2]
     left = _left_over(rig, change, trials, seed)

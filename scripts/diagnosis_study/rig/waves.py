@@ -19,7 +19,7 @@ def _bedded(y: float, h: float, bend: float) -> float:
 
 @compiled
 def _laid(tension: float, h: float, bend: float) -> float:
-    """Where `_bedded`, which only grows, is this tension (Newton)."""
+    """Return where `_bedded`, which only grows, is this tension (Newton)."""
     y = tension
     for _ in range(50):
         miss = _bedded(y, h, bend) - tension

@@ -145,7 +145,7 @@ def _coefficients(
 
 
 class _Row(NamedTuple):
-    """What the balance of the nodes is made of.
+    """Terms of the balance of the nodes.
 
     Attributes:
         elastic: tension of every element without damping (elements,) [N].
@@ -320,7 +320,7 @@ def _advanced(
     held: Array,
     dry: Array,
 ) -> bool:
-    """Whether the nodes after dt are found; else the cable is as it was.
+    """Return whether the nodes after dt are found; else the cable is as it was.
 
     `ends` are the displacements of both ends, before and after each.
     """

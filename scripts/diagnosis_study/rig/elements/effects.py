@@ -1,4 +1,4 @@
-"""What can be hidden in a rig of finite elements, by id; forms of their own."""
+"""Effects that can be hidden in a rig of finite elements, by id; forms of their own."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _SAMPLE_CLOCK = 1e-5
 
 
 class Chain(NamedTuple):
-    """What the sensors make of what happens, off at 0; SI and radians."""
+    """Sensor properties that distort what happens, off at 0; SI and radians."""
 
     # --- what this rig has, whatever is hidden ------------------------------------
     coarse: bool = False
@@ -58,7 +58,7 @@ class Chain(NamedTuple):
 
 
 def chain_of(rig: Rig) -> Chain:
-    """What the sensors of a rig are like when nothing is hidden."""
+    """Return what the sensors of a rig are like when nothing is hidden."""
     random = np.random.default_rng([rig.seed, 0x105])
     has = random.random(4) < 0.5
     size = random.uniform([2e-5, 5e-5, 3e-4, 2e-5], [8e-5, 2e-4, 8e-4, 1.5e-4])
@@ -79,7 +79,7 @@ def channels(rig: Rig) -> dict[str, Channel]:
 
 
 def _moments(rig: Rig, chain: Chain, count: int) -> Array:
-    """When is sampled [s]."""
+    """Return the sampling times [s]."""
     even = np.arange(count) / SAMPLE_RATE
     if chain.jitter == 0.0:
         return even

@@ -181,7 +181,7 @@ def _swaying(border: Array, random: Generator) -> Array:
 
 
 def _lived_with(random: Generator) -> dict[str, float]:
-    """What this builder did not get rid of: about half of what there is."""
+    """Return what this builder did not get rid of: about half of what there is."""
     has_shaft, has_gear, has_limit = random.random(3) < 0.5
     stiff, teeth, limit = random.uniform([1.2e4, 1e-5, 7.0], [4e4, 4e-5, 12.0])
     phase = random.uniform(-math.pi, math.pi)

@@ -91,7 +91,7 @@ def pull(stiffness: float, stretch: float, sag: float) -> tuple[float, float]:
 def _held(
     p: Plant, cables: Cables, c: int, i: int, joint: float
 ) -> tuple[float, float]:
-    """What a guide holds over its load, and friction that needs no load [N]."""
+    """Return what a guide holds over its load, and friction that needs no load [N]."""
     guides = p.bend.shape[1]
     speed = cables.speed[c, i]
     factor = 1.0 + p.stick_excess / (1.0 + (speed / p.stick_speed) ** 2)
@@ -109,7 +109,7 @@ def _held(
 
 
 class _Row(NamedTuple):
-    """What a guide's balance is made of, arrays of (guides,) but for the first two.
+    """Terms of a guide's balance, arrays of (guides,) but for the first two.
 
     Attributes:
         tension: of every piece (guides + 1) [N].

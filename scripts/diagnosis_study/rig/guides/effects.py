@@ -1,4 +1,4 @@
-"""What can be hidden in a rig with guides, by id; forms of their own."""
+"""Effects that can be hidden in a rig with guides, by id; forms of their own."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _field(
 def _more(
     name: str, signed: bool = False, **drawn: tuple[float, float]
 ) -> Callable[[Truth, float, Generator], Truth]:
-    """The same with other fields drawn evenly between two numbers."""
+    """Return the same with other fields drawn evenly between two numbers."""
     plainly = _field(name, signed)
 
     def hide(truth: Truth, amount: float, random: Generator) -> Truth:

@@ -1,4 +1,4 @@
-"""From measured data to a better model: where a simulation disagrees, why, the repair.
+"""Diagnosis from measured data: where a simulation disagrees, why, the repair.
 
 from cc_mujoco.diagnosis import diagnose
 

@@ -65,7 +65,7 @@ class Earlier(NamedTuple):
         )
 
     def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:
-        """What the columns of these trials and the earlier ones mean, in one file.
+        """Return what the columns of these and the earlier trials mean, in one file.
 
         Raises:
             CableError: there is another beside the new trials, which nobody would read.

@@ -53,7 +53,7 @@ class Found:
 
     @property
     def missing(self) -> bool:
-        """Whether it is called missing: no refinement, not disputed, not ordinary."""
+        """Return whether it is missing: no refinement, not disputed, not ordinary."""
         return not (self.refinement or self.disputed or self.ordinary)
 
 

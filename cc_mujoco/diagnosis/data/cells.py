@@ -117,7 +117,7 @@ def at_end(torque: str, trial: Trial) -> list[str]:
 
 
 def beside(torque: str, trials: Sequence[Trial], bench: Bench | None) -> list[Finding]:
-    """What cells say that nobody asks, as a torque sensor is at the same end."""
+    """Return what cells say that nobody asks, as a torque sensor is at the same end."""
     having = [trial for trial in trials if at_end(torque, trial)]
     if not having:
         return []

@@ -131,5 +131,5 @@ def tension(column: str) -> str:
 
 
 def no_channel(column: str) -> str:
-    """What a column measures by its unit, and what to do, if it is no channel's."""
+    """Return what a column that is no channel's measures by its unit; what to do."""
     return _ELSE.get(last_word(column), "")

@@ -185,7 +185,7 @@ def _counts(
     values: dict[str, FloatArray],
     facts: Facts,
 ) -> tuple[NDArray[np.bool_], list[Finding]]:
-    """Which samples count: nothing missing, not masked, in the stretches declared."""
+    """Return which samples count: none missing or masked, in declared stretches."""
     name = recording.name
     findings = []
     good = np.ones(len(time), dtype=bool)

@@ -30,7 +30,7 @@ ANGLES = 2001
 
 
 def leading(cable: Cable) -> Leading:
-    """What a joint may move of a cable."""
+    """Return what a joint may move of a cable."""
     if cable.path == "mixed":
         return "mixed"
     if cable.path == "open":
@@ -39,7 +39,7 @@ def leading(cable: Cable) -> Leading:
 
 
 def ties(model: mujoco.MjModel, name: str, cable: Cable, tendon: str) -> bool:
-    """Whether a cable that ends at a tendon is tied to the end of its own path."""
+    """Return whether a cable that ends at a tendon is tied to its own path's end."""
     if leading(cable) not in OPEN:
         return False
     return route_tendon(model, name) == int(model.tendon(tendon).id)

@@ -1,4 +1,4 @@
-"""What `cc-mujoco run` says, beside the rows of a run, of how it went.
+"""Page that `cc-mujoco run` writes beside the rows of a run, on how it went.
 
 cut_short(Path("data/trial_01.csv"))        # "" or "stopped by SIGTERM."
 """
@@ -36,7 +36,7 @@ def scene_of(rows: Path) -> str:
 
 
 def _told(rows: Path) -> dict[str, Any]:
-    """What the page says, if it is one of ours."""
+    """Return what the page says, if it is one of ours."""
     try:
         told = json.loads(page_of(rows).read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -68,7 +68,7 @@ def completed(
 
 
 def expected(file: DatasetFile, bench: Bench) -> Instruments:
-    """What the torques will be known from, by what is declared before there are data.
+    """Return what the torques will be known from, as declared before any data.
 
     A table of a torque's column means a sensor, tables of the load cells of all cables
     at one end mean these, a torque constant a current, and a load in `[rig]` that load.

@@ -1,4 +1,4 @@
-"""What an effect is: where it acts, its parameters, how it changes a simulation."""
+"""Effect: where it acts, its parameters, how it changes a simulation."""
 
 from __future__ import annotations
 

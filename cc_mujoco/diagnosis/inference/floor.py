@@ -1,4 +1,4 @@
-"""What no model can explain: sensor noise, and that of angles sent through the rig.
+"""Error floor of any model: sensor noise, and that of angles sent through the rig.
 
 Where the cable runs, noise of the angles hardly matters; where its end sticks, the
 angle's last digit is worth newtons. So the floor is a number for every sample: how far

@@ -233,7 +233,7 @@ def residual_changes(
 
 
 def _replayed(problem: Problem, x: FloatArray, index: int, step: float) -> bool:
-    """Whether a change of a parameter takes a replay, or only what is shown of it."""
+    """Return whether a parameter change takes a replay, or only its readout."""
     moved = x.copy()
     moved[index] += step
     here, there = (

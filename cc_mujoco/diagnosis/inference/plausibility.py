@@ -20,7 +20,7 @@ SURE = 0.95
 
 
 def implausible(problem: Problem, x: FloatArray) -> str:
-    """What is impossible of the effects of a model, in words; empty if nothing is.
+    """Describe what is impossible of a model's effects; empty if nothing is.
 
     Args:
         problem: the model.
@@ -127,7 +127,7 @@ def usual(problem: Problem, x: FloatArray, parameter: EffectParameter) -> float:
 
 
 def _whole(of: str, cable: Cable) -> float:
-    """What the ordinary size of an effect's parameter is a share of."""
+    """Return what the ordinary size of an effect's parameter is a share of."""
     if of == "cable":
         return cable.length / cable.axial_stiffness
     return cable.pretension / (cable.length if of == "pretension per length" else 1.0)

@@ -1,4 +1,4 @@
-"""From checked trials to a verdict: baseline, search, and what follows from them."""
+"""Path from trials to a verdict: baseline, search, and what follows from them."""
 
 from __future__ import annotations
 
@@ -233,7 +233,7 @@ def _concluded(
 def _tied(
     rivals: tuple[str, ...], others: Mapping[str, tuple[str, ...]]
 ) -> tuple[str, ...]:
-    """What is in a tie, with what parts of the data name in place of the first."""
+    """Return the tie, with what parts of the data name in place of the first."""
     more = others.get(rivals[0], ()) if rivals else ()
     return (*rivals, *(name for name in more if name not in rivals))
 

@@ -1,4 +1,4 @@
-"""Which effects could explain the error: signatures once the baseline is retuned.
+"""Effects that could explain the error: signatures once the baseline is retuned.
 
 The signature of an effect is the change that it makes in the simulated torques, less
 whatever the free parameters could make as well (the score test of its presence). It

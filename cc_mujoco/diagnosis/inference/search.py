@@ -256,7 +256,7 @@ def _screened(
 
 
 def _chosen(signatures: Sequence[Signature], hopeful: float) -> list[Signature]:
-    """What may be worth a refit; `hopeful` is the least share it has to promise."""
+    """Return what may be worth a refit; `hopeful` is the least share to promise."""
     if not signatures:
         return []
     least = max(PROMISING * signatures[0].explained, hopeful)

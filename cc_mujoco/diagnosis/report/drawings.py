@@ -185,7 +185,7 @@ def _geometric(centre: FloatArray) -> bool:
 
 
 def _broken(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The same with a break wherever samples are missing, so that no line crosses."""
+    """Return the same, broken where samples are missing, so that no line crosses."""
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > 3.0 * np.median(steps)) + 1
     return np.insert(time, gaps, np.nan), np.insert(values, gaps, np.nan)

@@ -1,4 +1,4 @@
-"""Which seconds of the trials the report shows: the worst ones, and ordinary ones."""
+"""Seconds of the trials that the report shows: the worst ones, and ordinary ones."""
 
 from __future__ import annotations
 

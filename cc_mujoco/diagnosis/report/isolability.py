@@ -1,4 +1,4 @@
-"""Which effects look alike in these data, and which would show at all: the heat map."""
+"""Heat map of which effects look alike in these data, and which would show at all."""
 
 from __future__ import annotations
 

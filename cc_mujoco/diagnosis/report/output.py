@@ -134,7 +134,7 @@ def write(
 def provenance(
     result: Result, dataset: Dataset, out: Path, command: str, seed: int
 ) -> Mapping[str, Any]:
-    """Where all this comes from; relative paths are from `folder`, seen from `out`."""
+    """Return the provenance; relative paths are from `folder`, seen from `out`."""
     return {
         "command": command,
         "seed": seed,

@@ -232,7 +232,7 @@ def _settled(
 
 
 class Bends(NamedTuple):
-    """What the bends hold: E, drag [N], and viscous force per slip of a step [N/m]."""
+    """Hold of the bends: E, drag [N], and viscous force per slip of a step [N/m]."""
 
     most: Array
     drag: Array

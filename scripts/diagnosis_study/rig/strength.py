@@ -1,4 +1,4 @@
-"""How strongly a hidden effect shows, and the amount that shows as strongly as asked.
+"""Strength of a hidden effect, and the amount that shows as strongly as asked.
 
 The strength R is what an effect changes in the torques and the joint's angle at the
 same commands: root mean square over these channels of its RMS change over that

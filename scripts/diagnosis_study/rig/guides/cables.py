@@ -143,7 +143,7 @@ def _balance(
     dt: float,
     row: _Row,
 ) -> tuple[float, float]:
-    """What is left of every guide's balance; the most, and the anchorage's stretch.
+    """Return the rest of every guide's balance; the most, and the anchorage's stretch.
 
     `ends` are the tension at rest and the displacements of both ends.
     """

@@ -93,7 +93,7 @@ def is_end(name: str, end: str) -> bool:
 
 
 def radius(torque: str, bench: Bench) -> float:
-    """Of the pulley at a torque, or arm of the lever at 0 [m]."""
+    """Return the pulley's radius at a torque, or the lever's arm at 0 [m]."""
     motor = torque == channels.MOTOR_TORQUE
     return bench.motor_radius if motor else bench.joint_radius
 
@@ -101,7 +101,7 @@ def radius(torque: str, bench: Bench) -> float:
 def pull_torque(
     trial: Trial, torque: str, bench: Bench
 ) -> tuple[FloatArray, list[str]]:
-    """What one cell pulls more than the other, over the pulley [Nm]; their names."""
+    """Return the net torque of the cells over the pulley [Nm], and their names."""
     names = [
         next(name for name in known if name in trial.tensions)
         for known in _channels(ENDS[torque], bench)

@@ -16,7 +16,7 @@ Instrument = Literal["torque sensor", "load cells", "motor current", "known load
 
 
 class Instruments(NamedTuple):
-    """Of all trials of a dataset.
+    """Sources of the torques in all trials of a dataset.
 
     Attributes:
         motor: what the motor's torque is known from; None if it is not known.

@@ -76,7 +76,7 @@ def require_led(model: mujoco.MjModel, name: str, joint: str, where: str) -> Non
 
 
 class Scene(NamedTuple):
-    """What paths are tabulated of.
+    """Scene whose paths are tabulated.
 
     Attributes:
         path: of the scene.

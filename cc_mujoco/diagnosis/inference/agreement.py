@@ -81,7 +81,7 @@ def counted(
     own: Mapping[str, set[str]],
     named: Sequence[Sequence[set[str]]],
 ) -> Agreement:
-    """What the parts come to.
+    """Return the agreement of the parts.
 
     Args:
         effects: that the whole names.

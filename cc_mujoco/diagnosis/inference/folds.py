@@ -106,7 +106,7 @@ class CrossValidation(NamedTuple):
 
     @property
     def noise_mse(self) -> float:
-        """What it would be if there was noise of the sensors only."""
+        """Mean squared error if there was noise of the sensors only."""
         kept = [
             (noise / floor)[:, np.isfinite(error[0])].ravel()
             for noise, floor, error in zip(
@@ -168,7 +168,7 @@ def blocks(crossed: CrossValidation) -> FloatArray:
 
 
 def _in_blocks(crossed: CrossValidation, parts: Sequence[FloatArray]) -> FloatArray:
-    """The same of any (2, samples) of every record, where errors were held out."""
+    """Sum the squares of any (2, samples) per record where errors were held out."""
     found = []
     for record, error, part in zip(
         crossed.problem.plant.records, crossed.errors, parts, strict=True

@@ -65,7 +65,7 @@ class Resolved(NamedTuple):
 
 
 class _Column(NamedTuple):
-    """What a column of changes is of.
+    """Source of a column of changes.
 
     Attributes:
         effect: id; empty for a parameter of the baseline.

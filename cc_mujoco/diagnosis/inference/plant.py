@@ -161,7 +161,7 @@ def tuned(
 def _motor_tuned(
     records: Sequence[Record], constants: Mapping[str, Constant], rms: float
 ) -> list[Tuned]:
-    """What a current shows of the motor itself: nobody knows its friction."""
+    """Return what a current shows of the motor itself: nobody knows its friction."""
     speed = _top_speed(records)
     found = [
         Tuned("motor_friction", "Nm", 0.0, 0.1 * rms, 0.0, 100.0, False),

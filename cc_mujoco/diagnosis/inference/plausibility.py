@@ -1,4 +1,4 @@
-"""Whether fitted effects are what they are called: possible, sure, out of the way."""
+"""Checks that fitted effects are as they are called: possible, sure, out of the way."""
 
 from __future__ import annotations
 

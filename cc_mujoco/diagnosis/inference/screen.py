@@ -82,7 +82,7 @@ class Changes:
     def of(
         self, key: tuple[str, int, str], simulate: Callable[[], list[FloatArray]]
     ) -> list[FloatArray]:
-        """Those of one parameter of one start of an effect, (1, 2, samples) each."""
+        """Return those of one parameter of an effect's start, (1, 2, samples) each."""
         if key not in self._kept:
             self._kept[key] = simulate()
         return self._kept[key]

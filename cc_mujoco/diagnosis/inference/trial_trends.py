@@ -268,7 +268,7 @@ class _ByTrial:
         )
 
     def _derivatives(self, torques: Sequence[FloatArray]) -> FloatArray:
-        """Of the residuals (rows, parameters)."""
+        """Return the derivatives of the residuals (rows, parameters)."""
         steep = steepness(self._problem, torques, self._masks)
         return residual_changes(steep, self._slopes).T
 

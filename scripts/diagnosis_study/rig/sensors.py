@@ -138,7 +138,7 @@ def _joint_torque(records: Array, chain: Chain) -> Array:
 
 
 def sampled(records: Array, rig: Rig, chain: Chain, names: tuple[str, ...]) -> Array:
-    """What a noise-free logger with endless resolution stores, (samples, names)."""
+    """Return what a noise-free, endlessly fine logger stores, (samples, names)."""
     sos = butter(2, CUTOFF, fs=1 / RECORD_TIME, output="sos")
     recorded = records.shape[0] * RECORD_TIME - LEAD
     count = round(recorded * SAMPLE_RATE)

@@ -89,7 +89,7 @@ def _simulated(
 
 
 def _responses(rig: Rig, truth: Truth, records: list[Array]) -> Array:
-    """What the sensors make of records, over their noise floors, (samples, 3)."""
+    """Return the sensors' view of records, over their noise floors, (samples, 3)."""
     logger = MAKES[rig.make].logger
     floors = np.array([logger.channels(rig)[name].floor for name in RESPONSES])
     seen = [logger.sampled(record, rig, truth.chain, RESPONSES) for record in records]

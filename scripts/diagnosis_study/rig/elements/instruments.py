@@ -135,7 +135,7 @@ def _twisted(records: Array, torque: Array, chain: Chain) -> Array:
 
 
 def sampled(records: Array, rig: Rig, chain: Chain, names: tuple[str, ...]) -> Array:
-    """What a noise-free logger with endless resolution stores, (samples, names)."""
+    """Return what a noise-free, endlessly fine logger stores, (samples, names)."""
     sos = butter(2, CUTOFF, fs=1.0 / RECORD_TIME, output="sos")
     recorded = records.shape[0] * RECORD_TIME - LEAD
     moments = LEAD + _moments(rig, chain, round(recorded * SAMPLE_RATE))

@@ -178,7 +178,7 @@ _MISREAD = {_ANGLES: ("deg", "radians", ANGLE), _TORQUES: ("mNm", "Nm", TORQUE)}
 
 
 def wrong_unit(trial: Trial, channel: str) -> str:
-    """What may be if a channel reads 57, or of torques 1000 times what it should."""
+    """Suggest causes if a channel reads 57, or of torques 1000 times what it should."""
     pair = _ANGLES if channel in _ANGLES else _TORQUES
     small, plain, kind = _MISREAD[pair]
     other = pair[channel == pair[0]]

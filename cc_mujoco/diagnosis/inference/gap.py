@@ -83,7 +83,7 @@ def gaps(
 
 
 def _gap(squares: FloatArray, random: np.random.Generator) -> Gap:
-    """From weighted sums per block (blocks, 4): before, after, floor, weights."""
+    """Compute a gap from block sums (blocks, 4): before, after, floor, weights."""
     draws = random.integers(0, len(squares), (DRAWS, len(squares)))
     shares = [_closed(*squares[draw, :3].sum(axis=0)) for draw in draws]
     old, new, floor, weights = squares.sum(axis=0)

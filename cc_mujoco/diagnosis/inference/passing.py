@@ -38,8 +38,9 @@ def low_passed(signals: FloatArray, band: float, rate: float) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _coefficients(band: float) -> tuple[float, float, float]:
-    """Of z**0, over which those of z**-1 and z**-2 of the denominator; by bilinear map.
+    """Compute the filter's coefficients by bilinear map.
 
+    That of z**0, over which those of z**-1 and z**-2 of the denominator.
     The numerator is the first times 1, 2, 1.
 
     Args:

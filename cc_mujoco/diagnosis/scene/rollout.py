@@ -126,7 +126,7 @@ class _Sensors:
 
 
 class _Forces(_Sensors):
-    """What one cable does to a motor and to a lever, whose torque no sensor shows.
+    """Effect of one cable on a motor and on a lever, whose torque no sensor shows.
 
     That is what its ends pull, and the pieces of a path in the open, which are among
     MuJoCo's passive forces.

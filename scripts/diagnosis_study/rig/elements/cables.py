@@ -112,7 +112,7 @@ def pull(k: float, stretch: float, p: Plant, tight: float) -> tuple[float, float
 def _coefficients(
     p: Plant, cables: Cables, c: int, joint: float, time: float, held: Array, dry: Array
 ) -> None:
-    """What every node holds over its load, into `held`; what needs none, into `dry`."""
+    """Fill `held` by what nodes hold over their load, `dry` by what needs none."""
     inner = held.size
     overall = p.friction[c]
     whole, last = np.sum(p.bend[c]), p.yielding.shape[1] - 1

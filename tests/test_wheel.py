@@ -113,11 +113,10 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def lend_compiled(package: Path) -> None:
     """Give it what Numba has compiled here of the same sources, a minute's work.
 
-    Numba keeps code beside its source, which it knows by time and size.
+    Numba keeps code beside its source, with a stamp of what the sources say.
     """
     for source in (ROOT / "cc_mujoco").rglob("*.py"):
         copy = package / source.relative_to(ROOT / "cc_mujoco")
-        shutil.copystat(source, copy)
         for kept in (source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ci]"):
             (copy.parent / "__pycache__").mkdir(exist_ok=True)
             shutil.copy2(kept, copy.parent / "__pycache__")

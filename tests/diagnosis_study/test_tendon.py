@@ -20,10 +20,10 @@ FEW = ("viscous_friction", "end_compliance", "load_independent_friction")
 @pytest.mark.parametrize(
     ("rig", "name"),
     [
-        ("MuJoCo", "none"),
         ("MuJoCo", "viscous_friction"),
         ("closed forms", "end_compliance"),
-        pytest.param("closed forms", "none", marks=pytest.mark.study),
+        pytest.param("MuJoCo", "none", marks=pytest.mark.study),
+        ("closed forms", "none"),
         pytest.param("closed forms", "viscous_friction", marks=pytest.mark.study),
         pytest.param("MuJoCo", "end_compliance", marks=pytest.mark.study),
     ],

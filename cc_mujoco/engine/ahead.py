@@ -1,4 +1,4 @@
-"""What the ends of the cables will do in the step to come, compiled.
+"""Compiled prediction of the motion of the cable ends in the coming step.
 
 The force of a cable is due before MuJoCo knows where the step leads. An end is a stiff
 spring, and where the step is long for it, it takes the tension at
@@ -111,8 +111,8 @@ _FRICTION_DOF, _FRICTION_TENDON, _ELLIPTIC = 1, 2, 7
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 _UNKNOWN, _PLAIN, _CONSTRAINED, _DAMPED = 0, 1, 2, 3
-"""What is known of the step: nothing; the acceleration, by MuJoCo's own factor of the
-inertia; by a factor with constraints; with dampers after them."""
+"""State of knowledge of the step: nothing; the acceleration, by MuJoCo's own factor of
+the inertia; by a factor with constraints; with dampers after them."""
 
 
 @internal
@@ -142,13 +142,13 @@ def forget(block: int) -> None:
 
 @internal
 def unknown(area: int) -> bool:
-    """Whether the step has not been looked at yet."""
+    """Return whether the step has not been analysed yet."""
     return load_word(area) == _UNKNOWN
 
 
 @internal
 def implicit(model: int, block: int) -> bool:
-    """Whether the step is so long that the ends of a cable are to be implicit.
+    """Return whether the step is so long that the ends of a cable must be implicit.
 
     It may be where it is half of what is stable for an end, by the inertia of the pose
     `qpos0`, so that a pose of less inertia is stable too.
@@ -485,7 +485,7 @@ def _push(data: int, i: int, given: Floats, state: Floats) -> float:
 
 @internal
 def aim(model: int, data: int, block: int, kind: int, area: int, out: Floats) -> None:
-    """Where to evaluate the ends of a cable, and how far they yield (4,).
+    """Compute where to evaluate the ends of a cable, and how far they yield (4,).
 
     Displacements [m] of the proximal and the distal end while their tensions stay as
     they are, and by how much they go into the cable per tension [m/N]. How ends on the
@@ -522,7 +522,7 @@ def aim(model: int, data: int, block: int, kind: int, area: int, out: Floats) ->
 
 @internal
 def _mobility(model: int, data: int, kind: int, answer: Floats) -> float:
-    """By how much the ends of all cables together accelerate with a tension [1/kg].
+    """Compute the acceleration of all cable ends together per tension [1/kg].
 
     `answer` (nv,) is the acceleration of the degrees of freedom by it.
     """
@@ -571,7 +571,7 @@ def _place(model: int, data: int, block: int, end: int) -> tuple[float, float]:
 
 @internal
 def _along(data: int, output: int, motion: Floats) -> float:
-    """How far a motion of the degrees of freedom takes an actuator's output."""
+    """Return how far a motion of the degrees of freedom takes an actuator's output."""
     start = fields.integer(data, fields.MOMENT_ROWADR, output)
     columns = load_word(data + fields.MOMENT_COLIND) + 4 * start
     values = load_word(data + fields.MOMENT) + 8 * start

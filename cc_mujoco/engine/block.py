@@ -147,7 +147,7 @@ def outdate(block: int) -> None:
 
 @internal
 def opens(block: int) -> bool:
-    """Whether the cable leaves its conduit or has none."""
+    """Return whether the cable leaves its conduit or has none."""
     return load_word(block + GUIDED) < load_word(block + SEGMENTS)
 
 
@@ -199,6 +199,6 @@ def pose_at(state: int, n: int) -> int:
 
 @internal
 def memory(state: int, n: int) -> npt.NDArray[np.float64]:
-    """What a committed state of an open cable remembers of its path."""
+    """Return the memory of the path in a committed state of an open cable."""
     begin = state + 8 * (kernel.state_size(n) + PATH)
     return floats(begin, pieces.memory_size(n))

@@ -181,7 +181,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     @cfunc(_REFUSED, **options)
     def refused(model: int, instance: int) -> int:
-        """Whether the instance cannot be used; if so, MuJoCo has been told why."""
+        """Return whether the instance cannot be used; if so, report why to MuJoCo."""
         _ = stamp
         message = np.zeros(CAPACITY, np.uint8)
         start = opening(message, model, instance)
@@ -348,7 +348,7 @@ def compile_callbacks(stamp: str, cache: bool) -> dict[str, Any]:
 
     @cfunc(_WRAP, **options)
     def aim(model: int, data: int, instance: int, out: int) -> None:
-        """Where to evaluate the ends of an instance, see `ahead.aim`, to an address."""
+        """Write where to evaluate an instance's ends to an address, see `ahead.aim`."""
         _ = stamp
         kind = fields.integer(model, fields.PLUGIN, instance)
         lead = fields.block(data, ahead.first(model, instance))

@@ -42,7 +42,7 @@ REQUIRED = ("axial_stiffness", "pretension", "friction", "conduit")
 """Keys that an MJCF instance must give; other effects are off unless given."""
 
 VALID = -1
-"""What `read` returns as key when the configuration can be used."""
+"""Key that `read` returns when the configuration can be used."""
 
 SCALARS = len(PARAMETERS)
 SEGMENTS = KEYS.index("segments")
@@ -147,26 +147,26 @@ def segments(block: int) -> int:
 
 @internal
 def moves(block: int) -> bool:
-    """Whether the bends of the conduit follow its route."""
+    """Return whether the bends of the conduit follow its route."""
     return same(value(block, BEND), _ROUTED)
 
 
 @internal
 def opens(block: int) -> bool:
-    """Whether the cable leaves its conduit, or has none: `path` is open or mixed."""
+    """Return whether the cable leaves its conduit or has none: open or mixed `path`."""
     written = value(block, PATH)
     return same(written, _OPEN) or same(written, _MIXED)
 
 
 @internal
 def explicit(block: int) -> bool:
-    """Whether the ends are never to be implicit."""
+    """Return whether the ends are never to be implicit."""
     return same(value(block, ENDS_KEY), _EXPLICIT)
 
 
 @internal
 def mixed(block: int) -> bool:
-    """Whether the cable leaves its conduit: `path` is mixed."""
+    """Return whether the cable leaves its conduit: `path` is mixed."""
     return same(value(block, PATH), _MIXED)
 
 
@@ -206,7 +206,7 @@ def _sections(written: Bytes, sections: npt.NDArray[np.float64]) -> int:
 
 @internal
 def same(a: Bytes, b: Bytes) -> bool:
-    """Whether two texts are equal."""
+    """Return whether two texts are equal."""
     if a.size != b.size:
         return False
     for i in range(a.size):

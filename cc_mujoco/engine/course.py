@@ -34,13 +34,13 @@ from cc_mujoco.transmission.led import Course
 _STEP = 1e-3
 """Turn by which a joint is tried [rad]."""
 _STILL = 1e-6
-"""What rounding changes of a path that a joint does not move, per radian."""
+"""Change by rounding of a path that a joint does not move, per radian."""
 
 
 def course_of(
     model: mujoco.MjModel, cable: str, joint: str, angles: FloatArray
 ) -> Course:
-    """What the path of a cable does with a joint.
+    """Compute the course of a cable's path as a joint turns.
 
     Args:
         model: with the cable.

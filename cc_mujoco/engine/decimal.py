@@ -24,13 +24,13 @@ _LOWEST = -1074
 
 @internal
 def is_digit(character: int) -> bool:
-    """Whether a character is 0..9."""
+    """Return whether a character is 0..9."""
     return 48 <= character <= 57
 
 
 @internal
 def is_space(character: int) -> bool:
-    """Whether a character is a blank, tab or line break."""
+    """Return whether a character is a blank, tab or line break."""
     return character == 32 or 9 <= character <= 13
 
 

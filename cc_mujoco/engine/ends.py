@@ -1,4 +1,4 @@
-"""What a plugin instance is attached to: its two ends and its route, checked compiled.
+"""Attachment of a plugin instance, checked compiled: its two ends and its route.
 
 The first actuator of an instance (in the order of the model) is the proximal end, the
 second the distal end.
@@ -142,7 +142,7 @@ def gear(model: int, out: int) -> float:
 
 @internal
 def _a_metre(model: int, actuator: int) -> bool:
-    """Whether a hinge turns a pulley of 1 m, which an absent `gear` means, or more."""
+    """Return whether a hinge turns a pulley of 1 m (also by absent `gear`) or more."""
     if fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator) != _TRN_JOINT:
         return False
     target = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
@@ -162,7 +162,7 @@ def _fits(model: int, actuator: int) -> bool:
 
 @internal
 def spatial(model: int, tendon: int) -> bool:
-    """Whether a tendon is a spatial one."""
+    """Return whether a tendon is spatial."""
     start = fields.integer(model, fields.TENDON_ADR, tendon)
     return fields.integer(model, fields.WRAP_TYPE, start) != _FIXED_TENDON
 
@@ -223,7 +223,7 @@ def explain(message: Bytes, used: int, model: int, instance: int) -> int:
 
 @internal
 def _drags(model: int, actuator: int) -> int:
-    """What an actuator has of its own: damping (0), armature (1), nothing (-1)."""
+    """Return what an actuator has itself: damping (0), armature (1), nothing (-1)."""
     damping = fields.real(model, fields.ACTUATOR_DAMPING, actuator)
     higher = fields.ACTUATOR_DAMPINGPOLY
     if damping != 0.0 or fields.real(model, higher, 2 * actuator) != 0.0:
@@ -235,7 +235,7 @@ def _drags(model: int, actuator: int) -> int:
 
 @internal
 def _clamped(model: int, actuator: int) -> int:
-    """What clamps the force of an actuator: a joint (0), its tendon (1), nothing (-1).
+    """Return what clamps an actuator's force: joint (0), its tendon (1), nothing (-1).
 
     MuJoCo clamps what all actuators of a joint, or of a tendon, make together.
     """
@@ -253,7 +253,7 @@ def _clamped(model: int, actuator: int) -> int:
 
 @internal
 def _leads(model: int, joint: int, tendon: int) -> bool:
-    """Whether a joint moves a part of a tendon against the rest."""
+    """Return whether a joint moves a part of a tendon against the rest."""
     carried = fields.integer(model, fields.JNT_BODY, joint)
     start = fields.integer(model, fields.TENDON_ADR, tendon)
     inside, outside = 0, 0
@@ -275,7 +275,7 @@ def _leads(model: int, joint: int, tendon: int) -> bool:
 
 @internal
 def _together(model: int, first: int, second: int) -> bool:
-    """Whether both ends are held by the same joint, or by the same tendon one way."""
+    """Return whether one joint, or one tendon in one direction, holds both ends."""
     for field in (fields.ACTUATOR_TRNTYPE, fields.ACTUATOR_TRNID):
         step = 2 if field == fields.ACTUATOR_TRNID else 1
         if fields.integer(model, field, step * first) != fields.integer(
@@ -293,7 +293,7 @@ def _together(model: int, first: int, second: int) -> bool:
 def _affixed(
     candidate: Bytes, wanted: Bytes, name: Bytes, prefix: int, suffix: int
 ) -> bool:
-    """Whether a name is `wanted` between a prefix and a suffix of `name`.
+    """Return whether a name is `wanted` between a prefix and a suffix of `name`.
 
     `prefix` and `suffix` are their sizes.
     """
@@ -308,7 +308,7 @@ def _affixed(
 
 @internal
 def _bears(label: Bytes, name: Bytes, prefix: int, suffix: int) -> bool:
-    """Whether an element, if it has a name, has that prefix and suffix of `name`."""
+    """Return whether an element, if named, has that prefix and suffix of `name`."""
     return label.size == 0 or (
         label.size > prefix + suffix
         and same(label[:prefix], name[:prefix])
@@ -318,7 +318,7 @@ def _bears(label: Bytes, name: Bytes, prefix: int, suffix: int) -> bool:
 
 @internal
 def _attached(model: int, instance: int, tendon: int, prefix: int, suffix: int) -> bool:
-    """Whether all that an instance and a tendon are made of bears an affix too."""
+    """Return whether all elements of an instance and a tendon bear an affix too."""
     name = fields.plugin_name(model, instance)
     _, first, second = find(model, instance)
     for actuator in (first, second):
@@ -400,7 +400,7 @@ def find_mouth(
 
 @internal
 def tied(model: int, actuator: int, tendon: int) -> bool:
-    """Whether an end is tied to a site of the cable's own tendon: that moves it."""
+    """Return whether an end is tied to a site of the cable's tendon: that moves it."""
     kind = fields.integer(model, fields.ACTUATOR_TRNTYPE, actuator)
     target = fields.integer(model, fields.ACTUATOR_TRNID, 2 * actuator)
     return kind == _TRN_TENDON and target == tendon
@@ -441,7 +441,7 @@ def explain_bypass(
 
 @internal
 def _equated(model: int, tendon: int) -> bool:
-    """Whether an equality constraint holds the length of a tendon."""
+    """Return whether an equality constraint holds the length of a tendon."""
     for i in range(fields.equalities(model)):
         if fields.integer(model, fields.EQ_TYPE, i) == _EQUAL_TENDONS and (
             fields.integer(model, fields.EQ_OBJECT_1, i) == tendon
@@ -453,7 +453,7 @@ def _equated(model: int, tendon: int) -> bool:
 
 @internal
 def idle(model: int, instance: int) -> bool:
-    """Whether an end is in a group of actuators that is disabled."""
+    """Return whether an end is in a disabled group of actuators."""
     groups = fields.disabled_groups(model)
     if groups == 0:
         return False

@@ -78,7 +78,7 @@ def up_to_date(block: int, model: int, instance: int) -> bool:
 
 @internal
 def bent_as_last(block: int) -> bool:
-    """Whether the path is now what it was at the last stage of RK4."""
+    """Return whether the path is now what it was at the last stage of RK4."""
     n = load_word(block + SEGMENTS)
     now, last = shape_at(block, n, 0), shape_at(block, n, 4)
     return same_words(now, last, load_word(block + SHAPE) // 8)
@@ -238,7 +238,7 @@ def begin(
 
 @internal
 def stiffened(block: int) -> bool:
-    """Whether a piece is twice as stiff as it was when this was last so."""
+    """Return whether a piece is twice as stiff as when this was last true."""
     n = load_word(block + SEGMENTS)
     prm = floats(parameters_at(block), kernel.parameter_size(n))
     shape = floats(shape_at(block, n, 0), pieces.shape_size(n))

@@ -206,7 +206,7 @@ def integrator(model: int) -> int:
 
 @internal
 def disabled(model: int, flag: int) -> bool:
-    """Whether a part of the engine is disabled, an `mjtDisableBit`."""
+    """Return whether a part of the engine is disabled, an `mjtDisableBit`."""
     return load_integer(model + _DISABLED) & flag != 0
 
 
@@ -230,7 +230,7 @@ def time(data: int) -> float:
 
 @internal
 def signature(model: int) -> int:
-    """What tells models apart."""
+    """Return the signature that distinguishes models."""
     return load_word(model + _SIGNATURE)
 
 
@@ -266,7 +266,7 @@ def mocaps(model: int) -> int:
 
 @internal
 def moves(model: int, body: int) -> bool:
-    """Whether a body is not fixed to the world."""
+    """Return whether a body is not fixed to the world."""
     return integer(model, _WELD, body) != 0
 
 
@@ -296,7 +296,7 @@ def equalities(model: int) -> int:
 
 @internal
 def has_userdata(model: int) -> bool:
-    """Whether a simulation has numbers that belong to its user."""
+    """Return whether a simulation has numbers that belong to its user."""
     return load_word(model + _NUSERDATA) > 0
 
 

@@ -37,9 +37,9 @@ _SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
 _PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
 
 _LEAST = 2e-3
-"""What a step may move an end by whatever its velocity is [m]."""
+"""Motion that a step allows an end whatever its velocity is [m]."""
 _TIMES, _TIMES_TOUCHED = 3.0, 1.5
-"""By how much the velocity may change within a step, for impacts."""
+"""Factors by which the velocity may change within a step, for impacts."""
 _SHARE = 0.01
 """Change of tension from which a motion by hand counts, as a part of the tension."""
 _EQUAL = 1e-9

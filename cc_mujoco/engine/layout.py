@@ -1,4 +1,4 @@
-"""Where the fields of MuJoCo's C structures lie in memory.
+"""Memory layout of the fields of MuJoCo's C structures.
 
 The layout follows from `mujoco.introspect`, MuJoCo's own machine-made description of
 its headers, with the platform's alignment rules (through `ctypes`). `verify` compares

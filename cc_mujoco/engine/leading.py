@@ -1,4 +1,4 @@
-"""How a cable is led along its path, compiled: of the callbacks of the engine plugin.
+"""Compiled guidance of a cable along its path, for callbacks of the engine plugin.
 
 Functions that other callbacks call by name, so that they are compiled once each.
 """
@@ -67,7 +67,7 @@ _survey = types.ExternalFunction("cc_mujoco_survey", _SURVEY)
 
 @internal
 def _rest_mocap(model: int, held: Floats) -> None:
-    """Where mocap bodies are at the start: position and orientation (bodies, 7)."""
+    """Write the initial position and orientation of mocap bodies (bodies, 7)."""
     for body in range(fields.bodies(model)):
         for i in range(7):
             field = fields.BODY_POS if i < 3 else fields.BODY_QUAT

@@ -212,7 +212,7 @@ def words(address: int, count: int) -> npt.NDArray[np.int64]:
 
 @internal
 def same_words(a: int, b: int, count: int) -> bool:
-    """Whether as many aligned words at two addresses are equal, bit by bit."""
+    """Return whether `count` aligned words at two addresses are equal, bit by bit."""
     one, other, different = words(a, count), words(b, count), 0
     for i in range(count):
         different |= one[i] ^ other[i]
@@ -260,7 +260,7 @@ def dot(a: Floats, b: Floats) -> float:
 
 @internal
 def equal(a: Floats, b: Floats) -> bool:
-    """Whether two arrays hold the same numbers."""
+    """Return whether two arrays hold the same numbers."""
     for i in range(a.size):
         if a[i] != b[i]:
             return False
@@ -269,7 +269,7 @@ def equal(a: Floats, b: Floats) -> bool:
 
 @internal
 def vanishes(a: Floats) -> bool:
-    """Whether an array is all 0."""
+    """Return whether an array is all 0."""
     for i in range(a.size):
         if a[i] != 0.0:
             return False
@@ -380,7 +380,7 @@ def append_millimetres(message: Bytes, used: int, metres: float) -> int:
 
 @internal
 def said_before(message: Bytes, used: int, about: int) -> bool:
-    """Whether this process has said so of the same thing; from now on it has.
+    """Return whether this process already issued `message` on `about`; record it.
 
     A batch of a thousand simulations need not say the same a thousand times.
     """

@@ -37,7 +37,7 @@ _TAKEN = (
     "forcerange", "inheritrange", "lengthrange", "damping", "armature", "delay",
     "nsample", "interp", "cranklength", "group",
 )  # fmt: skip
-"""What actuators take from a default, of which a cable has no use."""
+"""Attributes that actuators take from a default and that a cable does not use."""
 
 
 def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, Cable]:
@@ -131,7 +131,7 @@ def to_mjcf(
 
 
 def _plain() -> dict[str, Any]:
-    """What an actuator is that takes nothing from the defaults of its model."""
+    """Return the fields of an actuator that takes nothing from its model's defaults."""
     pristine = mujoco.MjSpec().add_actuator()
     return {field: getattr(pristine, field) for field in _TAKEN}
 

@@ -44,7 +44,7 @@ _BACKWARD = -1e-6
 
 @internal
 def branches(model: int, tendon: int) -> bool:
-    """Whether a spatial tendon has pulleys, which divide it into branches."""
+    """Return whether a spatial tendon has pulleys, which divide it into branches."""
     start = fields.integer(model, fields.TENDON_ADR, tendon)
     for i in range(start, start + fields.integer(model, fields.TENDON_NUM, tendon)):
         if fields.integer(model, fields.WRAP_TYPE, i) == _PULLEY:

@@ -60,11 +60,11 @@ _ROWS = _ALONG + 3
 touched, length before the geom, and, in the frame of the geom, place of the point
 touched first and direction in which the path arrives there."""
 _SAME, _APART, _STRAIGHT, _ON_SPHERE, _ON_CYLINDER = 0.0, -1.0, 1.0, 2.0, 3.0
-"""What `_TOUCH` may be."""
+"""Values that `_TOUCH` may have."""
 ARC = 4
 """Segments that the arc around a geom gets unless told otherwise."""
 SHORTEST = 1e-6
-"""By which every node is longer than its path, for none may have no length [m]."""
+"""Length added to the path of every node, as none may have length 0 [m]."""
 
 
 @internal
@@ -347,7 +347,7 @@ def remember(shape: Floats, n: int, memory: Floats) -> None:
 
 @internal
 def _before(reference: Floats, memory: Floats, n: int, j: int, row: int) -> float:
-    """What a row had at node j in a state, see `lengthen`."""
+    """Return the value of a row at node j in a state, see `lengthen`."""
     at = (row - _LENGTH) * (n + 1) + j
     if memory[(_TOUCH - _LENGTH) * (n + 1) + j] == _SAME:
         return float(reference[_LENGTH * (n + 1) + at])
@@ -383,7 +383,7 @@ def _vector(shape: Floats, n: int, j: int, row: int) -> Point:
 
 @internal
 def growth(shape: Floats, reference: Floats, memory: Floats, n: int) -> float:
-    """By how much the path is longer than in a state [m]; as `lengthen`."""
+    """Return by how much the path is longer than in a state [m]; as `lengthen`."""
     extent, total = _row(shape, n, _EXTENT), _row(shape, n, _TOTAL)
     grown = 0.0
     for j in range(n + 1):

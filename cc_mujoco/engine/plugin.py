@@ -20,7 +20,7 @@ from cc_mujoco.transmission.parameters import KEYS
 
 
 def _stamp() -> str:
-    """What compiled code depends on beyond its own source file.
+    """Return a digest of what compiled code depends on beyond its own source file.
 
     Numba's cache looks at the file of a function only; this also tells when the kernel,
     the parameter table or MuJoCo's layout changed.

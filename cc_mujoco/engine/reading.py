@@ -113,12 +113,12 @@ class Reader:
         cable = cable_of(model, index, name)
         self.name = name
         self.start = int(model.plugin_stateadr[index])
-        """Where the cable's state begins in `plugin_state`."""
+        """Start of the cable's state in `plugin_state`."""
         first = self.start + kernel.STATE_HEADER
         self.nodes = slice(first, first + cable.segments + 1)
-        """Where the tensions of the nodes are [N], below 0 where the cable is slack."""
+        """Places of the tensions of the nodes [N], below 0 where the cable is slack."""
         self.energy = self.start + 2
-        """Where the energy dissipated since reset is [J]."""
+        """Place of the energy dissipated since reset [J]."""
         self._segments = cable.segments
         self._compliance, self._strain, self._lengths = _compliance(cable), 0.0, -1
         if cable.path != PATHS[0]:

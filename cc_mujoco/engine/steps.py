@@ -1,4 +1,4 @@
-"""How long a time step a cable bears, compiled.
+"""Longest time step that a cable bears, compiled.
 
 The force of a cable is explicit, as MuJoCo knows it at the start of a step only, but
 for ends that `ahead.py` makes implicit. An end is a spring, at its stiffest where

@@ -1,4 +1,4 @@
-"""What a user is told of a cable: why it cannot lie open, and, once, what is amiss."""
+"""Messages to users about a cable: why it cannot lie open, and, once, what is amiss."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ def open_refused(
 
 @internal
 def no_passive(model: int) -> bool:
-    """Whether MuJoCo evaluates no passive forces."""
+    """Return whether MuJoCo evaluates no passive forces."""
     no_spring = fields.disabled(model, _NO_SPRING)
     return no_spring and fields.disabled(model, _NO_DAMPER)
 

@@ -168,7 +168,7 @@ def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _sentence(error: ValueError) -> str:
-    """What MuJoCo says, once, or the plugin's own sentence within it."""
+    """Return MuJoCo's message, once, or the plugin's own sentence within it."""
     told = " ".join(dict.fromkeys(str(error).split("\n")))
     _, found, own = told.partition(f"plugin `{PLUGIN}`, instance ")
     return f"cable {own}" if found else told

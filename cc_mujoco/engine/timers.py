@@ -17,7 +17,7 @@ from numba import cfunc, types
 
 _lock = threading.Lock()
 _inside = 0
-"""How many are inside `untimed`, over all threads."""
+"""Number of callers inside `untimed`, over all threads."""
 
 
 @contextmanager

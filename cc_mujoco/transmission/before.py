@@ -1,4 +1,4 @@
-"""What changes the tensions of a cable before its ends move in a step, compiled.
+"""Changes of a cable's tensions before its ends move in a step, compiled.
 
 The cable relaxes, its path lengthens, and what holds its ends gives way.
 """

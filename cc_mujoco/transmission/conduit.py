@@ -39,7 +39,7 @@ def packed(cable: Cable) -> FloatArray:
 
 
 def node_places(cable: Cable) -> FloatArray:
-    """Where the nodes of a cable lie, from the proximal end (segments + 1,) [m].
+    """Return the places of a cable's nodes from the proximal end (segments + 1,) [m].
 
     Denser where the conduit bends more, see `mesh.py`.
     """
@@ -422,7 +422,7 @@ def _play(
 def _prescribed(
     end: str, u: ArrayLike | None, tension: ArrayLike | None
 ) -> tuple[int, FloatArray]:
-    """What is prescribed at an end, POSITION or TENSION, and its values."""
+    """Return the quantity prescribed at an end, POSITION or TENSION, and its values."""
     if u is not None and tension is None:
         return kernel.POSITION, np.asarray(u, dtype=np.float64)
     if tension is not None and u is None:

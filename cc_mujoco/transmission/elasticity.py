@@ -21,7 +21,7 @@ from cc_mujoco.compiled import internal
 
 
 class Piece(NamedTuple):
-    """What stretches: `taut` T + `bedding` T / (T + `half`).
+    """Elastic element that stretches by `taut` T + `bedding` T / (T + `half`).
 
     Attributes:
         taut: compliance at large tensions, that of the spring included [m/N].

@@ -91,7 +91,7 @@ def ratio(coefficient: float, angle: float) -> float:
 
 @internal
 def is_state_dependent(values: FloatArray) -> bool:
-    """Whether load, time or place change the coefficients."""
+    """Return whether load, time or place change the coefficients."""
     for switch, other in _SCALING:
         if values[switch] != 0.0 and values[other] != 0.0:
             return True
@@ -100,7 +100,7 @@ def is_state_dependent(values: FloatArray) -> bool:
 
 @internal
 def is_constant_coulomb(values: FloatArray) -> bool:
-    """Whether all but elasticity is constant, along the cable as well."""
+    """Return whether all but elasticity is constant, along the cable as well."""
     for switch, other in _VARYING:
         if values[switch] != 0.0 and values[other] != 0.0:
             return False
@@ -228,7 +228,7 @@ def bristle_stiffness(
 
 @internal
 def bristle_force(force: float, stretch: float, stiffness: float) -> float:
-    """What bristles of `force` [N] and `stretch` [m] hold with a new `stiffness`.
+    """Return the force of bristles (`force` [N], `stretch` [m]) of a new `stiffness`.
 
     Softer ones keep their stretch, stiffer ones their force, so that a stiffness which
     follows the tension never adds energy.

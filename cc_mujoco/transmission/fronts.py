@@ -1,4 +1,4 @@
-"""Which segments slip, found from the ends: fronts march in until friction holds.
+"""Slipping segments, found from the ends: fronts march in until friction holds.
 
 Method. Segment j (j = 0..n-1) carries the friction of its stretch of conduit, node i
 (i = 0..n) the elasticity of the cable between the centres of segments i-1 and i, so a

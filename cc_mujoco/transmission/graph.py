@@ -1,4 +1,4 @@
-"""Which segments slip, found for any state: a monotone graph carried along the cable.
+"""Slipping segments, found for any state: a monotone graph carried along the cable.
 
 Same chain as in `fronts.py`. Seen from the proximal end, the tension of node j as a
 function of the displacement w_j of segment j is a nondecreasing, piecewise linear graph

@@ -57,7 +57,7 @@ from cc_mujoco.transmission.prepare import rebend as rebend
 from cc_mujoco.transmission.presliding import preslide
 
 POSITION, TENSION = 0, 1
-"""What is prescribed at an end."""
+"""Quantity prescribed at an end."""
 
 OK, NOT_FINITE = 0, 1
 """Status of a step; on NOT_FINITE the new state is the old one."""
@@ -110,7 +110,7 @@ def _held(
     hold_proximal: FloatArray,
     drag: FloatArray,
 ) -> bool:
-    """Whether friction holds the tensions of every segment."""
+    """Return whether friction holds the tensions of every segment."""
     for j in range(n):
         proximal, distal = max(tension[j], 0.0), max(tension[j + 1], 0.0)
         if pushed(proximal, distal, hold_distal[j], hold_proximal[j], drag[j]) != 0:

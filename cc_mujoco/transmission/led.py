@@ -54,12 +54,12 @@ class Course:
 
     @property
     def open(self) -> bool:
-        """Whether pieces of the cable lie outside a conduit."""
+        """Return whether pieces of the cable lie outside a conduit."""
         return self.length.size > 0
 
     @property
     def reach(self) -> FloatArray:
-        """What path and distal end together take of the cable (angles,) [m]."""
+        """Length of cable that path and distal end take together (angles,) [m]."""
         found: FloatArray = self.gained.sum(axis=1) + self.distal
         return found
 
@@ -138,7 +138,7 @@ class Led:
         motor: FloatArray,
         joint: FloatArray,
     ) -> FloatArray:
-        """What one cable shows (5, samples), see `_play`."""
+        """Return the outputs of one cable (5, samples), see `_play`."""
         arm = np.array([sign * self.motor_radius])
         prm = _prepared(cable, course)
         cables = stepper.Cables(

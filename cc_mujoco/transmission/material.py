@@ -58,7 +58,7 @@ def stretched(prm: FloatArray, tension: float) -> float:
 
 @internal
 def wound(prm: FloatArray, moved: float) -> float:
-    """By how much a drum that winds a length takes less cable, unstretched [m]."""
+    """Return by how much less cable, unstretched, a drum takes than it winds [m]."""
     return moved - moved / stretched(prm, prm[_PRETENSION])
 
 

@@ -1,4 +1,4 @@
-"""Where the segments of a cable lie: short where its conduit bends, compiled.
+"""Places of the segments of a cable: short where its conduit bends, compiled.
 
     edges = np.empty(n + 1)
     divide(sections, n, edges)         # places of the nodes along the conduit [m]

@@ -23,7 +23,7 @@ _HALF = law.INDEX["bedding_tension"]
 
 @internal
 def is_curved(prm: FloatArray) -> bool:
-    """Whether the stiffness of a node depends on its tension."""
+    """Return whether the stiffness of a node depends on its tension."""
     return float(prm[_BEDDING]) > 0.0
 
 

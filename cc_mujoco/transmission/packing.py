@@ -1,4 +1,4 @@
-"""Where the numbers of a cable stand: packed parameters and state, and views of both.
+"""Layout of the numbers of a cable: packed parameters and state, and views of both.
 
     prm = np.empty(parameter_size(n))
     segment_angles(prm, n)[3]          # wrap angle of a segment [rad]

@@ -1,4 +1,4 @@
-"""What a field of `Cable` says of itself: unit, bounds, meaning, and its law if any.
+"""Metadata of a field of `Cable`: unit, bounds, meaning, and its law if any.
 
     friction_drift: float = parameter(
         unit="1/s", bounds=(-1e3, 1e3), default=0.0, meaning="...",
@@ -19,12 +19,12 @@ from typing import Any, Literal, NamedTuple
 from cc_mujoco import markdown
 
 ActsOn = Literal["coefficient", "drag", "elasticity", "pulley"]
-"""What a term changes: friction in proportion to tension and wrap angle, friction that
+"""Target of a term: friction in proportion to tension and wrap angle, friction that
 needs no tension, stretch (of the cable, its end or its contacts), or how the proximal
 pulley winds the cable."""
 
 Dependence = Literal["rate", "history", "direction", "load", "time", "place"]
-"""What a term changes with while a cable runs; a term without any is constant."""
+"""Cause of a term's changes while a cable runs; a term without any is constant."""
 
 _KEY = "parameter"
 
@@ -76,7 +76,7 @@ class Parameter:
         return f"a number in {self.span}{unit}"
 
     def admits(self, value: float) -> bool:
-        """Whether `value` is finite and within bounds."""
+        """Return whether `value` is finite and within bounds."""
         above = value > self.low if self.low_open else value >= self.low
         return above and value <= self.high
 

@@ -26,9 +26,9 @@ from cc_mujoco.transmission.parameter import Parameter, Term, parameter, paramet
 MAX_SEGMENTS = 1000
 MAX_SECTIONS = 64
 MAX_LENGTH = 50.0
-"""Of a section [m]: what is longer was meant in millimetres."""
+"""Longest section [m]: what is longer was meant in millimetres."""
 MAX_WRAP = 100.0
-"""Of a section [rad], sixteen turns: a tighter bend was meant otherwise."""
+"""Most wrap of a section [rad], sixteen turns: a tighter bend was meant otherwise."""
 SEGMENTS_ALLOWED = f"a whole number in [1, {MAX_SEGMENTS}]"
 BLANKS = " \t\n\v\f\r"
 """Around a value in MJCF these mean nothing."""
@@ -38,14 +38,14 @@ CONDUIT_ALLOWED = (
     "straight, e.g. `0.8:0.15 0.6:inf`"
 )
 BENDS = ("fixed", "route")
-"""Where the bends of the conduit come from: its sections, or the route as it moves."""
+"""Sources of the bends of the conduit: its sections, or the route as it moves."""
 BEND_ALLOWED = (
     "`fixed` (the sections of `conduit` bend it) or, with a `route` of one branch, "
     "`route` (that spatial tendon does, as it moves)"
 )
 
 PATHS = ("guided", "open", "mixed")
-"""What leads the cable: a conduit, its tendon's sites and geoms, or one, then these."""
+"""Guides of the cable: a conduit, its tendon's sites and geoms, or one, then these."""
 PATH_ALLOWED = (
     "`guided` (a conduit leads the cable from end to end) or, with a `route` of one "
     "branch, `open` (only the sites and geoms of that spatial tendon do) or `mixed` (a "
@@ -56,7 +56,7 @@ MOUTH_ALLOWED = (
     "first and its last one"
 )
 ENDS = ("auto", "explicit")
-"""How MuJoCo's step takes the ends: implicit where it is long for them, or never."""
+"""Ends of the cable in MuJoCo's step: implicit where it is long for them, or never."""
 ENDS_ALLOWED = (
     "`auto` (the ends are implicit where the time step of the model is long for them) "
     "or `explicit` (they never are)"

@@ -28,7 +28,7 @@ from cc_mujoco.transmission.packing import tensions
 from cc_mujoco.transmission.parameters import Cable
 
 ANGLE, TORQUE = 0, 1
-"""What is prescribed on a side of the transmission."""
+"""Quantity prescribed on a side of the transmission."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ class Transmission:
 
 
 def _net(tension: FloatArray) -> FloatArray:
-    """What the agonist pulls more than the antagonist, (cables, samples) [N]."""
+    """Return the agonist's pull minus the antagonist's, (cables, samples) [N]."""
     pull: FloatArray = tension[0] - tension[1] if len(tension) == 2 else tension[0]
     return pull
 

@@ -31,7 +31,7 @@ STEPS = 200
 """Most evaluations of a balance; some five are usual."""
 
 TOLERANCE = 1e-12
-"""Of a balance of torques, relative to what the tensions make."""
+"""Tolerance of a balance of torques, relative to what the tensions make."""
 
 _FURTHER = 10.0
 """Most by which a step towards a balance is longer than the one before it."""
@@ -62,7 +62,7 @@ class Cables(NamedTuple):
 
 
 class Load(NamedTuple):
-    """What acts on the side of a transmission that is not driven by angle.
+    """Load on the side of a transmission that is not driven by angle.
 
     Attributes:
         torque: wanted of the cables (joint) or of the motor at angle 0 [Nm].
@@ -172,7 +172,7 @@ def torque(
 
 @internal
 def _is_direct(cables: Cables, distal: bool, load: Load) -> bool:
-    """Whether the load is nothing but the tension of one cable's end."""
+    """Return whether the load is nothing but the tension of one cable's end."""
     if cables.n.size > 1 or load.stiffness > 0.0:
         return False
     if not (np.isinf(load.low) and np.isinf(load.high)):

@@ -124,7 +124,7 @@ class Mesh:
         )
 
     def mirrored(self) -> Mesh:
-        """The same cable seen from its distal end (footnote 3)."""
+        """Return the same cable seen from its distal end (footnote 3)."""
         return Mesh(
             self.angle[::-1], self.static_angle[::-1], self.length[::-1], self.stiffness
         )
@@ -397,7 +397,7 @@ class ThesisCable:
                 self._slip_direction[side] = slip_direction
 
     def _moves_whole(self) -> bool:
-        """Whether no node stands still."""
+        """Return whether no node stands still."""
         return sum(self.last_moving) >= self.mesh.segments + 1
 
     def _solution(self, ends: Sequence[Constraint]) -> Solution:
@@ -548,7 +548,7 @@ def _measured(node: int, u: float | None, tension: float | None) -> Constraint:
 
 
 def _is_coulomb(term: Term) -> bool:
-    """Whether (2.6) and (2.7) say all of it; pulleys are not their matter."""
+    """Return whether (2.6) and (2.7) describe a term fully; they leave out pulleys."""
     return term.acts_on == "pulley" or (
         term.acts_on == "coefficient" and not term.depends_on
     )

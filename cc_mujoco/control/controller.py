@@ -1,4 +1,4 @@
-"""What a controller is and what it may measure.
+"""Definition of a controller and of what it may measure.
 
     controller = CONTROLLERS["pi"](env.unwrapped.drive)
     controller.reset()
@@ -29,7 +29,7 @@ class Controller(ABC):
     """A law for the motor torque; subclasses are small and may keep a state."""
 
     name = ""
-    """What errors call it; the name of its class where it is empty."""
+    """Name in error messages; that of its class where it is empty."""
 
     def __init__(self, drive: Drive) -> None:
         """Prepare for the first episode.
@@ -74,14 +74,14 @@ class Controller(ABC):
 
 
 def wound(observation: Mapping[str, Any], drive: Drive) -> Mapping[str, Any]:
-    """What is measured, as of a joint with a round pulley on which the cables wind.
+    """Convert measurements to a joint with a round pulley on which the cables wind.
 
     Models of cables have a constant arm. So angle and velocity of the joint are those
     of that pulley, and both torques those that its tensions would make there. What
     lacks `sensing.WINDING` is taken for measured at such a pulley.
 
     Raises:
-        CableError: If it cannot be, because other joints wind the cables too, or
+        CableError: If that is impossible, because other joints wind the cables too, or
             because they pull a lever.
     """
     if WINDING[0] not in observation:
@@ -107,7 +107,7 @@ def wound(observation: Mapping[str, Any], drive: Drive) -> Mapping[str, Any]:
 
 
 def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray:
-    """What is measured by these names (rows, names); a number is a row of its own."""
+    """Return the measurements of these names (rows, names); a number is its own row."""
     columns = [np.atleast_1d(np.asarray(observation[name], float)) for name in names]
     seen = np.empty((max(column.size for column in columns), len(names)))
     for place, column in enumerate(columns):

@@ -1,4 +1,4 @@
-"""What a controller knows of its device beforehand: motor, ratio, cables, sensors."""
+"""Prior knowledge of a controller about its device: motor, ratio, cables, sensors."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class CableDrive:
 
 @dataclass(frozen=True)
 class Drive:
-    """What a controller knows of its device beforehand."""
+    """Prior knowledge of a controller about its device."""
 
     ratio: float
     """Joint torque per motor torque without friction, signed [-]."""
@@ -49,7 +49,7 @@ class Drive:
     period: float
     """Time between two calls of a controller [s]."""
     one_way: bool = False
-    """Whether the cables only transmit positive motor torque: one cable pulls, none
+    """True if the cables only transmit positive motor torque: one cable pulls, none
     pulls back."""
     cable_drives: tuple[tuple[CableDrive, ...], ...] = ()
     """The cables, as far as they are known: once for all environments, or once for
@@ -57,11 +57,11 @@ class Drive:
     sensors: tuple[Sensors, ...] = ()
     """Tension sensors along every cable, where the device has them."""
     inertia: float = 0.0
-    """Of the motor with its pulley [kg m^2], as its data sheet has it."""
+    """Inertia of the motor with its pulley [kg m^2], as its data sheet has it."""
     damping: float = 0.0
-    """Of the motor's bearings [Nm s/rad]."""
+    """Damping of the motor's bearings [Nm s/rad]."""
     joint_inertia: float = 0.0
-    """Of the joint with its limb in the neutral pose [kg m^2]; 0 is not known."""
+    """Inertia of the joint with its limb in the neutral pose [kg m^2]; 0: unknown."""
     delay: int = 0
     """Control steps by which what is measured comes late."""
     torque_noise: float = 0.0
@@ -78,11 +78,11 @@ class Drive:
     """Joints besides the driven one whose motion winds the cables. Then controllers
     with a model need `sensing.WINDING`."""
     lever: bool = False
-    """Whether the cables pull a lever, whose arm changes with its angle; `distal` is
+    """True if the cables pull a lever, whose arm changes with its angle; `distal` is
     that of the neutral pose. Then, too, controllers with a model need
     `sensing.WINDING`."""
     observed: Observed | None = None
-    """What the device's environment observes; saved policies need it."""
+    """Observation of the device's environment; saved policies need it."""
 
     def __post_init__(self) -> None:
         """Refuse a drive that cannot be controlled."""

@@ -28,19 +28,19 @@ SEEN = (
     "joint_torque_nm",
     "desired_torque_nm",
 )
-"""What the laws read, of `sensing.MEASURED`."""
+"""Columns of `sensing.MEASURED` that the laws read."""
 ANGLE, VELOCITY, JOINT_VELOCITY, TORQUE, DESIRED = range(len(SEEN))
 
 INTEGRAL, SENSE, RELEASED = range(3)
-"""Of the memory: torque of the integral [Nm]; sense in which the motor shall turn;
-1 while the guard has the motor follow the joint."""
+"""Columns of the memory: torque of the integral [Nm]; sense in which the motor shall
+turn; 1 while the guard has the motor follow the joint."""
 MEMORY = 3
 """Numbers that a law keeps."""
 
 
 @dataclass(frozen=True)
 class Gains:
-    """What a law knows of motor and feedback."""
+    """Parameters of motor and feedback that a law uses."""
 
     ratio: float = parameter(
         unit="1",

@@ -33,8 +33,8 @@ from cc_mujoco.transmission.packing import LENGTH, slips, tensions
 _FRICTIONS = INDEX["friction"], INDEX["static_friction"]
 _MOST_FRICTION = 5.0
 CHANGED = 0.01
-"""Of a learned factor of friction, from which on it is taken over: packing a cable for
-every last bit would take longer than stepping it."""
+"""Relative change from which on a learned factor of friction is adopted: packing a
+cable for every last bit would take longer than stepping it."""
 _EA = INDEX["axial_stiffness"]
 
 
@@ -282,7 +282,7 @@ def pack(
 
 @compiled
 def has_changed(factor: Any, believed: Any) -> Any:
-    """Whether a learned factor of friction is to be taken over; numbers or arrays."""
+    """Return whether to adopt a learned factor of friction; numbers or arrays."""
     return np.abs(factor / believed - 1.0) > CHANGED
 
 
@@ -298,7 +298,10 @@ def joint_stiffness(cable_drives: Sequence[CableDrive]) -> float:
 
 @compiled
 def stiffness(prm: FloatArray, distal: FloatArray) -> float:
-    """The same of packed cables (cables, numbers) and their arms (cables,) [m/rad]."""
+    """Return `joint_stiffness` of packed cables (cables, numbers).
+
+    Their arms are `distal` (cables,) [m/rad].
+    """
     total = 0.0
     for k in range(distal.size):
         total += distal[k] ** 2 * prm[k, _EA] / prm[k, LENGTH]

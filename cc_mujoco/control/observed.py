@@ -1,4 +1,4 @@
-"""What the environment of a device observes: the one definition that all share.
+"""Observation of a device's environment: the one definition that all share.
 
     sight = Sight(observed, 1)            # of one device; many are rows
     sight.begin(measured)                 # (1, k), what is measured at the start
@@ -26,10 +26,10 @@ from cc_mujoco.errors import CableError
 Array = NDArray[np.float64]
 
 ACTION = Box(-1.0, 1.0, (1,), dtype=np.float32)
-"""What every environment takes: the share of the motor's torque."""
+"""Action of every environment: the share of the motor's torque."""
 
 FAR = 10.0
-"""Where an observation saturates."""
+"""Value at which an observation saturates."""
 
 PLAYS = (0.1, 0.3, 1.0)
 """Half widths of the plays of `Observed.memory`, in units of the twist."""
@@ -41,7 +41,7 @@ MOTOR, TURN, JOINT, SPEED, TORQUE, DESIRED = range(6)
 
 @dataclass(frozen=True)
 class Observed:
-    """What is observed of a device, and in which units.
+    """Observed quantities of a device and their units.
 
     A *frame* is twist of motor against joint, velocity of the motor, angle and velocity
     of the joint, what is lacking of the desired torque, and that torque; then, where
@@ -53,9 +53,9 @@ class Observed:
     device: str
     """Name of the device."""
     columns: tuple[str, ...]
-    """What is measured, columns of an episode log."""
+    """Measured quantities, columns of an episode log."""
     units: tuple[float, ...]
-    """What counts as 1 in a frame: twist [rad], velocity of the motor at the joint
+    """Values that are 1 in a frame: twist [rad], velocity of the motor at the joint
     [rad/s], angle [rad] and velocity [rad/s] of the joint, torque error and desired
     torque [Nm], and of the phase [-]."""
     ratio: float
@@ -69,7 +69,7 @@ class Observed:
     history: int = 0
     """Earlier frames, each with the action that followed it, newest first."""
     memory: bool = False
-    """Whether the plays of friction memory are observed: `min(max(p, x - r), x + r)`
+    """True if the plays of friction memory are observed: `min(max(p, x - r), x + r)`
     for angles x of the motor and of the joint and the half widths r of `PLAYS`; each as
     (x - p) / r. They know the last reversals, as a cable with friction does (M. A.
     Krasnosel'skii and A. V. Pokrovskii, Systems with Hysteresis, 1989, ch. 2)."""
@@ -105,7 +105,7 @@ class Observed:
         return Box(-FAR, FAR, (size,), dtype=np.float32)
 
     def of(self, columns: Mapping[str, Any]) -> Array:
-        """What is measured, (k,) of numbers and (n, k) of arrays over n environments.
+        """Return what is measured, (k,) of numbers, (n, k) of arrays of n environments.
 
         Args:
             columns: At least those that are measured.
@@ -120,7 +120,7 @@ class Observed:
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> Observed:
-        """What `to_dict` gave, from JSON.
+        """Rebuild what `to_dict` gave, from JSON.
 
         Raises:
             CableError: If fields are missing, unknown or impossible.
@@ -133,7 +133,7 @@ class Observed:
 
 
 class Sight:
-    """What n environments observe, with its past."""
+    """Observation of n environments, with its past."""
 
     def __init__(self, observed: Observed, count: int) -> None:
         """Prepare; `begin` before anything else.
@@ -180,7 +180,7 @@ class Sight:
             self._plays = np.minimum(near, angles + reach)
 
     def observation(self) -> NDArray[np.float32]:
-        """What is observed now, (n, size)."""
+        """Return the current observation, (n, size)."""
         parts = [self._frame()]
         if self.observed.memory:
             parts.append((self._angles() - self._plays) / self._reach)

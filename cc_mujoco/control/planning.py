@@ -1,4 +1,4 @@
-"""From what was measured late to the torque of the motor now: observer, plan, torque.
+"""Torque of the motor now from delayed measurements: observer, plan, torque.
 
 A row of `memory` is what a controller knows of one device beside the state of its
 cables: the rotor as an observer has it, with the torque that the model does not
@@ -80,7 +80,7 @@ and unexplained torque; how many numbers it has."""
 
 _RATED = law.INDEX["viscous_friction"], law.INDEX["grease_drag"]
 _FARTHEST = 2.0
-"""That a plan turns the motor between two knots [rad]."""
+"""Largest turn of the motor between two knots of a plan [rad]."""
 _FEELING = 0.25
 """Share of a low-pass that tells taut from slack, per step."""
 _FACTORS = 0.2, 3.0
@@ -106,7 +106,7 @@ VECTORS = 9
 
 
 class Device(NamedTuple):
-    """What a controller keeps of one device beside its cables; see this module.
+    """Memory of a controller for one device beside its cables; see this module.
 
     Attributes:
         memory: (`FRICTION` + cables,).
@@ -121,7 +121,7 @@ class Device(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """What a controller is told.
+    """Tables that a controller is given.
 
     Attributes:
         gains: accelerations of a plan per angle, velocity and wanted angles of the
@@ -386,7 +386,7 @@ def _learn(
 
 @internal
 def _felt(cables: stepper.Cables, k: int, state: FloatArray, sign: float) -> float:
-    """What the logarithm of a cable's friction adds to the load of the motor [Nm]."""
+    """Return what the logarithm of a cable's friction adds to the motor's load [Nm]."""
     n, wrap = cables.n[k], 0.0
     angles = segment_angles(cables.prm[k], n)
     for j in range(n):
@@ -442,7 +442,7 @@ def _damp(memory: FloatArray, tune: FloatArray) -> None:
 
 @compiled
 def _drags(cables: stepper.Cables) -> bool:
-    """Whether the friction of a cable depends on its speed."""
+    """Return whether the friction of a cable depends on its speed."""
     for k in range(cables.n.size):
         for place in _RATED:
             if cables.prm[k, place] != 0.0:
@@ -849,7 +849,7 @@ def act(
 
 @compiled
 def learned(memory: FloatArray, factor: FloatArray) -> None:
-    """What the friction of every cable is to be multiplied by (cables,)."""
+    """Compute the factor on the friction of every cable (cables,)."""
     for k in range(factor.size):
         factor[k] = np.exp(memory[FRICTION + k])
 

@@ -39,7 +39,7 @@ ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
     "relu": lambda x: np.maximum(x, 0.0),
     "identity": lambda x: x,
 }
-"""What may follow a layer, by name."""
+"""Functions that may follow a layer, by name."""
 
 
 @dataclass(frozen=True, eq=False)

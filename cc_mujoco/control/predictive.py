@@ -28,9 +28,10 @@ SEEN = (
     "joint_torque_nm",
     "desired_torque_nm",
 )
-"""What it reads, of `sensing.MEASURED`."""
+"""Columns of `sensing.MEASURED` that it reads."""
 _LEAST_NOISE = 1e-5
-"""Of the greatest torque: a sensor without noise is no reason to turn for nothing."""
+"""Share of the greatest torque: a sensor without noise is no reason to turn for
+nothing."""
 
 
 PLAN_PER_DELAY, ROTOR_PER_DELAY = 1.5, 2.5
@@ -290,7 +291,7 @@ class PredictiveCompensation(Controller):
         self.model.rebend(angles)
 
     def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
-        """What the drive's friction is to be multiplied by (rows, cables)."""
+        """Return the factors on the drive's friction (rows, cables)."""
         factor = np.empty_like(self.model.factor)
         for memory, own in zip(self._devices.memory, factor, strict=True):
             planning.learned(memory, own)

@@ -19,7 +19,7 @@ from cc_mujoco.control.model import joint_stiffness
 from cc_mujoco.sensing import WINDING
 
 _TORQUES = laws.SEEN[laws.TORQUE :]
-"""What the law reads, but for its guard."""
+"""Columns that the law reads, but for its guard."""
 
 
 class ProportionalIntegral(Controller):
@@ -68,8 +68,8 @@ class ProportionalIntegral(Controller):
         self.feed_forward = feed_forward
         known = drive.cable_drives
         self.stiffness = np.array([joint_stiffness(row) for row in known] or [0.0])
-        """Of all cables at the joint, one for all environments or one each; 0 where the
-        cables are not known [Nm/rad]."""
+        """Stiffness of all cables at the joint, one for all environments or one each; 0
+        where the cables are not known [Nm/rad]."""
         self.settling = steady(drive, self.stiffness)
         """Time in which the motor settles relative to the joint [s]; without a model
         only while the guard lets go."""
@@ -102,7 +102,7 @@ class ProportionalIntegral(Controller):
         )
 
     def memory(self, rows: int) -> FloatArray:
-        """What the law keeps of every environment (rows, `laws.MEMORY`)."""
+        """Return the memory of the law for every environment (rows, `laws.MEMORY`)."""
         if len(self._memory) != rows:
             self._memory = np.tile(self._memory, (rows, 1))
         return self._memory

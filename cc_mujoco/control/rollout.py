@@ -12,7 +12,7 @@ _EVALUATIONS = 12
 _SLOWLY = 0.5
 """Time that a motor takes to where friction at speed is asked for [s]."""
 _LEAST_STEP = 0.2
-"""Of what stretches all of a cable: its end alone is stiffer."""
+"""Share of what stretches all of a cable: its end alone is stiffer."""
 
 
 @compiled

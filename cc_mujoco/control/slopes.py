@@ -96,7 +96,7 @@ def room(sensors: int, longest: int) -> Room:
 
 @compiled
 def start(known: FloatArray, friction: float) -> None:
-    """What is known before anything is read (KNOWN,)."""
+    """Write what is known before anything is read (KNOWN,)."""
     known[:] = 0.0
     known[recursive.VALUE] = friction
     known[recursive.SPREAD] = DOUBT * DOUBT
@@ -104,7 +104,7 @@ def start(known: FloatArray, friction: float) -> None:
 
 @compiled
 def believed(found: Any, friction: Any) -> Any:
-    """What a friction coefficient is to be multiplied by; numbers or arrays."""
+    """Return the factor on a friction coefficient; numbers or arrays."""
     return np.maximum(found, LEAST) / friction
 
 

@@ -163,7 +163,7 @@ class AdaptiveModel(PredictiveCompensation):
         _require_sensors(drive, 2)
         number("memory", memory, 1.0, 1e9, "readings")
         self.taps = slopes.taps(drive.sensors, drive.cables, memory)
-        """Where the sensors are, and what is known of them."""
+        """Places of the sensors, and what is known of them."""
         sensors, longest = self.taps.noise.shape[1], int(self.model.segments.max())
         self._sensed = slopes.room(sensors, longest)
         self._estimates: FloatArray = np.zeros((0, len(drive.cables), slopes.KNOWN))
@@ -183,7 +183,7 @@ class AdaptiveModel(PredictiveCompensation):
         return self._estimates[:, :, slopes.VALUE].copy()
 
     def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
-        """What the drive's friction is to be multiplied by (rows, cables)."""
+        """Return the factors on the drive's friction (rows, cables)."""
         told = np.ascontiguousarray(_readings(observation))
         expected = (self.model.joint.size, *self.taps.noise.shape)
         if told.shape != expected or not np.all(np.isfinite(told)):
@@ -214,7 +214,7 @@ class AdaptiveModel(PredictiveCompensation):
         self._estimates = self._starts(rows)
 
     def _starts(self, rows: int) -> FloatArray:
-        """What is known of every cable before anything is read."""
+        """Return what is known of every cable before anything is read."""
         found = np.zeros((rows, self.model.segments.size, slopes.KNOWN))
         for row in range(rows):
             for k, one in enumerate(self.model.cable_drives(row)):

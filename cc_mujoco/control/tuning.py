@@ -18,7 +18,7 @@ from cc_mujoco.transmission.parameter import Parameter, parameter, parameters_of
 
 @dataclass(frozen=True)
 class Tuning:
-    """What the compiled functions are told of motor, observers and plan."""
+    """Settings of motor, observers and plan for the compiled functions."""
 
     period: float = parameter(
         unit="s", bounds=(0.0, 1e3), default=1e-3, low_open=True,

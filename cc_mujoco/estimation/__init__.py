@@ -1,4 +1,4 @@
-"""What can be learnt of a cable while it runs, or from a recording of it.
+"""Estimation of a cable's properties while it runs, or from a recording of it.
 
 estimator = FrictionEstimator(cable, sensors, start=0.3)
 estimator.update(measured, engine.read(model, data, "flexor").slip)   # in a step

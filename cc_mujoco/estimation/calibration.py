@@ -97,7 +97,7 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a fit found.
+    """Result of a fit.
 
     Attributes:
         estimates: of every free parameter by name.
@@ -266,7 +266,7 @@ class _Model:
         )
 
     def sentence(self, shares: FloatArray) -> str:
-        """What is said of a combination (free,) that is not determined."""
+        """Return the sentence for a combination (free,) that is not determined."""
         sizes = np.abs(shares)
         powers = shares / shares[np.argmax(sizes > 0.99 * np.max(sizes))]
         parts = [

@@ -44,7 +44,7 @@ from cc_mujoco.transmission.parameters import Cable
 from cc_mujoco.transmission.thesis_solver import Constraint, Mesh, Standing, solve
 
 Choice = Literal["vote", "likeliest"]
-"""How directions in mass motion are found: a vote, or all readings at once."""
+"""Method to find directions in mass motion: a vote, or all readings at once."""
 
 
 class SensorConsensus:
@@ -154,7 +154,7 @@ class SensorConsensus:
         return self.tension
 
     def _tell(self, reading: FloatArray) -> NDArray[np.bool_]:
-        """Which sensors read something else than the estimate."""
+        """Return which sensors read something else than the estimate."""
         change = np.abs(reading - self.tension[self._nodes])
         telling: NDArray[np.bool_] = change > self.threshold * self.noise
         return telling
@@ -254,7 +254,7 @@ class SensorConsensus:
     def _reach(
         self, node: int, value: float, slip_direction: float, least: int, most: int
     ) -> int:
-        """How many nodes from the distal end one sensor believes to move (2.17)."""
+        """Return how many nodes from the distal end a sensor takes to move (2.17)."""
         n, mesh = self.mesh.segments, self.mesh
         depth = max(least, n + 1 - node)
         first = n + 1 - depth  # the innermost node that moves

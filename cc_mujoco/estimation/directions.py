@@ -1,4 +1,4 @@
-r"""What every sensor on its own makes of the directions of slip, and what all agree on.
+r"""Directions of slip by every sensor on its own, and those that all agree on.
 
     own = own_solutions(mesh, before, u_proximal, reading, sensors.on(cable))
     pattern = most_common(own.pattern)
@@ -28,7 +28,7 @@ from cc_mujoco.transmission.thesis_solver import Mesh, sign_patterns
 
 
 class OwnSolutions(NamedTuple):
-    """What each sensor believes.
+    """Solutions of each sensor on its own.
 
     Attributes:
         tension: of the nodes (..., m, n + 1) [N].
@@ -189,7 +189,7 @@ def _ordered(mesh: Mesh, first: ArrayLike | None) -> FloatArray:
 
 
 def _against(patterns: FloatArray, moved: FloatArray) -> FloatArray:
-    """How far each segment moves against its assumed direction [m]."""
+    """Return how far each segment moves against its assumed direction [m]."""
     motion = 0.5 * (moved[..., :-1] + moved[..., 1:])
     return np.where(np.sign(motion) != patterns, np.abs(motion), 0.0)
 

@@ -1,4 +1,4 @@
-r"""How far a sensor's own solution can be trusted at other nodes (Fig. 3.8).
+r"""Reliability of a sensor's own solution at other nodes (Fig. 3.8).
 
     moment = Moment.of(mesh, CONDITIONS["towards distal"](10), tension=50, motion=5e-4)
     error = own_errors(mesh, moment, sensors, samples=1000, seed=0)

@@ -218,7 +218,7 @@ class SlopeLaw:
         return float(np.mean(told * ends)) + float(self._slope @ told)
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
-        """As `FrictionEstimator.update`."""
+        """Update as `FrictionEstimator.update` does."""
         told, sign = checked_sample(
             reading, direction, self._nodes.size, self._segments
         )

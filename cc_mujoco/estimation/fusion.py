@@ -42,7 +42,7 @@ Weights = Literal["variance", "mean"]
 """Inverse variance, or the plain mean of the thesis."""
 
 AtRest = Literal["average", "hold"]
-"""What happens to nodes at rest: go on averaging, or hold as the thesis does."""
+"""Treatment of nodes at rest: go on averaging, or hold as the thesis does."""
 
 UNKNOWN = 1e6
 """Standard deviation of a tension of which nothing is known [N]."""

@@ -1,4 +1,4 @@
-r"""What the ends of a cable did, replayed from where the cable's memory begins.
+r"""Motion of a cable's ends, replayed from where the cable's memory begins.
 
 A cable has a memory, the profile of tension that stands in its conduit. It ends
 whenever the whole cable slips one way: what the profile is then follows from the
@@ -26,10 +26,10 @@ from cc_mujoco.transmission.conduit import Replay, node_lengths, replay
 from cc_mujoco.transmission.parameters import Cable
 
 ENDS = ("u_proximal", "tension_proximal", "u_distal", "tension_distal")
-"""Of the ends: displacement [m], positive towards distal, and tension [N]."""
+"""Values of the ends: displacement [m], positive towards distal, and tension [N]."""
 
 OUTPUTS = ("tension_proximal", "tension_distal")
-"""What a model of the cable can be compared in."""
+"""Outputs in which a model of the cable can be compared."""
 
 _BOTH = ("u_proximal", "u_distal")
 
@@ -104,7 +104,7 @@ class History:
         return np.concatenate([self._rows[name][-count:] for name in self.outputs])
 
     def replay(self, cable: Cable) -> Replay:
-        """What this cable would have done from the anchor on."""
+        """Replay what this cable would have done from the anchor on."""
         profile = np.exp(self._slip_direction * cable.friction * self._angle)
         if self.inputs[0] == "tension_proximal":
             profile *= self._rows["tension_proximal"][0] / profile[0]

@@ -32,7 +32,7 @@ FACTOR_STEP = 3e-3
 """Step of a parameter's logarithm over which simulations are differenced."""
 _FLAT = 1e-12
 _DAMPING = 1e-4
-"""Of a fit's first step, relative to the diagonal of the normal equations."""
+"""Damping of a fit's first step, relative to the diagonal of the normal equations."""
 _LONGEST = math.log(2.0)
 """Most by which a step changes a logarithm: beyond, derivatives say nothing."""
 MANY = 1e9
@@ -98,7 +98,7 @@ class Estimate:
 
 
 class Fit(NamedTuple):
-    """Where a fit ended.
+    """End point of a fit.
 
     Attributes:
         x: place of the parameters.
@@ -234,7 +234,7 @@ def differences(
 def in_threads(
     function: Callable[[_Item], _Found], items: Sequence[_Item]
 ) -> list[_Found]:
-    """What a function makes of every item, in order; compiled code runs at once.
+    """Apply a function to every item, in order; compiled code runs at once.
 
     A function that calls this again does so within its thread.
     """

@@ -85,7 +85,7 @@ def trend_model(factors: ArrayLike, smoothing: float = SMOOTHING) -> LinearModel
 
 
 def innovations(model: LinearModel, readings: ArrayLike) -> FloatArray:
-    """What the fixed-gain filter did not foresee, (samples, p).
+    """Compute the innovations of the fixed-gain filter, (samples, p).
 
     It starts from the smallest state that fits the first reading best; its first
     innovations, until it has settled, are of no use for autocovariances.

@@ -33,8 +33,8 @@ _NOTHING = 1e-9
 
 
 VALUE, SPREAD, LEARNT, LAGGING = range(4)
-"""Of one parameter: the estimate, the variance of its error, the information of the
-data, and the covariance of the error with the rate of drift."""
+"""Numbers of one parameter: the estimate, the variance of its error, the information of
+the data, and the covariance of the error with the rate of drift."""
 
 
 @compiled

@@ -251,7 +251,7 @@ def _require_two(sensors: Sensors) -> None:
 
 
 def has_slope(term: Term) -> bool:
-    """Whether the logarithm of tension has the slope s mu/R with this term on."""
+    """Return whether the log of tension has the slope s mu/R with this term on."""
     if term.acts_on == "coefficient":
         return set(term.depends_on) <= {"time"}
     return term.acts_on != "drag"
@@ -358,7 +358,7 @@ class SlopeFit:
 
 
 class SlopeEstimator:
-    """What estimators that rest on a `SlopeFit` have in common."""
+    """Base of the estimators that rest on a `SlopeFit`."""
 
     def __init__(self, slope: SlopeFit) -> None:
         """Start from the fit's guess."""

@@ -206,5 +206,5 @@ class StiffnessEstimator:
 
 
 def _has_stiffness(term: Term) -> bool:
-    """Whether (2.16) holds with one EA, whatever the friction."""
+    """Return whether (2.16) holds with one EA, whatever the friction."""
     return term.acts_on != "elasticity" or not term.depends_on

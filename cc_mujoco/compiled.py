@@ -26,9 +26,9 @@ types: Any = numba.types
 """Numba's types; calling one makes a signature, which its annotations do not tell."""
 
 FloatArray = NDArray[np.float64]
-"""What compiled functions take; one-dimensional and contiguous unless said."""
+"""Array type of compiled functions; one-dimensional and contiguous unless stated."""
 INTEGER, REAL, REALS = types.int64, types.float64, types.float64[::1]
-"""The same and single numbers, for the signatures of `exported`."""
+"""Types of single numbers and of that array, for the signatures of `exported`."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -98,7 +98,7 @@ class _Notice(event.Listener):
         self._told = False
         self._timer: threading.Timer | None = None
         self.is_kept = True
-        """Whether Numba keeps what it compiles."""
+        """True if Numba keeps what it compiles."""
 
     def on_start(self, event: Any) -> None:
         """Begin to wait, where nothing else is being compiled."""
@@ -172,9 +172,9 @@ class Bitcode:
     """LLVM's bitcode of a function and of what is compiled into it."""
 
     name: str
-    """What compiled code of other modules calls it."""
+    """Name in the compiled code of other modules."""
     symbol: str
-    """What it is called in its own."""
+    """Name in its own compiled code."""
     content: bytes
 
 

@@ -26,14 +26,14 @@ from cc_mujoco.control.external import blamed
 from cc_mujoco.errors import CableError
 
 Columns = Mapping[str, Any]
-"""Of an episode log, as many as the plant has."""
+"""Columns of an episode log, as many as the plant has."""
 
 Observer = Callable[[int, Columns, NDArray[np.float64]], object]
 """Takes the control step, its columns and the torque that follows [Nm]; may raise."""
 
 
 class Plant(Protocol):
-    """What a controller drives: one device, or several as arrays."""
+    """Plant that a controller drives: one device, or several as arrays."""
 
     steps: int
     """Control steps in an episode."""
@@ -105,7 +105,7 @@ def run(
 
 
 def no_torque(name: str, time: float) -> str:
-    """What is said of a controller that gave no finite number at a time [s]."""
+    """Return the error for a controller that gave no finite number at a time [s]."""
     return f"controller {name!r} gave no finite torque at {time:.3f} s"
 
 
@@ -121,7 +121,7 @@ class Clock:
     def __init__(self) -> None:
         """Prepare for one episode."""
         self.spent: list[float] = []
-        """Of every control step, all devices together [s]."""
+        """Computing time of every control step, all devices together [s]."""
 
     @property
     def median(self) -> float:
@@ -188,7 +188,7 @@ class Trace:
         """
         self._names, self._steps, self._going = tuple(names), steps, going
         self.columns: dict[str, NDArray[np.float64]] = {}
-        """By name, (steps + 1, ...); NaN where there was nothing to keep."""
+        """Columns by name, (steps + 1, ...); NaN where there was nothing to keep."""
 
     def keep(self, step: int, columns: Columns, _: NDArray[np.float64]) -> None:
         """Keep the columns of a control step; an `Observer`."""

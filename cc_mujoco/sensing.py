@@ -1,4 +1,4 @@
-"""What can be measured of a device, and how well: steps, noise and delay.
+"""Measurements of a device and their quality: steps, noise and delay.
 
 Encoders count in steps; velocities are differences of counts through a low-pass. The
 joint torque sensor and the tension sensors along the cables have white noise. All that
@@ -46,13 +46,13 @@ tensions, slip, slack and the wearer's intention are known to a simulation alone
 """
 
 WINDING = ("winding_angle_rad", "winding_velocity_rad_s", "leverage_ratio")
-"""What a controller with a model may read besides: what the encoders of all joints on a
+"""Further readings of a controller with a model: what the encoders of all joints on a
 cable's way say of its distal end, as if it were wound on a round pulley of the neutral
 arm, and the arm of the joint over that one.
 """
 
 TENSIONS = "tension_sensors_n"
-"""What is measured besides where `Drive.sensors` says so: (..., cables, sensors) [N].
+"""Further measurement where `Drive.sensors` says so: (..., cables, sensors) [N].
 """
 
 
@@ -132,7 +132,7 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Sensing:
-    """How well a device is measured."""
+    """Quality of the measurements of a device."""
 
     torque_noise: float
     """Standard deviation of the joint torque sensor [Nm]."""
@@ -143,7 +143,7 @@ class Sensing:
     joint_steps: float = 131072.0
     """Steps of the joint's encoder in a turn; 0 is a perfect one, of velocity too."""
     cutoff: float = 100.0
-    """Of the low-pass of both velocities [Hz]; infinite for none."""
+    """Cutoff of the low-pass of both velocities [Hz]; infinite for none."""
     delay: int = 1
     """Control steps by which measurements are late."""
 
@@ -234,7 +234,7 @@ class Measuring:
         self._late: list[dict[str, Any]] = []
 
     def measure(self, columns: Mapping[str, Any]) -> dict[str, Any]:
-        """What the controller reads of the columns of this step.
+        """Return what the controller reads of the columns of this step.
 
         Args:
             columns: `MEASURED`, perhaps `WINDING` and, where the drive has tension
@@ -294,7 +294,7 @@ def _own(value: Any) -> Any:
 
 
 def _index(nodes: Sequence[int]) -> Any:
-    """Of nodes in an array: a slice, which is faster, where they are equally apart."""
+    """Return the index of nodes in an array: a slice (faster) where equally apart."""
     apart = set(np.diff(nodes).tolist())
     if len(apart) == 1 and (step := apart.pop()) > 0:
         return slice(nodes[0], nodes[-1] + 1, step)

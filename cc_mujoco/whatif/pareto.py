@@ -141,7 +141,7 @@ def read_objectives(
         if measured is not None and name not in measured:
             raise CableError(
                 f"objective {name!r} is not among the metrics that are measured; add "
-                f"--metric {name}."
+                f"--metric {given}."
             )
         if any(other.name == name for other in found):
             raise CableError(f"objective {name!r} is given twice.")

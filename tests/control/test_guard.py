@@ -177,12 +177,12 @@ def peaks(
     row = tuple(
         dataclasses.replace(
             one,
-            cable=own.replace(
-                friction=believed * own.friction,
-                static_friction=believed * own.static_friction,
+            cable=builder.cables[name].replace(
+                friction=believed * builder.cables[name].friction,
+                static_friction=believed * builder.cables[name].static_friction,
             ),
         )
-        for one, own in zip(plain.cables, builder.cables.values(), strict=True)
+        for one, name in zip(plain.cables, exo.device.driven, strict=True)
     )
     known = dataclasses.replace(plain, cable_drives=(row,))
     found = []

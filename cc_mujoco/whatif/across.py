@@ -1,4 +1,4 @@
-"""Over which cases a design is judged: a liner that ages, wearers that differ.
+"""Cases over which a design is judged: a liner that ages, wearers that differ.
 
     across = read_across({"wearer": "0.5,2", "friction": "0.08,0.16"}, "worst", cables)
     across.cases                        # 4 of them
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Case = dict[str, Value]
 
 RANKS = {"worst": "worst", "p90": "90th percentile", "mean": "mean"}
-"""What a number of a design may be of those in its cases, for a reader."""
+"""Choices of a design's number among those of its cases, for a reader."""
 
 LEAST, MOST, WORST_CASE = "least", "most", "worst_case"
 """Behind `METRIC@`: the least and the greatest number, and the name of the worst case,
@@ -46,7 +46,7 @@ WEARER = Variable(
     low_open=False,
     cable=False,
 )
-"""What cases may have beside the variables of designs."""
+"""Variable that cases may have beside those of designs."""
 
 _P90 = 0.9
 
@@ -64,12 +64,12 @@ class Across:
 
     @property
     def several(self) -> bool:
-        """Whether there are cases; otherwise designs are judged as they stand."""
+        """Return whether there are cases; else designs are judged as they stand."""
         return bool(self.levels)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What is crossed."""
+        """Names of the variables that are crossed."""
         return tuple(name for name, _ in self.levels)
 
     @cached_property
@@ -99,7 +99,7 @@ class Across:
         return ", ".join(f"{name}={_short(value)}" for name, value in case.items())
 
     def told(self) -> str:
-        """What a number of a design is, and over which cases, for a reader."""
+        """Describe for a reader what a number of a design is, and over which cases."""
         values = "; ".join(
             f"{name} {', '.join(map(_short, values))}" for name, values in self.levels
         )
@@ -197,12 +197,12 @@ def read_across(
 
 
 def about(name: str) -> Variable:
-    """What a name of a design or a case means."""
+    """Return the variable that a name of a design or a case stands for."""
     return WEARER if name == WEARER.name else VARIABLES[name.rpartition(".")[2]]
 
 
 def plant(case: Mapping[str, Value]) -> Case:
-    """What a case changes of a design: all but the wearer."""
+    """Return the changes of a case to a design: all but the wearer."""
     return {name: value for name, value in case.items() if name != WEARER.name}
 
 
@@ -215,7 +215,7 @@ def _read(name: str, values: Given, cables: Sequence[str]) -> Range:
 
 
 def _same_thing(name: str, other: str) -> bool:
-    """Whether two names of variables set the same of one cable."""
+    """Return whether two names of variables set the same of one cable."""
     (cable, _, own), (another, _, its) = name.rpartition("."), other.rpartition(".")
     if cable and another and cable != another:
         return False

@@ -1,4 +1,4 @@
-"""What each variable and each limit is worth at the best design.
+"""Worth of each variable and each limit at the best design.
 
     found = around(plan, table, objectives, limits, carry_out)
 
@@ -35,16 +35,16 @@ Array = NDArray[np.float64]
 STEP = 0.02
 """To either side, of a variable's range."""
 TRUST = 0.1
-"""Of a variable's range, to either side: as far as slopes are believed."""
+"""Share of a variable's range, to either side, over which slopes are trusted."""
 RELAX = 0.1
-"""By how much a limit is relaxed, of its size; by 1 of its unit where it is 0."""
+"""Relaxation of a limit, as a share of its size; 1 of its unit where that is 0."""
 WORSE = 0.01
-"""Of an objective, which counts as no worse where another is improved."""
+"""Share of an objective that counts as no worse where another is improved."""
 
 
 @dataclass(frozen=True)
 class Slope:
-    """How a metric changes with a variable.
+    """Change of a metric with a variable.
 
     Attributes:
         metric: its name.
@@ -67,7 +67,7 @@ class Slope:
 
 @dataclass(frozen=True)
 class Price:
-    """What could be gained beside the best design.
+    """Possible gain beside the best design.
 
     Attributes:
         objective: name of the metric.
@@ -169,7 +169,7 @@ def around(
 
 
 def _share(values: Range, value: Value) -> float:
-    """Where in its range a value lies, 0 to 1."""
+    """Return the position of a value in its range, 0 to 1."""
     assert values.ends is not None
     low, high = values.ends
     number = float(value)
@@ -259,7 +259,7 @@ class _Program:
         self._bounds = [(max(-1.0, -s), min(1.0, 1.0 / TRUST - s)) for s in shares]
 
     def prices(self) -> list[Price]:
-        """As things are and with each limit relaxed, for each objective."""
+        """Price each objective, as things are and with each limit relaxed."""
         if not self.free:
             return []
         return [

@@ -1,4 +1,4 @@
-"""From a design to a model: the scene, changed where the design says so.
+"""Model of a design: the scene, changed where the design says so.
 
     builder = Builder("wrist")
     model = builder.model({"friction": 0.1, "loops": 2})
@@ -267,7 +267,7 @@ class Builder:
             )
 
     def _heavier(self, design: Mapping[str, Value]) -> dict[str, float]:
-        """By how much the pulleys of a design exceed the scene's, by joint [kg m^2]."""
+        """Return inertia of a design's pulleys above the scene's, by joint [kg m^2]."""
         found = {}
         for place, (joint, disc) in enumerate(self._discs()):
             on = [name for name in self.radii if self._target(name, place) == joint]
@@ -444,7 +444,7 @@ def material_of(design: Mapping[str, Value]) -> Material | None:
 
 
 def _own(design: Mapping[str, Value], cable: str) -> dict[str, Value]:
-    """What a design says of a cable; what names the cable comes before the rest."""
+    """Return the values of a design for a cable; those that name it take precedence."""
     own = {name: value for name, value in design.items() if "." not in name}
     start = f"{cable}."
     return own | {

@@ -175,7 +175,7 @@ def _of_surface(
 
 
 def outside_hull(places: Array, points: Array) -> NDArray[np.bool_]:
-    """Which points lie outside the convex hull of places, all (n, 2) on scales of 1."""
+    """Mark points outside the convex hull of places, all (n, 2) on scales of 1."""
     from scipy.spatial import Delaunay, QhullError
 
     # A little is allowed, for a hypercube does not reach the ends of its ranges.

@@ -14,7 +14,7 @@ from cc_mujoco.whatif.wording import cell, headed
 
 TABLE, PICTURE, RECORDING = "comparison.md", "comparison.png", "comparison.rrd"
 FILES = (TABLE, PICTURE, RECORDING)
-"""What `write_comparison` leaves in its folder."""
+"""Files that `write_comparison` leaves in its folder."""
 
 
 class Pair(NamedTuple):

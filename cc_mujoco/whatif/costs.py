@@ -1,4 +1,4 @@
-"""What parts cost: a small table that is meant to be replaced.
+"""Costs of parts: a small table that is meant to be replaced.
 
     read_costs("mine.csv")          # part,per,cost with a line for each part
 

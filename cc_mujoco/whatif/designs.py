@@ -1,4 +1,4 @@
-"""Which designs a study tries: a grid, a Latin hypercube, or a list from a file.
+"""Designs that a study tries: a grid, a Latin hypercube, or a list from a file.
 
     vary = {"friction": "0.05:0.3:10", "loops": [1, 2, 3]}
     grid(vary)                      # 30 designs
@@ -29,7 +29,7 @@ Given = str | float | Sequence[object]
 """A range or values as text, one value, or several."""
 
 MAX_DESIGNS = 1_000_000
-"""What fits into memory, and into weeks: a design takes a second or so."""
+"""Most designs that fit into memory, and into weeks: each takes a second or so."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Range:
     """The values that a variable may take: levels, or all between two ends."""
 
     levels: tuple[Value, ...]
-    """Those of a grid; empty where a range has no count."""
+    """Levels of a grid; empty where a range has no count."""
     ends: tuple[float, float] | None = None
     """Lowest and highest value of a range; None where only the levels are meant."""
     log: bool = False

@@ -1,4 +1,4 @@
-"""From designs to rows of the table: build, play what the metrics need, measure."""
+"""Rows of the table from designs: build, play what the metrics need, measure."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ Design = dict[str, Value]
 
 
 class Result(NamedTuple):
-    """What became of one design."""
+    """Outcome of one design."""
 
     metrics: dict[str, float]
     """All `numbers`; NaN where one cannot be had."""
@@ -199,7 +199,7 @@ def episodes(
     wearer: Wearer | None = None,
     design: Mapping[str, Value] | None = None,
 ) -> list[tuple[Test, str, Episode]]:
-    """What has to be played for the metrics of a protocol.
+    """Return the episodes that the metrics of a protocol need.
 
     Args:
         protocol: how designs are tried.
@@ -289,7 +289,7 @@ class Trial:
 def _main(
     protocol: EpisodeProtocol, builder: Builder, wearer: Wearer | None = None
 ) -> Episode:
-    """What a study asks for, without a controller."""
+    """Return the episode that a study asks for, without a controller."""
     return Episode(
         builder.device,
         protocol.trajectory,

@@ -1,4 +1,4 @@
-"""How the wearer of a design walks, and what help the ankle asks for.
+"""Walk of the wearer of a design, and the help that the ankle asks for.
 
     played_by({"gait_speed": 1.4}, episode)         # its walk, its task
     tasks_of([{"peak_time": 50.0}, {"peak_time": 54.0}], task)
@@ -39,18 +39,18 @@ WALKER = (SPEED, BODY_MASS, LEG_LENGTH)
 PROFILE = ("onset", "peak_time", "peak_torque", "fall")
 """Fields of `human.Profile`, and variables."""
 SHORTEST = 0.1
-"""Of rise and fall of a profile, see there [% of the stride]."""
+"""Shortest rise and fall of a profile, see there [% of the stride]."""
 WALK, ASSIST = "walk", "assist"
 """Trajectory whose speed is varied, and task whose profile is."""
 
 
 def body_of(design: Mapping[str, Value]) -> Body:
-    """How big the wearer of a design is."""
+    """Return the body of the wearer of a design."""
     return Body(float(design.get(BODY_MASS, MASS)), float(design.get(LEG_LENGTH, LEG)))
 
 
 def pace_of(design: Mapping[str, Value]) -> Pace:
-    """How fast the wearer of a design walks, see `Body.pace`.
+    """Return the pace of the wearer of a design, see `Body.pace`.
 
     Raises:
         CableError: nothing is known of walking so fast with such legs.
@@ -178,7 +178,7 @@ def require_strides(
 
 
 def _whole_stride(design: Mapping[str, Value]) -> float:
-    """When the first stride ends that is walked at full cadence all along [s]."""
+    """Return the end of the first stride walked at full cadence all along [s]."""
     walk = Walk.at(_speed(design), body_of(design))
     # By the end of the start half of it has been walked; one sample tells the strike.
     return 0.5 * walk.start + 2.0 * walk.period + CONTROL_PERIOD
@@ -196,7 +196,7 @@ def played_by(design: Mapping[str, Value], episode: Episode) -> Episode:
 def trajectory_of(
     design: Mapping[str, Value], trajectory: str | Trajectory
 ) -> str | Trajectory:
-    """How the wearer of a design moves."""
+    """Return the trajectory of the wearer of a design."""
     if SPEED in design or LEG_LENGTH in design:
         return Walk.at(_speed(design), body_of(design))
     return trajectory

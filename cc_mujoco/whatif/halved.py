@@ -1,4 +1,4 @@
-"""Whether what a study found depends on its time step: some designs at half of it.
+"""Check of a study's dependence on its time step: some designs at half of it.
 
 found = halved(plan, table, goals, limits, carry_out)
 
@@ -32,7 +32,7 @@ SMALL = 0.05
 
 @dataclass(frozen=True)
 class Change:
-    """What became of a number of a design.
+    """Change of a number of a design.
 
     Attributes:
         metric: its name.

@@ -71,7 +71,7 @@ class Laws(Controller):
         return [controller(self._name, drive) for drive in self._drives]
 
     def _probe(self) -> bool:
-        """Whether one controller with stacked drives is as good as one for each."""
+        """Return whether one controller with stacked drives equals one for each."""
         rng = np.random.default_rng(0)
         one_each = self._separate()
         try:

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from cc_mujoco import markdown
 
 WIRE_MODULUS = 207e9
-"""Of the steel of a wire [N/m^2] (source `calqlata`)."""
+"""Young's modulus of the steel of a wire [N/m^2] (source `calqlata`)."""
 
 ENDS = ("low", "typical", "high")
-"""Where in its range the friction of a pair may be taken."""
+"""Places in its range at which the friction of a pair may be taken."""
 
 SOURCES: dict[str, str] = {
     "adams": "Contact parameters of Adams, as on cnblogs.com/sxhui/p/14557852.html",
@@ -61,7 +61,7 @@ SOURCES: dict[str, str] = {
     "steel_cable": "7x7 stainless of 1/16 in, 480 lb, "
     "0685.com/continuing-education/be-self-taught/44804.html",
 }
-"""Where figures come from, by the word that names the source in the table."""
+"""Sources of the figures, by the word that names each in the table."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Material:
     modulus: Figure
     """Effective modulus of the rope [N/m^2]."""
     density: Figure
-    """Of the rope [kg/m^3]."""
+    """Density of the rope [kg/m^3]."""
     strength: Figure
     """Breaking load of the rope per area [N/m^2]."""
     hottest: Figure | None
@@ -104,12 +104,12 @@ class Material:
         return self.modulus.typical * area(diameter)
 
     def breaking_load(self, diameter: float) -> float:
-        """Of a rope of this diameter [m]; in N."""
+        """Breaking load of a rope of this diameter [m]; in N."""
         return self.strength.typical * area(diameter)
 
 
 def area(diameter: float) -> float:
-    """Of the circle about a rope of this diameter [m]; in m^2."""
+    """Area of the circle about a rope of this diameter [m]; in m^2."""
     return 0.25 * math.pi * diameter**2
 
 

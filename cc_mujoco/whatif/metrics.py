@@ -131,7 +131,7 @@ def numbers(protocol: EpisodeProtocol) -> tuple[str, ...]:
 
 
 def wants_high(protocol: EpisodeProtocol, name: str) -> bool:
-    """Whether more of a metric is better in a study."""
+    """Return whether more of a metric is better in a study."""
     return METRICS[name].high != (name in protocol.across.turned)
 
 

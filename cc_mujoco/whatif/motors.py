@@ -17,7 +17,7 @@ class Motor:
 
     name: str = ""
     resistance: float = math.nan
-    """Of the winding between its terminals, at 25 degC [ohm]."""
+    """Resistance of the winding between its terminals, at 25 degC [ohm]."""
     torque_constant: float = math.nan
     """Torque of the rotor per current [Nm/A]."""
     continuous_torque: float = math.nan
@@ -25,7 +25,7 @@ class Motor:
     mass: float = math.nan
     """Without a gear [kg]."""
     rotor_inertia: float = math.nan
-    """Of the rotor [kg m^2]."""
+    """Inertia of the rotor [kg m^2]."""
     source: str = ""
 
 

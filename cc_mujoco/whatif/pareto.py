@@ -1,4 +1,4 @@
-"""Which designs are best: objectives, limits, the Pareto set, an order of all."""
+"""Choice of the best designs: objectives, limits, the Pareto set, an order of all."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Objective:
         return f"{self.name} ({'high' if self.high else 'low'})"
 
     def cost(self, metrics: Mapping[str, float]) -> float:
-        """What to make small."""
+        """Return the number to minimise."""
         return -metrics[self.name] if self.high else metrics[self.name]
 
 
@@ -43,24 +43,24 @@ class Limit:
     name: str
     bound: float
     least: bool
-    """Whether the number is the least."""
+    """True if the number is the least."""
     across: bool = False
-    """Whether it must hold in every case of a design."""
+    """True if it must hold in every case of a design."""
 
     @property
     def column(self) -> str:
-        """Where the number is that must keep it."""
+        """Column of the number that must keep the limit."""
         if not self.across:
             return self.name
         return f"{self.name}@{LEAST if self.least else MOST}"
 
     @property
     def text(self) -> str:
-        """As it is written."""
+        """Text of the limit as it is written."""
         return f"{self.name}{'>=' if self.least else '<='}{self.bound:g}"
 
     def beyond(self, metrics: Mapping[str, float]) -> float:
-        """How far a design is beyond, as a share of the limit unless that is 0."""
+        """Return a design's excess, as a share of the limit unless that is 0."""
         over = metrics[self.column] - self.bound
         return (-over if self.least else over) / (abs(self.bound) or 1.0)
 
@@ -152,7 +152,7 @@ def read_objectives(
 def costs(
     table: pa.Table, objectives: Sequence[Objective], limits: Sequence[Limit] = ()
 ) -> Array:
-    """What to make small, (designs, objectives).
+    """Return the numbers to minimise, (designs, objectives).
 
     NaN where there is no number, and all along the row of a design beyond a limit.
     """
@@ -163,7 +163,7 @@ def costs(
 
 
 def within(table: pa.Table, limits: Sequence[Limit]) -> NDArray[np.bool_]:
-    """Whether designs keep all limits, (designs,); without a number none does."""
+    """Mark designs that keep all limits, (designs,); without a number none does."""
     kept = np.ones(len(table), dtype=np.bool_)
     for limit in limits:
         values = _column(table, limit.column)

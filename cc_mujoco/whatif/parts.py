@@ -1,4 +1,4 @@
-"""What the parts of a design weigh, cost and have to bend to; nothing is simulated.
+"""Mass, cost and tightest bends of the parts of a design; nothing is simulated.
 
 Lengths are those of the conduits: rope beyond their ends is left out, as are gears,
 levers, fittings and frames in the mass. Where a cable leaves its conduit all but the
@@ -89,7 +89,7 @@ def _cost(
     pulleys: int,
     lengths: Sequence[float],
 ) -> dict[str, float]:
-    """What all parts cost; nothing where that is not asked for."""
+    """Return the cost of all parts; nothing where that is not asked for."""
     if not costs:
         return {}
     per_metre = costs.get(str(design.get("material", "")), costs["rope"])

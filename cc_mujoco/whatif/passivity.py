@@ -92,7 +92,7 @@ class Limb:
     damping: float
     """[Nm s/rad]."""
     inertia: float
-    """That is added [kg m^2]."""
+    """Added inertia [kg m^2]."""
 
 
 @dataclass(frozen=True)
@@ -133,14 +133,14 @@ class Found(NamedTuple):
     """Most energy put into the joint while he held still, beyond what the virtual
     spring gave back [J]."""
     begun: Array
-    """The same from the beginning on, at rest, his own move included [J]: more than
-    all that he put in and friction took."""
+    """Most such energy from the beginning on, at rest, his own move included [J]: more
+    than all that he put in and friction took."""
     velocity: Array
     """RMS velocity of the joint while he held still [rad/s]."""
     stroke: Array
-    """From the least to the greatest angle meanwhile [rad]."""
+    """Range from the least to the greatest angle meanwhile [rad]."""
     frequency: Array
-    """Where the spectrum of that velocity has its peak [Hz]; in steps of 1 / `HOLD`."""
+    """Peak of the spectrum of that velocity [Hz]; in steps of 1 / `HOLD`."""
 
 
 def taken(

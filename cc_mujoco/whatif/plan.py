@@ -49,7 +49,7 @@ BATCH = 256
 """Most designs that are simulated together: enough that Python's share is small."""
 
 MEMORY, SAMPLE = 250e6, 150.0
-"""What a batch may keep, and what a design keeps of a control step [byte]."""
+"""Most that a batch may keep, and size of a design's control step [byte]."""
 
 _FEW = 8
 """Designs that are simulated together where there are few."""
@@ -60,7 +60,7 @@ _LONGEST_TEXT = 200
 SAMPLINGS = ("grid", "lhs")
 
 VALUES = "values"
-"""Of each variable, in the description of a study: a digest of those that occur."""
+"""Key of a study's description: a digest of each variable's values."""
 
 DEFAULT_CONTROLLERS = ("model",)
 """It follows from a design's own cables, where fixed gains suit one design alone."""
@@ -73,15 +73,15 @@ class Plan:
     protocol: EpisodeProtocol
     designs: tuple[Design, ...]
     ranges: Mapping[str, Range]
-    """Of each variable; of a list of designs, the values that occur."""
+    """Range of each variable; of a list of designs, the values that occur."""
     full: bool
-    """Whether the designs are every combination of the levels of the ranges."""
+    """True if the designs are every combination of the levels of the ranges."""
     batches: tuple[tuple[int, ...], ...]
     """Indices of designs that are simulated together."""
     source: str
     """Name of the trajectory, path of its CSV file, or what it is as an object."""
     search: Mapping[str, Any] | None = None
-    """What a search for the best goes by, as plain JSON, where designs follow from it;
+    """Settings of a search for the best, as plain JSON, where designs follow from it;
     else None."""
 
     @property
@@ -94,7 +94,7 @@ class Plan:
         )
 
     def describe(self) -> dict[str, Any]:
-        """What the study is, as plain JSON: equal where the same is asked."""
+        """Describe the study as plain JSON, equal for equal studies."""
         protocol = {
             field.name: getattr(self.protocol, field.name)
             for field in dataclasses.fields(self.protocol)
@@ -128,7 +128,7 @@ class Plan:
         }
 
     def made_by(self) -> dict[str, Any]:
-        """What makes the table besides, see `identity`."""
+        """Return what else makes the table, see `identity`."""
         names = *self.protocol.controllers, *self.protocol.metric_files
         return made_by(*names, trajectory=self.source)
 
@@ -268,7 +268,7 @@ def _trial(
     costs: str | Path | None,
     named: Iterable[str],
 ) -> tuple[EpisodeProtocol, Builder]:
-    """How designs are tried, and the builder of the scene."""
+    """Return the protocol of the designs, and the builder of the scene."""
     builder = Builder(scene, timestep)
     step = float(builder.spec.option.timestep)
     skip = round(CONTROL_PERIOD / step) if step > 0.0 else 0

@@ -1,4 +1,4 @@
-"""What every design is put through, and the cue cards of a run: tests and their parts.
+"""Protocol of every design, and the cue cards of a run: tests and their parts.
 
 A protocol is the episode that a study asks for and, where a metric needs them, two
 tests that say more of the hardware alone:
@@ -42,25 +42,25 @@ with, as a part of the largest torque of the scene's own motor at the joint."""
 
 @dataclass(frozen=True)
 class EpisodeProtocol:
-    """How each design of a study is tried."""
+    """Protocol by which each design of a study is tried."""
 
     scene: str
     trajectory: str | Trajectory
     """Name, or what a CSV file holds."""
     task: str
     controllers: tuple[str, ...]
-    """That drive the motor, each in an episode of its own."""
+    """Controllers of the motor, each in an episode of its own."""
     duration: float
     """Length of the episode [s]."""
     seed: int
     timestep: float
-    """Of the physics [s]."""
+    """Time step of the physics [s]."""
     metrics: tuple[str, ...]
     """Names of `METRICS`."""
     across: Across = Across()  # noqa: RUF009
-    """Over which cases a design is judged."""
+    """Cases over which a design is judged."""
     costs: tuple[tuple[str, float], ...] = ()
-    """What each part costs, where that is measured."""
+    """Cost of each part, where that is measured."""
     own: tuple[str | Metric, ...] = ()
     """Metrics of the user among them, as they were given."""
 

@@ -1,4 +1,4 @@
-"""What a finished study leaves beside its table: ranking, effects, figures."""
+"""Results of a finished study beside its table: ranking, effects, figures."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def write_report(
 def goals_of(
     plan: Plan, table: pa.Table, objectives: Sequence[Objective]
 ) -> tuple[Objective, ...]:
-    """What designs are ranked by: the objectives, or all of which there are numbers."""
+    """Return the objectives that rank designs, or all metrics that have numbers."""
     measured = plan.protocol.metrics
     had = [name for name in measured if table[name].null_count < len(table)]
     names = had or measured

@@ -54,12 +54,12 @@ from cc_mujoco.workers import WORKER_TIMEOUT, Progress, run_here, run_on_cluster
 GENERATION = 32
 """Designs that are asked for together."""
 PIECE = 8
-"""Of those, how many are simulated together."""
+"""Designs of a generation that are simulated together."""
 MOST_OBJECTIVES = 4
 AGAIN = 20
-"""How often in a row the sampler may ask for what was tried before."""
+"""Most times in a row that the sampler may ask for what was tried before."""
 _IMPOSSIBLE = 1e6
-"""How far beyond its limits a design counts that gives no numbers."""
+"""Excess over its limits of a design that gives no numbers."""
 
 
 def optimise(
@@ -306,7 +306,7 @@ def search(
 
 
 def _count(plan: Plan) -> float:
-    """How many designs there are within the ranges."""
+    """Return the number of designs within the ranges."""
     levels = [values.levels for values in plan.ranges.values()]
     return math.prod(len(each) for each in levels) if all(levels) else math.inf
 

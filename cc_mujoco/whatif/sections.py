@@ -1,4 +1,4 @@
-"""What the page of a study says, section by section; nothing here draws."""
+"""Text of the page of a study, section by section; nothing here draws."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Finding:
 
 
 def header(found: Finding) -> Html:
-    """What was asked, and the answer."""
+    """State what was asked, and the answer."""
     device = DEVICES[found.plan.protocol.scene]
     title = element("h1", f"What if? {device.meaning[:1].upper()}{device.meaning[1:]}")
     goals = listed([f"{'most' if g.high else 'least'} {plain(g.name)}"
@@ -157,7 +157,7 @@ def header(found: Finding) -> Html:
 
 
 def _at_once(found: Finding) -> Html:
-    """How sure that is and what to do next, for who reads no further."""
+    """State how sure that is and what to do next, for who reads no further."""
     row, edges = found.best, at_ends(found)
     assert row is not None
     show = element("code", f"cc-mujoco whatif-show STUDY {row['design']}")
@@ -176,7 +176,7 @@ def _at_once(found: Finding) -> Html:
 
 
 def as_good(found: Finding) -> str:
-    """How many other designs are about as good as the best, if there is one."""
+    """State how many other designs are about as good as the best, if there is one."""
     first = int(found.order[0])
     good = ~np.isnan(found.cost).any(axis=1)
     span = np.ptp(found.cost[good], axis=0)
@@ -261,7 +261,7 @@ def best(found: Finding) -> Html | None:
 def confidence(
     found: Finding, nearby: Around | None = None, half: Halved | None = None
 ) -> Html | None:
-    """How sure it is that the best is the best."""
+    """State how sure it is that the best is the best."""
     row = found.best
     if row is None:
         return None
@@ -302,7 +302,7 @@ def confidence(
 
 
 def settled(half: Halved) -> str:
-    """What half the time step makes of the numbers."""
+    """State how half the time step changes the numbers."""
     step = f"half the time step, {1e3 * half.timestep:g} ms"
     if not half.unsettled:
         many = f"{len(half.designs)} designs from the best to the worst"
@@ -330,7 +330,7 @@ def settled(half: Halved) -> str:
 
 
 def _missed(found: Finding, price: Price) -> str:
-    """That a design beside the best was better, and what it was."""
+    """State that a design beside the best was better, and what it was."""
     (goal,) = (goal for goal in found.goals if goal.name == price.objective)
     gain = goal.cost({goal.name: price.now}) - goal.cost({goal.name: price.found})
     if price.limit is not None or not price.kept or not gain > WORSE * abs(price.now):
@@ -343,7 +343,7 @@ def _missed(found: Finding, price: Price) -> str:
 
 
 def controllers(found: Finding) -> Html | None:
-    """How far what was found is the controller's; nothing where there is one."""
+    """State how far the findings depend on the controller; None where there is one."""
     laws = found.plan.protocol.controllers
     goals = [goal for goal in found.goals if METRICS[goal.name].driven]
     if len(laws) == 1 or not goals:
@@ -382,7 +382,7 @@ def controllers(found: Finding) -> Html | None:
 
 
 def trade_offs(found: Finding) -> Html | None:
-    """What one objective costs in another, along the Pareto set."""
+    """State what one objective costs in another, along the Pareto set."""
     members = np.flatnonzero(found.front)
     if len(found.goals) < 2 or members.size < 2:
         return None
@@ -409,7 +409,7 @@ def trade_offs(found: Finding) -> Html | None:
 
 
 def matters(found: Sequence[Sensitivity], goals: Sequence[Objective]) -> Html:
-    """Which variables decide each objective."""
+    """State which variables decide each objective."""
     known = [one for goal in goals for one in found if one.metric == goal.name]
     unknown = [g.name for g in goals if g.name not in {one.metric for one in known}]
     parts: list[Html] = []
@@ -451,7 +451,7 @@ def _share(share: float, error: float | None) -> str:
 
 
 def slack(found: Finding) -> Html | None:
-    """What the limits leave over, and which of them stand in the way."""
+    """State the slack of the limits, and which of them stand in the way."""
     if not found.limits:
         return None
     row = found.best
@@ -476,7 +476,7 @@ def slack(found: Finding) -> Html | None:
 
 
 def nearby(found: Around | None) -> Html | None:
-    """What each variable and each limit is worth at the best design."""
+    """State what each variable and each limit is worth at the best design."""
     if found is None:
         return None
     return joined(
@@ -563,7 +563,7 @@ def failures(found: Finding) -> Html | None:
 
 
 def fixed(found: Finding) -> Html:
-    """What every design has in common."""
+    """List what every design has in common."""
     plan, builder = found.plan, Builder(found.plan.protocol.scene)
     protocol = plan.protocol
     rows: list[Sequence[str]] = [
@@ -621,7 +621,7 @@ def _of_scene(builder: Builder) -> Iterator[tuple[str, str, object]]:
 
 
 def words(found: Finding) -> Html:
-    """What the names mean."""
+    """List the meanings of the names."""
     crossed = found.plan.protocol.across.names
     names = [*found.plan.protocol.metrics, *found.plan.ranges, *crossed]
     rows = []

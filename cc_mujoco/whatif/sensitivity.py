@@ -1,4 +1,4 @@
-"""What matters: main effects, and how much of a metric's variance each variable makes.
+"""Sensitivity: main effects, and the share of a metric's variance of each variable.
 
 Sobol's indices split the variance of a metric among variables and pairs of them. Where
 the designs are a full grid and all have the number, the split is exact over that grid.
@@ -39,7 +39,7 @@ CURVE = 9
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What one metric depends on.
+    """Dependence of one metric on the variables.
 
     Attributes:
         metric: its name.
@@ -62,11 +62,11 @@ class Sensitivity:
     """Texts of the values where they are no numbers."""
     surface: Surface | None = None
     errors: Indices = ({}, {}, {})
-    """Of `first`, `total` and `pairs`, where they are not exact."""
+    """Errors of `first`, `total` and `pairs`, where they are not exact."""
 
 
 def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
-    """What a metric depends on, or None where that cannot be said.
+    """Return what a metric depends on, or None where that cannot be determined.
 
     It cannot where the metric does not vary, or too few designs have it.
     """
@@ -242,7 +242,7 @@ def _indices(surface: Surface, axes: Sequence[Axis], power: int, seed: int) -> A
 
 
 def _pairs(at: Callable[[Array], Array], count: int, power: int, seed: int) -> Array:
-    """What pairs make only together: closed indices from points that share columns."""
+    """Return effects of pairs alone: closed indices from points that share columns."""
     from scipy.stats import qmc
 
     rng = np.random.default_rng([2, seed])

@@ -50,7 +50,7 @@ _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 @dataclass(frozen=True)
 class Episode:
-    """What all designs of a batch play."""
+    """Episode that all designs of a batch play."""
 
     setup: Setup
     trajectory: str | Trajectory
@@ -171,7 +171,7 @@ def _players(
     exo: Exo,
     script: Script,
 ) -> Players | None:
-    """What plays inside MuJoCo's steps; None where Python alone knows how."""
+    """Return the players inside MuJoCo's steps; None where Python alone knows how."""
     laws = [None if name is None else controller(name, drive) for drive in drives[:1]]
     if asked_by(exo.task) is None or law_of(laws[0]) is None:
         return None
@@ -231,7 +231,7 @@ def _play_inside(
 
 
 def why_failed(batch: Batch, row: int, time: float) -> str:
-    """What is said of a simulation that ended with a warning or an error at a time."""
+    """Describe why a simulation ended with a warning or an error at a time."""
     if error := batch.error(int(row)):
         return f"MuJoCo raised at {time:.3f} s: {error}"
     first = int(np.flatnonzero(batch.warning[row, :, 1])[0])
@@ -263,9 +263,9 @@ class Fleet:
         count = len(devices)
         self.steps, self.cables = exo.steps, cables(models[0])
         self.going = np.ones(count, dtype=np.bool_)
-        """Those that have not failed."""
+        """Mask of the designs that have not failed."""
         self.failed = [""] * count
-        """Why, where they have."""
+        """Reasons of those that failed; else empty."""
         self._exo, self._devices, self._controller = exo, devices, controller
         self._winding = Winding.over([device.winding for device in devices])
         self._angles = [scripts[row % len(scripts)].angles for row in range(count)]
@@ -326,7 +326,7 @@ class Fleet:
         return self._columns(self._bound)
 
     def _columns(self, now: Physics) -> Columns:
-        """What can be measured now, and what is kept of it beside."""
+        """Return what can be measured now, and what is kept of it beside."""
         state = now.plugin_state
         columns: dict[str, Any] = self._exo.device.read_motion(now, self._winding)
         _, phase, sine, cosine = self._marks[:, self._step].T

@@ -40,7 +40,7 @@ _PLAIN = {
     "turned": "objectives",
     "own": "metrics of the user",
 }
-"""What is said of entries of a description whose names mean nothing outside."""
+"""Words for entries of a description whose names mean nothing outside."""
 FAILED = "failed"
 """Column of why a design failed; behind `failed@` why it did with a controller."""
 CONTROLLER = "controller"
@@ -48,7 +48,7 @@ CONTROLLER = "controller"
 
 
 class Store:
-    """What a study has finished, kept in a folder or, without one, in memory."""
+    """Finished designs of a study, kept in a folder or, without one, in memory."""
 
     def __init__(self, plan: Plan, folder: Path | None, again: bool = False) -> None:
         """Open the folder and see what is done.
@@ -201,7 +201,7 @@ class Store:
 
 
 def _told_apart(written: Sequence[str]) -> tuple[int, bytes]:
-    """How many designs, and a digest of them."""
+    """Return the number of designs, and a digest of them."""
     digest = hashlib.sha256("\n".join(written).encode())
     return len(written), digest.digest()
 
@@ -243,7 +243,7 @@ def _remove_parts(folder: Path) -> None:
 
 
 def read_study(folder: Path) -> dict[str, Any]:
-    """What the study in a folder is.
+    """Read the description of the study in a folder.
 
     Raises:
         CableError: there is none.
@@ -289,7 +289,7 @@ def _require_same(folder: Path, about: Mapping[str, Any]) -> None:
 
 
 def _differing(key: str, found: object, value: object) -> str:
-    """What differs between two descriptions of studies, where an entry does."""
+    """Name what differs between two descriptions of studies, where an entry does."""
     if isinstance(value, dict) and isinstance(found, dict):
         inside = [k for k in {**found, **value} if found.get(k) != value.get(k)]
         if key == VALUES:

@@ -96,7 +96,7 @@ class Surface:
 
     @property
     def designs(self) -> int:
-        """How many it is fitted to."""
+        """Number of designs that it is fitted to."""
         return len(self.y)
 
     def halves(self, count: int) -> Iterator[Surface]:

@@ -1,4 +1,4 @@
-"""What a designer may vary: one table of names, units, bounds and meanings.
+"""Variables of a designer: one table of names, units, bounds and meanings.
 
 Every parameter of a cable is a variable; those below are of the route, the pulleys, the
 motor and the rope. `CABLE.NAME` is a variable of one cable alone (`flexor.friction`).
@@ -20,7 +20,7 @@ from cc_mujoco.whatif.materials import ENDS, MATERIALS
 from cc_mujoco.whatif.motors import MOTORS
 
 Value = float | int | str
-"""Of a variable: a number, or a text where the variable is one."""
+"""Value of a variable: a number, or a text where the variable is one."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class Variable:
     whole: bool = False
     text: bool = False
     cable: bool = True
-    """Whether it belongs to a cable, so that two cables may differ in it."""
+    """True if it belongs to a cable, so that two cables may differ in it."""
     choices: tuple[str, ...] = ()
-    """What a text may be; empty where it may be anything."""
+    """Allowed texts; empty where it may be anything."""
 
     @property
     def allowed(self) -> str:
@@ -169,7 +169,7 @@ SETS: dict[str, tuple[str, ...]] = {
         "motor_mass",
     ),
 }
-"""What a variable that names a row of a table sets."""
+"""Parameters that a variable sets when it names a row of a table."""
 
 _BENDS = ("conduit", "loops", "wrap", "bend_radius")
 CONFLICTS: tuple[tuple[str, ...], ...] = (

@@ -1,4 +1,4 @@
-"""How the names and numbers of a study are written for a reader."""
+"""Names and numbers of a study, written for a reader."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NEARBY = (
     "difference between the two sides; where it is as large as the change itself, the "
     "number bends there and the slope says little."
 )
-"""What the table of slopes is."""
+"""Explanation of the table of slopes."""
 WORTH = (
     "What moving by up to a tenth of every range should bring by these slopes (a "
     "linear program), the other objectives no worse, and what it brought when it was "
@@ -32,7 +32,7 @@ WORTH = (
     "keeps the rest, the best design was not yet the optimum. “Keeps the rest” allows "
     "another objective to be 1 % worse."
 )
-"""What the table of prices is."""
+"""Explanation of the table of prices."""
 
 
 def unit_of(name: str) -> str:
@@ -69,7 +69,7 @@ def quantity(name: str, value: object) -> str:
 
 
 def driven_by(controllers: Sequence[str]) -> str:
-    """Which controllers a study has."""
+    """Name the controllers of a study."""
     if len(controllers) == 1:
         return f"controller {controllers[0]}"
     names = ", ".join(controllers)

@@ -35,7 +35,7 @@ LAWS: dict[type[Controller], Law] = {
 
 
 def asked_by(task: Task) -> Asked | None:
-    """How a task is asked inside a step; None where Python alone knows it."""
+    """Return how a task is asked inside a step; None where Python alone knows it."""
     if type(task) is Tunnel:
         return Asked.TUNNEL
     if type(task) is Spring:
@@ -44,7 +44,7 @@ def asked_by(task: Task) -> Asked | None:
 
 
 def law_of(controller: Controller | None) -> Law | None:
-    """How a controller is called inside a step; None where Python alone knows it.
+    """Return the law of a controller inside a step; None where Python alone knows it.
 
     Args:
         controller: None for a motor that gives no torque.
@@ -80,7 +80,7 @@ class Players:
         names = cables(first.model)
         width = len(KEPT) + PER_CABLE * len(names)
         self.kept = np.full((count, width, steps + 1), np.nan)
-        """What is kept, `record.KEPT` and then of each cable; NaN from a failure on."""
+        """Kept columns, `record.KEPT` and then of each cable; NaN from a failure on."""
         self._cables = len(names)
         self._words = np.zeros((count, len(Word)), dtype=np.int64)
         numbers = np.zeros((count, len(Number)))
@@ -131,7 +131,7 @@ class Players:
         instant()(data._address, words.ctypes.data)
 
     def refused(self, row: int) -> bool:
-        """Whether the controller of a design gave no finite torque."""
+        """Return whether the controller of a design gave no finite torque."""
         return bool(self._words[row, Word.REFUSED])
 
     def at(self, row: int, more: int = 0) -> int:
@@ -168,7 +168,7 @@ class Players:
         return array
 
     def _describe(self, words: NDArray[np.int64], own: Array, device: Device) -> None:
-        """Where the device is in the arrays, and its numbers."""
+        """Write the places of the device in the arrays, and its numbers."""
         places, winding = device.places, device.winding
         words[Word.MOTOR_CONTROL] = device.motor_control
         words[Word.MOTOR_Q], words[Word.MOTOR_V] = places.motor_q, places.motor_v
@@ -190,7 +190,7 @@ class Players:
     def _instruct(
         self, words: NDArray[np.int64], own: Array, law: Controller | None
     ) -> None:
-        """What the law of a design goes by."""
+        """Write the data that the law of a design uses."""
         seen = self._hold(np.zeros(16))
         words[Word.SEEN] = seen.ctypes.data
         self._models.append(None)
@@ -236,7 +236,7 @@ class Players:
 
 
 def _readings(device: Device, names: Sequence[str]) -> NDArray[np.int64]:
-    """Where each cable is in `plugin_state` and `actuator_force`, see `Word`."""
+    """Locate each cable in `plugin_state` and `actuator_force`, see `Word`."""
     readers = [Reader(device.model, name) for name in names]
     ends = np.reshape(device.cable_outputs, (-1, 2))
     return np.array(

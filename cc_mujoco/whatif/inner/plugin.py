@@ -69,7 +69,7 @@ def _clamped(value: float, low: float, high: float) -> float:
 
 @internal
 def _desired(record: int, step: int, angle: float) -> float:
-    """What the task asks for at a control step [Nm]; see `human.tasks`."""
+    """Return the task's desired torque at a control step [Nm]; see `human.tasks`."""
     kind, numbers = load_word(record + _ASKED), load_word(record + _NUMBERS)
     stiffness = load_real(numbers + _STIFFNESS)
     if kind == _TUNNEL:
@@ -238,7 +238,7 @@ def _play(data: int, record: int) -> None:
 
 @cache
 def instant() -> Any:
-    """What begins an episode: takes the addresses of a simulation and its record."""
+    """Return what begins an episode from addresses of a simulation and its record."""
     return ctypes.CFUNCTYPE(None, *(2 * (ctypes.c_ssize_t,)))(_compiled()[1].address)
 
 

@@ -1,4 +1,4 @@
-"""What the plugin knows of a simulation: words and addresses, in the order of `Word`.
+"""Record of a simulation for the plugin: words and addresses, in the order of `Word`.
 
 `userdata[0]` of a simulation holds the address of its record; 0 is none, which is also
 what MuJoCo makes of it when a simulation diverges.
@@ -10,7 +10,7 @@ from enum import IntEnum, auto
 
 
 class Law(IntEnum):
-    """What drives the motor."""
+    """Law that drives the motor."""
 
     UNPOWERED = 0
     FEED_FORWARD = auto()
@@ -20,7 +20,7 @@ class Law(IntEnum):
 
 
 class Asked(IntEnum):
-    """What is asked of the device, see `human.tasks`."""
+    """Task that is asked of the device, see `human.tasks`."""
 
     OF_PHASE = 0
     TUNNEL = auto()
@@ -98,15 +98,15 @@ class Number(IntEnum):
     SCALE = auto()
     """Control of the motor at its largest torque."""
     LIMIT = auto()
-    """That torque [Nm]."""
+    """Largest torque of the motor [Nm]."""
     HALF_WIDTH = auto()
     STIFFNESS = auto()
     MOST = auto()
-    """Of the task, see `Tunnel` and `Spring`."""
+    """Largest torque of the task [Nm]; as those above, see `Tunnel` and `Spring`."""
     LEVERAGE_ARM = auto()
-    """Of the winding, see there [m/rad]."""
+    """Leverage arm of the winding, see there [m/rad]."""
     CABLE_STIFFNESS = auto()
-    """Of all cables at the joint [Nm/rad]."""
+    """Stiffness of all cables at the joint [Nm/rad]."""
 
 
 KEPT = (

@@ -58,16 +58,16 @@ THIN = 10
 
 @dataclass(frozen=True)
 class Cell:
-    """What is played together."""
+    """Episodes that are played together."""
 
     condition: Condition
     controller: str
     """Name of a controller or a reference."""
     seeds: tuple[int, ...] = (0,)
     belief: Belief | None = None
-    """That of the condition by default."""
+    """Belief; that of the condition by default."""
     sensing: Sensing | None = None
-    """That of the device by default."""
+    """Sensing; that of the device by default."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be played."""
@@ -85,7 +85,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class CellResult:
-    """What a cell gave.
+    """Result of a cell.
 
     Attributes:
         scores: by name, (seeds,).

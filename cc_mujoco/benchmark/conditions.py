@@ -1,4 +1,4 @@
-"""What a suite plays: conditions, each of which differs from the ordinary one.
+"""Conditions that a suite plays, each of which differs from the ordinary one.
 
     SUITES["v1"].conditions("wrist")
 
@@ -53,7 +53,7 @@ USUAL = "ordinary", "rough"
 
 @dataclass(frozen=True)
 class Condition:
-    """What all seeds of a cell have in common."""
+    """Condition that all seeds of a cell have in common."""
 
     scene: str
     name: str
@@ -64,15 +64,15 @@ class Condition:
     error: str = USUAL[1]
     """A key of `ERRORS`."""
     impedance: float = 1.0
-    """Of the wearer, as a multiple of the scene's."""
+    """Impedance of the wearer, as a multiple of the scene's."""
     delay: tuple[int, int] = (1, 2)
     """Least and most control steps by which measurements are late."""
     noise: float = 1.0
-    """Of all sensors and their biases, as a multiple of the device's."""
+    """Noise of all sensors and their biases, as a multiple of the device's."""
     moving_route: bool = False
-    """Whether the conduit bends as the leg moves."""
+    """True if the conduit bends as the leg moves."""
     duration: float = 4.0
-    """Of an episode [s]."""
+    """Length of an episode [s]."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be played."""
@@ -89,12 +89,12 @@ class Condition:
 
     @property
     def usual(self) -> bool:
-        """Whether this is the condition that the others differ from."""
+        """Return whether this is the condition that the others differ from."""
         return self.name == "-".join(USUAL)
 
 
 def plants_of(name: str) -> str:
-    """What the plants of a condition are drawn for, by its name.
+    """Return the key that samples the plants of a condition, by the condition's name.
 
     Errors of the model meet the same plants; all other conditions have their own.
     """
@@ -103,7 +103,7 @@ def plants_of(name: str) -> str:
 
 
 LEAST = 1.0
-"""Of which the first half is not scored [s]."""
+"""Length that an episode must exceed, whose first half is not scored [s]."""
 
 
 def _wrist() -> list[Condition]:
@@ -166,7 +166,7 @@ def _named(plain: Condition, name: str, **changes: object) -> Condition:
 
 @dataclass(frozen=True)
 class Suite:
-    """What is played, and with how many seeds."""
+    """Conditions that are played, and the number of seeds."""
 
     meaning: str
     makers: dict[str, Callable[[], list[Condition]]]

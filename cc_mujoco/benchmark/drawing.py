@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 BINS = 30
-"""Of a cycle, or of the time after a reversal."""
+"""Bins of a cycle, or of the time after a reversal."""
 LONGEST = 0.6
 """Time after a reversal that is shown [s]."""
 STARTED = 1.0

@@ -129,7 +129,7 @@ class _Process:
 
     @property
     def lives(self) -> bool:
-        """Whether it has not ended."""
+        """Return whether it has not ended."""
         return self._process.poll() is None
 
     def make(self, drive: Drive) -> int:

@@ -51,9 +51,9 @@ class Plant:
     """One device, its wearer and its sensors."""
 
     seed: int
-    """Of its motion and noise; that of the episode and its condition make it."""
+    """Seed of its motion and noise; that of the episode and its condition make it."""
     design: Mapping[str, Value]
-    """Of its cables; see `whatif.build.Builder`."""
+    """Design of its cables; see `whatif.build.Builder`."""
     cables: Mapping[str, Cable]
     """All cables of the device."""
     wearer: Wearer
@@ -61,10 +61,10 @@ class Plant:
     delay: int
     """Control steps by which measurements are late."""
     noise: float
-    """Of all sensors, as a multiple of the device's."""
+    """Noise of all sensors, as a multiple of the device's."""
     bias: tuple[float, ...]
-    """Of the joint torque sensor, then of every tension sensor, as a multiple of the
-    standard deviation of the device's noise."""
+    """Bias of the joint torque sensor, then of every tension sensor, as a multiple of
+    the standard deviation of the device's noise."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Belief:
     """Standard deviations of the relative errors of what a controller believes."""
 
     error: float = 0.1
-    """Of both friction coefficients, axial stiffness and pretension."""
+    """Error of both friction coefficients, axial stiffness and pretension."""
     bias: float = 0.0
     """Relative error of friction that is the same for all, added to the draw."""
 
@@ -82,7 +82,7 @@ class Belief:
         parameter(self, "bias", -0.9, 5.0, "")
 
     def of(self, cable: Cable, random: np.random.Generator) -> Cable:
-        """What is believed of a cable; its route is known."""
+        """Return a cable as it is believed; its route is known."""
         friction, stiffness, pretension = (self.error * _cut(random) for _ in range(3))
         factor = max(1.0 + self.bias + friction, 0.05)
         return cable.replace(

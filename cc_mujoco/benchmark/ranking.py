@@ -1,4 +1,4 @@
-"""Which differences between controllers are real: paired bootstrap over seeds.
+"""Significance of differences between controllers: paired bootstrap over seeds.
 
     errors = normalised(rms, "none")             # controller -> (conditions, seeds)
     for place in ranking(errors): print(place.name, place.first, place.last)
@@ -26,22 +26,22 @@ WORST = 10.0
 
 
 class Place(NamedTuple):
-    """Where a controller stands; NaN where one seed tells no interval."""
+    """Place of a controller; NaN where one seed gives no interval."""
 
     name: str
     score: float
     """Mean normalised error."""
     low: float
     high: float
-    """Of its interval."""
+    """Upper end of its interval."""
     first: int
     last: int
-    """Of the ranks that it may have, 1 is the best."""
+    """Last of the ranks that it may have, 1 is the best."""
     better_than: tuple[str, ...]
 
 
 class Difference(NamedTuple):
-    """Of the mean of one controller less that of another."""
+    """Difference of the mean of one controller less that of another."""
 
     mean: float
     low: float
@@ -49,7 +49,7 @@ class Difference(NamedTuple):
 
     @property
     def real(self) -> bool:
-        """Whether the interval leaves out 0."""
+        """Return whether the interval leaves out 0."""
         return self.low > 0.0 or self.high < 0.0
 
     def __str__(self) -> str:

@@ -18,11 +18,11 @@ class Reference:
     controller: str | None = None
     """Name of the controller; without one the motor gives no torque."""
     changes: dict[str, Value] = field(default_factory=dict)
-    """Of every cable of the plant."""
+    """Changes to every cable of the plant."""
     ideal: bool = False
-    """Whether the desired torque reaches the joint whatever the cables do."""
+    """True if the desired torque reaches the joint whatever the cables do."""
     belief: Belief | None = None
-    """What the controller believes; that of the condition by default."""
+    """Belief of the controller; that of the condition by default."""
 
 
 SCALE = "none"

@@ -30,7 +30,7 @@ OVERVIEW = (
     "Normalised error (`none` is 1, the smaller the better), mean over conditions and "
     "seeds with its 95 % interval; and failed episodes:"
 )
-"""Of `overview_table`."""
+"""Heading of `overview_table`."""
 
 
 class Interval(NamedTuple):
@@ -113,7 +113,7 @@ def diverged(results: Results) -> list[str]:
 
 
 def definitions() -> str:
-    """What every row and every score is, a line each."""
+    """Define every row and every score, a line each."""
     lines = [f"- *{name}*: {row.meaning}" for name, row in REFERENCES.items()]
     lines.append(
         "- `error` [1]: `rms_torque_error` over the mean of that of `none` in the same "

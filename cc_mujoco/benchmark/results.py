@@ -44,7 +44,7 @@ def rms_errors(results: Results) -> Errors:
 
 
 def machine() -> dict[str, str | int]:
-    """Where this process runs."""
+    """Describe the machine that this process runs on."""
     return {
         "system": platform.platform(),
         "processor": _processor(),

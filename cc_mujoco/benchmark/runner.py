@@ -29,19 +29,19 @@ from cc_mujoco.identity import differences, seal, sealed, told
 from cc_mujoco.workers import WORKER_TIMEOUT, Tick, run_here, run_on_cluster
 
 MAX_SEEDS = 1000
-"""Of more, not even the names of the results are quickly listed."""
+"""Most seeds: of more, not even the names of the results are quickly listed."""
 
 MAX_SEED = 2**31
 """Largest first seed."""
 
 CELLS, RESULTS, TABLE = "cells", "results.parquet", "table.md"
 FIGURES = ("pareto", "cycle", "levels")
-"""Of a scene."""
+"""Figures of a scene."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to run; empty is all that the suite has."""
+    """Choice of what to run; empty is all that the suite has."""
 
     controllers: tuple[str, ...]
     suite: str = "v1"
@@ -49,11 +49,11 @@ class Plan:
     conditions: tuple[str, ...] = ()
     """Names of some, of the devices that have them."""
     seeds: int = 0
-    """How many; 0 is what the suite has."""
+    """Number of seeds; 0 is what the suite has."""
     first_seed: int = 0
     """The first of them; the others follow. Who judges may choose it afterwards."""
     duration: float | None = None
-    """Of an episode; that of the conditions by default [s]."""
+    """Length of an episode; that of the conditions by default [s]."""
 
     def players(self) -> tuple[str, ...]:
         """References, `none`, and the controllers, each once."""
@@ -250,14 +250,14 @@ def _files(cell: Cell) -> list[str]:
 
 
 def _about(cell: Cell) -> dict[str, Any]:
-    """What decides a cell, whose controller was made before."""
+    """Return what determines a cell, whose controller was made before."""
     return {"cell": repr(cell), "made_by": entry.makers(cell.controller)}
 
 
 def _tables(
     cell: Cell, result: CellResult, times: Times | None
 ) -> tuple[pa.Table, ...]:
-    """What the files of a cell hold."""
+    """Return the tables that the files of a cell hold."""
     about = _about(cell)
     median, worst = times or (None, None)
     columns = {**result.scores, **result.plants}

@@ -17,7 +17,7 @@ from cc_mujoco.sensing import TENSIONS, Measuring, Sensing
 
 
 class DrawnSensors:
-    """What the controllers of several plants read, during one episode."""
+    """Readings of the controllers of several plants, during one episode."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class DrawnSensors:
         self._step = 0
 
     def measure(self, columns: Mapping[str, Any]) -> dict[str, Any]:
-        """What the controllers read of the columns of this step, (plants, ...)."""
+        """Return what controllers read of the columns of this step, (plants, ...)."""
         seen = self._measuring.measure(columns)
         errors = self._errors[self._step]
         seen["joint_torque_nm"] = seen["joint_torque_nm"] + errors[:, 0]

@@ -1,4 +1,4 @@
-"""How long a controller takes for a step of one device, on this machine."""
+"""Time of a controller for a step of one device, on this machine."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TIMED = 1.1
 
 
 class Times(NamedTuple):
-    """Of a call of `Controller.torque` with the numbers of one device.
+    """Times of a call of `Controller.torque` with the numbers of one device.
 
     It is time of the processor, so that other work on the machine does not count.
     """

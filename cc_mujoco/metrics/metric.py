@@ -99,17 +99,17 @@ class Metric:
 
     @property
     def high(self) -> bool:
-        """Whether more is better."""
+        """Return whether more is better."""
         return self.better == "high"
 
     @property
     def driven(self) -> bool:
-        """Whether the controller influences it."""
+        """Return whether the controller influences it."""
         return self.test in ("episode", "bandwidth")
 
     @property
     def per_cable(self) -> bool:
-        """Whether every cable has one."""
+        """Return whether every cable has one."""
         return "{cable}" in self.name
 
     def of(self, cable: str) -> Metric:

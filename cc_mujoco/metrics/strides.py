@@ -1,4 +1,4 @@
-"""What the ankle of a walking wearer gets and gives, stride by stride.
+"""Assistance and work at the ankle of a walking wearer, stride by stride.
 
 The scripted wearer is a spring and a damper to the measured motion, on a leg that
 swings free of the floor: what it resists with says nothing of what it would save. So

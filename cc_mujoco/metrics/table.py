@@ -178,7 +178,7 @@ METRICS: dict[str, Metric] = {
 
 _BUILT_IN = frozenset(METRICS)
 _ORIGINS: dict[str, str | Metric] = {}
-"""What the metrics of the user were given as, by name."""
+"""Metrics of the user as they were given, by name."""
 
 
 def find_metric(given: str | Metric) -> Metric:

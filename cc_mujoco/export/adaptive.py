@@ -1,4 +1,4 @@
-"""What C calls of `adaptive`: `predictive`, with friction from tension sensors.
+"""Functions of `adaptive` for C: `predictive`, with friction from tension sensors.
 
 `shape` goes on behind that of `predictive` by the number of sensors along a cable, then
 their nodes, of every cable. `readings` end with the tensions, `parameters` with the
@@ -27,7 +27,7 @@ _FRICTION = friction.INDEX["friction"]
 
 @compiled
 def room(cables: int, most: int, sensors: int) -> int:
-    """How many numbers the memory has behind those of `predictive`.
+    """Return how many numbers the memory has behind those of `predictive`.
 
     Args:
         cables: How many there are.
@@ -46,7 +46,7 @@ def _deviations(shape: Any) -> int:
 
 @internal
 def _sensors(shape: Any) -> int:
-    """How many there are along a cable."""
+    """Return the number of sensors along a cable."""
     return int(shape[3 + 2 * shape[0]])
 
 

@@ -1,4 +1,4 @@
-"""What C calls: the laws of `control.laws` on memory that the caller owns, compiled.
+"""Functions for C: the laws of `control.laws` on the caller's memory, compiled.
 
     init(memory, shape, parameters, least, most)    # 0, or 1 + what is wrong
     torque = step(memory, shape, tables, readings)
@@ -53,7 +53,7 @@ STEP = types.float64(NUMBERS, COUNTS, NUMBERS, NUMBERS)
 
 @compiled
 def places(cables: int, most: int) -> tuple[int, int, int, int, int, int]:
-    """Where numbers stand in the memory, given the most segments of a cable.
+    """Return the places of numbers in the memory, given the most segments of a cable.
 
     Returns:
         First numbers of what the laws need to compute with, of the packed parameters,
@@ -210,13 +210,13 @@ def set_cables(memory: Any, shape: Any, parameters: Any, least: Any, most: Any) 
 
 @internal
 def possible(reading: float) -> bool:
-    """Whether a reading is a number that a sensor can mean."""
+    """Return whether a reading is a number that a sensor can mean."""
     return bool(abs(reading) <= MOST)
 
 
 @internal
 def measured(readings: Any, count: int) -> bool:
-    """Whether all that is read is possible."""
+    """Return whether all that is read is possible."""
     for i in range(count):
         if not possible(readings[i]):
             return False

@@ -1,4 +1,4 @@
-"""Which controllers can be exported, and the numbers that they are given.
+"""Controllers that can be exported, and the numbers that they are given.
 
 plan = Plan.of("stiction", drive, ("flexor", "extensor"))
 plan.fields[0].name, plan.values()[0]      # "ratio", 5.2
@@ -53,9 +53,9 @@ class Law:
     """Gains that what it was exported with depends on."""
     gains: tuple[Parameter, ...] = GAINS
     seen: tuple[str, ...] = SEEN
-    """What it reads."""
+    """Readings that it uses."""
     needs_slope: bool = False
-    """Whether its cables may only have terms of friction that `estimation.slope` has.
+    """True if its cables may only have terms of friction that `estimation.slope` has.
     """
 
 
@@ -126,7 +126,7 @@ class Plan:
     segments: tuple[int, ...]
     sections: tuple[int, ...]
     plans: tuple[FloatArray, ...] = ()
-    """Of a controller that plans: gains of the plans (delays, knots, 2 + knots), of the
+    """Tables of a planner: gains of the plans (delays, knots, 2 + knots), of the
     unexplained torque (delays,) and weights of accelerations (delays,)."""
     taps: slopes.Taps | None = None
     """Tension sensors, of a controller that reads them."""
@@ -186,12 +186,12 @@ class Plan:
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """What it reads."""
+        """Readings that it uses."""
         return (*self.law.seen, *(name for name, _, _ in self.tapped))
 
     @property
     def tapped(self) -> tuple[tuple[str, str, int], ...]:
-        """Of every tension sensor: name of its reading, cable and node."""
+        """Name of the reading, cable and node of every tension sensor."""
         if self.taps is None:
             return ()
         return tuple(
@@ -202,7 +202,7 @@ class Plan:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """What the compiled functions are told: see `entries`."""
+        """Shape that the compiled functions are given: see `entries`."""
         told = (len(self.cables), *self.segments, *self.sections)
         if self.plans:
             told = *told, *self.plans[0].shape[:2]
@@ -224,7 +224,7 @@ class Plan:
 
     @property
     def places(self) -> tuple[int, ...]:
-        """Where numbers stand in the memory; the last is how many there are."""
+        """Places of numbers in the memory; the last is how many there are."""
         longest = max(self.segments, default=0)
         if self.plans:
             delays, knots = self.plans[0].shape[:2]

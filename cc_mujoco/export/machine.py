@@ -1,4 +1,4 @@
-"""From the library's own compiled functions to an object file of any machine.
+"""Compilation of the library's own functions to an object file of any machine.
 
     emit(TARGETS["aarch64"], interface, entries)      # bytes of an object file
 
@@ -32,12 +32,12 @@ class Target:
     """A machine to compile for."""
 
     triple: str
-    """As LLVM has it; empty is the machine that this runs on."""
+    """Target triple of LLVM; empty is the machine that this runs on."""
     processor: str
     features: str
     meaning: str
     bits: int = 64
-    """Of a pointer."""
+    """Bits of a pointer."""
 
 
 TARGETS = {
@@ -53,7 +53,7 @@ TARGETS = {
         32,
     ),
 }
-"""What `--target` takes."""
+"""Targets that `--target` takes."""
 
 
 def emit(target: Target, interface: str, functions: Iterable[Bitcode]) -> bytes:

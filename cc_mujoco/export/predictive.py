@@ -1,4 +1,4 @@
-"""What C calls of `predictive`: `control.planning` on memory that the caller owns.
+"""Functions of `predictive` for C: `control.planning` on the caller's memory.
 
 `shape` goes on behind that of `entries` by the number of delays that may be, and of the
 knots of a plan. `tables` are the gains of the plans, those of the unexplained torque
@@ -37,7 +37,7 @@ READ = len(SEEN)
 def places(
     cables: int, most: int, sections: int, delays: int, knots: int
 ) -> tuple[int, int, int, int, int, int]:
-    """Where numbers stand in the memory, as `entries.places`.
+    """Return the places of numbers in the memory, as `entries.places`.
 
     Args:
         cables: How many there are.
@@ -71,7 +71,7 @@ def longest(shape: Any) -> tuple[int, int]:
 
 @internal
 def placed(shape: Any) -> tuple[int, int, int, int, int, int]:
-    """Where numbers stand in the memory; see `places`."""
+    """Return the places of numbers in the memory; see `places`."""
     cables = shape[0]
     most, sections = longest(shape)
     return places(cables, most, sections, shape[1 + 2 * cables], shape[2 + 2 * cables])

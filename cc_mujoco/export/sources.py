@@ -12,7 +12,7 @@ from cc_mujoco.export.laws import Plan
 from cc_mujoco.transmission.packing import STATE_HEADER
 
 MARK = "/* Written by cc-mujoco export: "
-"""What the header begins with."""
+"""First words of the header."""
 
 _READINGS = {
     "motor_angle_rad": "angle of the motor; of a round pulley only its changes matter",

@@ -14,7 +14,7 @@ from cc_mujoco.export.machine import Target, emit
 HEADER, OBJECT = "cc_controller.h", "cc_controller.o"
 TEXTS = ("cc_parameters.c", "cc_example.c", "CMakeLists.txt")
 FILES = (HEADER, OBJECT, *TEXTS, files.WRITTEN)
-"""What a folder holds."""
+"""Files that a folder holds."""
 
 
 def require_ours(folder: str | os.PathLike[str]) -> None:

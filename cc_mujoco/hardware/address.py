@@ -1,4 +1,4 @@
-"""Where a rig is, as `[rig]` says: behind UDP, or on a CAN bus."""
+"""Address of a rig, as `[rig]` gives it: behind UDP, or on a CAN bus."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ class CanAddress:
     """A place on a CAN FD bus."""
 
     channel: str
-    """As the interface calls it, such as `can0`."""
+    """Name of the channel at the interface, such as `can0`."""
     interface: str = "socketcan"
-    """Of python-can."""
+    """Interface of python-can."""
     command_id: int = 0x110
     """Identifier of frames with a command; of 29 bits if above 0x7ff."""
     reading_id: int = 0x111
     """Identifier of frames with a reading, likewise; of two at once the lower wins."""
     bus: Mapping[str, Any] = field(default_factory=dict)
-    """What else the interface wants to be told, such as its bit rates."""
+    """Further arguments of the interface, such as its bit rates."""
 
     def other_end(self) -> CanAddress:
-        """The same as the rig sees it, which hears commands and sends readings."""
+        """Return the rig's own address, which hears commands and sends readings."""
         return replace(self, command_id=self.reading_id, reading_id=self.command_id)
 
 

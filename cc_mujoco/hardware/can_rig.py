@@ -30,7 +30,7 @@ DRAINED = 200
 """Most frames looked at between two packets; a bus full of others must not hold up."""
 NETWORKS = Path("/sys/class/net")
 _FD_MTU = 72
-"""Of a network of SocketCAN with CAN FD; without it is 16."""
+"""MTU of a network of SocketCAN with CAN FD; without it is 16."""
 _OFF = 0x40
 """Bit in the identifier of SocketCAN's error frames: the controller is off the bus."""
 _QUIET = logging.NullHandler()

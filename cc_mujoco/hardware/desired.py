@@ -23,7 +23,7 @@ from cc_mujoco.units import CLOCK, TORQUE, Kind
 Array = NDArray[np.float64]
 
 COLUMNS = {"time_s": CLOCK, "torque_nm": TORQUE}
-"""Of a course in a CSV file."""
+"""Columns of a course in a CSV file."""
 _NEED_PHASE = ("assist", "swing")
 
 
@@ -92,7 +92,7 @@ class Virtual:
 
     @classmethod
     def named(cls, name: str) -> Virtual:
-        """That of a name.
+        """Return the virtual environment of a name.
 
         Raises:
             CableError: There is none, or it follows a gait, which no rig measures.
@@ -107,7 +107,7 @@ class Virtual:
 
 
 def constant(torque: float) -> Course:
-    """The same torque [Nm] all the time."""
+    """Return a course of the same torque [Nm] all the time."""
     return Course(np.zeros(1), np.array([torque]))
 
 

@@ -1,4 +1,4 @@
-"""What a controller knows of a rig: the drive of its scene, at the loop's period."""
+"""Knowledge of a controller about a rig: its scene's drive, at the loop's period."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def require_told(scene: str, limits: Limits) -> None:
 
 
 def bench_drive(path: Path, period: float) -> Drive:
-    """That of a scene with one cable or a pair on pulleys, for torques up to 1 Nm.
+    """Return the drive of a scene: one cable or a pair on pulleys, torques up to 1 Nm.
 
     Args:
         path: Of the scene.

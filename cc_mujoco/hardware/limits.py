@@ -1,4 +1,4 @@
-"""What is never exceeded: the limiter that stands last before the motor."""
+"""Limits that are never exceeded: the limiter that stands last before the motor."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ SLOWEST, FASTEST = 1.0 / 500.0, 1.0 / 2000.0
 
 @dataclass(frozen=True)
 class Limits:
-    """How far a run may go; beyond what is measured it is stopped."""
+    """Limits of a run, which is stopped if a measured value exceeds one."""
 
     torque: float
-    """Of the motor, either way [Nm]."""
+    """Largest torque of the motor, either way [Nm]."""
     torque_rate: float
-    """Of the motor's torque [Nm/s]."""
+    """Largest rate of the motor's torque [Nm/s]."""
     motor_speed: float
     """[rad/s]"""
     joint_range: tuple[float, float]
     """Least and greatest angle [rad]."""
     joint_torque: float = math.inf
-    """That the transmission puts into the joint, either way [Nm]."""
+    """Largest torque that the transmission puts into the joint, either way [Nm]."""
     tension: float = math.inf
     """Anywhere in a cable, by what the model in the scene makes of the motor's angle
     and the joint's torque [N]."""
@@ -77,7 +77,7 @@ class Limits:
 
 
 class Limiter:
-    """What a motor is asked for, by what a controller wishes.
+    """Limiter of a motor's torque, given the torque that a controller wishes.
 
     However the wish, two torques in a row differ by at most rate times period, and none
     is beyond the limit; it begins at zero. Time is counted in cycles, so a late loop
@@ -103,11 +103,11 @@ class Limiter:
         self.torque = 0.0
         """The last that was given out [Nm]."""
         self.is_rate_limited = False
-        """Whether the limit of the rate kept it from where it was to go."""
+        """True if the limit of the rate kept it from where it was to go."""
 
     @property
     def share(self) -> float:
-        """Of the controller in the last torque, 1 after the soft start."""
+        """Share of the controller in the last torque, 1 after the soft start."""
         return min(1.0, self._cycles * self._share)
 
     def limited(self, wish: float) -> float:

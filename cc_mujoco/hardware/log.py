@@ -1,4 +1,4 @@
-"""What a run leaves: its rows as they come, and a page on how it went.
+"""Log of a run: its rows as they come, and a page on how it went.
 
 `log.csv` grows block by block, so that a killed process loses no more than the last
 block; one that is killed while it writes may leave a part of a line. Its columns are
@@ -35,7 +35,7 @@ COLUMNS = (
     "work_s",
     "cycle",
 )
-"""Of every row: time by the rig's clock; what it measured; `motor_torque_nm`, the
+"""Columns of a row: time by the rig's clock; what it measured; `motor_torque_nm`, the
 torque that it had been told by then; that of the task; the one that it was told in this
 cycle; the one that the controller wished (nan where it was not asked); how late the
 cycle began and how long it took until the command was out; the number of the cycle."""
@@ -76,7 +76,7 @@ def require_free(folder: str | os.PathLike[str], name: str = LOG) -> None:
 
 
 def _is_empty(folder: Path, name: str) -> bool:
-    """Whether a run of ours ended there before anything was measured."""
+    """Return whether a run of ours ended there before anything was measured."""
     rows, page = (folder / file for file in files_of(name))
     try:
         bare = rows.stat().st_size == len(_HEAD) and rows.read_bytes() == _HEAD

@@ -28,7 +28,7 @@ from cc_mujoco.hardware.rig import Rig
 from cc_mujoco.hardware.watch import Watch, Watchdog
 
 CONNECT_TIME = 3.0
-"""How long a rig may take until its first reading [s]."""
+"""Longest time that a rig may take until its first reading [s]."""
 ZEROS = 5
 """Cycles at zero torque after the ramp of a stop."""
 WARM_UP = 20
@@ -50,14 +50,14 @@ class Ending(Exception):
 
 
 class Rows(Protocol):
-    """What takes the rows of a run; `Log` is one."""
+    """Receiver of the rows of a run; `Log` is one."""
 
     def row(self, seen: Readings, before: float, *others: float) -> None:
         """See `Log.row`."""
 
 
 class Times:
-    """How often what lasted how long: bins of a microsecond, up to 20 ms."""
+    """Histogram of times: bins of a microsecond, up to 20 ms."""
 
     def __init__(self) -> None:
         """Begin with none."""
@@ -89,32 +89,32 @@ class Times:
 
 @dataclass
 class Outcome:
-    """How a run went."""
+    """Outcome of a run."""
 
     sentence: str = ""
     """Why it ended."""
     code: int = 0
     """Exit code: 0 the time was over, 3 something was amiss, 128 + number a signal."""
     cycles: int = 0
-    """That the controller had a say in."""
+    """Cycles that the controller had a say in."""
     missed: int = 0
     """Cycles that were skipped because the host was late."""
     limited: int = 0
-    """Of those, in how many the motor got all the torque that its limit allows."""
+    """Number of `cycles` in which the motor got all torque that its limit allows."""
     rate_limited: int = 0
-    """Likewise, in how many its torque changed as fast as the limit of the rate allows,
-    and the controller, of its full share, wished for more."""
+    """Number of `cycles` in which its torque changed as fast as the limit of the rate
+    allows, and the controller, of its full share, wished for more."""
     without_reading: int = 0
     """Cycles in which no new reading came."""
     ignored: Counter[str] = field(default_factory=Counter)
     """Packets that were not used, by why."""
     late: Times = field(default_factory=Times)
-    """How late cycles began."""
+    """Lateness of the cycles' beginnings."""
     work: Times = field(default_factory=Times)
-    """From there until the command was out."""
+    """Time from there until the command was out."""
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON."""
+        """Return the outcome as plain JSON."""
         return {
             "outcome": self.sentence,
             "exit_code": self.code,
@@ -320,6 +320,6 @@ class Loop:
 
 
 def _told(error: Exception) -> str:
-    """What an error says; by its name if it is not of this package."""
+    """Return what an error says; by its name if it is not of this package."""
     kind = "" if isinstance(error, CableError) else f"{type(error).__name__}: "
     return f"{kind}{error}"

@@ -31,18 +31,18 @@ class Status(IntFlag):
 
     NONE = 0
     ENABLED = 1
-    """Of a command: its torque is to be applied. Of a reading: it is."""
+    """Torque is to be applied (command), or is applied (reading)."""
     STOPPED = 2
-    """Of a command: the run is over. Of a reading: the rig was stopped by hand."""
+    """Run is over (command), or the rig was stopped by hand (reading)."""
     FAULT = 4
-    """Of a reading: the rig has found an error of its own."""
+    """Error that the rig has found of its own (reading)."""
 
 
 class Readings(NamedTuple):
-    """What a rig measured at one time; signs are those of the measured data."""
+    """Measurements of a rig at one time; signs are those of the measured data."""
 
     time: float
-    """Of the rig's own clock [s]; only differences matter."""
+    """Time of the rig's own clock [s]; only differences matter."""
     motor_angle: float
     """[rad]"""
     motor_velocity: float
@@ -52,19 +52,19 @@ class Readings(NamedTuple):
     joint_velocity: float
     """[rad/s]"""
     joint_torque: float
-    """That the transmission puts into the joint [Nm]."""
+    """Torque that the transmission puts into the joint [Nm]."""
     status: Status | None = None
     """None of a rig that tells none."""
 
 
 class Command(NamedTuple):
-    """What the host asks of a rig."""
+    """Command of the host to a rig."""
 
     sequence: int
     echo: int
     """Time stamp of the newest reading that the host had [ns]; 0 before any."""
     torque: float
-    """Of the motor [Nm]."""
+    """Torque of the motor [Nm]."""
     status: Status
 
 
@@ -108,7 +108,7 @@ def read_command(data: bytes) -> Command | None:
 
 
 def is_newer(sequence: int, than: int) -> bool:
-    """Whether a sequence number comes after another, across the turn."""
+    """Return whether a sequence number comes after another, across the turn."""
     return 0 < (sequence - than) % TURN < TURN // 2
 
 

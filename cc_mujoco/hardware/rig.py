@@ -14,14 +14,14 @@ from cc_mujoco.hardware.packet import Command, Readings, Status
 FAREWELLS = 10
 """Packets that say that the run is over; some may be lost."""
 _STEPPED = 1_000_000_000
-"""From which on an older time is a step of the rig's clock, and is looked at [ns]."""
+"""Age from which an older time is a step of the rig's clock, and is looked at [ns]."""
 _APART = 1e-3
 """Time between them [s]."""
 
 
 @runtime_checkable
 class Rig(Protocol):
-    """What drives a motor and reads its sensors.
+    """Interface that drives a motor and reads its sensors.
 
     A class of your own needs these three methods and is made by `module:Class` with the
     other keys of `[rig]` as keywords. No method may block for long: the loop waits for
@@ -40,10 +40,10 @@ class Rig(Protocol):
 
 
 class Link(Protocol):
-    """What carries packets between two ends; nothing of it waits."""
+    """Carrier of packets between two ends; nothing of it waits."""
 
     ignored: Counter[str]
-    """What it received and did not hand on, by why."""
+    """Packets that it received and did not hand on, by why."""
     where: str
     """The address of the other end."""
 

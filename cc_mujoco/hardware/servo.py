@@ -28,7 +28,7 @@ _DAMPED, _SLOWER, _SLOWEST = 0.25, 6.0, 25.0
 
 @dataclass(frozen=True)
 class Stiffness:
-    """How firmly a motor is held on its course."""
+    """Stiffness with which a motor is held on its course."""
 
     stiffness: float
     """[Nm/rad]"""
@@ -45,7 +45,7 @@ class Stiffness:
 
     @classmethod
     def of(cls, drive: Drive) -> Stiffness:
-        """As firm as a motor of this inertia can be held at this period.
+        """Return the firmest hold of a motor of this inertia at this period.
 
         What is measured is a period old, a torque lasts for another, and a motor may
         lag. So the damping stays well below inertia over that time, and the stiffness

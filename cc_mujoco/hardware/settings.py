@@ -91,7 +91,7 @@ class Settings:
     scene: str
     """Name of a scene, or the file of one."""
     period: float
-    """Of the loop [s]."""
+    """Period of the loop [s]."""
     rig: Table
     """The table `[rig]`."""
     limits: Limits
@@ -104,7 +104,7 @@ class Settings:
     """Time constant of the motor's torque [s]; None is that of the scene."""
 
     def address(self) -> UdpAddress | CanAddress | None:
-        """Where the rig is; None of one with a class of its own."""
+        """Address of the rig; None of one with a class of its own."""
         return address_of(self.rig) if "address" in self.rig.content else None
 
     def connect(self) -> Rig:
@@ -140,7 +140,7 @@ class Settings:
         )
 
     def firm(self, drive: Drive) -> Stiffness:
-        """How firmly the motor is held on the course of a trial.
+        """Return the stiffness with which the motor is held on the course of a trial.
 
         Args:
             drive: Of the rig.

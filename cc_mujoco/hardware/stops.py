@@ -1,4 +1,4 @@
-"""How a person stops a run: a signal, or the return key."""
+"""Ways for a person to stop a run: a signal, or the return key."""
 
 from __future__ import annotations
 

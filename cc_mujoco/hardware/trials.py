@@ -33,11 +33,11 @@ class Planned:
     """One trial."""
 
     path: Path
-    """Of its motion."""
+    """Path of its motion."""
     name: str
-    """That its log gets, and that `dataset.toml` knows."""
+    """Name that its log gets, and that `dataset.toml` knows."""
     notes: str
-    """What to do before it is played."""
+    """Instructions before it is played."""
     times: Array
     """(n,) from 0 [s]."""
     motor: Array
@@ -47,11 +47,11 @@ class Planned:
 
     @property
     def duration(self) -> float:
-        """Of the run, with the way to where the motion begins [s]."""
+        """Length of the run, with the way to where the motion begins [s]."""
         return APPROACH + float(self.times[-1])
 
     def servo(self, drive: Drive, firm: Stiffness | None = None) -> Servo:
-        """What plays it; see `Servo`."""
+        """Return the servo that plays it; see `Servo`."""
         return Servo(drive, self.times, self.motor, firm)
 
     def joint_at(self, time: float) -> float:

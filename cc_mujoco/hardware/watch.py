@@ -1,4 +1,4 @@
-"""What stops a run: sensors that are lost, impossible or frozen, and lost time."""
+"""Causes that stop a run: sensors lost, impossible or frozen, and lost time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CLOCK_STEP = 1.0
 
 @dataclass(frozen=True)
 class Watchdog:
-    """How long something may be amiss, in cycles in a row."""
+    """Longest times that something may be amiss, in cycles in a row."""
 
     missed_readings: int = 10
     """Cycles without a new reading."""
@@ -28,12 +28,12 @@ class Watchdog:
     frozen_readings: int = 20
     """Equal readings while the motor is asked for different torques."""
     frozen_torque: float = 0.2
-    """How different, of the torque's limit [-]."""
+    """Difference of those torques, as a share of the torque's limit [-]."""
     frozen_angle: float = 0.2
-    """How far one encoder may turn, at the joint, while the other has not changed by a
-    bit [rad]: more than play, stretch and slack of the cables."""
+    """Most that one encoder may turn, at the joint, while the other has not changed by
+    a bit [rad]: more than play, stretch and slack of the cables."""
     twist: float = 0.5
-    """How far motor and joint may go apart, at the joint [rad]: more than play and
+    """Largest twist between motor and joint, at the joint [rad]: more than play and
     stretch of a pair of cables. A single one may be slack and is not looked at."""
 
     def __post_init__(self) -> None:
@@ -100,7 +100,7 @@ class Watch:
         self._held = [0.0, 0.0]
         self._times: tuple[float, float] | None = None
         self.has_stepped = False
-        """Whether the rig's clock has stepped: times of its readings are wrong."""
+        """True if the rig's clock has stepped: times of its readings are wrong."""
         # Of other joints that wind the cables no rig tells.
         self._sensor = (
             TorqueSensor(
@@ -231,7 +231,7 @@ class Watch:
         return self._one_frozen(found, last)
 
     def _one_frozen(self, found: Readings, last: Readings) -> str | None:
-        """Whether one encoder stands still while the other goes on."""
+        """Return the fault if one encoder stands still while the other goes on."""
         now = found.motor_angle, found.joint_angle
         before = last.motor_angle, last.joint_angle
         for one, scale in ((0, 1.0), (1, 1.0 / self._drive.ratio)):
@@ -254,7 +254,7 @@ class Watch:
         return None
 
     def _torn(self, found: Readings) -> str | None:
-        """Whether a cable carries more than it may, by the model."""
+        """Return the fault if a cable carries more than it may, by the model."""
         model = self._cables
         if model is None:
             return None
@@ -270,7 +270,7 @@ class Watch:
         return None
 
     def _parted(self, found: Readings) -> str | None:
-        """Whether motor and joint go apart by more than cables let them."""
+        """Return the fault if motor and joint twist more than cables let them."""
         drive = self._drive
         # One cable may be slack; of other joints that wind cables no rig tells.
         if drive.one_way or drive.crossed:

@@ -1,4 +1,4 @@
-"""Where the time of `cc-mujoco diagnose` goes, stage by stage.
+"""Time that `cc-mujoco diagnose` takes, stage by stage.
 
     python scripts/benchmarks/bench_diagnosis.py --out runs/diagnosis_speed
     python scripts/benchmarks/bench_diagnosis.py --cases davinci --davinci DIR \
@@ -177,7 +177,7 @@ def run(case: str, data: Path, into: Path) -> None:
 
 
 def differing(now: dict[str, Any], then: dict[str, Any]) -> list[str]:
-    """What another version said otherwise."""
+    """List what another version said otherwise."""
     told = [
         f"{key}: {then[key]} before, {now[key]} now"
         for key in ("verdict", "named", "ties")

@@ -92,7 +92,7 @@ def play(env: VectorEnv, steps: int) -> None:
 
 
 def physics(env: VectorEnv, steps: int) -> Callable[[], None]:
-    """What advances the simulations of an environment as `play` does, and no more."""
+    """Return what advances an environment's simulations as `play` does, and no more."""
     own: Any = env.unwrapped
     env.reset(seed=0)
     skip, there = own.exo.frame_skip, own.batch

@@ -1,4 +1,4 @@
-"""How long does a step of an exported controller take?
+"""Time of a step of an exported controller.
 
     python scripts/benchmarks/bench_export.py --scene wrist ankle
     python scripts/benchmarks/bench_export.py --controllers model --set grease_drag=3
@@ -73,7 +73,7 @@ def believed(drive: Drive, changes: dict[str, float]) -> Drive:
 
 
 def readings(env: Any, drive: Drive, name: str, duration: float) -> np.ndarray:
-    """What a controller reads in an episode (steps, what it reads)."""
+    """Return what a controller reads in an episode (steps, what it reads)."""
     plan = Plan.of(name, drive, env.exo.device.driven)
     law = controller(name, drive)
     _, info = env.reset(seed=1)

@@ -43,7 +43,7 @@ PAGE = Path(__file__).resolve().parents[2] / "cc_mujoco" / "hardware" / "README.
 NOTHING = "motor off"
 """A controller that asks for no torque."""
 SWING, SWING_PERIOD = 0.3, 2.0
-"""Of the hand at the bench, as in `play_rig.py` [rad], [s]."""
+"""Swing of the hand at the bench, as in `play_rig.py` [rad], [s]."""
 SECONDS, SETTLED = 6.0, 2.0
 """Length of a run of the bench, and from when on its error counts [s]."""
 LAWS = (NOTHING, "none", "pi", "stiction", "predictive")

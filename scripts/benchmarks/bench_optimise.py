@@ -1,4 +1,4 @@
-"""How much of a fine grid's Pareto front does a search find with few designs?
+"""Share of a fine grid's Pareto front that a search finds with few designs.
 
     python scripts/benchmarks/bench_optimise.py
 

@@ -112,7 +112,7 @@ def measure(arguments: argparse.Namespace, step: float, law: str) -> None:
 
 
 def physics(plan: Plan, count: int) -> Callable[[], object]:
-    """What steps the first designs of a plan, as they were driven, and no more."""
+    """Return what steps a plan's first designs, as they were driven, and no more."""
     protocol = plan.protocol
     builder = Builder(protocol.scene, protocol.timestep)
     models = [builder.model(design) for design in plan.designs[:count]]

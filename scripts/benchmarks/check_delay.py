@@ -21,7 +21,7 @@ from cc_mujoco.benchmark.plant import Belief
 from cc_mujoco.markdown import table
 
 DELAYS = (0, 5, 10)
-"""Of all sensors [control steps, of 1 ms]."""
+"""Delays of all sensors [control steps, of 1 ms]."""
 WRONG = (-0.5, 0.0, 0.5)
 """Relative error of the friction that is believed."""
 MODELS = ("stiction", "predictive", "adaptive")

@@ -71,7 +71,7 @@ DRAG = "viscous", "grease", "load-independent", "seals"
 
 
 class Row(NamedTuple):
-    """What became of one episode; torques are largest sizes at the joint [Nm]."""
+    """Outcome of one episode; torques are largest sizes at the joint [Nm]."""
 
     scene: str
     controller: str

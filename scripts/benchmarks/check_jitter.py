@@ -1,4 +1,4 @@
-"""How late are the cycles of `cc-mujoco run`, against a rig in a process of its own?
+"""Lateness of the cycles of `cc-mujoco run`, against a rig in a process of its own.
 
     python scripts/benchmarks/check_jitter.py --duration 600 --priority 30
 

@@ -164,8 +164,8 @@ HEAD = (
     "velocity left (by himself) [rad/s]",
     "of the wearer",
 )
-"""Of the table; energies are the largest of all wearers, the velocity is that which
-exceeds most the one that the same wearer has with a real spring."""
+"""Head of the table; energies are the largest of all wearers, the velocity is that
+which exceeds most the one that the same wearer has with a real spring."""
 
 
 LEAST = 0.01
@@ -192,7 +192,7 @@ def row(tried: Sequence[dict[str, Any]]) -> tuple[str, ...]:
 
 
 def _figure(energy: float) -> str:
-    """Of an energy [mJ]."""
+    """Write an energy [mJ]."""
     return f"{float(f'{energy:.2g}'):g}" if energy >= LEAST else f"< {LEAST:g}"
 
 

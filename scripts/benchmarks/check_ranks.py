@@ -1,4 +1,4 @@
-"""Whether a controller judges designs, or itself: ranks of designs with several.
+"""Check whether a controller judges designs, or itself: ranks of designs with several.
 
     python scripts/benchmarks/check_ranks.py --scene ankle
 
@@ -41,7 +41,7 @@ VARY = {
     },
 }
 DURATION = {"ankle": 5.0, "wrist": 6.0}
-"""Of an episode [s]."""
+"""Length of an episode [s]."""
 LAWS = ("none", "pi", "check_ranks:damped", "model")
 METRICS = (
     "rms_torque_error",

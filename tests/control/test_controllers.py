@@ -187,7 +187,7 @@ def test_gains_that_cannot_be_are_refused(gain: float) -> None:
 
 
 def test_a_lever_is_not_taken_for_a_pulley() -> None:
-    """By a drive that says so, where nobody measures its arm."""
+    """Refuse one that its drive declares where nobody measures its arm."""
     seen = dict.fromkeys(MEASURED, 0.1)
     drive = dataclasses.replace(ANKLE, lever=True)
     assert wound(seen, ANKLE) is seen

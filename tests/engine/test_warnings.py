@@ -1,4 +1,4 @@
-"""What a cable warns of when a simulation begins: once, in one sentence, or not."""
+"""Warnings of a cable when a simulation begins: once, in one sentence, or none."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def played(law: str, motion: str, fault: Fault = NONE, seed: int = 1) -> Outcome
 
 
 SOME = [("pi", "hand swings")]
-"""Of the controllers and motions; all of them are a study."""
+"""Pairs of controller and motion that run each time; the study runs all."""
 LAWS = [name for name in CONTROLLERS if name not in ("adaptive", "fused")]
 """Without those that need tension sensors, which such a rig has not."""
 ALL = [

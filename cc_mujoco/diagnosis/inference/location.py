@@ -62,9 +62,9 @@ UNORDERED_SHARE = 0.5
 """Share of the squared error beyond the floor that constants by trial have to take to
 be told where they follow no trend: other effects show more in some trials, too."""
 CONSTANT_SHARE = 0.5
-"""Share of the squared error that a constant takes from which on it is told."""
+"""Least share of the squared error of a constant that is reported."""
 SURELY = 5.0
-"""The same of its size over its standard error."""
+"""Least size of such a constant over its standard error."""
 LEAST_BLOCKS = 4
 """Stretches of about a second from which on a constant is looked for."""
 IN_SEQUENCE = ("order of the trials", "time of the trials")

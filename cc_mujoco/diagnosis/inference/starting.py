@@ -30,13 +30,13 @@ from cc_mujoco.diagnosis.inference.plant import (
 from cc_mujoco.diagnosis.inference.records import Filtering, Record, prepare
 
 _LOOSE = ("friction", "axial_stiffness")
-"""What a scene may have at any size."""
+"""Parameters that a scene may give at any size."""
 _NAMES = (*_LOOSE, "pretension")
-"""What is estimated."""
+"""Parameters that are estimated."""
 OFF = 3.0
 """Factor by which a value of the scene has to be off to be no start."""
 TAUT_OFF = 2.0
-"""The same of the pretension; fits believe the scene's to a tenth."""
+"""Factor by which the pretension has to be off; a fit trusts the scene's to 10 %."""
 BETTER = 0.8
 """Cost, over that of the scene, from which on the data contradict the scene."""
 _STEP = 0.04

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.compiled import FloatArray, compiled, internal
+from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission import packing as at
 from cc_mujoco.transmission.stepper import Counts
@@ -85,37 +85,6 @@ def drags(prm: FloatArray) -> bool:
         if prm[place] != 0.0:
             return True
     return False
-
-
-@internal
-def _needed(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    sense: float,
-    speed: float,
-    wanted: float,
-) -> float:
-    """Return the proximal tension that makes a distal one while all slips [N].
-
-    Args:
-        prm: packed parameters.
-        n: segments.
-        state: of the model.
-        sense: of the slip, see `_friction`.
-        speed: likewise.
-        wanted: distal tension [N].
-    """
-    length = at.contact_length(prm, n)
-    ends = np.sum(length)
-    need = wanted
-    for i in range(n):
-        j = n - 1 - i
-        growth, drag, _ = _friction(prm, n, state, sense, speed, j, ends)
-        ends -= length[j]
-        need = growth * need + drag if sense < 0.0 else (need - drag) / growth
-        need = max(need, 0.0)
-    return need
 
 
 @compiled
@@ -240,8 +209,8 @@ def dynamic(
     for k in range(n.size):
         if slip_direction[k] != 0.0 and drags(prm[k]):
             speed = distal[k] * joint_velocity
-            tension = _needed(
-                prm[k], n[k], state[k], slip_direction[k], speed, share[k]
+            tension = _proximal(
+                prm[k], n[k], state[k], slip_direction[k], speed, share[k], False
             )
             node = at.tensions(state[k], n[k])
             if max(node[n[k]], 0.0) > share[k]:
@@ -295,21 +264,32 @@ def whole(
         tension = share[k]
         if slip_direction != 0.0:
             speed = distal[k] * joint_velocity
-            tension = _breakaway(prm[k], n[k], state[k], senses[k], speed, tension)
+            tension = _proximal(prm[k], n[k], state[k], senses[k], speed, tension, True)
         torque -= arm[k] * tension
     return torque
 
 
 @compiled
-def _breakaway(
+def _proximal(
     prm: FloatArray,
     n: int,
     state: FloatArray,
     sense: float,
     speed: float,
     wanted: float,
+    breaking: bool,
 ) -> float:
-    """Proximal tension at which all segments slip one way, `wanted` at the end [N]."""
+    """Return the proximal tension at which all segments slip one way [N].
+
+    Args:
+        prm: packed parameters.
+        n: segments.
+        state: of the model.
+        sense: of the slip, see `_friction`.
+        speed: likewise.
+        wanted: distal tension [N].
+        breaking: segments that do not slip so yet have to be broken away.
+    """
     node, slips = at.tensions(state, n), at.slips(state, n)
     length = at.contact_length(prm, n)
     ends = np.sum(length)
@@ -318,7 +298,7 @@ def _breakaway(
         j = n - 1 - i
         growth, drag, hold = _friction(prm, n, state, sense, speed, j, ends)
         ends -= length[j]
-        moving = slips[j] * sense > 0.0
+        moving = not breaking or slips[j] * sense > 0.0
         held = max(node[j + 1], 0.0)
         if sense < 0.0:
             need = max(growth * need + drag, 0.0)

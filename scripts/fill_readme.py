@@ -37,7 +37,7 @@ from cc_mujoco.benchmark.results import Results, rms_errors
 from cc_mujoco.files import replacing
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.metrics import table as of_metrics
-from cc_mujoco.reproduce import EXPERIMENTS, Claim, reproduce, table
+from cc_mujoco.thesis import EXPERIMENTS, Claim, reproduce, table
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import as_table
 from cc_mujoco.whatif import MATERIALS
@@ -53,7 +53,7 @@ PAGES = {
     "parameters": ROOT / "cc_mujoco" / "transmission" / "README.md",
     "materials": ROOT / "cc_mujoco" / "whatif" / "README.md",
     "metrics": ROOT / "cc_mujoco" / "metrics" / "README.md",
-    "claims": ROOT / "cc_mujoco" / "reproduce" / "README.md",
+    "claims": ROOT / "cc_mujoco" / "thesis" / "README.md",
     "benchmark": ROOT / "cc_mujoco" / "benchmark" / "README.md",
     "diagnosis": ROOT / "cc_mujoco" / "diagnosis" / "README.md",
 }

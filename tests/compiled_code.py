@@ -54,7 +54,8 @@ def _laws() -> None:
     """Controllers, their export and the models that came before."""
     from cc_mujoco.control import controller
     from cc_mujoco.export import EXPORTED, TARGETS, Plan, write
-    from cc_mujoco.predecessors import (
+    from cc_mujoco.sensing import TENSIONS, Sensing
+    from cc_mujoco.thesis.predecessors import (
         BristleChain,
         Distributed,
         LuGreChain,
@@ -62,7 +63,6 @@ def _laws() -> None:
         PassiveDistributed,
         Spring,
     )
-    from cc_mujoco.sensing import TENSIONS, Sensing
     from control.devices import cable, pull_pull
 
     known = dataclasses.replace(pull_pull(), inertia=1e-4)

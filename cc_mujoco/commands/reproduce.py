@@ -12,7 +12,7 @@ import tyro
 from cc_mujoco.commands.options import Flag, Names, shown_by
 
 if TYPE_CHECKING:
-    from cc_mujoco.reproduce import Record
+    from cc_mujoco.thesis import Record
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Reproduce:
         """Run what is not done yet; print a line for every claim."""
         from tqdm import tqdm
 
-        from cc_mujoco.reproduce import EXPERIMENTS, reproduce
+        from cc_mujoco.thesis import EXPERIMENTS, reproduce
 
         number = len(set(self.names)) or len(EXPERIMENTS)
         began: dict[str, float] = {}

@@ -21,7 +21,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.fusion import fuse, gains
 from cc_mujoco.estimation.slope import require_slope
 from cc_mujoco.sensing import TENSIONS
-from cc_mujoco.transmission.thesis_solver import Mesh
+from cc_mujoco.transmission.segments import Mesh
 
 
 def _readings(observation: Mapping[str, Any]) -> NDArray[np.float64]:

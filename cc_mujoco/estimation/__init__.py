@@ -5,35 +5,20 @@ estimator.update(measured, engine.read(model, data, "flexor").slip)   # in a ste
 track = estimator.over(measured, directions)                    # of a recording
 """
 
-from cc_mujoco.estimation.bend import BendEstimator
 from cc_mujoco.estimation.calibration import Calibration, Measurement, calibrate
-from cc_mujoco.estimation.consensus import SensorConsensus
-from cc_mujoco.estimation.friction import FrictionEstimator, SlopeLaw
+from cc_mujoco.estimation.friction import FrictionEstimator
 from cc_mujoco.estimation.fusion import Fused, TensionFusion, fuse
 from cc_mujoco.estimation.least_squares import Estimate
-from cc_mujoco.estimation.noise import autocovariance_least_squares
-from cc_mujoco.estimation.observer import CableObserver
 from cc_mujoco.estimation.samples import Track
-from cc_mujoco.estimation.sensor_noise import SensorNoise
-from cc_mujoco.estimation.stiffness import StiffnessEstimator
-from cc_mujoco.estimation.unscented import UnscentedEstimator
 
 __all__ = [
-    "BendEstimator",
-    "CableObserver",
     "Calibration",
     "Estimate",
     "FrictionEstimator",
     "Fused",
     "Measurement",
-    "SensorConsensus",
-    "SensorNoise",
-    "SlopeLaw",
-    "StiffnessEstimator",
     "TensionFusion",
     "Track",
-    "UnscentedEstimator",
-    "autocovariance_least_squares",
     "calibrate",
     "fuse",
 ]

@@ -36,7 +36,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.parameters import Cable
-from cc_mujoco.transmission.thesis_solver import Mesh
+from cc_mujoco.transmission.segments import Mesh
 
 Weights = Literal["variance", "mean"]
 """Inverse variance, or the plain mean of the thesis."""

@@ -22,7 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.reproduce.experiments.solver import CABLE, DT, costs
+from cc_mujoco.thesis.experiments.solver import CABLE, DT, costs
 from cc_mujoco.transmission import Cable, replay, rest_state
 from cc_mujoco.transmission import kernel as K
 from cc_mujoco.transmission.conduit import packed

@@ -20,8 +20,8 @@ from cc_mujoco.control import (
     StictionCompensation,
 )
 from cc_mujoco.errors import CableError
-from cc_mujoco.reproduce.inertia_free import InertiaFree
 from cc_mujoco.sensing import TENSIONS, Sensors
+from cc_mujoco.thesis.inertia_free import InertiaFree
 from control.devices import growth, pull_pull, single, there_and_back
 
 

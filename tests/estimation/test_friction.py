@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.friction import FrictionEstimator, SlopeLaw
+from cc_mujoco.estimation.friction import FrictionEstimator
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import wrap_angles
 from cc_mujoco.estimation.slope import moving_runs
@@ -185,35 +185,6 @@ def test_one_parameter_is_followed_as_one_of_two() -> None:
     assert alone.value[0] == before
 
 
-def steps(law: SlopeLaw, run: Run, slip_direction: int) -> np.ndarray:
-    """What the law adds to mu_0 in every sample of mass motion this way."""
-    whole = np.all(run.direction == slip_direction, axis=1)
-    found = [
-        law.update(*row)
-        for row in zip(run.tension[whole], run.direction[whole], strict=True)
-    ]
-    return np.array(found) - 2.0 * MU
-
-
-def test_printed_law_corrects_one_way_and_spoils_the_other(run: Run) -> None:
-    printed = SlopeLaw(CABLE, EVERY, -1e-4, start=2.0 * MU)
-    slip_direction = [np.sign(np.mean(steps(printed, run, w))) for w in (-1, 1)]
-    assert slip_direction[0] == -slip_direction[1] != 0.0
-    turned = SlopeLaw(CABLE, EVERY, 1e-4, start=2.0 * MU, signed=True)
-    assert np.all(steps(turned, run, -1) <= 0.0)
-    assert np.all(steps(turned, run, 1) <= 0.0)
-
-
-def test_signed_and_integrated_law_ends_near_the_truth(run: Run) -> None:
-    law = SlopeLaw(CABLE, EVERY, 3e-5, start=2.0 * MU, signed=True, integrated=True)
-    for row in zip(run.tension, run.direction, strict=True):
-        law.update(*row)
-    assert law.friction == pytest.approx(MU, rel=0.06)
-    law.reset()
-    law.update(run.tension[0], np.zeros(10))
-    assert law.friction == 2.0 * MU
-
-
 def test_bad_input_is_refused() -> None:
     with pytest.raises(CableError, match="at least two different"):
         FrictionEstimator(CABLE, Sensors((3, 3), (1.0, 1.0)))
@@ -239,7 +210,3 @@ def test_bad_input_is_refused() -> None:
         estimator.over(np.ones((5, 11)), np.ones((4, 10)))
     with pytest.raises(CableError, match="noise is"):
         estimator.noise = np.zeros(11)
-    with pytest.raises(CableError, match="gain is nan"):
-        SlopeLaw(CABLE, EVERY, np.nan)
-    with pytest.raises(CableError, match="friction must be 0 to 5"):
-        SlopeLaw(CABLE, EVERY, 1.0, start=-0.1)

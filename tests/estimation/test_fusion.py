@@ -12,11 +12,11 @@ import cc_mujoco  # noqa: F401  registers the environments
 from cc_mujoco import engine
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.fusion import TensionFusion, fuse, gains
-from cc_mujoco.estimation.observer import CableObserver
 from cc_mujoco.recording.log import Recorder
 from cc_mujoco.sensing import Sensors
-from cc_mujoco.transmission import Cable, Section, replay
-from cc_mujoco.transmission.thesis_solver import Constraint, Mesh, sign_patterns, system
+from cc_mujoco.thesis.solver import Constraint, sign_patterns, system
+from cc_mujoco.transmission import Cable, Section
+from cc_mujoco.transmission.segments import Mesh
 
 CABLE = Cable(friction=0.21, conduit=(Section(2.0, 0.28),), segments=10, pretension=20)
 MESH = Mesh.of(CABLE)
@@ -176,26 +176,6 @@ def test_inside_an_environment_step_and_on_its_recording() -> None:
     assert np.array_equal(found.tension, np.array(live))
 
 
-def test_observer_follows_without_directions_and_within_the_noise() -> None:
-    dt = 0.005
-    time = np.arange(0.0, 3.0, dt)
-    proximal = -0.02 * np.sin(np.pi * time)
-    distal = -0.012 * np.sin(np.pi * time)
-    true = replay(CABLE, dt, u_proximal=proximal, u_distal=distal, profile=True)
-    assert true.tension is not None and true.direction is not None
-    random = np.random.default_rng(6)
-    observer = CableObserver(CABLE, Sensors.everywhere(CABLE, 1.0), dt)
-    reading = true.tension + random.normal(size=true.tension.shape)
-    output, right = [], []
-    for u, row, direction in zip(
-        proximal.tolist(), reading, true.direction, strict=True
-    ):
-        output.append(observer.update(u, row)[-1])
-        right.append(np.mean(observer.direction == direction))
-    assert np.sqrt(np.mean((np.array(output) - true.tension[:, -1]) ** 2)) < 1.0
-    assert np.mean(right) > 0.85
-
-
 def test_bad_input_is_refused() -> None:
     with pytest.raises(CableError, match="one of each per sensor"):
         Sensors((0, 1), (1.0,))
@@ -209,5 +189,3 @@ def test_bad_input_is_refused() -> None:
         TensionFusion(CABLE, Sensors((0,), (1.0,)), weights="varianc")  # type: ignore[arg-type]
     with pytest.raises(CableError, match=r"reading has shape \(2,\)"):
         TensionFusion(CABLE, Sensors((0,), (1.0,))).update([1.0, 2.0], np.zeros(10))
-    with pytest.raises(CableError, match="dt is"):
-        CableObserver(CABLE, Sensors((0,), (1.0,)), 0.0)

@@ -1,0 +1,348 @@
+"""Chapter 1: the models that came before, and what each can show.
+
+All models get the same cable and the same motions (`predecessors.capabilities`). The
+thesis names what they lack in words (1.5); here each model is tested. Parameters that a
+model has beyond those of a cable are chosen: bristles of 20 um, 10 lumped masses of a
+0.75 mm rope, and the hysteresis of Do fitted to the first motion that is drawn.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, figure
+from cc_mujoco.thesis.outcome import Claim, Outcome, Progress, Verdict
+from cc_mujoco.thesis.predecessors import (
+    Answer,
+    BristleChain,
+    Distributed,
+    LuGreChain,
+    LumpedMasses,
+    Model,
+    ModifiedBoucWen,
+    PassiveDistributed,
+    StaticCapstan,
+)
+from cc_mujoco.thesis.predecessors.capabilities import (
+    CABLE,
+    DT,
+    QUESTIONS,
+    SPRING,
+    Finding,
+    ask,
+    onset,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FINE = 200
+"""Segments of the model that the others are compared with."""
+
+
+class Judged(NamedTuple):
+    """One model: what it can show, how far off it is, what it costs.
+
+    Attributes:
+        model: itself.
+        findings: answer to every question.
+        answer: to the drawn motion.
+        moving: RMS error of the output tension while the output moves [N].
+        starting: the same while only part of the cable moves [N].
+        friction: both for the difference of the two tensions [N].
+        cost: time of a step, in units of ours with the same spring.
+    """
+
+    model: Model
+    findings: dict[str, Finding]
+    answer: Answer
+    moving: float
+    starting: float
+    friction: tuple[float, float]
+    cost: float
+
+
+def motion() -> FloatArray:
+    """Motor displacement: strokes that shrink, 8 s [m]."""
+    at = np.arange(0.0, 8.0, DT)
+    size = onset(CABLE) * np.interp(at, [0.0, 2.0, 8.0], [2.5, 2.5, 0.8])
+    pull: FloatArray = -size * np.sin(np.pi * at)
+    return pull
+
+
+def models(proximal: FloatArray, recorded: Answer) -> list[Model]:
+    """Every model, ours last; Do's fitted to the first two seconds of a recording."""
+    first = slice(0, round(2.0 / DT))
+    seen = Answer(*(part[first] for part in recorded))
+    return [
+        StaticCapstan(CABLE),
+        LumpedMasses(CABLE),
+        BristleChain(CABLE),
+        LuGreChain(CABLE),
+        ModifiedBoucWen.fitted(CABLE, DT, proximal[first], SPRING, seen),
+        PassiveDistributed(CABLE),
+        Distributed(CABLE),
+    ]
+
+
+def judge(model: Model, proximal: FloatArray, truth: Answer, unit: float) -> Judged:
+    """Test, compare and time one model; `unit` is the time of our step [s]."""
+    answer = model.replay(DT, proximal, SPRING)
+    distal = answer.tension_distal - truth.tension_distal
+    lost = answer.tension_proximal - truth.tension_proximal - distal
+    moves = np.abs(np.gradient(truth.u_distal)) > 1e-9
+    return Judged(
+        model,
+        ask(model),
+        answer,
+        _rms(distal[moves]),
+        _rms(distal[~moves]),
+        (_rms(lost[moves]), _rms(lost[~moves])),
+        cost(model, proximal) / unit,
+    )
+
+
+def _rms(error: FloatArray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def cost(model: Model, proximal: FloatArray) -> float:
+    """Time of one step, best of five, compiled beforehand [s]."""
+    best = np.inf
+    for _ in range(5):
+        begin = time.perf_counter()
+        model.replay(DT, proximal, SPRING)
+        best = min(best, time.perf_counter() - begin)
+    return best / proximal.size
+
+
+def run(progress: Progress) -> Outcome:
+    """Test every model."""
+    proximal = motion()
+    truth = Distributed(CABLE.replace(segments=FINE)).replay(DT, proximal, SPRING)
+    ours = Distributed(CABLE)
+    ours.replay(DT, proximal, SPRING)
+    unit = cost(ours, proximal)
+    asked = models(proximal, truth)
+    found = []
+    for place, model in enumerate(asked):
+        found.append(judge(model, proximal, truth, unit))
+        progress((place + 1) / len(asked))
+    by_type = {type(judged.model): judged for judged in found}
+    tables = {"capabilities": _table(found), "motion": _motion(proximal, truth, found)}
+    figures = {"capabilities": _draw_table(found), "motion": _draw_motion(found, truth)}
+    return Outcome(_claims(by_type), figures, tables)
+
+
+def _able(judged: Judged, *questions: str) -> bool:
+    return all(judged.findings[question].able for question in questions)
+
+
+def _claims(found: dict[type[Model], Judged]) -> tuple[Claim, ...]:
+    ours, before = found[Distributed], found[PassiveDistributed]
+    everything = _able(ours, *QUESTIONS)
+    same = np.max(
+        np.abs(np.subtract(ours.answer.tension_distal, before.answer.tension_distal))
+    )
+    passive = _able(before, "partial motion", "slack", "non-uniform pretension")
+    refused = not _able(before, "motion from both ends")
+    return (
+        _claim_capstan(found[StaticCapstan]),
+        _claim_kaneko(found[LumpedMasses]),
+        _claim_palli(found[BristleChain], found[LuGreChain]),
+        _claim_do(found[ModifiedBoucWen]),
+        Claim(
+            "1.5",
+            "Agrawal: distributed, but passive environment and motion from one end",
+            f"output tension within {same:.1g} N of ours on a spring; takes no output "
+            "that someone moves, and does not slip where bends open",
+            "agrees" if passive and refused and same < 0.1 else "disagrees",
+            "its front comes from the motor only; where that is enough it is our model",
+        ),
+        Claim(
+            "1.5, 2.1",
+            "bidirectional motion is in no model before; any environment, any bends",
+            f"ours answers {sum(f.able for f in ours.findings.values())} of "
+            f"{len(QUESTIONS)} questions right",
+            "agrees" if everything and not _bidirectional(found) else "in part",
+            "a chain of bristles passes motion from both ends, too, without slack"
+            if _bidirectional(found)
+            else "answers known from capstan law, length and energy balance",
+        ),
+        _claim_cost(found),
+    )
+
+
+def _bidirectional(found: dict[type[Model], Judged]) -> bool:
+    return any(
+        _able(judged, "motion from both ends")
+        for kind, judged in found.items()
+        if kind is not Distributed
+    )
+
+
+def _claim_capstan(judged: Judged) -> Claim:
+    lacks = not _able(judged, "partial motion")
+    return Claim(
+        "1.5",
+        "simulators take friction, if at all, as a ratio of tensions",
+        f"output tension {judged.moving:.1f} N off while it moves and "
+        f"{judged.starting:.1f} N while part of the cable moves",
+        "agrees" if lacks else "disagrees",
+        "not a model of the thesis; its output jumps at every reversal",
+    )
+
+
+def _claim_kaneko(judged: Judged) -> Claim:
+    lacking = [
+        "partial motion",
+        "changing curvature",
+        "non-spring environment",
+        "non-uniform pretension",
+    ]
+    lacks = not any(judged.findings[name].able for name in lacking)
+    return Claim(
+        "1.5",
+        "Kaneko: no partial motion, fixed bends, spring environments, one pretension",
+        f"{judged.findings['partial motion'].told}; "
+        f"{judged.findings['slack'].told}; {judged.findings['creates no energy'].told}",
+        "agrees" if lacks else "disagrees",
+        "linear between reversals, where its stiffness jumps under load",
+    )
+
+
+def _claim_palli(dahl: Judged, lugre: Judged) -> Claim:
+    shows = _able(dahl, "partial motion") and _able(lugre, "partial motion")
+    lacks = not _able(dahl, "slack") and not _able(dahl, "changing curvature")
+    return Claim(
+        "1.5, (1.2)",
+        "Palli and Melchiorri: Dahl friction instead of Coulomb's",
+        f"partial motion appears; output {dahl.moving:.1g} N off in motion (LuGre "
+        f"{lugre.moving:.1g} N); slack: {dahl.findings['slack'].told}",
+        "agrees" if shows and lacks else "in part",
+        "with bristles of 20 um it is nearly ours while the cable is taut; at rest "
+        "they hold even where bends open",
+    )
+
+
+def _claim_do(judged: Judged) -> Claim:
+    moving, starting = judged.friction
+    lacks = not _able(judged, "partial motion")
+    good: Verdict = "agrees" if moving < 0.5 * starting else "in part"
+    return Claim(
+        "1.5, (1.3)-(1.5)",
+        "Do: tracks well in motion, misses partial motion",
+        f"fitted to the first stroke, friction is {moving:.1f} N off in motion and "
+        f"{starting:.1f} N in partial motion; the output {judged.moving:.1f} and "
+        f"{judged.starting:.1f} N",
+        good if lacks else "disagrees",
+        "output and motor move alike in it; on an elastic cable the output is off by "
+        "the stretch",
+    )
+
+
+def _claim_cost(found: dict[type[Model], Judged]) -> Claim:
+    told = ", ".join(
+        f"{kind.name.partition(',')[0]} {judged.cost:.2g}"
+        for kind, judged in found.items()
+        if kind not in (Distributed, LuGreChain)
+    )
+    dear = found[PassiveDistributed].cost
+    return Claim(
+        "1.5",
+        "the distributed model before was expensive to solve",
+        f"time of a step, ours is 1: {told}",
+        "agrees" if dear > 1.5 else "disagrees",
+        f"all compiled, {CABLE.segments} segments, spring at the output, one run",
+        timed=True,
+    )
+
+
+def _table(found: list[Judged]) -> dict[str, Any]:
+    columns: dict[str, Any] = {"model": [judged.model.name for judged in found]}
+    for question in QUESTIONS:
+        name = question.replace(" ", "_").replace("-", "_")
+        columns[name] = [judged.findings[question].able for judged in found]
+        columns[f"{name}_told"] = [judged.findings[question].told for judged in found]
+    columns["error_in_motion_n"] = [judged.moving for judged in found]
+    columns["error_in_partial_motion_n"] = [judged.starting for judged in found]
+    columns["cost_over_ours"] = [judged.cost for judged in found]
+    return columns
+
+
+def _motion(proximal: FloatArray, truth: Answer, found: list[Judged]) -> dict[str, Any]:
+    every = slice(None, None, 10)
+    columns = {
+        "time_s": (np.arange(proximal.size) * DT)[every],
+        "u_proximal_m": proximal[every],
+        "reference_tension_distal_n": truth.tension_distal[every],
+    }
+    for judged in found:
+        name = type(judged.model).__name__
+        columns[f"{name}_tension_proximal_n"] = judged.answer.tension_proximal[every]
+        columns[f"{name}_tension_distal_n"] = judged.answer.tension_distal[every]
+    return columns
+
+
+def _draw_table(found: list[Judged]) -> Figure:
+    heads = [*QUESTIONS, "error in motion", "in partial motion", "cost of a step"]
+    drawing = figure(10.0, 3.6)
+    axes = drawing.add_subplot()
+    for row, judged in enumerate(found):
+        cells = ["yes" if _able(judged, name) else "no" for name in QUESTIONS]
+        cells += [f"{judged.moving:.2g} N", f"{judged.starting:.2g} N"]
+        cells.append(f"{judged.cost:.2g}")
+        for column, text in enumerate(cells):
+            color = {"yes": GREEN, "no": ORANGE}.get(text, "black")
+            axes.text(column, row, text, ha="center", va="center", color=color, size=9)
+    axes.set(xlim=(-0.6, len(heads) - 0.4), ylim=(len(found) - 0.5, -0.5))
+    axes.set_xticks(range(len(heads)), [head.replace(" ", "\n", 1) for head in heads])
+    axes.set_yticks(range(len(found)), [judged.model.name for judged in found])
+    axes.xaxis.tick_top()
+    axes.tick_params(length=0)
+    axes.grid(False)
+    for row in range(1, len(found)):
+        axes.axhline(row - 0.5, color="#E4E4E4", linewidth=0.6)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_visible(False)
+    axes.set_title(
+        "What each model of a cable can show "
+        "(error: RMS of the output tension; cost: ours is 1)",
+        pad=34,
+    )
+    return drawing
+
+
+def _draw_motion(found: list[Judged], truth: Answer) -> Figure:
+    drawing = figure(10.0, 5.2)
+    panels = np.ravel(drawing.subplots(2, 4, sharex=True, sharey=True))
+    for axes, judged in zip(panels, found, strict=False):
+        axes.plot(truth.tension_proximal, truth.tension_distal, color=GREY, lw=2.5)
+        color = GREEN if isinstance(judged.model, Distributed) else BLUE
+        axes.plot(
+            judged.answer.tension_proximal, judged.answer.tension_distal, color=color
+        )
+        axes.set_title(judged.model.name, size=8.5)
+    panels[-1].axis("off")
+    panels[-1].text(
+        0.0,
+        0.5,
+        "One motion through every model:\nstrokes of the motor that shrink,\n"
+        "a spring at the output.\n\n"
+        f"Grey: our model with {FINE} segments,\nthe others have {CABLE.segments}.\n"
+        "Horizontal pieces are partial\nmotion: the motor's tension changes,\n"
+        "the output's does not.",
+        transform=panels[-1].transAxes,
+        va="center",
+        size=8.5,
+    )
+    for axes in panels[4:7]:
+        axes.set_xlabel("tension at the motor [N]")
+    panels[3].tick_params(labelbottom=True)
+    for axes in panels[[0, 4]]:
+        axes.set_ylabel("tension at the output [N]")
+    return drawing

@@ -1,0 +1,222 @@
+"""Capabilities of a cable model, found by tests of it.
+
+    found = ask(BristleChain(CABLE))
+    found["slack"].able, found["slack"].told
+
+Every question is a motion whose right answer is known without any model here: from the
+capstan law, from the length of the cable, or from the balance of energy. A model that
+refuses the motion is not able, and neither is one that answers it wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from cc_mujoco.compiled import FloatArray
+from cc_mujoco.errors import CableError
+from cc_mujoco.thesis.predecessors.model import Answer, Model, Moved, Spring
+from cc_mujoco.transmission import Cable, Section
+
+DT = 1e-3
+CABLE = Cable(
+    axial_stiffness=4000.0,
+    pretension=10.0,
+    friction=0.2,
+    static_friction=0.0,
+    conduit=(Section(2.0, 0.4),),
+    segments=20,
+)
+SPRING = Spring(500.0)
+RIGHT = 0.05
+"""Largest relative error of an answer that counts as right."""
+
+_CYCLES, _STEPS = 30, 50
+"""Cycles until the state repeats, and samples of half a cycle."""
+_ROUNDING = 1e-3
+_REPEATS = 1e-5
+"""Difference of tension with which a cycle counts as repeated [N]."""
+
+
+class Finding(NamedTuple):
+    """Answer to one question.
+
+    Attributes:
+        able: whether the model gave the right answer.
+        told: the result instead of, or with, the right answer; few words.
+    """
+
+    able: bool
+    told: str
+
+
+def front(cable: Cable, tension: float) -> float:
+    """Displacement of an end behind whose front its tension is this [m].
+
+    Behind the front the capstan law holds, ahead of it the pretension:
+    u = T0 (e^a - 1 - a) L / (mu theta EA) with e^a = T/T0.
+    """
+    a = math.log(tension / cable.pretension)
+    per_angle = cable.length / (cable.axial_stiffness * cable.friction * cable.wrap)
+    return cable.pretension * (math.expm1(a) - a) * per_angle
+
+
+def onset(cable: Cable) -> float:
+    """Pull of one end that the other first feels [m]."""
+    whole = math.exp(cable.friction * cable.wrap)
+    return front(cable, whole * cable.pretension)
+
+
+def raised(cable: Cable, pull: float) -> float:
+    """Tension of an end pulled by this, less than `onset` [N]."""
+    top = cable.pretension * math.exp(cable.friction * cable.wrap)
+    return float(brentq(lambda t: front(cable, t) - pull, cable.pretension, top))
+
+
+def ramp(*corners: float, steps: int = 400) -> FloatArray:
+    """Straight pieces between these displacements, from 0 on (samples,) [m]."""
+    pieces = [
+        np.linspace(a, b, steps + 1)[1:]
+        for a, b in zip((0.0, *corners), corners, strict=False)
+    ]
+    return np.concatenate([[0.0], *pieces])
+
+
+def partial_motion(model: Model) -> Finding:
+    """Half of the pull that reaches the output must not be felt there, twice must."""
+    reach = onset(model.cable)
+    answer = model.replay(DT, ramp(-0.5 * reach, -2.0 * reach), SPRING)
+    distal = answer.tension_distal - model.cable.pretension
+    early = distal[400] / distal[-1]
+    told = f"a quarter of a pull moves the output by {early:.0%}, right is 0%"
+    return Finding(bool(abs(early) < RIGHT and distal[-1] > 0.1), told)
+
+
+def both_ends(model: Model) -> Finding:
+    """Two fronts that have not met know nothing of each other."""
+    cable = model.cable
+    reach = onset(cable)
+    pulls = 0.15 * reach, 0.05 * reach
+    answer = model.replay(DT, ramp(-pulls[0]), Moved(ramp(pulls[1])))
+    return _compare(answer, [raised(cable, pull) for pull in pulls], cable)
+
+
+def other_environment(model: Model) -> Finding:
+    """Check that only the output feels a wearer's motion at first; the motor rests."""
+    cable = model.cable
+    pull = 0.5 * onset(cable)
+    answer = model.replay(DT, ramp(0.0), Moved(ramp(pull)))
+    return _compare(answer, [cable.pretension, raised(cable, pull)], cable)
+
+
+def _compare(answer: Answer, right: list[float], cable: Cable) -> Finding:
+    got = [float(answer.tension_proximal[-1]), float(answer.tension_distal[-1])]
+    scale = max(right) - cable.pretension
+    wrong = max(abs(g - r) for g, r in zip(got, right, strict=True)) / scale
+    told = "{:.1f} and {:.1f} N at the ends, right is {:.1f} and {:.1f} N"
+    return Finding(wrong < RIGHT, told.format(*got, *right))
+
+
+def slack(model: Model) -> Finding:
+    """Check that a cable pushed in beyond all stretch has no tension, and no less."""
+    cable = model.cable
+    give = cable.pretension * cable.length / cable.axial_stiffness
+    answer = model.replay(
+        DT, ramp(1.3 * (give + cable.pretension / SPRING.stiffness)), SPRING
+    )
+    least = min(answer.tension_proximal.min(), answer.tension_distal.min())
+    last = max(abs(answer.tension_proximal[-1]), abs(answer.tension_distal[-1]))
+    return Finding(bool(least > -1e-9 and last < 1e-6), f"least tension {least:.1f} N")
+
+
+def uneven_pretension(model: Model) -> Finding:
+    """Check that a cable tensioned by pulling keeps that profile, felt at once."""
+    cable = model.cable
+    angle = cable.friction * cable.wrap
+    profile = 20.0 * np.exp(-angle * np.linspace(0.0, 1.0, cable.segments + 1))
+    answer = model.replay(
+        DT, ramp(-0.5 * onset(cable)), SPRING, initial_tension=profile
+    )
+    start = answer.tension_proximal[0], answer.tension_distal[0]
+    ratio = answer.tension_proximal[-1] / answer.tension_distal[-1]
+    right = np.allclose(start, profile[[0, -1]], rtol=RIGHT)
+    told = f"ratio of the tensions {ratio:.2f} in the next pull, right is {{:.2f}}"
+    able = right and abs(ratio / math.exp(angle) - 1.0) < RIGHT
+    return Finding(bool(able), told.format(math.exp(angle)))
+
+
+def changing_bends(model: Model) -> Finding:
+    """Check that opening bends under a pulled cable lower its friction, so it slips."""
+    cable = model.cable
+    pull = ramp(-2.0 * onset(cable), -2.0 * onset(cable))
+    scale = np.concatenate([np.ones(401), np.linspace(1.0, 0.2, 400)])
+    answer = model.replay(DT, pull, SPRING, wrap_scale=scale)
+    ratio = answer.tension_proximal[-1] / answer.tension_distal[-1]
+    most = math.exp(0.2 * cable.friction * cable.wrap)
+    told = f"ratio of the tensions {ratio:.2f}, friction holds {most:.2f}"
+    return Finding(bool(1.0 / (1.0 + RIGHT) < ratio < most * (1.0 + RIGHT)), told)
+
+
+def no_energy(model: Model) -> Finding:
+    """Check that friction takes energy and gives none in a cycle that became periodic.
+
+    Cycles that still creep after the last round prove nothing: the cable may hold less
+    energy than before.
+    """
+    reach = onset(model.cable)
+    worst = math.inf
+    for size in (0.002, 0.02, 0.1, 0.5, 2.0):
+        # A small cycle on top of a pull, and one about rest.
+        for level in (0.0, -1.5 * reach):
+            cycle = [level - size * reach, level + size * reach]
+            pull = ramp(level, *(_CYCLES * cycle), steps=_STEPS)
+            answer = model.replay(DT, pull, SPRING)
+            worst = min(worst, _loss(answer, pull, 2 * _STEPS))
+    told = f"keeps {worst:.1%} of the work of the motor at least"
+    if worst < -_ROUNDING:
+        told = f"gives back up to {-worst:.0%} more than it got"
+    return Finding(worst > -_ROUNDING, told)
+
+
+def _loss(answer: Answer, proximal: FloatArray, period: int) -> float:
+    """Work that stays in the cable over the last period, over what the motor moves."""
+    last = slice(-period - 1, None)
+    for tension in (answer.tension_proximal, answer.tension_distal):
+        if abs(tension[-1] - tension[-period - 1]) > _REPEATS:
+            return math.inf
+    pulled, drawn = -np.diff(proximal[last]), np.diff(answer.u_distal[last])
+    by_motor = _between(answer.tension_proximal[last]) * pulled
+    by_spring = _between(answer.tension_distal[last]) * drawn
+    total = float(np.sum(by_motor) + np.sum(by_spring))
+    return total / float(np.sum(np.abs(by_motor)))
+
+
+def _between(values: FloatArray) -> FloatArray:
+    mean: FloatArray = 0.5 * (values[1:] + values[:-1])
+    return mean
+
+
+QUESTIONS: dict[str, Callable[[Model], Finding]] = {
+    "partial motion": partial_motion,
+    "motion from both ends": both_ends,
+    "slack": slack,
+    "non-uniform pretension": uneven_pretension,
+    "changing curvature": changing_bends,
+    "non-spring environment": other_environment,
+    "creates no energy": no_energy,
+}
+
+
+def ask(model: Model) -> dict[str, Finding]:
+    """Pose every question to a model; what it refuses it is not able to show."""
+    found = {}
+    for name, question in QUESTIONS.items():
+        try:
+            found[name] = question(model)
+        except CableError as refusal:
+            found[name] = Finding(False, str(refusal).partition(": ")[2])
+    return found

@@ -1,0 +1,38 @@
+"""A model of the cable that tension sensors correct."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.sensing import Sensors
+from cc_mujoco.thesis.estimators.observer import CableObserver
+from cc_mujoco.transmission import Cable, Section, replay
+
+CABLE = Cable(friction=0.21, conduit=(Section(2.0, 0.28),), segments=10, pretension=20)
+
+
+def test_observer_follows_without_directions_and_within_the_noise() -> None:
+    dt = 0.005
+    time = np.arange(0.0, 3.0, dt)
+    proximal = -0.02 * np.sin(np.pi * time)
+    distal = -0.012 * np.sin(np.pi * time)
+    true = replay(CABLE, dt, u_proximal=proximal, u_distal=distal, profile=True)
+    assert true.tension is not None and true.direction is not None
+    random = np.random.default_rng(6)
+    observer = CableObserver(CABLE, Sensors.everywhere(CABLE, 1.0), dt)
+    reading = true.tension + random.normal(size=true.tension.shape)
+    output, right = [], []
+    for u, row, direction in zip(
+        proximal.tolist(), reading, true.direction, strict=True
+    ):
+        output.append(observer.update(u, row)[-1])
+        right.append(np.mean(observer.direction == direction))
+    assert np.sqrt(np.mean((np.array(output) - true.tension[:, -1]) ** 2)) < 1.0
+    assert np.mean(right) > 0.85
+
+
+def test_bad_input_is_refused() -> None:
+    with pytest.raises(CableError, match="dt is"):
+        CableObserver(CABLE, Sensors((0,), (1.0,)), 0.0)

@@ -1,0 +1,70 @@
+"""What each model can show: the table of the thesis's section 1.5, asked anew."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cc_mujoco.thesis.predecessors import (
+    BristleChain,
+    Distributed,
+    LuGreChain,
+    LumpedMasses,
+    ModifiedBoucWen,
+    PassiveDistributed,
+    StaticCapstan,
+)
+from cc_mujoco.thesis.predecessors.capabilities import (
+    CABLE,
+    DT,
+    QUESTIONS,
+    SPRING,
+    ask,
+    front,
+    onset,
+    raised,
+)
+
+BRISTLES = {
+    "partial motion",
+    "motion from both ends",
+    "non-uniform pretension",
+    "non-spring environment",
+    "creates no energy",
+}
+ABLE = {
+    StaticCapstan: {"slack", "changing curvature", "creates no energy"},
+    LumpedMasses: set(),
+    BristleChain: BRISTLES,
+    LuGreChain: BRISTLES,
+    ModifiedBoucWen: set(),
+    PassiveDistributed: {
+        "partial motion",
+        "slack",
+        "non-uniform pretension",
+        "creates no energy",
+    },
+    Distributed: set(QUESTIONS),
+}
+
+
+def made(kind):
+    if kind is not ModifiedBoucWen:
+        return kind(CABLE)
+    time = np.arange(0.0, 2.0, DT)
+    proximal = -2.5 * onset(CABLE) * np.sin(np.pi * time)
+    seen = Distributed(CABLE).replay(DT, proximal, SPRING)
+    return kind.fitted(CABLE, DT, proximal, SPRING, seen)
+
+
+@pytest.mark.parametrize("kind", ABLE, ids=lambda kind: kind.__name__)
+def test_each_model_shows_what_its_equations_can(kind):
+    found = ask(made(kind))
+    assert {name for name, finding in found.items() if finding.able} == ABLE[kind]
+    assert all(finding.told for finding in found.values())
+
+
+def test_front_formula_is_its_own_inverse_and_ends_at_the_onset():
+    assert raised(CABLE, front(CABLE, 15.0)) == pytest.approx(15.0, rel=1e-9)
+    pull = 0.6 * onset(CABLE)
+    assert CABLE.pretension < raised(CABLE, pull) < CABLE.pretension * np.e

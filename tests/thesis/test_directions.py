@@ -1,0 +1,45 @@
+"""What section 3.2.2 says of directions that are not known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cc_mujoco.thesis.estimators.extrapolation import CONDITIONS
+from cc_mujoco.thesis.experiments import directions
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_wrong_directions_lie_after_the_sensor(condition: str) -> None:
+    found = directions.votes(directions.CABLE, condition, 400)
+    before, after = directions.sides(np.mean(found.wrong, axis=0))
+    assert after > 0.01
+    assert before < 0.4 * after
+    inner, outer = directions.sides(found.rms)
+    assert outer > 1.2 * inner
+
+
+def test_sides_take_the_segment_behind_the_sensor_for_after() -> None:
+    wrong = np.zeros((4, 3))
+    wrong[1, 1] = 1.0
+    before, after = directions.sides(wrong)
+    assert before == 0.0 and after > 0.0
+    wrong = np.zeros((4, 3))
+    wrong[1, 0] = 1.0
+    before, after = directions.sides(wrong)
+    assert before > 0.0 and after == 0.0
+
+
+def test_leaving_out_sensors_biases_and_one_matrix_does_not() -> None:
+    found = directions.bias(directions.CABLE, "towards distal", 1500, 0.5)
+    assert found.consensus < 1e-3
+    assert found.agreeing > 6.0 * found.uncertain[0]
+    assert abs(found.shared) < 4.0 * found.uncertain[1]
+
+
+def test_observer_beats_the_consensus_in_time() -> None:
+    run = directions.in_time(seconds=2.0)
+    vote, observer = run.rms("vote, as printed"), run.rms(directions.observed(300.0))
+    assert observer < 0.8 * directions.RUN_NOISE < vote
+    assert run.right[directions.observed(300.0)] > 0.9
+    assert run.rms("directions known") < observer

@@ -1,0 +1,119 @@
+"""Estimation of parameters while the cable runs, on a small version of each run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cc_mujoco.estimation.samples import Track
+from cc_mujoco.thesis.experiments import online_estimates as estimates
+from cc_mujoco.thesis.experiments import online_laws as laws
+from cc_mujoco.thesis.experiments import online_runs as runs
+from cc_mujoco.thesis.experiments.online import claim_law, claim_stiffness
+from cc_mujoco.transmission import replay
+
+MU = runs.CABLE.friction
+
+
+def test_constant_parameters_give_what_a_replay_gives() -> None:
+    motion = runs.strokes(3.0)
+    data = runs.simulate(runs.CABLE, motion, seed=1)
+    _, proximal, distal = motion
+    clean = replay(
+        runs.CABLE, runs.DT, u_proximal=proximal, u_distal=distal, profile=True
+    )
+    assert clean.direction is not None
+    assert data.tension == pytest.approx(clean.tension, rel=1e-9)
+    assert np.array_equal(data.direction, clean.direction)
+    error = data.reading - data.tension
+    assert np.std(error) == pytest.approx(runs.NOISE, rel=0.05)
+
+
+def test_truth_drifts_as_stated_and_the_cable_feels_it() -> None:
+    factor = runs.drift(8.0, 2.0, 1.5)
+    assert factor[[0, 200]] == pytest.approx([1.0, 1.0]) and factor[-1] > 1.49
+    data = runs.simulate(runs.CABLE, runs.strokes(8.0), seed=1, factor=factor)
+    whole = np.flatnonzero(np.all(data.direction == data.direction[:, :1], axis=1))
+    row = int(whole[data.direction[whole, 0] != 0][-1])
+    ratio = abs(np.log(data.tension[row, 0] / data.tension[row, -1]))
+    # A parameter changes in spells of CHUNK samples.
+    assert ratio == pytest.approx(MU * factor[row] * runs.CABLE.wrap, rel=0.01)
+
+
+def test_winding_cable_has_the_same_wrap() -> None:
+    winding = runs.winding(runs.CABLE)
+    assert winding.wrap == pytest.approx(runs.CABLE.wrap)
+    assert winding.length == pytest.approx(runs.CABLE.length)
+
+
+def test_locked_output_leaves_the_motion_partial() -> None:
+    cable = runs.CABLE.replace(segments=50, pretension=20.0)
+    data = runs.simulate(cable, runs.pulls(5.0, estimates.PULL), seed=1)
+    assert np.all(data.direction[:, -1] == 0) and np.any(data.direction != 0)
+
+
+def test_following_measures_settling_error_and_coverage() -> None:
+    time, truth = np.arange(5.0), np.full(5, 2.0)
+    value = np.array([4.0, 2.5, 2.02, 1.98, 2.02])
+    found = runs.following(time, value, np.full(5, 0.015), truth)
+    assert found == pytest.approx((2.0, 0.01, 0.0075, 1.0))
+    lost = runs.following(time, value + 1.0, np.full(5, 0.1), truth)
+    assert lost.settled == np.inf and np.isnan(lost.error)
+
+
+def test_slopes_of_the_model_leave_the_line_with_friction() -> None:
+    found = laws.slopes()
+    assert np.all(np.diff(found.ratio) > 0.2)
+    assert found.ratio[0] < 0.9 and found.ratio[-1] > 1.1
+    # A straight line through an exponential profile misses its ends.
+    assert 0.9 < found.exact < 0.99
+
+
+def test_printed_law_needs_the_sign_of_motion_and_integration() -> None:
+    left = laws.laws(duration=12.0).left
+    printed, signed, summed, ours = left.values()
+    assert printed > 0.9 and signed > 0.5
+    assert summed < 0.2 and ours < 0.01
+    assert -0.05 < laws.bias() < -0.01
+
+
+@pytest.mark.parametrize(
+    ("printed", "summed", "verdict"),
+    [(1.0, 0.01, "in part"), (0.1, 0.01, "agrees"), (1.0, 0.5, "disagrees")],
+)
+def test_verdict_on_the_law_follows_the_numbers(
+    printed: float, summed: float, verdict: str
+) -> None:
+    left = dict(zip([*laws.LAWS, "ours"], [printed, 0.7, summed, 0.0], strict=True))
+    assert claim_law(laws.Laws(np.zeros(1), {}, left, -0.02)).verdict == verdict
+
+
+def test_friction_that_grows_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimates, "REST", 3.0)
+    truth = estimates.wearing(duration=38.0)
+    friction = MU * truth.factor
+    found = runs.following(truth.time, *estimates.recursive(truth), friction)
+    assert found.settled < 2.0
+    # Drift is five times faster here: the error is lag, and stated.
+    assert 0.01 < found.error < 0.04
+    assert found.covered > 0.9
+
+
+def test_stiffness_is_found_in_partial_motion_and_refused_in_mass_motion() -> None:
+    found = estimates.softening(duration=24.0)
+    late = found.time > 10.0
+    error = found.found.value[late & (found.time < runs.REST)] / 4000.0 - 1.0
+    assert np.max(np.abs(error)) < 0.02
+    assert found.refused == pytest.approx(1.0, abs=1e-12)
+    assert abs(found.fooled - 1.0) > 0.2
+    kept = Track(found.truth, 0.01 * found.truth)
+    assert claim_stiffness(found._replace(found=kept)).verdict == "agrees"
+    fooled = found._replace(found=kept, refused=0.5)
+    assert claim_stiffness(fooled).verdict == "in part"
+
+
+def test_bend_is_found_from_a_uniform_start() -> None:
+    found = estimates.bends(duration=22.0)
+    assert found.before < 0.03
+    assert np.ptp(found.truth[0]) > 0.5 * np.mean(found.truth[0])
+    assert found.found.value[0] == pytest.approx(np.full(19, found.start), rel=1e-6)

@@ -1,0 +1,36 @@
+"""What the blocked-output test shows, to a slope and to a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cc_mujoco.estimation.calibration import calibrate
+from cc_mujoco.thesis.experiments import parameters
+from cc_mujoco.thesis.rig import LENGTH, STIFFNESS, drive
+
+
+def test_slope_of_the_loop_overstates_stiffness_and_the_fit_does_not() -> None:
+    trial = parameters.blocked_trial(parameters.CABLE, 5)
+    assert parameters.by_slope(trial) > 1.05 * STIFFNESS
+    found = calibrate(
+        [trial], drive(parameters.GUESS), ("friction", "axial_stiffness"), starts=0
+    )
+    stiffness = found["axial_stiffness"]
+    assert stiffness.value == np.clip(
+        stiffness.value, 0.99 * LENGTH * STIFFNESS, 1.01 * LENGTH * STIFFNESS
+    )
+
+
+def test_without_friction_the_slope_is_the_stiffness() -> None:
+    free = parameters.CABLE.replace(friction=1e-6)
+    trial = parameters.blocked_trial(free, 5)
+    assert abs(parameters.by_slope(trial) / STIFFNESS - 1.0) < 0.01
+
+
+def test_a_taut_pair_leaves_a_valley_and_slack_closes_it() -> None:
+    distal = np.array([0.012]), np.array([12.5])
+    taut = parameters.valley(parameters.blocked_trial(parameters.CABLE, 1), *distal)
+    slack = parameters.valley(
+        parameters.blocked_trial(parameters.CABLE, 2, peak=0.6), *distal
+    )
+    assert slack[0, 0] > 2.0 * taut[0, 0]

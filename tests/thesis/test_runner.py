@@ -1,0 +1,145 @@
+"""What is done is kept, what is written is whole, and other code runs again."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cc_mujoco import cli
+from cc_mujoco.errors import CableError
+from cc_mujoco.figures import figure
+from cc_mujoco.thesis import Claim, Outcome, reproduce, runner
+
+CLAIM = Claim("Fig. 0", "two", "2.0 Nm", "agrees", "a | b")
+
+
+class Experiments:
+    """Stand-ins for experiments, which count how often they run."""
+
+    def __init__(self) -> None:
+        self.ran: list[str] = []
+        self.failing = ""
+
+    def module(self, name: str) -> Any:
+        def run(progress: Any) -> Outcome:
+            if name == self.failing:
+                raise KeyboardInterrupt
+            self.ran.append(name)
+            progress(0.5)
+            drawing = figure(2.0, 2.0)
+            drawing.add_subplot().plot([0.0, 1.0])
+            columns = {"torque_nm": np.arange(3.0), "loops": [1, 2, 3]}
+            return Outcome((CLAIM,), {"loop": drawing}, {"data": columns})
+
+        return SimpleNamespace(run=run)
+
+
+@pytest.fixture
+def experiments(monkeypatch: pytest.MonkeyPatch) -> Experiments:
+    standing_in = Experiments()
+    for name in ("loops", "pretension"):
+        path = f"cc_mujoco.thesis.experiments.{name}"
+        monkeypatch.setitem(sys.modules, path, standing_in.module(name))
+    return standing_in
+
+
+def test_an_experiment_leaves_figure_data_and_claims(
+    experiments: Experiments, tmp_path: Path
+) -> None:
+    shares: list[tuple[str, float]] = []
+    (record,) = reproduce(
+        ["loops"], tmp_path, progress=lambda name, share: shares.append((name, share))
+    )
+    assert record.claims == (CLAIM,)
+    assert record.fresh
+    assert shares == [("loops", 0.0), ("loops", 0.5), ("loops", 1.0)]
+    names = {path.name for path in (tmp_path / "loops").iterdir()}
+    assert names == {"loop.png", "data.csv", "result.json"}
+    csv = (tmp_path / "loops" / "data.csv").read_text().splitlines()
+    assert csv == ['"torque_nm","loops"', "0,1", "1,2", "2,3"]
+    summary = (tmp_path / "summary.md").read_text()
+    assert "| Fig. 0 | two | 2.0 Nm | agrees | a \\| b |" in summary
+
+
+def test_experiments_run_in_the_order_of_the_thesis_once_each(
+    experiments: Experiments, tmp_path: Path
+) -> None:
+    reproduce(["loops", "pretension", "loops"], tmp_path)
+    assert experiments.ran == ["pretension", "loops"]
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(
+    experiments: Experiments, tmp_path: Path
+) -> None:
+    experiments.failing = "loops"
+    with pytest.raises(KeyboardInterrupt):
+        reproduce(["pretension", "loops"], tmp_path)
+    assert not (tmp_path / "loops").exists()
+    assert "## pretension" in (tmp_path / "summary.md").read_text()
+    experiments.failing = ""
+    records = reproduce(["pretension", "loops"], tmp_path)
+    assert [record.fresh for record in records] == [False, True]
+    assert experiments.ran == ["pretension", "loops"]
+    reproduce(["pretension", "loops"], tmp_path, again=True)
+    assert experiments.ran == ["pretension", "loops"] * 2
+
+
+def test_results_of_other_code_or_broken_ones_are_not_taken(
+    experiments: Experiments, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reproduce(["loops"], tmp_path)
+    (tmp_path / "loops" / "result.json").write_text('{"code": "", "claims": [{}]}')
+    reproduce(["loops"], tmp_path)
+    assert len(experiments.ran) == 2
+    monkeypatch.setattr("cc_mujoco.identity.sources", lambda: "other")
+    reproduce(["pretension"], tmp_path)
+    assert "differs in the sources" in (tmp_path / "summary.md").read_text()
+    said: list[str] = []
+    reproduce(["loops", "pretension"], tmp_path, say=said.append)
+    assert experiments.ran == ["loops", "loops", "pretension", "loops"]
+    assert said == [
+        "1 of 2 experiments kept; --again runs them anew. Earlier experiments are "
+        "replaced: they differ in the sources of cc_mujoco."
+    ]
+
+
+def test_an_unknown_name_runs_nothing(experiments: Experiments, tmp_path: Path) -> None:
+    with pytest.raises(CableError, match="did you mean 'loops'"):
+        reproduce(["pretension", "lops"], tmp_path / "out")
+    assert experiments.ran == []
+    assert not (tmp_path / "out").exists()
+
+
+def test_command_prints_a_line_for_every_claim_and_resumes(
+    experiments: Experiments, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["reproduce", "loops", "pretension", "--out", str(tmp_path)]
+    experiments.failing = "loops"
+    assert cli.main(words) == 130
+    said = capsys.readouterr()
+    assert "experiments that were finished, if any, are kept" in said.err
+    experiments.failing = ""
+    assert cli.main(words) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:4] == [
+        "1 of 2 experiments kept; --again runs them anew.",
+        "pretension  (done before)",
+        "  agrees     Fig. 0: 2.0 Nm",
+        "loops",
+    ]
+    assert str(tmp_path / "summary.md") in lines[-1]
+
+
+def test_every_experiment_has_a_module_and_every_module_is_an_experiment() -> None:
+    folder = Path(runner.__file__).parent / "experiments"
+    modules = {
+        path.stem
+        for path in folder.glob("*.py")
+        if "def run(progress: Progress) -> Outcome:" in path.read_text(encoding="utf-8")
+    }
+    assert modules == set(runner.EXPERIMENTS)

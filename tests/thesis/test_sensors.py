@@ -1,0 +1,37 @@
+"""What section 3.2.1 says of sensors whose directions are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cc_mujoco.thesis.experiments import sensors
+
+
+def test_error_follows_theory_in_number_and_noise() -> None:
+    grid = sensors.error_grid(simulations=1500, seed=1)
+    assert grid.mean == pytest.approx(grid.expected, rel=0.1)
+    assert np.all(np.diff(grid.mean, axis=0) > 0.0)
+    assert np.all(grid.weighted[:, -1] < 0.75 * grid.mean[:, -1])
+    assert grid.weighted[:, 0] == pytest.approx(grid.mean[:, 0])
+
+
+def test_mean_loses_on_the_printed_cable_only() -> None:
+    assert sensors.excess_of_mean(sensors.CABLE) > 1.4
+    assert sensors.excess_of_mean(sensors.CABLE.replace(friction=0.0)) == 1.0
+
+
+def test_error_in_motion_is_white_and_at_rest_constant() -> None:
+    run = sensors.ramps()
+    assert sensors.ljung_box(run.scaled) > 0.01
+    assert sensors.rest_drift(run) == 0.0
+    assert np.std(run.scaled) == pytest.approx(1.0, abs=0.15)
+
+
+def test_whiteness_test_finds_colour() -> None:
+    random = np.random.default_rng(2)
+    white = random.normal(size=(200, 400))
+    share = np.mean([sensors.ljung_box(series) < 0.05 for series in white])
+    assert 0.01 < share < 0.1
+    coloured = white[0, 1:] + 0.5 * white[0, :-1]
+    assert sensors.ljung_box(coloured) < 1e-4

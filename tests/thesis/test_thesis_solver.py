@@ -1,0 +1,237 @@
+"""The thesis's own solver, and the kernel held against it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.thesis.solver import (
+    Constraint,
+    ThesisCable,
+    by_fsolve,
+    play,
+    segment_motion,
+    sign_patterns,
+    solve,
+    system,
+)
+from cc_mujoco.transmission import TERMS, Cable, Section, replay
+from cc_mujoco.transmission.segments import Mesh
+from transmission.motions import motion
+
+CABLE = Cable(friction=0.1, conduit=(Section(1.2, 0.2), Section(0.8, 0.4)))
+STRETCH = CABLE.pretension * CABLE.length / CABLE.axial_stiffness
+
+
+def whole(u_proximal: float, u_distal: float, n: int) -> list[Constraint]:
+    return [
+        Constraint("displacement", 0, u_proximal),
+        Constraint("displacement", n, u_distal),
+    ]
+
+
+@pytest.mark.parametrize("n", range(2, 30))
+def test_there_are_four_times_n_less_one_patterns(n: int) -> None:
+    patterns = sign_patterns(n)
+    assert len(patterns) == len({tuple(p) for p in patterns}) == 4 * (n - 1)
+    for pattern in patterns:
+        turns = np.count_nonzero(np.diff(pattern[pattern != 0.0]))
+        assert turns <= 1 and np.count_nonzero(pattern == 0.0) <= 1
+
+
+def test_two_segments_in_the_order_of_the_listing() -> None:
+    found = [tuple(p) for p in sign_patterns(2)]
+    assert found == [(-1, -1), (1, 1), (1, -1), (-1, 1)]
+    assert [tuple(p) for p in sign_patterns(1)] == [(-1,), (1,)]
+
+
+def test_rows_are_the_capstan_ratio_and_the_stretch() -> None:
+    mesh = Mesh.of(CABLE.replace(segments=4))
+    pattern = np.array([1.0, 1.0, 0.0, -1.0])
+    ends = [Constraint("tension", 0, 7.0), Constraint("displacement", 4, 0.3)]
+    tension, u = np.split(np.linalg.solve(*system(mesh, pattern, ends)), 2)
+    ratio = np.exp(np.cumsum(mesh.angle * pattern))
+    assert tension == pytest.approx(7.0 * np.concatenate([[1.0], ratio]))
+    place = np.linspace(0.0, 1.0, 1001)[:, None]
+    inside = tension[:-1] * np.exp(mesh.angle * pattern * place)
+    stretch = np.trapezoid(inside, place, axis=0) * mesh.length / mesh.stiffness
+    assert np.diff(u) == pytest.approx(stretch, rel=1e-6)
+    assert u[-1] == pytest.approx(0.3)
+
+
+@given(
+    st.integers(2, 12),
+    st.floats(0.01, 0.3),
+    st.floats(-1.0, 1.0),
+    st.floats(-1.0, 1.0),
+    st.sampled_from([-1.0, 1.0]),
+)
+@settings(max_examples=60, deadline=None)
+def test_one_pattern_at_most_is_consistent(
+    n: int, friction: float, proximal: float, distal: float, slip_direction: float
+) -> None:
+    """Uniqueness, 2.3.3, from any state of mass motion."""
+    mesh = Mesh.of(CABLE.replace(segments=n, friction=friction))
+    start = np.linalg.solve(
+        *system(mesh, np.full(n, slip_direction), whole(0.0, 0.01, n))
+    )
+    before = start[n + 1 :]
+    consistent = 0
+    for pattern in sign_patterns(n):
+        ends = whole(1e-4 * proximal, 0.01 + 1e-4 * distal, n)
+        after = np.linalg.solve(*system(mesh, pattern, ends))[n + 1 :]
+        consistent += np.array_equal(np.sign(segment_motion(before, after)), pattern)
+    assert consistent <= 1
+
+
+def test_the_last_correct_pattern_is_tried_first() -> None:
+    mesh, patterns = Mesh.of(CABLE.replace(segments=10)), sign_patterns(10)
+    before = np.linspace(0.0, 0.02, 11)
+    first = solve(mesh, before, whole(0.1, 0.12, 10), patterns)
+    assert first.contradiction == 0.0 and first.tried > 1
+    again = solve(mesh, first.displacement, whole(0.2, 0.22, 10), patterns)
+    assert again.tried == 1
+    assert len(patterns) == 36
+
+
+def test_the_general_solver_agrees_in_mass_motion() -> None:
+    n = 5
+    cable = CABLE.replace(segments=n)
+    mesh, patterns = Mesh.of(cable), sign_patterns(n)
+    drag = np.linspace(0.0, 0.2, 300)
+    played = play(cable, u_proximal=drag, u_distal=drag + np.minimum(drag, 0.03))
+    u = played.displacement[-1]
+    guess = np.concatenate([played.tension[-1], u])
+    for k in range(1, 6):
+        ends = whole(drag[-1] + 5e-5 * k, played.displacement[-1, -1] + 6e-5 * k, n)
+        expected = solve(mesh, u, ends, patterns)
+        tension, displacement, converged = by_fsolve(mesh, u, ends, guess)
+        assert converged
+        assert tension == pytest.approx(expected.tension, rel=1e-6)
+        assert displacement == pytest.approx(expected.displacement, rel=1e-6)
+        u, guess = displacement, np.concatenate([tension, displacement])
+
+
+@pytest.mark.parametrize("name", ["distal_locked", "proximal_locked"])
+def test_kernel_and_thesis_meet_as_the_mesh_is_refined(name: str) -> None:
+    """Partial motion, reversals and mass motion with one end driven."""
+    proximal, distal = motion(name, STRETCH, samples=500)
+    distal = distal - STRETCH
+    apart = []
+    for n in (10, 20, 40):
+        thesis_solver = play(
+            CABLE.replace(segments=n), u_proximal=proximal, u_distal=distal
+        )
+        ours = replay(
+            CABLE.replace(segments=n), 1e-3, u_proximal=proximal, u_distal=distal
+        )
+        assert thesis_solver.contradicted == 0
+        difference = thesis_solver.tension[:, 0] - ours.tension_proximal
+        apart.append(float(np.sqrt(np.mean(difference**2))))
+    assert apart[-1] < 1e-3 * thesis_solver.tension.max()
+    assert apart[0] / apart[1] > 2.0 and apart[1] / apart[2] > 2.0
+
+
+@pytest.mark.parametrize("slip_direction", [-1.0, 1.0])
+def test_in_mass_motion_both_give_the_same_end_tension_to_rounding(
+    slip_direction: float,
+) -> None:
+    """The capstan ratio of a mesh is the product of its segments' in either."""
+    drag = slip_direction * np.linspace(0.0, 0.1, 400)
+    pull = np.full(400, 12.0)
+    thesis_solver = play(
+        CABLE.replace(segments=8), u_proximal=drag, tension_distal=pull
+    )
+    ours = replay(CABLE.replace(segments=8), 1e-3, u_proximal=drag, tension_distal=pull)
+    ratio = np.exp(-slip_direction * CABLE.friction * CABLE.wrap)
+    assert ours.moving_fraction[-1] == 1.0
+    assert thesis_solver.tension[-1, 0] == pytest.approx(12.0 * ratio, rel=1e-12)
+    assert ours.tension_proximal[-1] == pytest.approx(12.0 * ratio, rel=1e-12)
+
+
+def test_all_three_modes_tell_one_story() -> None:
+    """Tensions found from displacements give back the displacements."""
+    cable = CABLE.replace(segments=8)
+    at = np.linspace(0.0, 6.0, 400)
+    drag = 0.02 * np.sin(at)
+    by_tension = play(cable, u_proximal=drag, tension_distal=np.full(400, 10.0))
+    assert by_tension.contradicted == 0
+    distal = by_tension.displacement[:, -1] - STRETCH
+    by_position = play(cable, u_proximal=drag, u_distal=distal)
+    mirrored = cable.replace(conduit=cable.conduit[::-1])
+    turned = play(mirrored, tension_proximal=np.full(400, 10.0), u_distal=-drag)
+    proximal = by_tension.tension[:, 0]
+    assert by_position.tension[:, 0] == pytest.approx(proximal, rel=0.02)
+    assert turned.tension[:, -1] == pytest.approx(proximal, rel=1e-9)
+
+
+def test_motion_enters_from_both_ends_and_leaves_the_middle_alone() -> None:
+    thesis_solver = ThesisCable(CABLE.replace(segments=20))
+    for k in range(1, 11):
+        thesis_solver.step(u_proximal=-5e-5 * k, u_distal=5e-5 * k)
+    proximal, distal = thesis_solver.last_moving
+    assert proximal > 1 and distal > 1 and proximal + distal < 21
+    assert np.all(thesis_solver.tension[proximal : 21 - distal] == CABLE.pretension)
+    assert np.all(thesis_solver.tension[:proximal] > CABLE.pretension)
+    assert np.all(thesis_solver.tension[-distal:] > CABLE.pretension)
+
+
+def test_without_solving_again_motion_advances_one_node_a_step() -> None:
+    pull = -0.01 * np.ones(15)
+    still = np.zeros(15)
+    cable = CABLE.replace(segments=12)
+    slow = play(cable, u_proximal=pull.cumsum(), u_distal=still, resolve=False)
+    fast = play(cable, u_proximal=pull.cumsum(), u_distal=still)
+    assert list(slow.last_moving[:10, 0]) == list(range(2, 12))
+    assert fast.last_moving[0, 0] == 13
+
+
+def test_nothing_asked_changes_nothing() -> None:
+    thesis_solver = ThesisCable(CABLE.replace(segments=5))
+    thesis_solver.step(u_proximal=-0.01, u_distal=0.0)
+    tension, tried = thesis_solver.tension, thesis_solver.tried
+    thesis_solver.step(u_proximal=-0.01, u_distal=0.0)
+    assert np.array_equal(thesis_solver.tension, tension)
+    assert thesis_solver.tried == tried
+
+
+def test_a_slack_cable_shows_no_tension() -> None:
+    thesis_solver = ThesisCable(CABLE.replace(segments=5))
+    for k in range(1, 30):
+        thesis_solver.step(u_proximal=0.001 * k, u_distal=0.0)
+    assert np.all(thesis_solver.tension == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("ends", "says"),
+    [
+        ({"u_proximal": 0.0}, "u_distal or tension_distal"),
+        ({"u_proximal": 0.0, "tension_proximal": 1.0, "u_distal": 0.0}, "not both"),
+        ({"tension_proximal": 1.0, "tension_distal": 1.0}, "by position"),
+    ],
+)
+def test_bad_ends_are_refused(ends: dict[str, float], says: str) -> None:
+    with pytest.raises(CableError, match=says):
+        ThesisCable(CABLE).step(**ends)
+
+
+COULOMB = ("friction", "static_friction")
+
+
+@pytest.mark.parametrize("name", [name for name in TERMS if name not in COULOMB])
+def test_terms_that_chapter_2_does_not_know_are_refused(name: str) -> None:
+    cable = CABLE.replace(**{name: 1e-3})
+    if TERMS[name].acts_on == "pulley":
+        Mesh.of(cable)
+        return
+    with pytest.raises(CableError, match=f"`{name}` is 0.001; it must be 0"):
+        Mesh.of(cable)
+
+
+def test_static_friction_that_weakens_is_refused() -> None:
+    weakening = CABLE.replace(static_friction=0.5, critical_slip_distance=1e-3)
+    with pytest.raises(CableError, match="it or `critical_slip_distance` must be 0"):
+        Mesh.of(weakening)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
-
 from cc_mujoco.errors import CableError
+from cc_mujoco.transmission.parameter import Parameter
 
 LONGEST = 1e4
 """Most that an episode may last [s]; all of its motion is kept in memory."""
@@ -20,17 +18,7 @@ def number(label: str, value: Any, low: float, high: float, unit: str) -> None:
     Raises:
         CableError: If it is not (NaN never is), naming it and the range.
     """
-    try:
-        # An array of one is no number, nor is a truth value, though they compare so.
-        odd = isinstance(value, (bool, np.bool_)) or np.ndim(value) > 0
-        admitted = not odd and bool(low <= value <= high)
-    except (TypeError, ValueError):
-        admitted = False
-    if not admitted:
-        among = f"a number in [{low:g}, {high:g}] {unit}".rstrip()
-        if low == -math.inf and high == math.inf:
-            among = "one number"
-        raise CableError(f"{label} must be {among}, not {value!r}.")
+    Parameter(label, unit, low=low, high=high).check(value)
 
 
 def parameter(owner: object, name: str, low: float, high: float, unit: str) -> None:

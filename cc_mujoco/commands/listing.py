@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 if TYPE_CHECKING:
     from cc_mujoco.metrics import Metric
-    from cc_mujoco.whatif import Variable
+    from cc_mujoco.transmission import Parameter
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def _meanings(registry: Mapping[str, object]) -> dict[str, str]:
     return {name: text.partition("\n")[0] for name, text in lines.items()}
 
 
-def _with_units(registry: Mapping[str, Metric | Variable]) -> dict[str, str]:
+def _with_units(registry: Mapping[str, Metric | Parameter]) -> dict[str, str]:
     return {
         name: entry.meaning + ("" if entry.unit == "1" else f" [{entry.unit}]")
         for name, entry in registry.items()

@@ -17,7 +17,6 @@ import difflib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from numbers import Real
 from typing import NamedTuple
 
 from cc_mujoco.errors import CableError
@@ -484,10 +483,7 @@ class Cable:
     def __post_init__(self) -> None:
         for p in PARAMETERS:
             value = getattr(self, p.name)
-            number = isinstance(value, float) or (  # the rest takes ten times as long
-                isinstance(value, Real) and not isinstance(value, bool)
-            )
-            if not number or not p.admits(value):
+            if not p.admits(value):
                 raise CableError(
                     f"cable parameter `{p.name}` is {value!r}; it must be {p.allowed}"
                 )

@@ -14,14 +14,13 @@ from cc_mujoco.whatif.motors import MOTORS
 from cc_mujoco.whatif.plan import Plan, make_plan
 from cc_mujoco.whatif.search import optimise
 from cc_mujoco.whatif.study import carry_out, study
-from cc_mujoco.whatif.variables import VARIABLES, Variable
+from cc_mujoco.whatif.variables import VARIABLES
 
 __all__ = [
     "MATERIALS",
     "MOTORS",
     "VARIABLES",
     "Plan",
-    "Variable",
     "carry_out",
     "make_plan",
     "optimise",

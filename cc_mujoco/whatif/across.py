@@ -21,8 +21,9 @@ import numpy as np
 from cc_mujoco.checks import named
 from cc_mujoco.envs.plant import OWN
 from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.transmission.parameter import Parameter
 from cc_mujoco.whatif.designs import Given, Range, grid, read_range, require_count
-from cc_mujoco.whatif.variables import CONFLICTS, VARIABLES, Value, Variable
+from cc_mujoco.whatif.variables import CONFLICTS, VARIABLES, Value
 
 if TYPE_CHECKING:
     from cc_mujoco.whatif.build import Builder
@@ -36,15 +37,13 @@ LEAST, MOST, WORST_CASE = "least", "most", "worst_case"
 """Behind `METRIC@`: the least and the greatest number, and the name of the worst case,
 which is the first without a number where there is one."""
 
-WEARER = Variable(
+WEARER = Parameter(
     "wearer",
     "1",
     "stiffness and damping of the wearer, times those of the scene; a joint that is "
     "held stays held",
     low=OWN["wearer"][0],
     high=OWN["wearer"][1],
-    low_open=False,
-    cable=False,
 )
 """Variable that cases may have beside those of designs."""
 
@@ -196,7 +195,7 @@ def read_across(
     return Across(levels, rank or "worst", tuple(turned))
 
 
-def about(name: str) -> Variable:
+def about(name: str) -> Parameter:
     """Return the variable that a name of a design or a case stands for."""
     return WEARER if name == WEARER.name else VARIABLES[name.rpartition(".")[2]]
 

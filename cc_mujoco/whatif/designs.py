@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.csv_files import read_sheet
 from cc_mujoco.errors import CableError
-from cc_mujoco.whatif.variables import Value, Variable, find
+from cc_mujoco.transmission.parameter import Parameter
+from cc_mujoco.whatif.variables import Value, find
 
 Given = str | float | Sequence[object]
 """A range or values as text, one value, or several."""
@@ -52,7 +53,7 @@ class Range:
 
 
 def read_range(
-    name: str, given: Given, cables: Iterable[str], kind: Variable | None = None
+    name: str, given: Given, cables: Iterable[str], kind: Parameter | None = None
 ) -> Range:
     """Understand what a variable may be.
 
@@ -66,10 +67,11 @@ def read_range(
         CableError: an unknown name, or a range or value that cannot be.
     """
     variable = find(name, cables) if kind is None else kind
+    label = f"variable {name!r}"
     if isinstance(given, str) and ":" in given and not variable.text:
         found = _read_ends(name, given)
         for value in (*found.levels, *(found.ends or ())):
-            variable.read(value)
+            variable.read(value, label)
         if variable.whole:
             whole = dict.fromkeys(round(float(level)) for level in found.levels)
             return Range(tuple(whole))
@@ -81,7 +83,7 @@ def read_range(
         words = list(given)
     else:
         words = [given]
-    levels = tuple(variable.read(word) for word in words)
+    levels = tuple(variable.read(word, label) for word in words)
     if not levels:
         raise CableError(f"variable {name!r} has no values; give one or more.")
     level, times = Counter(levels).most_common(1)[0]

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from cc_mujoco.control import Drive
     from cc_mujoco.transmission import Cable
 
+Array = NDArray[np.float64]
+
 MEASURED = (
     "motor_angle_rad",
     "motor_velocity_rad_s",
@@ -188,12 +190,20 @@ def _middle(cable: Cable) -> int:
     return int(np.searchsorted(node_places(cable), half, side="right")) - 1
 
 
+BIAS = 2.0
+"""Standard deviation of the bias of a drawn sensor, as a multiple of its noise."""
+
 PERFECT = Sensing(0.0, 0.0, 0.0, 0.0, cutoff=math.inf, delay=0)
 """Sensors that tell the truth at once."""
 
 
 class Measuring:
-    """Sensors of one environment, or of many, during one episode."""
+    """Sensors of one environment, or of n, during their episodes.
+
+    A reading is that of an exact sensor, in steps of its encoder or with the error of
+    this control step, and arrives late. A tension sensor reads no less than 0, nor does
+    a slack cable have less.
+    """
 
     def __init__(
         self,
@@ -202,38 +212,91 @@ class Measuring:
         cables: Sequence[str],
         seeds: int | Sequence[int],
         steps: int,
+        *,
+        delay: ArrayLike | None = None,
+        noise: ArrayLike = 1.0,
+        bias: ArrayLike = 0.0,
+        names: Sequence[str] | None = None,
     ) -> None:
-        """Draw the noise of the episode.
+        """Draw the errors of the episode.
 
         Args:
             sensing: The sensors.
             drive: Says where tension sensors are.
-            cables: Names of the cables, as in the columns.
-            seeds: Of one environment, or one for each of many; each alone determines
-                that one's noise.
+            cables: Names of the cables, as in the columns; none where their tensions
+                are not read.
+            seeds: Of one environment, or one for each of n; each alone determines that
+                one's noise.
             steps: Control steps of the episode.
+            delay: Control steps by which readings are late, in place of those of
+                `sensing`: one number, or one for each environment.
+            noise: Multiple of the noise of `sensing`, one number or one for each.
+            bias: Of the torque sensor, then of every tension sensor, as a multiple of
+                the standard deviation of `sensing`: one number, or (n, sensors).
+            names: Columns that are read; `MEASURED`, and `WINDING` where it is there,
+                by default.
         """
-        self._sensing = sensing
+        self._sensing, self._names = sensing, names
         sensors = zip(cables, drive.sensors, strict=True) if drive.sensors else ()
         self._taps = [
-            (f"tension_{name}_nodes_n", _index(s.nodes)) for name, s in sensors
+            (f"tension_{name}_nodes_n", _index(s.nodes))
+            for name, s in (sensors if cables else ())
         ]
         self._shape = len(self._taps), len(drive.sensors[0].nodes) if self._taps else 0
         self._period = drive.period
         self._share = -math.expm1(-2.0 * math.pi * sensing.cutoff * drive.period)
-        self._noise: NDArray[np.float64] | None = None
+        shape = np.shape(seeds)
+        self._row = np.arange(np.size(seeds)).reshape(shape)
+        self._errors: Array | None = None
         if sensing.torque_noise or sensing.tension_noise:
             width = 1 + math.prod(self._shape)
-            draws = [
-                np.random.default_rng([seed, 1]).normal(size=(steps + 1, width))
-                for seed in np.atleast_1d(seeds)
-            ]
-            self._noise = np.stack(draws, axis=1) if np.ndim(seeds) else draws[0]
-        self._step = 0
+            scale = np.full(width, sensing.tension_noise)
+            scale[0] = sensing.torque_noise
+            self._errors = np.empty((steps + 1, *shape, width))
+            factors = np.broadcast_to(noise, shape)
+            biases = np.broadcast_to(bias, (*shape, width))
+            for row in np.ndindex(shape):
+                random = np.random.default_rng([np.asarray(seeds)[row], 1])
+                drawn = random.normal(size=(steps + 1, width))
+                self._errors[(slice(None), *row)] = scale * (
+                    factors[row] * drawn + biases[row]
+                )
+        late = sensing.delay if delay is None else delay
+        self._delays = np.array(np.broadcast_to(late, shape), dtype=np.intp)
+        self._size = int(self._delays.max(initial=0)) + 1
+        self._steps = np.zeros(shape, dtype=np.intp)
         self._last: dict[str, Any] = {}
-        self._late: list[dict[str, Any]] = []
+        self._kept: dict[str, Array] = {}
+        self._fresh: NDArray[np.bool_] | None = np.ones(shape, dtype=np.bool_)
 
-    def measure(self, columns: Mapping[str, Any]) -> dict[str, Any]:
+    def begin(
+        self, delay: int = 0, errors: Array | None = None, row: Any = ...
+    ) -> None:
+        """Begin an episode anew: the next measurement is the first.
+
+        Args:
+            delay: Control steps by which readings are late.
+            errors: Of the sensors (steps + 1, sensors) [Nm, N]; none by default. After
+                the last step they stay what they are.
+            row: Of n environments the one that begins.
+        """
+        for name, kept in self._kept.items() if delay >= self._size else ():
+            longer = np.zeros(((delay + 1) * self._steps.size, *kept.shape[1:]))
+            for age in range(self._size):
+                longer[self._at(age, delay + 1)] = kept[self._at(age, self._size)]
+            self._kept[name] = longer
+        self._size = max(self._size, delay + 1)
+        self._delays[row] = delay
+        if errors is not None and self._errors is None:
+            count, width = errors.shape
+            self._errors = np.zeros((count, *self._steps.shape, width))
+        if self._errors is not None:
+            self._errors[:, row] = 0.0 if errors is None else errors
+        if self._fresh is None:
+            self._fresh = np.zeros(self._steps.shape, dtype=np.bool_)
+        self._fresh[row] = True
+
+    def measure(self, columns: Mapping[str, Any], going: Any = True) -> dict[str, Any]:
         """Return what the controller reads of the columns of this step.
 
         Args:
@@ -241,19 +304,41 @@ class Measuring:
                 sensors, the tensions of the nodes of every cable, which may be below 0
                 where it is slack: numbers and (nodes,), or of n environments (n,) and
                 (n, nodes).
+            going: Mask (n,) of the environments in which time went on; the others are
+                read as before, but for those that begin. True is all of them.
 
         Returns:
             `MEASURED`, `WINDING` if it was there and, where there are such sensors,
             `TENSIONS`; nothing in it is shared with the columns.
         """
-        sensing = self._sensing
-        noise = None if self._noise is None else self._noise[self._step]
-        names = (*MEASURED, *WINDING) if WINDING[0] in columns else MEASURED
+        fresh = self._fresh
+        if fresh is None:
+            self._steps += going
+        else:
+            self._steps += going & ~fresh
+            self._steps[fresh] = 0
+        seen = self._read(columns)
+        # `np.all` takes several times as long for small arrays.
+        if self._last and not (going is True or going.all()):
+            still = ~np.broadcast_to(going, self._steps.shape)
+            if fresh is not None:
+                still &= ~fresh
+            for name, value in self._last.items():
+                seen[name][still] = value[still]
+        self._last, self._fresh = seen, None
+        return seen if self._size == 1 else self._delayed(seen, fresh)
+
+    def _read(self, columns: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the readings of this step, before they are late."""
+        sensing, errors = self._sensing, None
+        names = self._names
+        if names is None:
+            names = (*MEASURED, *WINDING) if WINDING[0] in columns else MEASURED
         seen = {name: _own(columns[name]) for name in names}
-        if noise is not None:
-            seen["joint_torque_nm"] = (
-                seen["joint_torque_nm"] + sensing.torque_noise * noise[..., 0]
-            )
+        if self._errors is not None:
+            step = np.minimum(self._steps, len(self._errors) - 1)
+            errors = self._errors[(step, self._row) if self._row.ndim else step]
+            seen["joint_torque_nm"] = seen["joint_torque_nm"] + errors[..., 0]
         self._encode("motor", sensing.motor_steps, seen)
         self._encode("joint", sensing.joint_steps, seen)
         if WINDING[0] in seen:
@@ -263,15 +348,12 @@ class Measuring:
             told = np.empty((*np.shape(seen["joint_angle_rad"]), *self._shape))
             for place, (name, nodes) in enumerate(self._taps):
                 told[..., place, :] = columns[name][..., nodes]
-            if noise is not None:
-                told += sensing.tension_noise * noise[..., 1:].reshape(told.shape)
-            seen[TENSIONS] = np.maximum(told, 0.0, out=told)
-        self._last, self._step = seen, self._step + 1
-        self._late.append(seen)
-        # Before the first measurement arrives there is the one at rest.
-        if len(self._late) > sensing.delay + 1:
-            self._late.pop(0)
-        return self._late[0]
+            np.maximum(told, 0.0, out=told)
+            if errors is not None:
+                told += errors[..., 1:].reshape(told.shape)
+                np.maximum(told, 0.0, out=told)
+            seen[TENSIONS] = told
+        return seen
 
     def _encode(self, side: str, steps: float, seen: dict[str, Any]) -> None:
         """Round an angle to steps of an encoder, and take the velocity from it."""
@@ -281,11 +363,43 @@ class Measuring:
         if steps:
             unit = 2.0 * math.pi / steps
             seen[angle] = unit * np.round(seen[angle] / unit)
-            before = self._last.get(angle, seen[angle])
+            before = self._before(angle, seen[angle])
             seen[rate] = (seen[angle] - before) / self._period
         if self._share < 1.0:
-            before = self._last.get(rate, seen[rate])
+            before = self._before(rate, seen[rate])
             seen[rate] = before + self._share * (seen[rate] - before)
+
+    def _before(self, name: str, now: Any) -> Any:
+        """Return the reading of the step before; at the start it is this one."""
+        last = self._last.get(name, now)
+        return last if self._fresh is None else np.where(self._fresh, now, last)[()]
+
+    def _delayed(
+        self, seen: Mapping[str, Any], fresh: NDArray[np.bool_] | None
+    ) -> dict[str, Any]:
+        """Return the readings that arrive now, and keep those of this step."""
+        shape, size = self._steps.shape, self._size
+        now, late = self._at(0, size), self._at(self._delays, size)
+        found = {}
+        for name, value in seen.items():
+            if fresh is not None:
+                # Before the first measurement arrives there is the one at rest.
+                first = np.asarray(value)
+                own = first.shape[len(shape) :]
+                if name not in self._kept:
+                    self._kept[name] = np.zeros((size * self._steps.size, *own))
+                past = self._kept[name].reshape(size, *shape, *own)
+                past[:, fresh] = first[fresh]
+            kept = self._kept[name]
+            kept[now] = value
+            found[name] = kept.take(late, axis=0)
+        return found
+
+    def _at(self, age: Any, size: int) -> Any:
+        """Return places of the readings of some steps ago among the kept steps."""
+        if not self._row.ndim:
+            return int(self._steps - age) % size
+        return (self._steps - age) % size * self._row.size + self._row
 
 
 def _own(value: Any) -> Any:

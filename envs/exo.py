@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +32,10 @@ from cc_mujoco.human import (
     paced,
 )
 from cc_mujoco.human import task as find_task
+from cc_mujoco.sensing import BIAS, PERFECT, Measuring
 
 from .device import Array, Device, Physics
-from .plant import Ranges
+from .plant import Plant, Ranges
 from .script import Author, find_trajectory
 
 EFFORT = 0.05
@@ -199,10 +200,30 @@ class Exo:
         scaled = np.asarray(torque)[..., None] / self.device.torque_limit
         return np.clip(scaled, -1.0, 1.0).astype(np.float32)
 
+    def sensors(self, seeds: int | Sequence[int]) -> Measuring:
+        """Return the sensors of one environment or of several.
+
+        Encoders are exact, and the error of torque is that of the plant.
+
+        Args:
+            seeds: Any number, or one for each of several environments.
+        """
+        names = self.observed.columns
+        return Measuring(PERFECT, self.drive, (), seeds, self.samples, names=names)
+
+    def errors(self, plant: Plant, rng: np.random.Generator) -> Array | None:
+        """Draw the errors of torque in an episode, (samples + 1, 1) [Nm], if any."""
+        if not plant.noise:
+            return None
+        scale = plant.noise * self.setup.sensing.torque_noise
+        bias = BIAS * rng.normal()
+        errors: Array = scale * (bias + rng.normal(size=(self.samples + 1, 1)))
+        return errors
+
     def feel(
         self, physics: Physics, marks: Array, asked: Array | None = None
-    ) -> tuple[Array, dict[str, Any], Any]:
-        """Read what the device measures, as it is.
+    ) -> tuple[dict[str, Any], Any]:
+        """Return what the device can measure, as it is, and what that costs.
 
         Args:
             physics: The simulation, or several.
@@ -210,8 +231,8 @@ class Exo:
             asked: Torque that the task demands there, where it is known already [Nm].
 
         Returns:
-            What is measured, (k,) or (n, k); its columns; their reward per second for
-            tracking the desired torque.
+            Columns of an episode log; their reward per second for tracking the desired
+            torque.
         """
         _, phase, sine, cosine = marks.T
         columns = self.device.read_motion(physics)
@@ -225,7 +246,7 @@ class Exo:
         columns["phase_sine"], columns["phase_cosine"] = sine, cosine
         error = columns["joint_torque_nm"] - columns["desired_torque_nm"]
         cost = np.minimum(np.abs(error) / self.setup.torque_scale, WORST)
-        return self.observed.of(columns), columns, -cost
+        return columns, -cost
 
     def told(
         self, physics: Physics, columns: dict[str, Any], step: Any, marks: Array

@@ -24,7 +24,6 @@ from .exo import REWARDS, Exo, refuse
 from .picture import Camera, Film, check_mode
 from .plant import Plant
 from .script import Script
-from .sensors import LateSensors
 
 
 class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
@@ -162,8 +161,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         self.model: mujoco.MjModel = self.exo.device.model
         self.data = mujoco.MjData(self.model)
         self._physics = physics_of(self.data)
-        width = self.exo.observed.frame
-        self._sensors = LateSensors(1, width, self.SETUP.sensing.torque_noise)
+        self._sensors = self.exo.sensors(0)
         self._sight = Sight(self.exo.observed, 1)
         self._sample = 0
         self._action = 0.0
@@ -236,14 +234,15 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         if self.plant is not before:
             exo.device.become(self.plant)
         self._script = script = exo.author.write(self.np_random)
-        self._sensors.begin(0, self.plant, exo.samples, self.np_random)
+        self._sensors.begin(self.plant.delay, exo.errors(self.plant, self.np_random))
         self._sample = 0
         self._action = 0.0
         self._film.cut()
         exo.device.start(self.data, script.angles, script.commands[0])
         marks = script.marks[0]
-        measured, columns, _ = exo.feel(self._physics, marks)
-        self._sight.begin(self._sensors.first(measured[None]))
+        columns, _ = exo.feel(self._physics, marks)
+        seen = self._sensors.measure(columns)
+        self._sight.begin(exo.observed.of(seen)[None])
         told = exo.told(self._physics, columns, 0, marks)
         return self._sight.observation()[0], _numbers(told, (0.0, 0.0, 0.0))
 
@@ -272,9 +271,10 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
                     break
             self._sample += 1
             marks = script.marks[self._sample]
-            measured, columns, reward = exo.feel(self._physics, marks)
+            columns, reward = exo.feel(self._physics, marks)
             tracking += exo.sampling * reward
-            self._sight.look(self._sensors.read(measured[None]))
+            seen = self._sensors.measure(columns)
+            self._sight.look(exo.observed.of(seen)[None])
             if diverged:
                 break
         told = exo.told(self._physics, columns, self._sample, marks)

@@ -28,7 +28,6 @@ from .exo import REWARDS, Exo, refuse
 from .picture import Camera, Film, check_mode
 from .plant import Plant
 from .script import Scripts
-from .sensors import LateSensors
 
 Singles = NDArray[np.float32]
 
@@ -143,8 +142,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         self._start = mujoco.MjData(self.model)
         self._scripts = Scripts(exo.author, num_envs, exo.task)
         self._random: list[np.random.Generator | None] = [None] * num_envs
-        noise = self.SETUP.sensing.torque_noise
-        self._sensors = LateSensors(num_envs, exo.observed.frame, noise)
+        self._sensors = exo.sensors(range(num_envs))
         self._sight = Sight(exo.observed, num_envs)
         self._samples = np.zeros(num_envs, dtype=np.intp)
         self._actions = np.zeros(num_envs)
@@ -297,11 +295,12 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
     def _feel(self, going: NDArray[np.bool_]) -> Array:
         """Take a sample of all sensors; return the reward per second for tracking."""
         reward: Array
-        measured, self._columns, reward = self._felt()
-        self._sight.look(self._sensors.read(measured, going))
+        self._columns, reward = self._felt()
+        seen = self._sensors.measure(self._columns, going)
+        self._sight.look(self.exo.observed.of(seen))
         return reward
 
-    def _felt(self) -> tuple[Array, dict[str, Any], Array]:
+    def _felt(self) -> tuple[dict[str, Any], Array]:
         """Return the result of `Exo.feel` for all environments now."""
         self._marks = self._scripts.marks(self._samples)
         asked = self._scripts.asked(self._samples)
@@ -364,15 +363,16 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             self._films[row].cut()
             self._become(row, exo.plants.draw(rng, options))
             script = self._scripts.write(row, rng)
-            self._sensors.begin(row, self.plants[row], exo.samples, rng)
+            plant = self.plants[row]
+            self._sensors.begin(plant.delay, exo.errors(plant, rng), row)
             device.start(data, script.angles, script.commands[0])
             mujoco.mj_getState(self.model, data, self.batch.state[row], _STATE)
             self._physics.take(physics_of(data), row)
         self._samples[rows] = 0
         self._actions[rows] = 0.0
-        measured, self._columns, _ = self._felt()
-        read = self._sensors.first(measured[rows], rows)
-        self._sight.begin(read, rows)
+        self._columns, _ = self._felt()
+        seen = self._sensors.measure(self._columns, np.zeros_like(self._over))
+        self._sight.begin(exo.observed.of(seen)[rows], rows)
 
     def _become(self, row: int, plant: Plant) -> None:
         """Give an environment its plant, and the model that is started from."""

@@ -23,7 +23,6 @@ from cc_mujoco.benchmark.conditions import ERRORS, LEAST, Condition
 from cc_mujoco.benchmark.plant import Belief, Plant, believed, draw
 from cc_mujoco.benchmark.references import REFERENCES, Reference
 from cc_mujoco.benchmark.scores import SCORES, score
-from cc_mujoco.benchmark.sensors import DrawnSensors
 from cc_mujoco.control import Controller, Drive
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.envs.exo import Exo
@@ -38,7 +37,7 @@ from cc_mujoco.metrics.metric import (
     SPRING,
     STRENGTH,
 )
-from cc_mujoco.sensing import Sensing
+from cc_mujoco.sensing import Measuring, Sensing
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.laws import Unpowered
 from cc_mujoco.whatif.simulate import FRAME_SKIP, Fleet
@@ -108,7 +107,7 @@ class Stage:
     driven: tuple[str, ...]
     drive: Drive
     law: Controller
-    sensors: DrawnSensors
+    sensors: Measuring
     period: float
     torque_noise: float
     """Standard deviation of the device's joint torque sensor [Nm]."""
@@ -189,7 +188,17 @@ def stage(cells: Sequence[Cell]) -> Stage:
     drive = believed(sensing.equip(exo.drive), driven, plants, beliefs)
     name = reference.controller if reference else one.controller
     law = Unpowered(drive) if name is None else entry.made(name, drive)
-    sensors = DrawnSensors(sensing, drive, driven, plants, fleet.steps)
+    read = 1 + sum(len(one.nodes) for one in drive.sensors)
+    sensors = Measuring(
+        sensing,
+        drive,
+        driven,
+        [plant.seed for plant in plants],
+        fleet.steps,
+        delay=[plant.delay for plant in plants],
+        noise=[plant.noise for plant in plants],
+        bias=[plant.bias[:read] for plant in plants],
+    )
     return Stage(
         plants,
         fleet,

@@ -21,8 +21,8 @@ import numpy as np
 from cc_mujoco.benchmark.conditions import TRANSMISSIONS, Condition, plants_of
 from cc_mujoco.checks import parameter
 from cc_mujoco.control import CableDrive, Drive
-from cc_mujoco.envs.sensors import BIAS
 from cc_mujoco.human import Perturbed, Trajectory, Walk, Wearer
+from cc_mujoco.sensing import BIAS
 from cc_mujoco.transmission import Cable
 from cc_mujoco.transmission.parameters import BENDS, PATHS
 from cc_mujoco.whatif.build import Builder

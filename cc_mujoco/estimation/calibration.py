@@ -34,12 +34,23 @@ from cc_mujoco.estimation.least_squares import (
     fit,
     untold,
 )
-from cc_mujoco.transmission import PARAMETERS, Section, Transmission
+from cc_mujoco.transmission import PARAMETERS, Parameter, Section, Transmission
 
 SIDES = ("motor_angle", "motor_torque", "joint_angle", "joint_torque")
 RADII = ("motor_radius", "joint_radius")
 WRAP = "wrap"
 """Scale of all wrap angles of the conduits; 1 as they are given."""
+
+_FREE = {
+    parameter.name: replace(parameter, low=max(parameter.low, 1e-12), scale="log")
+    for parameter in (
+        *PARAMETERS,
+        Parameter("motor_radius", "m", "radius of the motor's pulley", 1e-6, 1e3),
+        Parameter("joint_radius", "m", "radius of the joint's pulley", 1e-6, 1e3),
+        Parameter(WRAP, "1", "scale of all wrap angles of the conduits", 1e-3, 1e3),
+    )
+}
+"""What may be fitted, within positive bounds."""
 
 _SPREAD = math.log(3.0)
 _UNTOLD = 0.5
@@ -169,23 +180,19 @@ def calibrate(
 
 def _tuned(name: str, transmission: Transmission) -> Tuned:
     """A free parameter of the fit, as the logarithm of its value over the given one."""
-    known = {p.name: p for p in PARAMETERS}
-    if name in known:
-        unit, value = known[name].unit, float(getattr(transmission.cables[0], name))
-        span = (max(known[name].low, 1e-12), known[name].high)
-    elif name in RADII:
-        unit, value, span = "m", float(getattr(transmission, name)), (1e-6, 1e3)
-    elif name == WRAP:
-        unit, value, span = "1", 1.0, (1e-3, 1e3)
+    parameter = look_up("parameter", name, _FREE)
+    if name == WRAP:
+        value = 1.0
     else:
-        raise CableError.unknown("parameter", name, (*known, *RADII, WRAP))
+        owner = transmission if name in RADII else transmission.cables[0]
+        value = float(getattr(owner, name))
     if not value > 0.0:
         raise CableError(
             f"parameter `{name}` starts at {value:g}; a fit needs a start "
             "greater than 0"
         )
-    low, high = (math.log(bound / value) for bound in span)
-    return Tuned(name, unit, value, 1.0, low, high, True)
+    low, high = (math.log(end / value) for end in (parameter.low, parameter.high))
+    return Tuned(parameter, value, 1.0, low, high)
 
 
 @dataclass(frozen=True)

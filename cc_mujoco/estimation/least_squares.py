@@ -4,7 +4,8 @@ Residuals are measured minus simulated, over their noise. Friction makes simulat
 piecewise smooth: where fronts of slip meet they jump, so that derivatives are
 differences over steps that are large enough to cross many pieces.
 
-    free = (Tuned("friction", "1", 0.1, 1.0, -5.0, 3.0, True),)
+    friction = Parameter("friction", scale="log")
+    free = (Tuned(friction, 0.1, 1.0, -5.0, 3.0),)
     found = fit(residual, jacobian, free, [0.0])
     spread = np.sqrt(np.diag(covariance(jacobian(found.x))))
     estimate(free[0], found.x[0], spread[0]).ci95
@@ -26,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cc_mujoco.compiled import FloatArray
+from cc_mujoco.transmission.parameter import Parameter
 
 THREADS = max(1, min(os.cpu_count() or 1, 8))
 FACTOR_STEP = 3e-3
@@ -44,27 +46,38 @@ _WIDEST = 50.0
 
 
 class Tuned(NamedTuple):
-    """A parameter of a fit.
+    """A parameter of a fit and its coordinate there, the place.
 
     Attributes:
-        name: of it.
-        unit: of its value.
-        start: value where the place of the fit is 0.
-        scale: of one unit of the fit; relative where `factor`.
-        low: lower bound of the fit, in scales from the start.
-        high: upper bound.
-        factor: whether it is fitted as a logarithm.
-        prior: standard deviation in scales; infinite where only data count.
+        parameter: its descriptor; fitted as a logarithm where its scale is.
+        start: value where the place is 0.
+        scale: of one unit of the place; relative where `factor`.
+        low: lower bound of the place.
+        high: upper bound of the place.
+        prior: standard deviation of the place; infinite where only data count.
     """
 
-    name: str
-    unit: str
+    parameter: Parameter
     start: float
     scale: float
     low: float
     high: float
-    factor: bool
     prior: float = math.inf
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.parameter.name
+
+    @property
+    def unit(self) -> str:
+        """Unit of its value."""
+        return self.parameter.unit
+
+    @property
+    def factor(self) -> bool:
+        """Return whether it is fitted as a logarithm."""
+        return self.parameter.scale == "log"
 
     def value(self, x: float) -> float:
         """Value at this place of the fit."""

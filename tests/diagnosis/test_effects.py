@@ -17,7 +17,7 @@ from cc_mujoco.diagnosis.inference.plant import Plant, tuned
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
-from cc_mujoco.transmission import TERMS, Cable
+from cc_mujoco.transmission import TERMS, Cable, Parameter
 from diagnosis.recorded import BENCH, dataset
 
 IDS = """viscous_friction grease_drag stribeck_friction presliding
@@ -55,7 +55,7 @@ def test_off_is_the_baseline_bit_for_bit_and_on_is_not(name: str, plant: Plant) 
     values = {p.name: p.start for p in tuned(BENCH, plant.records, {})}
     plain = plant.simulate(values)
     off = {
-        parameter.name: effect.starts[0][parameter.name] if parameter.low > 0.0 else 0.0
+        parameter.name: 0.0 if parameter.linear else effect.starts[0][parameter.name]
         for parameter in effect.parameters
     }
     for a, b in zip(plain, plant.simulate({**values, **off}, (name,)), strict=True):
@@ -82,7 +82,7 @@ def test_a_fit_that_ends_at_its_bounds_ends_at_a_cable(
     for parameter in EFFECTS[name].parameters:
         knob = knob_as_tuned(parameter, start[parameter.name], plant)
         value = knob.value(corner.choice((knob.low, 0.0, knob.high)))
-        assert parameter.low <= value <= parameter.high
+        assert parameter.parameter.admits(value)
         values[parameter.name] = value
     assert len(plant.cables(values, (name,))) == 2
 
@@ -93,7 +93,11 @@ def test_an_effect_that_is_registered_late_is_looked_for(
     drag = replace(
         EFFECTS["joint_inertia"],
         id="joint_drag",
-        parameters=(EffectParameter("joint_drag", "Nm s/rad", 0.01, 0.0, 10.0),),
+        parameters=(
+            EffectParameter(
+                Parameter("joint_drag", "Nm s/rad", low=0.0, high=10.0), 0.01
+            ),
+        ),
         starts=({"joint_drag": 0.01},),
         torques=lambda shown, values: shown.added(
             joint=-values["joint_drag"] * np.gradient(shown.joint_angle, shown.dt)
@@ -121,13 +125,13 @@ def test_entries_are_complete(name: str) -> None:
         assert text
     assert set(effect.confounded_with) <= set(EFFECTS) - {name}
     assert set(effect.generalises) <= set(effect.confounded_with)
-    assert any(
-        parameter.low <= 0.0 <= parameter.high for parameter in effect.parameters
-    )
+    known = [parameter.parameter for parameter in effect.parameters]
+    assert any(parameter.admits(0.0) for parameter in known)
+    assert all(parameter.unit and parameter.meaning for parameter in known)
     for start in effect.starts:
         assert set(start) == {parameter.name for parameter in effect.parameters}
         for parameter in effect.parameters:
-            assert parameter.low <= start[parameter.name] <= parameter.high
+            assert parameter.parameter.admits(start[parameter.name])
     in_scene = effect.cables is not None or name in REALISATIONS
     assert in_scene
     if name in REALISATIONS:

@@ -17,12 +17,13 @@ from cc_mujoco.estimation.least_squares import (
     fit,
     untold,
 )
+from cc_mujoco.transmission import Parameter
 
 RANDOM = np.random.default_rng(0)
 DESIGN = RANDOM.standard_normal((400, 3)) * [1.0, 50.0, 0.2]
 TRUTH = np.array([0.5, -0.02, 1.5])
 MEASURED = DESIGN @ TRUTH + RANDOM.standard_normal(400)
-FREE = tuple(Tuned(name, "1", 0.0, 1.0, -9.0, 9.0, False) for name in "abc")
+FREE = tuple(Tuned(Parameter(name), 0.0, 1.0, -9.0, 9.0) for name in "abc")
 
 
 def residual(x: np.ndarray) -> np.ndarray:
@@ -92,11 +93,11 @@ def test_combinations_are_told_from_the_least_certain_on() -> None:
 
 
 def test_intervals_are_those_of_the_place() -> None:
-    plain = Tuned("x", "m", 5.0, 0.1, -9.0, 9.0, False)
+    plain = Tuned(Parameter("x", "m"), 5.0, 0.1, -9.0, 9.0)
     found = estimate(plain, 3.0, 2.0)
     assert (found.value, found.unit) == (pytest.approx(5.3), "m")
     assert found.ci95 == pytest.approx((5.3 - 0.392, 5.3 + 0.392), abs=1e-5)
-    factor = Tuned("x", "m", 5.0, 0.1, -9.0, 9.0, True)
+    factor = Tuned(Parameter("x", "m", scale="log"), 5.0, 0.1, -9.0, 9.0)
     low, high = estimate(factor, 3.0, 2.0).ci95
     assert low * high == pytest.approx((5.0 * math.exp(0.3)) ** 2)
     assert high / low == pytest.approx(math.exp(2.0 * 0.392), abs=1e-4)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from cc_mujoco.diagnosis.effects.effect import (
+    ANTAGONIST,
     PLUGIN,
     Effect,
     EffectParameter,
     Rig,
     Values,
     limited,
+    of_cable,
     on_both,
 )
 from cc_mujoco.transmission import Cable
+from cc_mujoco.transmission.parameter import Parameter
 
 _LOOSE_END = 0.03
 """Share of a cable that may lie straight in either end, where nothing holds it."""
@@ -77,8 +80,17 @@ CABLES = (
         equation="theta (1 + k q) in the last part of the conduit",
         where="conduit",
         parameters=(
-            EffectParameter("wrap_per_angle", "1/rad", 0.1, -5.0, 5.0),
-            EffectParameter("wrap_reach", "1", 0.5, 0.05, 1.0),
+            EffectParameter(
+                Parameter(
+                    "wrap_per_angle",
+                    "1/rad",
+                    "relative growth of the wrap angles per joint angle",
+                    -5.0,
+                    5.0,
+                ),
+                0.1,
+            ),
+            EffectParameter(of_cable("wrap_reach", 0.05, 1.0), 0.5),
         ),
         starts=(
             {"wrap_per_angle": 0.1, "wrap_reach": 0.9},
@@ -100,8 +112,8 @@ CABLES = (
         equation="T0 (1 - c (1 - exp(-t/t_c)))",
         where="conduit",
         parameters=(
-            EffectParameter("stress_relaxation", "1", 0.1, 0.0, 1.0),
-            EffectParameter("relaxation_time", "s", 10.0, 0.5, 1e4),
+            EffectParameter(of_cable("stress_relaxation", 0.0, 1.0), 0.1),
+            EffectParameter(of_cable("relaxation_time", 0.5, 1e4), 10.0),
         ),
         starts=(
             {"stress_relaxation": 0.1, "relaxation_time": 2.0},
@@ -119,9 +131,11 @@ CABLES = (
         equation="strain += e T / (T + T_b), EA at T_0 as before",
         where="conduit",
         parameters=(
-            EffectParameter("bedding_strain", "1", 5e-4, 0.0, 0.3),
-            EffectParameter("bedding_strain_antagonist", "1", 5e-4, 0.0, 0.3),
-            EffectParameter("bedding_tension", "N", 20.0, 1.0, 500.0),
+            EffectParameter(of_cable("bedding_strain", 0.0, 0.3), 5e-4),
+            EffectParameter(
+                of_cable("bedding_strain", 0.0, 0.3, "bedding_strain_antagonist"), 5e-4
+            ),
+            EffectParameter(of_cable("bedding_tension", 1.0, 500.0), 20.0),
         ),
         starts=tuple(
             {
@@ -144,11 +158,8 @@ CABLES = (
         where="conduit",
         parameters=tuple(
             EffectParameter(
-                name,
-                "m/N",
+                of_cable(name.removesuffix(f"_{ANTAGONIST}"), 0.0, 0.01, name),
                 1e-5,
-                0.0,
-                0.01,
                 _SOFT,
                 "cable",
                 ordinary=2.0 * _LOOSE_END,

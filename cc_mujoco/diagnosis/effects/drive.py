@@ -16,6 +16,7 @@ from cc_mujoco.diagnosis.effects.effect import (
     Values,
 )
 from cc_mujoco.transmission import Cable
+from cc_mujoco.transmission.parameter import Parameter
 
 PLAY = (0.0, 0.15)
 """Backlash over the joint's range of motion."""
@@ -79,7 +80,18 @@ DRIVE = (
         equation="|q_pulley - q| <= b/2",
         where="joint",
         parameters=(
-            EffectParameter("backlash", "rad", 0.02, 0.0, 0.5, PLAY, "motion"),
+            EffectParameter(
+                Parameter(
+                    "backlash",
+                    "rad",
+                    "play of the joint in its pulley, from stop to stop",
+                    0.0,
+                    0.5,
+                ),
+                0.02,
+                PLAY,
+                "motion",
+            ),
         ),
         starts=({"backlash": 0.01}, {"backlash": 0.05}),
         required_excitation="reversals of torque at several loads",
@@ -95,22 +107,52 @@ DRIVE = (
         where="motor",
         parameters=(
             EffectParameter(
-                "eccentricity_cosine",
-                "m",
+                Parameter(
+                    "eccentricity_cosine",
+                    "m",
+                    "eccentricity of the motor pulley, cosine of its angle",
+                    -0.05,
+                    0.05,
+                ),
                 5e-4,
-                -0.05,
-                0.05,
                 _ROUND,
                 "motor_radius",
             ),
             EffectParameter(
-                "eccentricity_sine", "m", 5e-4, -0.05, 0.05, _ROUND, "motor_radius"
+                Parameter(
+                    "eccentricity_sine",
+                    "m",
+                    "eccentricity of the motor pulley, sine of its angle",
+                    -0.05,
+                    0.05,
+                ),
+                5e-4,
+                _ROUND,
+                "motor_radius",
             ),
             EffectParameter(
-                "ovality_cosine", "m", 2e-4, -0.05, 0.05, _ROUND, "motor_radius"
+                Parameter(
+                    "ovality_cosine",
+                    "m",
+                    "ovality of the motor pulley, cosine of twice its angle",
+                    -0.05,
+                    0.05,
+                ),
+                2e-4,
+                _ROUND,
+                "motor_radius",
             ),
             EffectParameter(
-                "ovality_sine", "m", 2e-4, -0.05, 0.05, _ROUND, "motor_radius"
+                Parameter(
+                    "ovality_sine",
+                    "m",
+                    "ovality of the motor pulley, sine of twice its angle",
+                    -0.05,
+                    0.05,
+                ),
+                2e-4,
+                _ROUND,
+                "motor_radius",
             ),
         ),
         starts=(
@@ -133,9 +175,37 @@ DRIVE = (
         equation="tau_m += a cos(n q_m - p)",
         where="motor",
         parameters=(
-            EffectParameter("cogging_cosine", "Nm", 0.02, -100.0, 100.0),
-            EffectParameter("cogging_sine", "Nm", 0.02, -100.0, 100.0),
-            EffectParameter("cogging_order", "1", 1.0, 3.5, 200.0),
+            EffectParameter(
+                Parameter(
+                    "cogging_cosine",
+                    "Nm",
+                    "torque ripple of the motor, cosine",
+                    -100.0,
+                    100.0,
+                ),
+                0.02,
+            ),
+            EffectParameter(
+                Parameter(
+                    "cogging_sine",
+                    "Nm",
+                    "torque ripple of the motor, sine",
+                    -100.0,
+                    100.0,
+                ),
+                0.02,
+            ),
+            EffectParameter(
+                Parameter(
+                    "cogging_order",
+                    "1",
+                    "periods of the ripple per turn of the motor pulley",
+                    3.5,
+                    200.0,
+                    scale="log",
+                ),
+                1.0,
+            ),
         ),
         starts=tuple(
             {"cogging_cosine": 0.02, "cogging_sine": 0.02, "cogging_order": order}
@@ -153,8 +223,26 @@ DRIVE = (
         equation="tau_j -= a sin q + b cos q",
         where="joint",
         parameters=(
-            EffectParameter("gravity_sine", "Nm", 0.1, -1e3, 1e3),
-            EffectParameter("gravity_cosine", "Nm", 0.1, -1e3, 1e3),
+            EffectParameter(
+                Parameter(
+                    "gravity_sine",
+                    "Nm",
+                    "moment of gravity at the joint, sine of its angle",
+                    -1e3,
+                    1e3,
+                ),
+                0.1,
+            ),
+            EffectParameter(
+                Parameter(
+                    "gravity_cosine",
+                    "Nm",
+                    "moment of gravity at the joint, cosine of its angle",
+                    -1e3,
+                    1e3,
+                ),
+                0.1,
+            ),
         ),
         starts=({"gravity_sine": 0.1, "gravity_cosine": 0.1},),
         required_excitation="joint angles over half a radian",
@@ -173,9 +261,27 @@ DRIVE = (
         equation="tau_j -= k q + m, at rest where q = -m/k",
         where="joint",
         parameters=(
-            EffectParameter("joint_stiffness", "Nm/rad", 0.2, -1e4, 1e4, _POSITIVE),
             EffectParameter(
-                "joint_stiffness_moment", "Nm", 0.1, -1e3, 1e3, beside=True
+                Parameter(
+                    "joint_stiffness",
+                    "Nm/rad",
+                    "stiffness of a spring on the joint",
+                    -1e4,
+                    1e4,
+                ),
+                0.2,
+                _POSITIVE,
+            ),
+            EffectParameter(
+                Parameter(
+                    "joint_stiffness_moment",
+                    "Nm",
+                    "moment of that spring where the joint is at 0",
+                    -1e3,
+                    1e3,
+                ),
+                0.1,
+                beside=True,
             ),
         ),
         starts=({"joint_stiffness": 0.2, "joint_stiffness_moment": 0.1},),
@@ -196,7 +302,17 @@ DRIVE = (
         equation="tau_j -= J q''",
         where="joint",
         parameters=(
-            EffectParameter("joint_inertia", "kg m^2", 1e-3, -10.0, 10.0, _POSITIVE),
+            EffectParameter(
+                Parameter(
+                    "joint_inertia",
+                    "kg m^2",
+                    "inertia between transmission and joint sensor",
+                    -10.0,
+                    10.0,
+                ),
+                1e-3,
+                _POSITIVE,
+            ),
         ),
         starts=({"joint_inertia": 1e-3},),
         required_excitation="accelerations over a decade",
@@ -213,7 +329,17 @@ DRIVE = (
         equation="tau_m += J q_m''",
         where="motor",
         parameters=(
-            EffectParameter("motor_inertia", "kg m^2", 1e-4, -1.0, 1.0, _POSITIVE),
+            EffectParameter(
+                Parameter(
+                    "motor_inertia",
+                    "kg m^2",
+                    "inertia between motor sensor and pulley",
+                    -1.0,
+                    1.0,
+                ),
+                1e-4,
+                _POSITIVE,
+            ),
         ),
         starts=({"motor_inertia": 1e-4},),
         required_excitation="accelerations over a decade",

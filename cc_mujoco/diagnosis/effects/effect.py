@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.transmission import PARAMETERS, Cable
+from cc_mujoco.transmission import PARAMETERS, Cable, Parameter
 
 Values = Mapping[str, float]
+
+_OF_CABLES = {parameter.name: parameter for parameter in PARAMETERS}
 
 ANTAGONIST = "antagonist"
 """In the names of parameters that are the second cable's of a pair."""
@@ -19,14 +21,12 @@ PLUGIN = "keys of the cable plugin"
 
 
 class EffectParameter(NamedTuple):
-    """One parameter of an effect; 0 is off.
+    """One parameter of an effect and what is known of its size; 0 is off.
 
     Attributes:
-        name: of the parameter.
-        unit: its unit.
+        parameter: its descriptor, with the bounds of fits; logarithmic where it cannot
+            be 0 and only shapes the effect.
         typical: size that is plausible on a rig; the scale of fits.
-        low: lower bound of fits.
-        high: upper bound of fits.
         plausible: least and largest value that the effect can stand for; what fits only
             beyond is not named.
         of: what `plausible` is a share of: the joint's range of motion, the motor's
@@ -41,11 +41,8 @@ class EffectParameter(NamedTuple):
             the others is 0 there is no such effect.
     """
 
-    name: str
-    unit: str
+    parameter: Parameter
     typical: float
-    low: float
-    high: float
     plausible: tuple[float, float] = (-math.inf, math.inf)
     of: Literal[
         "", "motion", "motor_radius", "motor_torque", "joint_torque", "cable"
@@ -55,9 +52,19 @@ class EffectParameter(NamedTuple):
     beside: bool = False
 
     @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.parameter.name
+
+    @property
+    def unit(self) -> str:
+        """Unit of the parameter."""
+        return self.parameter.unit
+
+    @property
     def linear(self) -> bool:
         """Return whether 0 is off; what cannot be 0 only shapes the effect."""
-        return self.low <= 0.0
+        return self.parameter.scale == "linear"
 
     @property
     def size(self) -> bool:
@@ -158,6 +165,25 @@ def on_both(*names: str) -> Callable[..., tuple[Cable, ...]]:
     return cables
 
 
+def of_cable(name: str, low: float, high: float, called: str = "") -> Parameter:
+    """Return the descriptor of a parameter of the cable for fits of an effect.
+
+    Args:
+        name: of the cable's parameter.
+        low: lower bound of fits; above 0, it is fitted as a logarithm.
+        high: upper bound of fits.
+        called: its name in the effect, if that is another.
+    """
+    return replace(
+        _OF_CABLES[name],
+        name=called or name,
+        low=low,
+        high=high,
+        low_open=False,
+        scale="log" if low > 0.0 else "linear",
+    )
+
+
 def limited(name: str, value: float) -> float:
     """The value nearest to one that a parameter of a cable can have.
 
@@ -165,5 +191,5 @@ def limited(name: str, value: float) -> float:
         name: of the cable's parameter.
         value: what the sizes of effects and the baseline come to, at bounds of a fit.
     """
-    known = next(parameter for parameter in PARAMETERS if parameter.name == name)
+    known = _OF_CABLES[name]
     return min(max(value, known.low), known.high)

@@ -9,9 +9,11 @@ from cc_mujoco.diagnosis.effects.effect import (
     Rig,
     Values,
     limited,
+    of_cable,
     on_both,
 )
 from cc_mujoco.transmission import Cable
+from cc_mujoco.transmission.parameter import Parameter
 
 _ONE_WAY = (-0.5, 0.5)
 """Difference of friction between two directions, over its mean."""
@@ -69,7 +71,7 @@ FRICTION = (
         title="viscous friction in the conduit",
         equation="dT/dx += c v",
         where="conduit",
-        parameters=(EffectParameter("viscous_friction", "N s/m^2", 50.0, 0.0, 1e5),),
+        parameters=(EffectParameter(of_cable("viscous_friction", 0.0, 1e5), 50.0),),
         starts=({"viscous_friction": 50.0},),
         required_excitation="speeds over a decade",
         confounded_with=("sensor_delay", "stribeck_friction"),
@@ -83,8 +85,8 @@ FRICTION = (
         equation="dT/dx += s g |v|^n",
         where="conduit",
         parameters=(
-            EffectParameter("grease_drag", "N/m", 5.0, 0.0, 1e4),
-            EffectParameter("grease_exponent", "1", 0.5, 0.3, 0.7),
+            EffectParameter(of_cable("grease_drag", 0.0, 1e4), 5.0),
+            EffectParameter(of_cable("grease_exponent", 0.3, 0.7), 0.5),
         ),
         starts=({"grease_drag": 5.0, "grease_exponent": 0.5},),
         required_excitation="speeds over two decades",
@@ -104,9 +106,19 @@ FRICTION = (
         equation="mu += mu_b exp(-|v|/v_b)",
         where="conduit",
         parameters=(
-            EffectParameter("stribeck_friction", "1", 0.05, 0.0, 2.0),
-            EffectParameter("stribeck_speed", "m/s", 0.02, 5e-4, 0.5),
-            EffectParameter("stribeck_slip", "m", 2e-4, 1e-5, 0.02),
+            EffectParameter(of_cable("stribeck_friction", 0.0, 2.0), 0.05),
+            EffectParameter(of_cable("stribeck_speed", 5e-4, 0.5), 0.02),
+            EffectParameter(
+                Parameter(
+                    "stribeck_slip",
+                    "m",
+                    "slip over which Stribeck friction adapts",
+                    1e-5,
+                    0.02,
+                    scale="log",
+                ),
+                2e-4,
+            ),
         ),
         starts=tuple(
             {
@@ -131,7 +143,7 @@ FRICTION = (
         title="presliding: friction builds up over a distance",
         equation="f = clip(f + sigma du, capstan cone), sigma = mu theta T/z",
         where="conduit",
-        parameters=(EffectParameter("bristle_length", "m", 1e-4, 0.0, 0.01),),
+        parameters=(EffectParameter(of_cable("bristle_length", 0.0, 0.01), 1e-4),),
         starts=({"bristle_length": 5e-5}, {"bristle_length": 5e-4}),
         required_excitation="small reversals",
         confounded_with=("end_compliance", "backlash", "cable_stiffening"),
@@ -146,21 +158,15 @@ FRICTION = (
         where="conduit",
         parameters=(
             EffectParameter(
-                "load_independent_friction",
-                "N/m",
+                of_cable("load_independent_friction", 0.0, 1e4),
                 1.0,
-                0.0,
-                1e4,
                 ordinary=_TIGHT_END,
                 ordinary_of="pretension per length",
             ),
             *(
                 EffectParameter(
-                    name,
-                    "N",
+                    of_cable(name, 0.0, 1e4),
                     1.0,
-                    0.0,
-                    1e4,
                     ordinary=_TIGHT_END,
                     ordinary_of="pretension",
                 )
@@ -186,8 +192,12 @@ FRICTION = (
         equation="mu (1 + s a)",
         where="conduit",
         parameters=(
-            EffectParameter("friction_asymmetry", "1", 0.1, -0.9, 0.9, _ONE_WAY),
-            EffectParameter("asymmetry_antagonist", "1", 0.1, -0.9, 0.9, _ONE_WAY),
+            EffectParameter(of_cable("friction_asymmetry", -0.9, 0.9), 0.1, _ONE_WAY),
+            EffectParameter(
+                of_cable("friction_asymmetry", -0.9, 0.9, "asymmetry_antagonist"),
+                0.1,
+                _ONE_WAY,
+            ),
         ),
         starts=({"friction_asymmetry": 0.1, "asymmetry_antagonist": 0.1},),
         required_excitation="motion in both directions at several loads",
@@ -201,7 +211,7 @@ FRICTION = (
         title="friction coefficient that changes with tension",
         equation="mu (T/T0)^e",
         where="conduit",
-        parameters=(EffectParameter("tension_exponent", "1", 0.1, -1.0, 1.0),),
+        parameters=(EffectParameter(of_cable("tension_exponent", -1.0, 1.0), 0.1),),
         starts=({"tension_exponent": -0.1},),
         required_excitation="tension over a factor of 2",
         confounded_with=(
@@ -218,9 +228,9 @@ FRICTION = (
         equation="mu_s = mu + b ln(1 + t/t_a)",
         where="conduit",
         parameters=(
-            EffectParameter("ageing_friction", "1", 0.05, 0.0, 2.0),
-            EffectParameter("critical_slip_distance", "m", 1e-3, 1e-5, 0.02),
-            EffectParameter("ageing_time", "s", 1.0, 1e-3, 100.0),
+            EffectParameter(of_cable("ageing_friction", 0.0, 2.0), 0.05),
+            EffectParameter(of_cable("critical_slip_distance", 1e-5, 0.02), 1e-3),
+            EffectParameter(of_cable("ageing_time", 1e-3, 100.0), 1.0),
         ),
         starts=(
             {
@@ -251,9 +261,9 @@ FRICTION = (
         equation="mu (1 + d t + h W), W the heat of friction that is left",
         where="conduit",
         parameters=(
-            EffectParameter("friction_drift", "1/s", 0.01, -1.0, 1.0),
-            EffectParameter("friction_heating", "1/J", 0.02, -10.0, 10.0),
-            EffectParameter("cooling_time", "s", 10.0, 1.0, 1e3),
+            EffectParameter(of_cable("friction_drift", -1.0, 1.0), 0.01),
+            EffectParameter(of_cable("friction_heating", -10.0, 10.0), 0.02),
+            EffectParameter(of_cable("cooling_time", 1.0, 1e3), 10.0),
         ),
         starts=(
             {

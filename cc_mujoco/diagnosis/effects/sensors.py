@@ -8,6 +8,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects.effect import Effect, EffectParameter, Torques, Values
+from cc_mujoco.transmission.parameter import Parameter
 
 GAIN = (-0.3, 0.3)
 """Error of a torque sensor's gain that calibration leaves; beyond, it is declared."""
@@ -46,8 +47,28 @@ SENSORS = (
         equation="tau (1 + g)",
         where="sensor",
         parameters=(
-            EffectParameter("motor_torque_gain", "1", 0.05, -0.9, 9.0, GAIN),
-            EffectParameter("joint_torque_gain", "1", 0.05, -0.9, 9.0, GAIN),
+            EffectParameter(
+                Parameter(
+                    "motor_torque_gain",
+                    "1",
+                    "relative error of the gain of the motor torque sensor",
+                    -0.9,
+                    9.0,
+                ),
+                0.05,
+                GAIN,
+            ),
+            EffectParameter(
+                Parameter(
+                    "joint_torque_gain",
+                    "1",
+                    "relative error of the gain of the joint torque sensor",
+                    -0.9,
+                    9.0,
+                ),
+                0.05,
+                GAIN,
+            ),
         ),
         starts=({"motor_torque_gain": 0.05, "joint_torque_gain": 0.05},),
         required_excitation="loads that hold still",
@@ -64,13 +85,49 @@ SENSORS = (
         where="sensor",
         parameters=(
             EffectParameter(
-                "motor_torque_bias", "Nm", 0.1, -1e3, 1e3, _BIAS, "motor_torque"
+                Parameter(
+                    "motor_torque_bias",
+                    "Nm",
+                    "offset of the motor torque sensor",
+                    -1e3,
+                    1e3,
+                ),
+                0.1,
+                _BIAS,
+                "motor_torque",
             ),
             EffectParameter(
-                "joint_torque_bias", "Nm", 0.1, -1e3, 1e3, _BIAS, "joint_torque"
+                Parameter(
+                    "joint_torque_bias",
+                    "Nm",
+                    "offset of the joint torque sensor",
+                    -1e3,
+                    1e3,
+                ),
+                0.1,
+                _BIAS,
+                "joint_torque",
             ),
-            EffectParameter("motor_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
-            EffectParameter("joint_torque_drift", "Nm/s", 0.01, -10.0, 10.0),
+            EffectParameter(
+                Parameter(
+                    "motor_torque_drift",
+                    "Nm/s",
+                    "rate at which that of the motor torque sensor grows",
+                    -10.0,
+                    10.0,
+                ),
+                0.01,
+            ),
+            EffectParameter(
+                Parameter(
+                    "joint_torque_drift",
+                    "Nm/s",
+                    "rate at which that of the joint torque sensor grows",
+                    -10.0,
+                    10.0,
+                ),
+                0.01,
+            ),
         ),
         starts=(
             {
@@ -98,9 +155,35 @@ SENSORS = (
         equation="tau(t - d), q_j(t - d)",
         where="sensor",
         parameters=(
-            EffectParameter(JOINT_DELAY, "s", 0.005, -0.2, 0.2, _LATE),
-            EffectParameter("motor_torque_delay", "s", 0.005, -0.2, 0.2, _LATE),
-            EffectParameter("joint_torque_delay", "s", 0.005, -0.2, 0.2, _LATE),
+            EffectParameter(
+                Parameter(
+                    JOINT_DELAY, "s", "delay of the joint angle sensor", -0.2, 0.2
+                ),
+                0.005,
+                _LATE,
+            ),
+            EffectParameter(
+                Parameter(
+                    "motor_torque_delay",
+                    "s",
+                    "delay of the motor torque sensor",
+                    -0.2,
+                    0.2,
+                ),
+                0.005,
+                _LATE,
+            ),
+            EffectParameter(
+                Parameter(
+                    "joint_torque_delay",
+                    "s",
+                    "delay of the joint torque sensor",
+                    -0.2,
+                    0.2,
+                ),
+                0.005,
+                _LATE,
+            ),
         ),
         starts=(
             {

@@ -39,21 +39,22 @@ def knob_as_tuned(parameter: EffectParameter, start: float, plant: Plant) -> Tun
     direction open, say an offset of both torques against that of an angle, it stays
     small.
     """
-    name, unit, low, high = parameter[:2] + parameter[3:5]
+    described = parameter.parameter
+    low, high = described.low, described.high
     if not parameter.linear:
         bounds = math.log(low / start), math.log(high / start)
-        return _inside(Tuned(name, unit, start, 1.0, *bounds, True), low, high)
+        return _inside(Tuned(described, start, 1.0, *bounds))
     size = parameter.typical
     prior = 0.5 * plausible(parameter, plant)[1] / size
-    bounds = low / size, high / size
-    return _inside(Tuned(name, unit, 0.0, size, *bounds, False, prior), low, high)
+    return _inside(Tuned(described, 0.0, size, low / size, high / size, prior))
 
 
-def _inside(tuned: Tuned, low: float, high: float) -> Tuned:
+def _inside(tuned: Tuned) -> Tuned:
     """Return the same with bounds at which no rounding takes the value beyond its own.
 
     What a parameter of a cable may be ends there, and a fit ends at its bounds.
     """
+    low, high = tuned.parameter.low, tuned.parameter.high
     while tuned.value(tuned.low) < low:
         tuned = tuned._replace(low=math.nextafter(tuned.low, math.inf))
     while tuned.value(tuned.high) > high:

@@ -12,13 +12,24 @@ from collections.abc import Mapping
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.data.dataset_file import LOAD, RIG
+from cc_mujoco.diagnosis.data.dataset_file import LOAD
 from cc_mujoco.diagnosis.data.trials import Constant
 from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.estimation.least_squares import Tuned
+from cc_mujoco.transmission import Parameter
 
 REST_KNOWN = 0.01
 """Standard deviation of the angle at which a spring rests, unless declared [rad]."""
+_PARAMETERS = {
+    parameter.name: parameter
+    for parameter in (
+        Parameter("load_stiffness", "Nm/rad", "stiffness of the spring", scale="log"),
+        Parameter("load_inertia", "kg m^2", "inertia of the load", scale="log"),
+        Parameter("load_damping", "Nm s/rad", "viscous damping", scale="log"),
+        Parameter("load_weight", "Nm", "largest moment of the weight", scale="log"),
+        Parameter("load_rest_angle", "rad", "joint angle where the spring rests"),
+    )
+}
 
 
 def values_of(constants: Mapping[str, Constant]) -> dict[str, float]:
@@ -83,13 +94,11 @@ def load_tuned(constants: Mapping[str, Constant]) -> list[Tuned]:
             relative = known.uncertainty / known.value
             found.append(
                 Tuned(
-                    name,
-                    next(iter(RIG[name])),
+                    _PARAMETERS[name],
                     known.value,
                     relative,
                     -10.0,
                     10.0,
-                    True,
                     1.0,
                 )
             )
@@ -97,6 +106,6 @@ def load_tuned(constants: Mapping[str, Constant]) -> list[Tuned]:
         rest = constants.get("load_rest_angle", Constant(0.0))
         scale = rest.uncertainty or REST_KNOWN
         found.append(
-            Tuned("load_rest_angle", "rad", rest.value, scale, -10.0, 10.0, False, 1.0)
+            Tuned(_PARAMETERS["load_rest_angle"], rest.value, scale, -10.0, 10.0, 1.0)
         )
     return found

@@ -33,7 +33,7 @@ from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.inference.replays import Setting, played, shifted
 from cc_mujoco.estimation.least_squares import Tuned, in_threads
-from cc_mujoco.transmission import PARAMETERS, Cable
+from cc_mujoco.transmission import PARAMETERS, Cable, Parameter
 
 Values = Mapping[str, float]
 
@@ -68,6 +68,30 @@ FRICTION_MOST = 3.5
 """Largest coefficient of friction that is fitted; cables take 5, some unbalanced."""
 BALANCE_KNOWN = 0.03
 """Standard deviation of the difference of two cables' friction, relative."""
+
+BASELINE: dict[str, Parameter] = {
+    parameter.name: parameter
+    for parameter in (
+        *(
+            replace(p, scale="log")
+            for p in PARAMETERS
+            if p.name in ("friction", "axial_stiffness", "pretension")
+        ),
+        Parameter(OFFSETS[0], "Nm", "reading of the motor torque sensor at no torque"),
+        Parameter(OFFSETS[1], "Nm", "reading of the joint torque sensor at no torque"),
+        Parameter("joint_angle_offset", "rad", "joint angle where the motor is at 0"),
+        Parameter(CLOCKS[0], "s", "lead of the joint's angle over the motor's"),
+        Parameter(LATE[0], "s", "delay of the motor torque sensor"),
+        Parameter(LATE[1], "s", "delay of the joint torque sensor"),
+        Parameter("friction_balance", "1", "difference of two cables' friction"),
+        Parameter("motor_radius", "m", "radius of the motor pulley", scale="log"),
+        Parameter("joint_radius", "m", "radius of the joint pulley", scale="log"),
+        Parameter("motor_friction", "Nm", "dry friction of the motor"),
+        Parameter("motor_damping", "Nm s/rad", "viscous friction of the motor"),
+        Parameter("torque_constant", "Nm/A", "torque per current", scale="log"),
+    )
+}
+"""Parameters of the baseline by name; their bounds depend on the data, see `tuned`."""
 
 
 def tuned(
@@ -109,38 +133,36 @@ def tuned(
     most = max(0.0, math.log(FRICTION_MOST / friction))
     least = min(-wide, math.log(FRICTION_LEAST / friction))
     found = [
-        Tuned(name, unit, value, 1.0, low, high, True, unsure(name, value, math.inf))
-        for name, unit, value, low, high in (
-            ("friction", "1", friction, least, most),
-            ("axial_stiffness", "N", cable.axial_stiffness, -wide, stiffest),
+        Tuned(BASELINE[name], value, 1.0, low, high, unsure(name, value, math.inf))
+        for name, value, low, high in (
+            ("friction", friction, least, most),
+            ("axial_stiffness", cable.axial_stiffness, -wide, stiffest),
         )
     ]
     tautest = math.log(TAUTEST / max(cable.pretension, 1e-9)) / known
     found += [
         Tuned(
-            "pretension",
-            "N",
+            BASELINE["pretension"],
             cable.pretension,
             known,
             -10.0,
             min(10.0, tautest),
-            True,
             1.0,
         ),
         *(
-            Tuned(OFFSETS[k], "Nm", 0.0, size, -2.0, 2.0, False, 1.0)
+            Tuned(BASELINE[OFFSETS[k]], 0.0, size, -2.0, 2.0, 1.0)
             for k in sensors
             for size in [max(OFFSET_KNOWN * rms[k], 1e-6)]
         ),
-        Tuned("joint_angle_offset", "rad", centre, 0.01, -1e3, 1e3, False),
+        Tuned(BASELINE["joint_angle_offset"], centre, 0.01, -1e3, 1e3),
         *(
-            Tuned(name, "s", 0.0, step, -1.0, 1.0, False, 0.5)
+            Tuned(BASELINE[name], 0.0, step, -1.0, 1.0, 0.5)
             for name in ("clock_offset", *(LATE[k] for k in sensors))
         ),
     ]
     if len(bench.cables) == 2:
         found.append(
-            Tuned("friction_balance", "1", 0.0, BALANCE_KNOWN, -10.0, 10.0, False, 1.0)
+            Tuned(BASELINE["friction_balance"], 0.0, BALANCE_KNOWN, -10.0, 10.0, 1.0)
         )
     # A stiff cable shows the least error of the ratio, so one pulley is always unsure.
     # Where the path is the arm at the joint it is the motor's.
@@ -150,7 +172,7 @@ def tuned(
     ):
         relative = unsure(name, given, otherwise)
         if relative > 0.0:
-            found.append(Tuned(name, "m", given, relative, -10.0, 10.0, True, 1.0))
+            found.append(Tuned(BASELINE[name], given, relative, -10.0, 10.0, 1.0))
     if instruments.motor == "motor current":
         found += _motor_tuned(records, constants, rms[0])
     if instruments.joint == "known load":
@@ -164,14 +186,14 @@ def _motor_tuned(
     """Return what a current shows of the motor itself: nobody knows its friction."""
     speed = _top_speed(records)
     found = [
-        Tuned("motor_friction", "Nm", 0.0, 0.1 * rms, 0.0, 100.0, False),
-        Tuned("motor_damping", "Nm s/rad", 0.0, 0.1 * rms / speed, 0.0, 100.0, False),
+        Tuned(BASELINE["motor_friction"], 0.0, 0.1 * rms, 0.0, 100.0),
+        Tuned(BASELINE["motor_damping"], 0.0, 0.1 * rms / speed, 0.0, 100.0),
     ]
     known = constants["torque_constant"]
     if known.uncertainty > 0.0:
         size = known.uncertainty / known.value
         found.append(
-            Tuned("torque_constant", "Nm/A", known.value, size, -10.0, 10.0, True, 1.0)
+            Tuned(BASELINE["torque_constant"], known.value, size, -10.0, 10.0, 1.0)
         )
     return found
 

@@ -224,7 +224,7 @@ def _confounded(
         f"{_value(parameter, 0.0)}"
     )
     share = place / shift if shift else math.inf
-    possible = (0.0 if first.low == 0.0 else -LARGEST) < share < LARGEST
+    possible = (0.0 if first.parameter.low == 0.0 else -LARGEST) < share < LARGEST
     explains = ""
     if possible and abs(place) > FAR * parameter.prior:
         explains = f"about {_size(first.name, share * size, first.unit)}"

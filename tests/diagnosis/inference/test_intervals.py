@@ -22,6 +22,7 @@ from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.inference.testable import strayed
 from cc_mujoco.diagnosis.wording import interval
 from cc_mujoco.estimation.least_squares import Tuned, covariance
+from cc_mujoco.transmission import Parameter
 from diagnosis.recorded import BENCH, dataset
 
 TRIALS, SAMPLES = 7, 40
@@ -188,7 +189,7 @@ def test_a_fit_whose_end_is_told_goes_on_along_a_flat_valley(
         found[1, 0] = 0.5
         return found
 
-    free = tuple(Tuned(n, "1", 0.0, 1.0, -9.0, 9.0, False) for n in ("a", "b"))
+    free = tuple(Tuned(Parameter(n), 0.0, 1.0, -9.0, 9.0) for n in ("a", "b"))
     problem: Any = SimpleNamespace(residual=residual, tuned=free)
     monkeypatch.setattr(fitting, "jacobian", slopes)
     off = []

@@ -17,9 +17,10 @@ from cc_mujoco.diagnosis.inference.trial_trends import (
     trial_constants,
 )
 from cc_mujoco.estimation.least_squares import Tuned
+from cc_mujoco.transmission import Parameter
 from diagnosis.recorded import BENCH, NOISE, dataset
 
-FRICTION = Tuned("friction", "1", 0.1, 1.0, -5.0, 5.0, True)
+FRICTION = Tuned(Parameter("friction", scale="log"), 0.1, 1.0, -5.0, 5.0)
 
 
 def day(factors: list[float]) -> Dataset:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from cc_mujoco.engine import add_friction, read
     from cc_mujoco.recording import play
     from cc_mujoco.transmission import Cable, Section, replay
-    from cc_mujoco.whatif.study import study
+    from cc_mujoco.whatif import study
 
 __all__ = [
     "Cable",

@@ -9,20 +9,45 @@
 
 from __future__ import annotations
 
-from cc_mujoco.whatif.materials import MATERIALS
-from cc_mujoco.whatif.motors import MOTORS
-from cc_mujoco.whatif.plan import Plan, make_plan
-from cc_mujoco.whatif.search import optimise
-from cc_mujoco.whatif.study import carry_out, study
-from cc_mujoco.whatif.variables import VARIABLES
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cc_mujoco.whatif.execution import carry_out, optimise, study
+    from cc_mujoco.whatif.materials import MATERIALS
+    from cc_mujoco.whatif.motors import MOTORS
+    from cc_mujoco.whatif.plan import Plan, make_plan
+    from cc_mujoco.whatif.study_spec import Execution, StudySpec
+    from cc_mujoco.whatif.variables import VARIABLES
 
 __all__ = [
     "MATERIALS",
     "MOTORS",
     "VARIABLES",
+    "Execution",
     "Plan",
+    "StudySpec",
     "carry_out",
     "make_plan",
     "optimise",
     "study",
 ]
+
+_MODULES = {
+    "MATERIALS": "materials",
+    "MOTORS": "motors",
+    "VARIABLES": "variables",
+    "Execution": "study_spec",
+    "Plan": "plan",
+    "StudySpec": "study_spec",
+    "carry_out": "execution",
+    "make_plan": "plan",
+    "optimise": "execution",
+    "study": "execution",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:  # loaded when first used, as help needs `study_spec` alone
+        return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

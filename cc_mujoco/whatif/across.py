@@ -22,7 +22,8 @@ from cc_mujoco.checks import named
 from cc_mujoco.envs.plant import OWN
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.transmission.parameter import Parameter
-from cc_mujoco.whatif.designs import Given, Range, grid, read_range, require_count
+from cc_mujoco.whatif.designs import Range, grid, read_range, require_count
+from cc_mujoco.whatif.study_spec import Given
 from cc_mujoco.whatif.variables import CONFLICTS, VARIABLES, Value
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import itertools
 import math
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,10 +24,8 @@ from numpy.typing import NDArray
 from cc_mujoco.csv_files import read_sheet
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission.parameter import Parameter
+from cc_mujoco.whatif.study_spec import Given
 from cc_mujoco.whatif.variables import Value, find
-
-Given = str | float | Sequence[object]
-"""A range or values as text, one value, or several."""
 
 MAX_DESIGNS = 1_000_000
 """Most designs that fit into memory, and into weeks: each takes a second or so."""

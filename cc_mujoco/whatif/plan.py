@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import json
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,6 @@ from cc_mujoco.whatif.across import Across, read_across
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.costs import EXAMPLE, read_costs
 from cc_mujoco.whatif.designs import (
-    Given,
     Range,
     from_file,
     grid,
@@ -42,8 +42,9 @@ from cc_mujoco.whatif.metrics import (
     metric_of_designs,
     of_strides,
 )
-from cc_mujoco.whatif.pareto import Objective
+from cc_mujoco.whatif.pareto import Limit, Objective, read_limits, read_objectives
 from cc_mujoco.whatif.protocol import CHIRP_TIME, CONTROL_PERIOD, EpisodeProtocol
+from cc_mujoco.whatif.study_spec import Assignments, Given, StudySpec, specified
 
 BATCH = 256
 """Most designs that are simulated together: enough that Python's share is small."""
@@ -62,8 +63,11 @@ SAMPLINGS = ("grid", "lhs")
 VALUES = "values"
 """Key of a study's description: a digest of each variable's values."""
 
-DEFAULT_CONTROLLERS = ("model",)
-"""It follows from a design's own cables, where fixed gains suit one design alone."""
+GENERATION = 32
+"""Designs that a search asks for together."""
+PIECE = 8
+"""Designs of a generation that are simulated together."""
+MOST_OBJECTIVES = 4
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,12 @@ class Plan:
     search: Mapping[str, Any] | None = None
     """Settings of a search for the best, as plain JSON, where designs follow from it;
     else None."""
+    objectives: tuple[Objective, ...] = ()
+    """What makes a design good."""
+    limits: tuple[Limit, ...] = ()
+    """What a good design keeps."""
+    evaluations: int = 0
+    """Designs that a search tries."""
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -138,58 +148,46 @@ def _digest(listed: Sequence[object]) -> str:
 
 
 def make_plan(
-    scene: str,
-    vary: Mapping[str, Given] | None = None,
+    scene: str | StudySpec,
+    vary: Assignments = None,
     designs: str | Path | Sequence[Mapping[str, object]] | None = None,
-    *,
-    sampling: str = "grid",
-    samples: int | None = None,
-    trajectory: str | Path | Trajectory | None = None,
-    task: str | None = None,
-    controllers: Sequence[str] = DEFAULT_CONTROLLERS,
-    duration: float = 10.0,
-    seed: int = 0,
-    timestep: float | None = None,
-    metrics: Sequence[str | Metric] = (),
-    across: Mapping[str, Given] | None = None,
-    rank: str | None = None,
-    goals: Sequence[Objective] = (),
-    costs: str | Path | None = None,
+    **fields: Any,
 ) -> Plan:
     """Plan a study; the arguments are those of `study`.
 
-    `goals` says where more of a metric is better or worse than is usual, which
-    decides which case is the worst.
+    The plan of a search has no designs yet.
 
     Raises:
         CableError: what is wrong, in one sentence.
+        TypeError: `fields` holds what is no field of `StudySpec`.
     """
-    vary = named("vary", vary)
-    if (not vary) == (designs is None):
+    spec = specified(scene, vary, designs, fields)
+    if spec.evaluations is not None:
+        return _plan_search(spec, spec.evaluations)
+    goals = read_objectives(spec.objectives)
+    vary = _assigned("vary", "VARIABLE", spec.vary)
+    if (not vary) == (spec.designs is None):
         raise CableError("give what to vary, or a list of designs, and not both.")
     rows: Sequence[Mapping[str, object]] = []
-    if isinstance(designs, (str, Path)):
-        rows = from_file(designs)
-    elif designs is not None:
-        if isinstance(designs, Mapping) or not isinstance(designs, Iterable):
-            raise CableError(f"designs must be a file or a list, not {designs!r}.")
-        rows = [named(f"design {i}", row) for i, row in enumerate(designs)]
+    if isinstance(spec.designs, (str, Path)):
+        rows = from_file(spec.designs)
+    elif spec.designs is not None:
+        if isinstance(spec.designs, Mapping) or not isinstance(spec.designs, Iterable):
+            raise CableError(f"designs must be a file or a list, not {spec.designs!r}.")
+        rows = [named(f"design {i}", row) for i, row in enumerate(spec.designs)]
     said = dict.fromkeys(vary or (name for row in rows[:1] for name in row))
-    protocol, builder = _trial(
-        scene, trajectory, task, controllers, duration, seed, timestep, metrics,
-        across, rank, goals, costs, said,
-    )  # fmt: skip
-    look_up("sampling", sampling, dict.fromkeys(SAMPLINGS))
-    if (sampling == "lhs") != (samples is not None):
+    protocol, builder, source = _trial(spec, goals, said)
+    look_up("sampling", spec.sampling, dict.fromkeys(SAMPLINGS))
+    if (spec.sampling == "lhs") != (spec.samples is not None):
         raise CableError("sampling 'lhs' needs a number of samples, a grid has none.")
     ranges: dict[str, Range] = {}
-    if designs is None:
+    if spec.designs is None:
         ranges = {
             name: read_range(name, given, builder.cables)
             for name, given in vary.items()
         }
-        if samples is not None:
-            rows = latin_hypercube(ranges, samples, seed)
+        if spec.samples is not None:
+            rows = latin_hypercube(ranges, spec.samples, spec.seed)
         else:
             rows = grid(ranges)
     cases = protocol.across
@@ -197,45 +195,106 @@ def make_plan(
     require_count(len(rows) * len(cases.cases))
     checked = _check(cases, builder, rows)
     gait.require_strides(protocol, checked)
-    if designs is not None:
+    if spec.designs is not None:
         _require_apart(checked)
         names = list(checked[0])
         ranges = {n: Range(tuple(dict.fromkeys(d[n] for d in checked))) for n in names}
-    full = designs is None and samples is None
-    source = _source(builder.device.trajectory if trajectory is None else trajectory)
-    batches = _batches(cases, builder, checked, max(duration, CHIRP_TIME))
-    return Plan(protocol, tuple(checked), ranges, full, batches, source)
+    measured = protocol.metrics
+    return Plan(
+        protocol,
+        tuple(checked),
+        ranges,
+        spec.designs is None and spec.samples is None,
+        _batches(cases, builder, checked, max(spec.duration, CHIRP_TIME)),
+        source,
+        objectives=read_objectives(spec.objectives, measured),
+        limits=read_limits(spec.subject_to, measured, cases.several),
+    )
 
 
-def empty_plan(
-    scene: str,
-    *,
-    trajectory: str | Path | Trajectory | None = None,
-    task: str | None = None,
-    controllers: Sequence[str] = DEFAULT_CONTROLLERS,
-    duration: float = 10.0,
-    seed: int = 0,
-    timestep: float | None = None,
-    metrics: Sequence[str | Metric] = (),
-    across: Mapping[str, Given] | None = None,
-    rank: str | None = None,
-    goals: Sequence[Objective] = (),
-    costs: str | Path | None = None,
-    named: Iterable[str] = (),
-) -> tuple[Plan, Builder]:
-    """A plan without designs, and the builder of its scene; see `make_plan`.
-
-    `named` are the variables that designs will have.
+def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
+    """Plan a search for the best designs, which are not known yet.
 
     Raises:
         CableError: what is wrong, in one sentence.
     """
-    protocol, builder = _trial(
-        scene, trajectory, task, controllers, duration, seed, timestep, metrics,
-        across, rank, goals, costs, named,
-    )  # fmt: skip
-    source = _source(builder.device.trajectory if trajectory is None else trajectory)
-    return Plan(protocol, (), {}, False, (), source), builder
+    if spec.designs is not None or spec.sampling != "grid" or spec.samples:
+        raise CableError(
+            "--optimise chooses the designs itself: give --vary, and neither "
+            "--designs nor --sampling nor --samples."
+        )
+    sampler = f"TPE of optuna {require_optuna().__version__}"
+    vary = _assigned("vary", "VARIABLE", spec.vary)
+    chosen = metrics_of(spec.metrics)
+    limits = read_limits(spec.subject_to, across=bool(spec.across))
+    goals = read_objectives(spec.objectives)
+    if not 1 <= len(goals) <= MOST_OBJECTIVES:
+        raise CableError(
+            f"a search has 1 to {MOST_OBJECTIVES} objectives, not {len(goals)}; what "
+            "need not be best but good enough is a limit (--subject-to)."
+        )
+    measured: tuple[Objective | Limit | Metric, ...] = (*goals, *limits, *chosen)
+    names = tuple(dict.fromkeys(each.name for each in measured))
+    protocol, builder, source = _trial(replace(spec, metrics=names), goals, vary)
+    if not vary:
+        raise CableError("a search needs something to vary.")
+    protocol.across.require_apart(vary)
+    ranges = {name: read_range(name, v, builder.cables) for name, v in vary.items()}
+    ends = {n: r.ends or (min(r.levels), max(r.levels)) for n, r in ranges.items()
+            if n in gait.WALKER}  # fmt: skip
+    gait.require_strides(
+        protocol,
+        [dict(zip(ends, c, strict=True)) for c in itertools.product(*ends.values())],
+    )
+    if isinstance(evaluations, int) and evaluations < 1:
+        raise CableError(f"a search must try at least 1 design, not {evaluations}.")
+    require_count(evaluations)
+    asked = {
+        "objectives": [goal.text for goal in goals],
+        "subject_to": [limit.text for limit in limits],
+        "ranges": {
+            name: [list(values.levels), values.ends, values.log]
+            for name, values in ranges.items()
+        },
+        "generation": [GENERATION, PIECE],
+        "sampler": sampler,
+    }
+    return Plan(
+        protocol, (), ranges, False, (), source, asked, goals, limits, evaluations
+    )
+
+
+def _assigned(field: str, what: str, given: Assignments) -> Mapping[str, Given]:
+    """Return the values of each name, which may be given as `NAME=VALUES`."""
+    if not isinstance(given, (list, tuple)) or not all(
+        isinstance(text, str) for text in given
+    ):
+        return named(field, given)
+    found: dict[str, Given] = {}
+    for text in given:
+        name, equals, values = text.partition("=")
+        if not equals or not name or not values:
+            raise CableError(f"--{field} {text!r} must be {what}=VALUES.")
+        if name in found:
+            raise CableError(f"--{field} gives {name!r} twice.")
+        found[name] = values
+    return found
+
+
+def require_optuna() -> Any:
+    """Return the module of Optuna.
+
+    Raises:
+        CableError: it is not installed.
+    """
+    try:
+        import optuna
+    except ImportError:
+        raise CableError(
+            "a search needs Optuna: pip install 'cc_mujoco[search]'."
+        ) from None
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    return optuna
 
 
 def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
@@ -254,22 +313,16 @@ def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _trial(
-    scene: str,
-    trajectory: str | Path | Trajectory | None,
-    task: str | None,
-    laws: Sequence[str],
-    duration: float,
-    seed: int,
-    timestep: float | None,
-    metrics: Sequence[str | Metric],
-    across: Mapping[str, Given] | None,
-    rank: str | None,
-    goals: Sequence[Objective],
-    costs: str | Path | None,
-    named: Iterable[str],
-) -> tuple[EpisodeProtocol, Builder]:
-    """Return the protocol of the designs, and the builder of the scene."""
-    builder = Builder(scene, timestep)
+    spec: StudySpec, goals: Sequence[Objective], named: Iterable[str]
+) -> tuple[EpisodeProtocol, Builder, str]:
+    """Return the protocol of designs, the builder of the scene and the trajectory.
+
+    Args:
+        spec: the study.
+        goals: objectives, which decide what case is the worst.
+        named: variables that designs will have.
+    """
+    builder = Builder(spec.scene, spec.timestep)
     step = float(builder.spec.option.timestep)
     skip = round(CONTROL_PERIOD / step) if step > 0.0 else 0
     if skip < 1 or not math.isclose(skip * step, CONTROL_PERIOD):
@@ -277,19 +330,20 @@ def _trial(
             f"the time step must divide the {1e3 * CONTROL_PERIOD:g} ms between two "
             f"calls of the controller, which {1e3 * step:g} ms does not."
         )
-    chosen = tuple(dict.fromkeys(metric.name for metric in metrics_of(metrics)))
-    laws = _read_controllers(laws)
-    number("duration", duration, 0.05, LONGEST, "s")
-    if not (isinstance(seed, int) and seed >= 0):
-        raise CableError(f"seed must be an integer >= 0, not {seed!r}.")
+    chosen = tuple(dict.fromkeys(metric.name for metric in metrics_of(spec.metrics)))
+    laws = _read_controllers(spec.controllers)
+    number("duration", spec.duration, 0.05, LONGEST, "s")
+    if not (isinstance(spec.seed, int) and spec.seed >= 0):
+        raise CableError(f"seed must be an integer >= 0, not {spec.seed!r}.")
     turned = [goal.name for goal in goals if goal.high != METRICS[goal.name].high]
-    cases = read_across(across, rank, builder.cables, turned)
+    across = _assigned("across", "NAME", spec.across)
+    cases = read_across(across, spec.rank, builder.cables, turned)
     home = builder.device
-    given_motion = home.trajectory if trajectory is None else trajectory
+    given_motion = home.trajectory if spec.trajectory is None else spec.trajectory
     motion, source = given_trajectory(given_motion), _source(given_motion)
     said = {name.rpartition(".")[2] for name in (*named, *cases.names)}
-    given = home.task if task is None else task
-    gait.require_played(home, said, source, given)
+    task = home.task if spec.task is None else spec.task
+    gait.require_played(home, said, source, task)
     for name in chosen:
         if of_strides(name) and (home.joint, source) != ("ankle", gait.WALK):
             raise CableError(
@@ -304,19 +358,19 @@ def _trial(
             )
     if chosen and len(laws) > 1 and CHOSEN_BY not in chosen:
         chosen = (*chosen, CHOSEN_BY)
-    measured = chosen or _had(said, costs is not None)
-    priced = read_costs(EXAMPLE if costs is None else costs)
-    if costs is not None and COST not in measured:
+    measured = chosen or _had(said, spec.costs is not None)
+    priced = read_costs(EXAMPLE if spec.costs is None else spec.costs)
+    if spec.costs is not None and COST not in measured:
         raise CableError(
             f"costs are for the metric {COST!r}, which is not among those measured."
         )
     protocol = EpisodeProtocol(
-        scene,
+        spec.scene,
         motion,
-        given,
+        task,
         laws,
-        duration,
-        seed,
+        spec.duration,
+        spec.seed,
         step,
         measured,
         cases,
@@ -324,7 +378,7 @@ def _trial(
         own_metrics(measured),
     )
     rehearse(protocol, builder)
-    return protocol, builder
+    return protocol, builder, source
 
 
 def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:
@@ -436,7 +490,7 @@ def few(plan: Plan, builder: Builder, designs: Sequence[Design]) -> Plan:
     """The study with other designs, so few that small batches suit them."""
     across = plan.protocol.across
     layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
-    return dataclasses.replace(
+    return replace(
         plan,
         designs=tuple(designs),
         full=False,

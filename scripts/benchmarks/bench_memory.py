@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from cc_mujoco.whatif import carry_out, make_plan
+from cc_mujoco.whatif import Execution, carry_out, make_plan
 
 LEAST = 1000
 """Designs after which memory must not grow."""
@@ -49,7 +49,8 @@ def main() -> None:
         found.append((done, process.memory_info().rss / 2**20))
 
     with tempfile.TemporaryDirectory() as folder:
-        carry_out(plan, Path(folder) / "out", arguments.threads, progress=progress)
+        execution = Execution(arguments.threads)
+        carry_out(plan, Path(folder) / "out", execution, progress)
     done, held = np.array(found).T
     for start in range(0, arguments.designs, STEP):
         inside = held[(done >= start) & (done < start + STEP)]

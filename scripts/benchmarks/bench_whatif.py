@@ -27,7 +27,7 @@ from cc_mujoco.control import controller
 from cc_mujoco.engine import untimed
 from cc_mujoco.episode import Single, run
 from cc_mujoco.sensing import PERFECT, Measuring
-from cc_mujoco.whatif import Plan, carry_out, make_plan
+from cc_mujoco.whatif import Execution, Plan, carry_out, make_plan
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import episodes
 from cc_mujoco.whatif.simulate import play
@@ -93,7 +93,10 @@ def measure(arguments: argparse.Namespace, step: float, law: str) -> None:
         "Batch": (sample, bare),
     }
     for n in arguments.threads:
-        turns[f"{n} threads"] = count, partial(carry_out, plan, threads=n)
+        turns[f"{n} threads"] = (
+            count,
+            partial(carry_out, plan, execution=Execution(threads=n)),
+        )
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in turns}
     for _ in range(arguments.rounds):
         for name, (number, turn) in turns.items():

@@ -19,11 +19,11 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.recording import EpisodeLog
-from cc_mujoco.whatif import carry_out, make_plan, optimise, study
+from cc_mujoco.whatif import Execution, carry_out, make_plan, optimise, study
 from cc_mujoco.whatif.across import Across
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import evaluate
-from cc_mujoco.whatif.pareto import costs, read_limits, read_objectives, within
+from cc_mujoco.whatif.pareto import costs, read_limits, within
 from cc_mujoco.whatif.show import show
 
 MEASURED = ("rms_torque_error", "slack_margin", "peak_tension", "efficiency")
@@ -161,7 +161,7 @@ def test_an_interrupted_study_goes_on_and_another_over_other_cases_is_refused(
             raise _StopError
 
     with pytest.raises(_StopError):
-        carry_out(plan, tmp_path, threads=1, progress=stop)
+        carry_out(plan, tmp_path, Execution(threads=1), progress=stop)
     kept = len(list((tmp_path / "parts").iterdir()))
     assert 0 < kept < len(plan.batches)
     calls: list[int] = []
@@ -169,7 +169,7 @@ def test_an_interrupted_study_goes_on_and_another_over_other_cases_is_refused(
         "cc_mujoco.whatif.evaluate.evaluate",
         lambda *arguments: calls.append(1) or evaluate(*arguments),
     )
-    table = carry_out(plan, tmp_path, threads=1)
+    table = carry_out(plan, tmp_path, Execution(threads=1))
     assert len(calls) == len(plan.batches) - kept
     assert table.equals(found["worst"], check_metadata=True)
     for about, differs in (
@@ -236,9 +236,9 @@ def test_limits_hold_in_every_case_whatever_the_rank_and_goals_turn_the_worst(
     found: dict[str, pa.Table],
 ) -> None:
     about = {**_but("threads"), "metrics": ("peak_tension", "slack_margin")}
-    goals = read_objectives(["max:peak_tension"])
-    plan = make_plan("wrist", VARY, across=ACROSS, goals=goals, **about)
-    table = carry_out(plan, threads=1)
+    goals = ["max:peak_tension"]
+    plan = make_plan("wrist", VARY, across=ACROSS, objectives=goals, **about)
+    table = carry_out(plan, execution=Execution(threads=1))
     assert table["peak_tension"].equals(table["peak_tension@least"])
     mean = found["mean"]
     least, middle = (numbers(mean, f"slack_margin{of}") for of in ("@least", ""))
@@ -248,7 +248,7 @@ def test_limits_hold_in_every_case_whatever_the_rank_and_goals_turn_the_worst(
     assert within(mean, read_limits(text)).any()
     limits = read_limits(text, across=True)
     assert not within(mean, limits).any()
-    assert np.isnan(costs(mean, goals, limits)).all()
+    assert np.isnan(costs(mean, plan.objectives, limits)).all()
     most = numbers(mean, "peak_tension@most")
     (limit,) = read_limits([f"peak_tension<={np.median(most)}"], across=True)
     assert within(mean, [limit]).tolist() == (most <= limit.bound).tolist()

@@ -22,7 +22,7 @@ import cc_mujoco
 from cc_mujoco import cli
 from cc_mujoco.benchmark import Plan as Benchmark
 from cc_mujoco.benchmark import run as play_all
-from cc_mujoco.whatif import carry_out, make_plan
+from cc_mujoco.whatif import Execution, carry_out, make_plan
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.workers import cluster as connecting
 
@@ -163,7 +163,9 @@ def test_a_killed_worker_loses_nothing(tmp_path: Path, cluster: Cluster) -> None
             cluster.processes[-1].kill()
 
     started = time.monotonic()
-    table = carry_out(plan, tmp_path / "s", scheduler=cluster.address, progress=kill)
+    table = carry_out(
+        plan, tmp_path / "s", Execution(scheduler=cluster.address), progress=kill
+    )
     assert killed and killed[0] < len(plan.designs)
     assert cluster.processes[-1].wait(timeout=10) != 0
     assert table.equals(expected)
@@ -182,7 +184,7 @@ def test_cases_have_the_same_bytes_on_a_cluster(
         rank="p90",
     )
     carry_out(plan, tmp_path / "here")
-    carry_out(plan, tmp_path / "there", scheduler=cluster.address)
+    carry_out(plan, tmp_path / "there", Execution(scheduler=cluster.address))
     here, there = (
         (tmp_path / place / "table.parquet").read_bytes() for place in ("here", "there")
     )
@@ -233,7 +235,9 @@ def test_a_worker_of_other_code_is_refused_that_joins_later_or_is_there(
 
     plan, why = _plan(), "differs in the sources of cc_mujoco"
     with pytest.raises(ValueError, match=why):
-        carry_out(plan, tmp_path / "s", scheduler=cluster.address, progress=join)
+        carry_out(
+            plan, tmp_path / "s", Execution(scheduler=cluster.address), progress=join
+        )
     assert why in refusal(cluster.address)
 
 
@@ -254,7 +258,9 @@ def test_the_controller_of_a_worker_is_that_of_the_client(
         controllers=["law_of_mine:make"],
         metrics=["rms_torque_error"],
     )
-    assert carry_out(plan, scheduler=cluster.address).equals(carry_out(plan))
+    assert carry_out(plan, execution=Execution(scheduler=cluster.address)).equals(
+        carry_out(plan)
+    )
     cluster.work(HOME, tmp_path / "other")
     words = ("--controllers", "law_of_mine:make")
     assert "differs in law_of_mine.py" in refusal(cluster.address, *words)
@@ -334,11 +340,11 @@ def test_a_scheduler_that_dies_is_one_sentence_and_a_new_one_goes_on(
     try:
         address = begin(first)
         with pytest.raises(ValueError, match="gave up a piece of the work") as told:
-            carry_out(plan, tmp_path / "s", scheduler=address, progress=kill)
+            carry_out(plan, tmp_path / "s", Execution(scheduler=address), progress=kill)
         assert "\n" not in str(told.value) and address in str(told.value)
         kept = len(list((tmp_path / "s" / "parts").iterdir()))
         assert 0 < kept < len(plan.batches)
-        table = carry_out(plan, tmp_path / "s", scheduler=begin(second))
+        table = carry_out(plan, tmp_path / "s", Execution(scheduler=begin(second)))
     finally:
         for each in clusters:
             each.stop(0)
@@ -358,5 +364,7 @@ def test_a_worker_that_lags_behind_is_waited_for_and_the_others_go_on(
             slow.send_signal(signal.SIGSTOP)
             threading.Timer(6.0, slow.send_signal, (signal.SIGCONT,)).start()
 
-    table = carry_out(plan, tmp_path / "s", scheduler=cluster.address, progress=lag)
+    table = carry_out(
+        plan, tmp_path / "s", Execution(scheduler=cluster.address), progress=lag
+    )
     assert table.equals(carry_out(plan))

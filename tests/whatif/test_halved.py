@@ -8,11 +8,10 @@ from collections.abc import Callable
 import pyarrow as pa
 import pytest
 
-from cc_mujoco.whatif import Plan, make_plan
+from cc_mujoco.whatif import Plan, carry_out, make_plan
 from cc_mujoco.whatif.halved import MOST, TOLERATED, halved
 from cc_mujoco.whatif.pareto import read_limits, read_objectives
 from cc_mujoco.whatif.sections import settled
-from cc_mujoco.whatif.study import carry_out
 
 MEASURED = ("rms_torque_error", "peak_tension")
 PLAN = make_plan("wrist", {"friction": "0.1:0.3:40"}, metrics=MEASURED)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from cc_mujoco import cli
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Walk
 from cc_mujoco.human.pace import MEASURED
-from cc_mujoco.whatif import make_plan, optimise, study
+from cc_mujoco.whatif import Execution, make_plan, optimise, study
 from cc_mujoco.whatif.pareto import (
     Limit,
     costs,
@@ -26,7 +27,8 @@ from cc_mujoco.whatif.pareto import (
     read_objectives,
     within,
 )
-from cc_mujoco.whatif.search import GENERATION, make_search, search
+from cc_mujoco.whatif.plan import GENERATION, Plan
+from cc_mujoco.whatif.search import search
 from cc_mujoco.whatif.show import show
 from cc_mujoco.whatif.store import read_table
 
@@ -40,6 +42,18 @@ SHORT: dict[str, Any] = {
     "duration": 0.15, "trajectory": "sine", "controllers": ["pi"],
 }  # fmt: skip
 MORE = GENERATION + 8
+
+
+def sought(
+    scene: str,
+    vary: dict[str, Any],
+    objectives: Sequence[str],
+    subject_to: Sequence[str] = (),
+    **fields: Any,
+) -> Plan:
+    """The plan of a search."""
+    about = {"evaluations": 400, **fields, "objectives": objectives}
+    return make_plan(scene, vary, subject_to=subject_to, **about)
 
 
 @pytest.fixture(scope="module")
@@ -84,9 +98,9 @@ def test_a_finished_search_that_is_asked_for_fewer_designs_stays_whole(
 ) -> None:
     about = ("wrist", VARY, GOALS, LIMITS)
     whole = optimise(*about, evaluations=3, out=tmp_path, **SHORT)
-    plan, goals, limits = make_search(*about, **SHORT)
+    plan = sought(*about, evaluations=2, **SHORT)
     said: list[str] = []
-    _, table = search(plan, goals, limits, 2, tmp_path, say=said.append)
+    _, table = search(plan, tmp_path, say=said.append)
     assert table.equals(whole) and read_table(tmp_path).equals(whole)
     assert len(said) == 1 and "All 3 designs kept" in said[0] and "the 2 " in said[0]
     fewer = optimise(*about, evaluations=2, out=tmp_path, again=True, **SHORT)
@@ -164,20 +178,19 @@ def test_what_a_search_cannot_do_is_said(monkeypatch: pytest.MonkeyPatch) -> Non
         (GOALS, ["slackness<=1"], "unknown metric"),
     ):
         with pytest.raises(CableError, match=said):
-            make_search("wrist", VARY, goals, limits)
+            sought("wrist", VARY, goals, limits)
     for words in ({"objectives": "slack_margin"}, {"subject_to": LIMITS[0]}):
         (name,) = words
         with pytest.raises(CableError, match=f"{name} must be a list of texts"):
-            make_search("wrist", VARY, **{"objectives": GOALS, **words})
+            sought("wrist", VARY, **{"objectives": GOALS, **words})
     with pytest.raises(CableError, match="something to vary"):
-        make_search("wrist", {}, GOALS)
-    plan, goals_read, _ = make_search("wrist", VARY, GOALS)
+        sought("wrist", {}, GOALS)
     for none in (0, -1):
         with pytest.raises(CableError, match=f"at least 1 design, not {none}"):
-            search(plan, goals_read, (), none)
+            sought("wrist", VARY, GOALS, evaluations=none)
     monkeypatch.setitem(sys.modules, "optuna", None)
     with pytest.raises(CableError, match=r"pip install 'cc_mujoco\[search\]'"):
-        make_search("wrist", VARY, GOALS)
+        sought("wrist", VARY, GOALS)
 
 
 def test_the_command_searches_and_says_what_keeps_the_limits(
@@ -214,9 +227,9 @@ def test_strides_that_an_episode_is_too_short_for_are_refused_at_once() -> None:
         # Half of a start of 1 s counts as walked, and the first stride is left out.
         end = 0.5 + 2.0 * Walk.at(speed).period
         with pytest.raises(CableError, match="whole strides") as error:
-            make_search("ankle", vary, goals, duration=end - 0.01, **more)
+            sought("ankle", vary, goals, duration=end - 0.01, **more)
         assert f"{end + 1e-3:.4g} s after" in str(error.value)
-        make_search("ankle", vary, goals, duration=end + 0.01, **more)
+        sought("ankle", vary, goals, duration=end + 0.01, **more)
     with pytest.raises(CableError, match="whole strides"):
         make_plan("ankle", {"friction": "0.1"}, metrics=goals, duration=2.9)
 
@@ -234,25 +247,25 @@ def test_an_episode_just_as_long_as_is_asked_for_has_a_stride(speed: float) -> N
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_design_is_tried_twice_and_all_of_a_few_are(seed: int) -> None:
-    plan, goals, limits = make_search(
+    plan = sought(
         "wrist",
         {"loops": [1, 2, 3], "material": ["steel_ptfe", "steel_steel"]},
         ["rms_torque_error"],
+        evaluations=9,
         seed=seed,
         **SHORT,
     )
     said: list[str] = []
-    plan, table = search(plan, goals, limits, 9, threads=1, say=said.append)
+    plan, table = search(plan, execution=Execution(threads=1), say=said.append)
     assert len({(d["loops"], d["material"]) for d in plan.designs}) == 6
     assert table.num_rows == 6
     assert "The ranges have 6 designs" in said[0]
 
 
 def test_a_search_says_early_that_an_objective_has_no_number() -> None:
-    plan, goals, limits = make_search(
-        "wrist", {"friction": "0.05:0.2"}, ["efficiency"], task="transparent", **SHORT
-    )
+    vary, goals = {"friction": "0.05:0.2"}, ["efficiency"]
+    plan = sought("wrist", vary, goals, evaluations=4, task="transparent", **SHORT)
     said: list[str] = []
-    search(plan, goals, limits, 4, threads=1, say=said.append)
+    search(plan, execution=Execution(threads=1), say=said.append)
     (sentence,) = said
     assert "None of the first 4 designs has a number for efficiency" in sentence

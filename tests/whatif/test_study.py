@@ -22,7 +22,7 @@ from cc_mujoco.human import Sine, from_csv
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.recording import EpisodeLog
 from cc_mujoco.sensing import MEASURED
-from cc_mujoco.whatif import VARIABLES, carry_out, make_plan, study
+from cc_mujoco.whatif import VARIABLES, Execution, carry_out, make_plan, study
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import evaluate
 from cc_mujoco.whatif.laws import Laws
@@ -155,7 +155,7 @@ def test_an_interrupted_study_goes_on_where_it_was(
             raise _StopError
 
     with pytest.raises(_StopError):
-        carry_out(plan, tmp_path, threads=1, progress=stop)
+        carry_out(plan, tmp_path, Execution(threads=1), progress=stop)
     parts = list((tmp_path / "parts").iterdir())
     assert 0 < len(parts) < len(plan.batches)
     assert not (tmp_path / "table.parquet").exists()
@@ -305,7 +305,7 @@ def test_of_several_controllers_a_design_has_that_which_tracks_best(
             raise _StopError
 
     with pytest.raises(_StopError):
-        carry_out(plan, tmp_path, threads=1, progress=stop)
+        carry_out(plan, tmp_path, Execution(threads=1), progress=stop)
     table = carry_out(plan, tmp_path)
     assert "reflected_torque@pi" not in table.column_names
     alone = {law: study("wrist", vary, controllers=[law], **about) for law in laws}

@@ -12,26 +12,23 @@ import numpy as np
 from gymnasium.utils import EzPickle, seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from cc_mujoco.checks import named
 from cc_mujoco.control import Drive
 from cc_mujoco.control.observed import Sight
 from cc_mujoco.devices import Setup
-from cc_mujoco.engine import untimed
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.simulation.batch import Simulations
 
-from .device import VARIED, Array, Physics, load, physics_of
+from .device import VARIED, Array, load
 from .exo import REWARDS, Exo, refuse
 from .picture import Camera, Film, check_mode
 from .plant import Plant
 from .script import Scripts
 
 Singles = NDArray[np.float32]
-
-_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPickle):
@@ -126,20 +123,13 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.model: mujoco.MjModel = self.exo.device.model
-        # Different cables in one simulation's memory would be read anew in every step.
-        persistent = exo.plants.any
-        self.batch = Batch(self.model, num_envs, threads, persistent=persistent)
+        self.simulations = Simulations(exo, num_envs, threads=threads)
         self.plants = [exo.plants.nominal] * num_envs
         """Plant that every environment is played on."""
         self._became = exo.plants.nominal
         self._last = exo.samples
         if max_episode_steps is not None:
             self._last = min(self._last, hold * max_episode_steps)
-        self._bound = Physics(*(self.batch.bind(name) for name in Physics._fields))
-        # MuJoCo's results are one call behind where a reset followed it.
-        self._physics = self._bound.apart()
-        self._control = np.zeros((num_envs, frame_skip, self.model.nu))
-        self._start = mujoco.MjData(self.model)
         self._scripts = Scripts(exo.author, num_envs, exo.task)
         self._random: list[np.random.Generator | None] = [None] * num_envs
         self._sensors = exo.sensors(range(num_envs))
@@ -246,7 +236,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             for term in terms:
                 term[fresh] = 0.0
         observation, columns = self._sight.observation(), self._told()
-        terminated = self._diverged()
+        terminated = self.simulations.warned
         truncated = self._samples >= self._last
         self._over = terminated | truncated
         reward = terms[0] + terms[1] + terms[2]
@@ -267,30 +257,19 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         Returns:
             Reward for tracking, (num_envs,).
         """
-        exo, device, control = self.exo, self.exo.device, self._control
+        exo, scale = self.exo, self.exo.device.motor_scale
         tracking = np.zeros(self.num_envs)
-        control[:, :, device.motor_control] = (action * device.motor_scale)[:, None]
         for sample in range(exo.hold):
             if sample:  # what diverged takes no further sample
-                going = going & ~self._diverged()
+                going = going & ~self.simulations.warned
             if not going.any():
                 break
             commands = self._scripts.commands(self._samples)
-            control[:, :, device.script_controls] = commands
-            chosen, ids = (control, None) if going.all() else (control[going], going)
-            with untimed():
-                self.batch.rollout(exo.frame_skip, chosen, record=(), ids=ids)
-            self._physics.take(self._bound)
+            self.simulations.advance(action, scale, commands, going)
             self._samples += going
             reward = self._feel(going)
             tracking += np.where(going, exo.sampling * reward, 0.0)
         return tracking
-
-    def _diverged(self) -> NDArray[np.bool_]:
-        """Return whether the episode of each environment ended with a warning."""
-        warned = self.batch.warning[:, :, 1]
-        found: NDArray[np.bool_] = warned.any(axis=1)
-        return found
 
     def _feel(self, going: NDArray[np.bool_]) -> Array:
         """Take a sample of all sensors; return the reward per second for tracking."""
@@ -304,12 +283,12 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         """Return the result of `Exo.feel` for all environments now."""
         self._marks = self._scripts.marks(self._samples)
         asked = self._scripts.asked(self._samples)
-        return self.exo.feel(self._physics, self._marks, asked)
+        return self.exo.feel(self.simulations.physics, self._marks, asked)
 
     def _told(self) -> dict[str, Any]:
         """Fresh columns of an episode log, of all environments."""
         marks, columns = self._marks, dict(self._columns)
-        return self.exo.told(self._physics, columns, self._samples, marks)
+        return self.exo.told(self.simulations.physics, columns, self._samples, marks)
 
     def _final(
         self,
@@ -340,7 +319,9 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             return None
         if self._camera is None:
             self._camera = Camera(self.model)
-        shots = zip(self._films, self._physics.qpos, self._samples, strict=True)
+        shots = zip(
+            self._films, self.simulations.physics.qpos, self._samples, strict=True
+        )
         return tuple(
             film.picture(self._camera, qpos, int(step)) for film, qpos, step in shots
         )
@@ -353,8 +334,8 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
 
     def _begin(self, rows: NDArray[np.intp], options: Mapping[str, Any] | None) -> None:
         """Start an episode in some environments."""
-        data, exo, device = self._start, self.exo, self.exo.device
-        self.batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        exo, simulations = self.exo, self.simulations
+        simulations.batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         for row in rows:
             rng = self._random[row]
             if rng is None:
@@ -365,9 +346,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             script = self._scripts.write(row, rng)
             plant = self.plants[row]
             self._sensors.begin(plant.delay, exo.errors(plant, rng), row)
-            device.start(data, script.angles, script.commands[0])
-            mujoco.mj_getState(self.model, data, self.batch.state[row], _STATE)
-            self._physics.take(physics_of(data), row)
+            simulations.start(row, exo.device, script)
         self._samples[rows] = 0
         self._actions[rows] = 0.0
         self._columns, _ = self._felt()
@@ -382,7 +361,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             self._became = plant
         if plant is not nominal or self.plants[row] is not nominal:
             for name in VARIED:
-                self.batch.expand(name)[row] = getattr(self.model, name)
+                self.simulations.batch.expand(name)[row] = getattr(self.model, name)
         self.plants[row] = plant
 
     def _info(

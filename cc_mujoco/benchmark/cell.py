@@ -26,7 +26,7 @@ from cc_mujoco.benchmark.scores import SCORES, score
 from cc_mujoco.control import Controller, Drive
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.envs.exo import Exo
-from cc_mujoco.episode import Columns, Trace, run
+from cc_mujoco.episode import Trace, run
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
 from cc_mujoco.metrics import Record
@@ -38,9 +38,9 @@ from cc_mujoco.metrics.metric import (
     STRENGTH,
 )
 from cc_mujoco.sensing import Measuring, Sensing
+from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
+from cc_mujoco.simulation.batched_controller import Unpowered
 from cc_mujoco.whatif.build import Builder
-from cc_mujoco.whatif.laws import Unpowered
-from cc_mujoco.whatif.simulate import FRAME_SKIP, Fleet
 from cc_mujoco.whatif.variables import Value
 
 Array = NDArray[np.float64]
@@ -111,20 +111,6 @@ class Stage:
     period: float
     torque_noise: float
     """Standard deviation of the device's joint torque sensor [Nm]."""
-    steps: int
-    """Control steps in an episode."""
-
-    def start(self) -> Columns:
-        """See `episode.Plant.start`."""
-        return self.fleet.start()
-
-    def advance(self, torque: Array) -> Columns:
-        """See `episode.Plant.advance`; who gives no number has failed."""
-        torque = np.broadcast_to(torque, self.fleet.going.shape)
-        finite = np.isfinite(torque)
-        columns = self.fleet.advance(np.where(finite, torque, 0.0))
-        self.fleet.going &= finite
-        return columns
 
 
 def together(cells: Iterable[Cell]) -> list[list[Cell]]:
@@ -208,7 +194,6 @@ def stage(cells: Sequence[Cell]) -> Stage:
         sensors,
         exo.period,
         sensing.torque_noise,
-        fleet.steps,
     )
 
 
@@ -235,7 +220,7 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     trace = Trace(KEPT, fleet.steps, fleet.going)
     with np.errstate(all="ignore"):  # what diverged is not a number
         run(
-            made,
+            fleet,
             made.law,
             trace.keep,
             measure=made.sensors.measure,

@@ -50,7 +50,7 @@ def time_steps(cell: Cell) -> Times:
 
     with np.errstate(all="ignore"):
         run(
-            made,
+            made.fleet,
             made.law,
             _nothing,
             measure=lambda columns: timed(made.sensors.measure(columns)),

@@ -33,9 +33,9 @@ from cc_mujoco.episode import Trace, run
 from cc_mujoco.human import Spring, Task, Transparent, Wearer
 from cc_mujoco.human.motion import Motion, Trajectory, ease
 from cc_mujoco.sensing import Measuring
+from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
+from cc_mujoco.simulation.batched_controller import Unpowered
 from cc_mujoco.whatif.build import UNPLUGGED, Builder
-from cc_mujoco.whatif.laws import Unpowered
-from cc_mujoco.whatif.simulate import FRAME_SKIP, Fleet
 
 Array = NDArray[np.float64]
 

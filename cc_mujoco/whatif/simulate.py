@@ -1,9 +1,7 @@
-"""Many designs at once: one batch of simulations, each on a model of its own.
+"""Many designs at once, in one batch of simulations.
 
-The arithmetic of a design is that of the environment played alone, number by number, so
-its results are the same bits in any company and on any number of threads. A study
-compares transmissions, so its sensors are perfect, where the benchmark, which plays its
-drawn plants as such a batch too, has noisy ones.
+A study compares transmissions, so its sensors are perfect, where the benchmark, which
+plays its drawn plants as such a batch too, has noisy ones.
 """
 
 from __future__ import annotations
@@ -11,41 +9,35 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 import mujoco
 import numpy as np
 from gymnasium.utils import seeding
-from mujoco.batch import Batch, SimulationError
+from mujoco.batch import SimulationError
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Drive, controller
 from cc_mujoco.devices import Setup
-from cc_mujoco.engine import Reader, cables, untimed
-from cc_mujoco.envs.device import Device, Physics, physics_of
+from cc_mujoco.envs.device import Device
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
-from cc_mujoco.envs.winding import Winding
 from cc_mujoco.episode import Columns, Trace, no_torque, run
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.sensing import PERFECT, Measuring
+from cc_mujoco.simulation.batch import Fleet, Simulations
+from cc_mujoco.simulation.batched_controller import Laws, Unpowered
 from cc_mujoco.whatif.inner.players import Players, asked_by, law_of
 from cc_mujoco.whatif.inner.record import KEPT
-from cc_mujoco.whatif.laws import Laws, Unpowered
 from cc_mujoco.workers import Tick
 
 Array = NDArray[np.float64]
-
-FRAME_SKIP = 2
-"""Physics steps in a control step of the devices as they are."""
 
 TICK_STEPS = 200
 """Control steps between two calls of a tick."""
 
 COLUMNS = (*KEPT, "tension_n", "dissipated_j", "least_tension_n")
 """Columns that change from step to step."""
-
-_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 @dataclass(frozen=True)
@@ -194,16 +186,12 @@ def _play_inside(
     """Play the episodes of `players`; return why designs failed."""
     count, skip = len(devices), exo.frame_skip
     models = [device.model for device in devices]
-    batch = Batch(models[0], count, threads, persistent=True)
-    batch.set_models(models)
+    simulations = Simulations(exo, count, models, threads)
     for row, device in enumerate(devices):
-        data = mujoco.MjData(device.model)
-        device.start(data, script.angles, script.commands[0])
-        players.begin(row, data, device.model)
-        mujoco.mj_getState(device.model, data, batch.state[row], _STATE)
+        simulations.start(row, device, script, partial(players.begin, row))
     failed = [""] * count
     going = np.ones(count, dtype=np.bool_)
-    attended = batch.bind("userdata")[:, 0]
+    attended = simulations.batch.bind("userdata")[:, 0]
     for step in range(0, exo.steps, TICK_STEPS):
         refused = [n for n in np.flatnonzero(going).tolist() if players.refused(n)]
         for row in refused:
@@ -214,146 +202,17 @@ def _play_inside(
         if not going.any():
             break
         last = min(step + TICK_STEPS, exo.steps)
-        with untimed(), contextlib.suppress(SimulationError):
-            batch.rollout(
-                (last - step) * skip, record=(), ids=None if going.all() else going
-            )
-        fell = batch.warning[:, :, 1].any(axis=1) | (batch.status != 0)
-        for row in np.flatnonzero(fell & going).tolist():
+        with contextlib.suppress(SimulationError):
+            simulations.roll((last - step) * skip, going)
+        fell = simulations.fell & going
+        for row in np.flatnonzero(fell).tolist():
             # What MuJoCo resets is attended no more, and what raised is as it was.
             over = last == exo.steps and players.at(row) == last
-            counted = batch.status[row] == 0 and (over or attended[row] != 0.0)
+            counted = simulations.batch.status[row] == 0 and (
+                over or attended[row] != 0.0
+            )
             first = players.failed_at(row, counted)
-            failed[row] = why_failed(batch, row, first * exo.period)
+            failed[row] = simulations.why(row, first * exo.period)
             players.forget(row, first)
         going &= ~fell
     return tuple(failed)
-
-
-def why_failed(batch: Batch, row: int, time: float) -> str:
-    """Describe why a simulation ended with a warning or an error at a time."""
-    if error := batch.error(int(row)):
-        return f"MuJoCo raised at {time:.3f} s: {error}"
-    first = int(np.flatnonzero(batch.warning[row, :, 1])[0])
-    kind = mujoco.mjtWarning(first).name
-    return f"the simulation diverged at {time:.3f} s ({kind})"
-
-
-class Fleet:
-    """The simulations of a batch, a device each; a `Plant`."""
-
-    def __init__(
-        self,
-        exo: Exo,
-        devices: Sequence[Device],
-        scripts: Sequence[Script],
-        threads: int = 1,
-        controller: str = "",
-    ) -> None:
-        """Make the batch.
-
-        Args:
-            exo: Of the first device.
-            devices: Of equal layout.
-            scripts: What the wearer does, one for all or for each.
-            threads: That simulate.
-            controller: Name of what drives them, for the reasons of failures.
-        """
-        models = [device.model for device in devices]
-        count = len(devices)
-        self.steps, self.cables = exo.steps, cables(models[0])
-        self.going = np.ones(count, dtype=np.bool_)
-        """Mask of the designs that have not failed."""
-        self.failed = [""] * count
-        """Reasons of those that failed; else empty."""
-        self._exo, self._devices, self._controller = exo, devices, controller
-        self._winding = Winding.over([device.winding for device in devices])
-        self._angles = [scripts[row % len(scripts)].angles for row in range(count)]
-        self._commands = np.stack([script.commands for script in scripts])
-        self._marks = np.stack([script.marks for script in scripts])
-        self._scale = np.array([device.motor_scale for device in devices])
-        self._limit = np.array([device.torque_limit for device in devices])
-        readers = [Reader(models[0], name) for name in self.cables]
-        self._nodes = [reader.nodes for reader in readers]
-        self._tensions = [f"tension_{name}_nodes_n" for name in self.cables]
-        self._energies = np.array([reader.energy for reader in readers])
-        self._outputs = np.array(exo.device.cable_outputs)
-        self._batch = Batch(models[0], count, threads, persistent=True)
-        self._batch.set_models(models)
-        self._bound = Physics(*(self._batch.bind(name) for name in Physics._fields))
-        self._warnings = self._batch.warning[:, :, 1]
-        self._status = self._batch.status
-        self._control = np.zeros((count, exo.frame_skip, models[0].nu))
-        self._step = 0
-
-    def start(self) -> Columns:
-        """Bring all to the start; see `Plant.start`."""
-        # Results that MuJoCo has not yet for the batch.
-        now = self._bound.apart()
-        for row, device in enumerate(self._devices):
-            data = mujoco.MjData(device.model)
-            commands = self._commands[row % len(self._commands), 0]
-            device.start(data, self._angles[row], commands)
-            mujoco.mj_getState(device.model, data, self._batch.state[row], _STATE)
-            now.take(physics_of(data), row)
-        return self._columns(now)
-
-    def advance(self, torque: Array) -> Columns:
-        """Go a control step; see `Plant.advance`."""
-        control, device, skip = self._control, self._exo.device, self._exo.frame_skip
-        if not np.isfinite(torque).all():
-            self._refuse(np.isfinite(torque))
-        # `np.clip` takes several times as long for small arrays.
-        share = np.minimum(np.maximum(torque / self._limit, -1.0), 1.0)
-        # The actions of the environments are of single precision.
-        share = share.astype(np.float32).astype(np.float64)
-        control[:, :, device.motor_control] = (share * self._scale)[:, None]
-        first = self._step * skip
-        commands = self._commands[:, first : first + skip]
-        control[:, :, device.script_controls] = commands
-        everyone = self.going.all()
-        chosen = control if everyone else control[self.going]
-        # What raised shows in the status of the batch.
-        with untimed(), contextlib.suppress(SimulationError):
-            self._batch.rollout(
-                skip, chosen, record=(), ids=None if everyone else self.going
-            )
-        self._step += 1
-        if self._warnings.any() or self._status.any():
-            fell = self._warnings.any(axis=1) | (self._status != 0)
-            if (fell & self.going).any():
-                self._note(fell & self.going, self._step * self._exo.period)
-        return self._columns(self._bound)
-
-    def _columns(self, now: Physics) -> Columns:
-        """Return what can be measured now, and what is kept of it beside."""
-        state = now.plugin_state
-        columns: dict[str, Any] = self._exo.device.read_motion(now, self._winding)
-        _, phase, sine, cosine = self._marks[:, self._step].T
-        count = self.going.size
-        told = np.empty((3, count))
-        told[0] = self._exo.task.torque(
-            columns["joint_angle_rad"], columns["joint_velocity_rad_s"], phase
-        )
-        told[1], told[2] = sine, cosine
-        columns["desired_torque_nm"] = told[0]
-        columns["phase_sine"], columns["phase_cosine"] = told[1], told[2]
-        least = np.empty((count, len(self.cables)))
-        for place, name in enumerate(self._tensions):
-            columns[name] = nodes = state[:, self._nodes[place]]
-            nodes.min(axis=1, out=least[:, place])
-        columns["least_tension_n"] = least
-        columns["tension_n"] = np.abs(now.actuator_force[:, self._outputs])
-        columns["dissipated_j"] = state[:, self._energies]
-        return columns
-
-    def _refuse(self, finite: NDArray[np.bool_]) -> None:
-        time = self._step * self._exo.period
-        for row in np.flatnonzero(self.going & ~finite):
-            self.failed[row] = no_torque(self._controller, time)
-        self.going &= finite
-
-    def _note(self, fell: NDArray[np.bool_], time: float) -> None:
-        self.going &= ~fell
-        for row in np.flatnonzero(fell).tolist():
-            self.failed[row] = why_failed(self._batch, row, time)

@@ -95,7 +95,7 @@ def physics(env: VectorEnv, steps: int) -> Callable[[], None]:
     """Return what advances an environment's simulations as `play` does, and no more."""
     own: Any = env.unwrapped
     env.reset(seed=0)
-    skip, there = own.exo.frame_skip, own.batch
+    skip, there = own.exo.frame_skip, own.simulations.batch
     batch, start = Batch(own.model, own.num_envs, 0), there.state.copy()
     for field in Physics._fields:
         batch.bind(field)

@@ -33,10 +33,10 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.markdown import table
 from cc_mujoco.metrics.torques import unsafe_from
 from cc_mujoco.sensing import Measuring
+from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
+from cc_mujoco.simulation.batched_controller import Laws, Unpowered
 from cc_mujoco.transmission.parameters import PARAMETERS
 from cc_mujoco.whatif.build import Builder
-from cc_mujoco.whatif.laws import Laws, Unpowered
-from cc_mujoco.whatif.simulate import FRAME_SKIP, Fleet
 
 Array = NDArray[np.float64]
 Term = Mapping[str, float]

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cc_mujoco.devices import DEVICES
+from cc_mujoco.simulation.batch import FRAME_SKIP
 from cc_mujoco.whatif.passivity import (
     LIMBS,
     Found,
@@ -22,7 +23,6 @@ from cc_mujoco.whatif.passivity import (
     play,
     taken,
 )
-from cc_mujoco.whatif.simulate import FRAME_SKIP
 
 Array = NDArray[np.float64]
 PHYSICS = 5e-4

@@ -28,8 +28,8 @@ from cc_mujoco.episode import Trace, run
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics.torques import TOO_LONG, unsafe_from
 from cc_mujoco.sensing import MEASURED, TENSIONS, Measuring, Sensors
+from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
 from cc_mujoco.whatif.build import Builder
-from cc_mujoco.whatif.simulate import FRAME_SKIP, Fleet
 from control.devices import pull_pull, single
 
 SAFE = 8.0

@@ -22,10 +22,10 @@ from cc_mujoco.human import Sine, from_csv
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.recording import EpisodeLog
 from cc_mujoco.sensing import MEASURED
+from cc_mujoco.simulation.batched_controller import Laws
 from cc_mujoco.whatif import VARIABLES, Execution, carry_out, make_plan, study
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import evaluate
-from cc_mujoco.whatif.laws import Laws
 from cc_mujoco.whatif.metrics import USUAL, lacking
 from cc_mujoco.whatif.sections import controllers_out
 from cc_mujoco.whatif.show import show

@@ -122,7 +122,7 @@ class Players:
                 own[Number.STIFFNESS] = task.stiffness
             self._instruct(words, own, law)
 
-    def begin(self, row: int, data: mujoco.MjData, model: mujoco.MjModel) -> None:
+    def begin(self, row: int, data: mujoco.MjData) -> None:
         """Take a simulation at the start of its episode; its `ctrl` is written."""
         words, known = self._words[row], self._models[row]
         if known is not None:

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.control.controller import Controller
+from cc_mujoco.compiled import FloatArray, compiled
+from cc_mujoco.control import laws
+from cc_mujoco.control.controller import Controller, readings
 
 
 class FeedForward(Controller):
@@ -23,6 +25,22 @@ class FeedForward(Controller):
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Do nothing; see `Controller.reset`."""
 
+    @property
+    def gains(self) -> laws.Gains:
+        """The numbers of the law, as they are now."""
+        drive = self.drive
+        return laws.Gains(drive.ratio, drive.low, drive.high, drive.period)
+
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Torque of the motor [Nm]; see `Controller.torque`."""
-        return self.limited(observation["desired_torque_nm"] / self.drive.ratio)
+        """Return the torque of the motor [Nm]; see `Controller.torque`."""
+        desired = readings(observation, ("desired_torque_nm",))[:, 0]
+        found = np.empty(desired.size)
+        _torques(self.gains.packed, desired, found)
+        numbers = np.ndim(observation["desired_torque_nm"]) == 0
+        return float(found[0]) if numbers else found
+
+
+@compiled
+def _torques(gains: FloatArray, desired: FloatArray, found: FloatArray) -> None:
+    for row in range(found.size):
+        found[row] = laws.feed_forward(gains, desired[row])

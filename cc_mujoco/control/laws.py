@@ -146,6 +146,12 @@ def _limited(gains: FloatArray, torque: float) -> float:
 
 
 @compiled
+def feed_forward(gains: FloatArray, desired: float) -> float:
+    """Return the motor torque of `FeedForward` from that at the joint [Nm]."""
+    return _limited(gains, desired / gains[_RATIO])
+
+
+@compiled
 def closed(
     gains: FloatArray, memory: FloatArray, feedforward: float, error: float
 ) -> float:

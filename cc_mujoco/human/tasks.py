@@ -68,9 +68,7 @@ class Tunnel(Task):
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Torque of the walls [Nm]; see `Task.torque`."""
-        width, limit = self.half_width, self.limit
-        wall = self.stiffness * (_clamp(angle, -width, width) - angle)
-        return _clamp(wall, -limit, limit)
+        return tunnel_torque(angle, self.half_width, self.stiffness, self.limit)
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ class Spring(Task):
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Torque of the spring [Nm]; see `Task.torque`."""
-        return -self.stiffness * angle
+        return spring_torque(angle, self.stiffness)
 
 
 @dataclass(frozen=True)
@@ -147,7 +145,7 @@ class Swing(Task):
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Torque of the help [Nm]; see `Task.torque`."""
-        away = _clamp((phase - self.middle) / self.half_width, -1.0, 1.0)
+        away = clamp((phase - self.middle) / self.half_width, -1.0, 1.0)
         inside = 1.0 - away * away
         return self.peak * (inside * inside * inside)
 
@@ -189,7 +187,21 @@ def task(name: str) -> Task:
     return look_up("task", name, TASKS)
 
 
-def _clamp(value: Real, low: float, high: float) -> Real:
+# `simulation.compiled_episode` compiles what follows.
+def tunnel_torque(
+    angle: Real, half_width: float, stiffness: float, limit: float
+) -> Real:
+    """Return the torque of `Tunnel` at a joint angle [rad]; see there."""
+    wall = stiffness * (clamp(angle, -half_width, half_width) - angle)
+    return clamp(wall, -limit, limit)
+
+
+def spring_torque(angle: Real, stiffness: float) -> Real:
+    """Return the torque of `Spring` at a joint angle [rad]; see there."""
+    return -stiffness * angle
+
+
+def clamp(value: Real, low: float, high: float) -> Real:
     """Limit to [low, high]; NumPy's own clip is slow on scalars."""
     if isinstance(value, np.ndarray):
         return np.clip(value, low, high)

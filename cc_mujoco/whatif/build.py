@@ -36,9 +36,9 @@ from cc_mujoco.metrics.metric import (
     STRENGTH,
     TORQUE_CONSTANT,
 )
+from cc_mujoco.simulation.compiled_episode import attend
 from cc_mujoco.transmission.parameters import KEYS, PATHS, Cable, Section
 from cc_mujoco.whatif import gait
-from cc_mujoco.whatif.inner.plugin import attend
 from cc_mujoco.whatif.materials import ENDS, MATERIALS, Material
 from cc_mujoco.whatif.motors import MOTORS, Motor
 from cc_mujoco.whatif.variables import Value, read_design

@@ -21,6 +21,7 @@ from cc_mujoco.metrics.held import SWINGS
 from cc_mujoco.metrics.metric import MOMENT, PACE, SPRING, Test
 from cc_mujoco.metrics.torques import unsafe_from
 from cc_mujoco.sensing import PERFECT
+from cc_mujoco.simulation.rollout import Episode, Rollout, play
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.across import LEAST, WEARER, Case, plant
 from cc_mujoco.whatif.build import Builder
@@ -44,7 +45,6 @@ from cc_mujoco.whatif.protocol import (
     Hold,
     Swing,
 )
-from cc_mujoco.whatif.simulate import Episode, Rollout, play
 from cc_mujoco.whatif.variables import Value
 from cc_mujoco.workers import Tick
 

@@ -27,9 +27,9 @@ from cc_mujoco.human import (
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human.body import LEG, MASS
 from cc_mujoco.human.profile import Profiles
+from cc_mujoco.simulation.rollout import Episode
 from cc_mujoco.whatif.metrics import of_strides
 from cc_mujoco.whatif.protocol import CONTROL_PERIOD, EpisodeProtocol
-from cc_mujoco.whatif.simulate import Episode
 from cc_mujoco.whatif.variables import Value
 
 SPEED = "gait_speed"

@@ -17,9 +17,9 @@ from cc_mujoco.metrics.metric import (
     RESISTANCE,
     TORQUE_CONSTANT,
 )
+from cc_mujoco.simulation.rollout import Rollout
 from cc_mujoco.whatif.across import LEAST, MOST, WEARER
 from cc_mujoco.whatif.protocol import EpisodeProtocol
-from cc_mujoco.whatif.simulate import Rollout
 from cc_mujoco.whatif.variables import VARIABLES
 
 USUAL = (

@@ -27,10 +27,10 @@ from cc_mujoco.control import controller
 from cc_mujoco.engine import untimed
 from cc_mujoco.episode import Single, run
 from cc_mujoco.sensing import PERFECT, Measuring
+from cc_mujoco.simulation.rollout import play
 from cc_mujoco.whatif import Execution, Plan, carry_out, make_plan
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import episodes
-from cc_mujoco.whatif.simulate import play
 
 EPISODE = (
     "efficiency",

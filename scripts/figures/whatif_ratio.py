@@ -17,10 +17,10 @@ from scipy.stats import spearmanr
 from whatif_study import studied
 
 from cc_mujoco.figures import BLACK, TENSION_COLORS, figure, save, style
+from cc_mujoco.simulation.rollout import play
 from cc_mujoco.whatif import make_plan
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import episodes
-from cc_mujoco.whatif.simulate import play
 
 DRUM = np.linspace(0.01, 0.05, 9)
 LEVER = np.linspace(0.06, 0.18, 7)

@@ -1,20 +1,17 @@
-"""Many designs at once, in one batch of simulations.
+"""Many designs at once, with perfect sensors: a study compares transmissions.
 
-A study compares transmissions, so its sensors are perfect, where the benchmark, which
-plays its drawn plants as such a batch too, has noisy ones.
+Where task and controller are known as compiled code, they run inside MuJoCo's steps,
+with the same bits.
 """
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import mujoco
 import numpy as np
 from gymnasium.utils import seeding
-from mujoco.batch import SimulationError
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Drive, controller
@@ -22,19 +19,21 @@ from cc_mujoco.devices import Setup
 from cc_mujoco.envs.device import Device
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
-from cc_mujoco.episode import Columns, Trace, no_torque, run
+from cc_mujoco.episode import Columns, Trace, run
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.sensing import PERFECT, Measuring
-from cc_mujoco.simulation.batch import Fleet, Simulations
+from cc_mujoco.simulation.batch import Fleet
 from cc_mujoco.simulation.batched_controller import Laws, Unpowered
-from cc_mujoco.whatif.inner.players import Players, asked_by, law_of
-from cc_mujoco.whatif.inner.record import KEPT
-from cc_mujoco.workers import Tick
+from cc_mujoco.simulation.compiled_batch import (
+    TICK_STEPS,
+    CompiledEpisodes,
+    law_of,
+    play_compiled,
+    task_of,
+)
+from cc_mujoco.simulation.compiled_episode import KEPT
 
 Array = NDArray[np.float64]
-
-TICK_STEPS = 200
-"""Control steps between two calls of a tick."""
 
 COLUMNS = (*KEPT, "tension_n", "dissipated_j", "least_tension_n")
 """Columns that change from step to step."""
@@ -98,7 +97,7 @@ def play(
     episode: Episode,
     models: Sequence[mujoco.MjModel],
     threads: int = 1,
-    tick: Tick = lambda share: None,
+    tick: Callable[[float], object] = lambda share: None,
 ) -> Rollout:
     """Play an episode on each of several models of equal layout.
 
@@ -118,14 +117,15 @@ def play(
     drives = [PERFECT.equip(device.drive(exo.period)) for device in devices]
     name, driven = episode.controller, exo.device.driven
     ratio = np.array([1.0 / drive.ratio for drive in drives])
-    players = _players(name, drives, devices, exo, script)
-    if players is not None:
-        failed = _play_inside(players, exo, devices, script, threads, name or "", tick)
-        columns = players.columns() | _scripted(script, exo, len(devices))
+    called = name or ""
+    compiled = _compiled(name, drives, devices, exo, script)
+    if compiled is not None:
+        failed = play_compiled(compiled, exo, devices, script, threads, called, tick)
+        columns = compiled.columns() | _scripted(script, exo, len(devices))
         tick(1.0)
         return Rollout(columns, ratio, driven, failed)
     law = Unpowered(drives[0]) if name is None else Laws(name, drives)
-    fleet = Fleet(exo, devices, (script,), threads, name or "")
+    fleet = Fleet(exo, devices, (script,), threads, called)
     measuring = Measuring(PERFECT, drives[0], driven, episode.seed, exo.steps)
     trace = Trace(COLUMNS, exo.steps, fleet.going)
 
@@ -134,7 +134,7 @@ def play(
             tick(step / exo.steps)
 
     with np.errstate(all="ignore"):  # designs that failed hold what is not a number
-        run(fleet, law, trace.keep, tell, measure=measuring.measure, name=name or "")
+        run(fleet, law, trace.keep, tell, measure=measuring.measure, name=called)
     columns = {}
     while trace.columns:  # what is turned is let go, so that memory holds it once
         name, kept = trace.columns.popitem()
@@ -156,63 +156,19 @@ def _scripted(script: Script, exo: Exo, count: int) -> dict[str, Array]:
     return columns
 
 
-def _players(
+def _compiled(
     name: str | None,
     drives: Sequence[Drive],
     devices: Sequence[Device],
     exo: Exo,
     script: Script,
-) -> Players | None:
-    """Return the players inside MuJoCo's steps; None where Python alone knows how."""
+) -> CompiledEpisodes | None:
+    """Return the episodes inside MuJoCo's steps; None where only Python can."""
     laws = [None if name is None else controller(name, drive) for drive in drives[:1]]
-    if asked_by(exo.task) is None or law_of(laws[0]) is None:
+    if task_of(exo.task) is None or law_of(laws[0]) is None:
         return None
     if name is not None:
         laws += [controller(name, drive) for drive in drives[1:]]
     else:
         laws *= len(drives)
-    return Players(devices, laws, exo.task, script, exo.steps, exo.frame_skip)
-
-
-def _play_inside(
-    players: Players,
-    exo: Exo,
-    devices: Sequence[Device],
-    script: Script,
-    threads: int,
-    name: str,
-    tick: Tick,
-) -> tuple[str, ...]:
-    """Play the episodes of `players`; return why designs failed."""
-    count, skip = len(devices), exo.frame_skip
-    models = [device.model for device in devices]
-    simulations = Simulations(exo, count, models, threads)
-    for row, device in enumerate(devices):
-        simulations.start(row, device, script, partial(players.begin, row))
-    failed = [""] * count
-    going = np.ones(count, dtype=np.bool_)
-    attended = simulations.batch.bind("userdata")[:, 0]
-    for step in range(0, exo.steps, TICK_STEPS):
-        refused = [n for n in np.flatnonzero(going).tolist() if players.refused(n)]
-        for row in refused:
-            failed[row] = no_torque(name, players.at(row) * exo.period)
-            players.forget(row, players.at(row) + 1)
-        going[refused] = False
-        tick(step / exo.steps)
-        if not going.any():
-            break
-        last = min(step + TICK_STEPS, exo.steps)
-        with contextlib.suppress(SimulationError):
-            simulations.roll((last - step) * skip, going)
-        fell = simulations.fell & going
-        for row in np.flatnonzero(fell).tolist():
-            # What MuJoCo resets is attended no more, and what raised is as it was.
-            over = last == exo.steps and players.at(row) == last
-            counted = simulations.batch.status[row] == 0 and (
-                over or attended[row] != 0.0
-            )
-            first = players.failed_at(row, counted)
-            failed[row] = simulations.why(row, first * exo.period)
-            players.forget(row, first)
-        going &= ~fell
-    return tuple(failed)
+    return CompiledEpisodes(devices, laws, exo.task, script, exo.steps, exo.frame_skip)

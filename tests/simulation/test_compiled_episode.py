@@ -12,12 +12,13 @@ from cc_mujoco.control import Controller
 from cc_mujoco.control.controllers import CONTROLLERS
 from cc_mujoco.control.proportional_integral import ProportionalIntegral
 from cc_mujoco.human import TASKS, Spring, Tunnel
-from cc_mujoco.whatif import gait, make_plan, simulate
+from cc_mujoco.simulation import rollout
+from cc_mujoco.simulation.compiled_batch import law_of, task_of
+from cc_mujoco.simulation.rollout import Rollout, play
+from cc_mujoco.whatif import gait, make_plan
 from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import Given
 from cc_mujoco.whatif.evaluate import episodes
-from cc_mujoco.whatif.inner.players import asked_by, law_of
-from cc_mujoco.whatif.simulate import Rollout, play
 
 INSIDE = ("none", "feedback", "pi", "model", "stiction")
 VARY: dict[str, dict[str, Given]] = {
@@ -50,7 +51,7 @@ def both_ways(
             episode = dataclasses.replace(episode, task=task)
         inside = play(episode, models)
         with monkeypatch.context() as patch:
-            patch.setattr(simulate, "_players", lambda *given: None)
+            patch.setattr(rollout, "_compiled", lambda *given: None)
             pairs.append((inside, play(episode, models)))
     assert pairs
     return pairs
@@ -113,7 +114,7 @@ def test_a_design_that_diverges_is_told_at_the_same_time(
 
     monkeypatch.setitem(CONTROLLERS, "wild", Wild)
     monkeypatch.setattr(
-        "cc_mujoco.whatif.inner.players.LAWS",
+        "cc_mujoco.simulation.compiled_batch.LAWS",
         {**_laws(), Wild: _laws()[ProportionalIntegral]},
     )
     vary: dict[str, Given] = {
@@ -134,7 +135,7 @@ def test_a_torque_that_is_no_number_is_told_at_the_same_time(
 
     monkeypatch.setitem(CONTROLLERS, "hollow", Hollow)
     monkeypatch.setattr(
-        "cc_mujoco.whatif.inner.players.LAWS",
+        "cc_mujoco.simulation.compiled_batch.LAWS",
         {**_laws(), Hollow: _laws()[ProportionalIntegral]},
     )
     pairs = both_ways(monkeypatch, "wrist", {"friction": [0.05, 0.2]}, "hollow")
@@ -153,13 +154,13 @@ def test_what_python_alone_knows_is_left_to_it() -> None:
         def torque(self, observation: Any) -> float:
             return 0.0
 
-    assert asked_by(Steeper()) is None
-    assert asked_by(Spring(2.0)) is not None
-    assert all(asked_by(task) is not None for task in TASKS.values())
+    assert task_of(Steeper()) is None
+    assert task_of(Spring(2.0)) is not None
+    assert all(task_of(task) is not None for task in TASKS.values())
     assert law_of(Other.__new__(Other)) is None
 
 
 def _laws() -> dict[Any, Any]:
-    from cc_mujoco.whatif.inner.players import LAWS
+    from cc_mujoco.simulation.compiled_batch import LAWS
 
     return dict(LAWS)

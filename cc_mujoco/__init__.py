@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cc_mujoco import benchmark
     from cc_mujoco.diagnosis.diagnose import diagnose
     from cc_mujoco.engine import add_friction, read
-    from cc_mujoco.recording import play
+    from cc_mujoco.recording.simulate import play, simulate
     from cc_mujoco.transmission import Cable, Section, replay
     from cc_mujoco.whatif import study
 
@@ -28,6 +28,7 @@ __all__ = [
     "play",
     "read",
     "replay",
+    "simulate",
     "study",
 ]
 
@@ -41,6 +42,7 @@ _ROOMS = {
     "play": "recording",
     "read": "engine",
     "replay": "transmission",
+    "simulate": "recording",
     "study": "whatif",
 }
 

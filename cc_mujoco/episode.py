@@ -109,6 +109,13 @@ def no_torque(name: str, time: float) -> str:
     return f"controller {name!r} gave no finite torque at {time:.3f} s"
 
 
+def unstable(why: str) -> CableError:
+    """Return the error for a simulation that ended early."""
+    return CableError(
+        f"{why}; a softer cable, a softer wearer or a smaller time step is stable."
+    )
+
+
 class Clock:
     """Computing time of a controller, per control step.
 
@@ -163,10 +170,7 @@ class Single:
         action = self._inner.action(torque)
         _, _, terminated, _, columns = self._env.step(action)
         if terminated:
-            raise CableError(
-                f"the simulation diverged at {columns['time_s']:g} s; a softer cable, "
-                "a softer wearer or a smaller time step is stable."
-            )
+            raise unstable(f"the simulation diverged at {columns['time_s']:g} s")
         return columns
 
 

@@ -175,11 +175,11 @@ import signal; signal.signal(signal.SIGINT, signal.default_int_handler)
 import os, sys, threading
 import gymnasium, tqdm
 from cc_mujoco import cli, recording
-play = recording.play
-def told(*given, **named):
+simulate = recording.simulate
+def interrupted(*given, **named):
     threading.Timer(0.2, os.kill, (os.getpid(), NUMBER)).start()
-    return play(*given, **named)
-recording.play = told
+    return simulate(*given, **named)
+recording.simulate = interrupted
 """
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 

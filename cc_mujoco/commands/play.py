@@ -72,7 +72,7 @@ class Play:
 
         from cc_mujoco.control import controller
         from cc_mujoco.metrics import find_metric
-        from cc_mujoco.recording import play, write_episode
+        from cc_mujoco.recording import simulate, write_episode
         from cc_mujoco.recording.episode import require_ours
 
         require_ours(out)
@@ -91,7 +91,16 @@ class Play:
         law = controller(self.controller, inner.drive)
         self._warn(inner, names["task"])
         with bar(self.duration) as progress:
-            log = play(env, law, seed=self.seed, about=names, progress=progress)
+            log = simulate(
+                self.scene,
+                law,
+                motion=names["trajectory"],
+                task=names["task"],
+                seed=self.seed,
+                duration=self.duration,
+                about=names,
+                progress=progress,
+            )
         said: list[str] = []
         with video_bar(self.duration if self.video else 0.0) as progress:
             found = write_episode(

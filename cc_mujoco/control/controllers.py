@@ -8,6 +8,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from cc_mujoco.control.controller import Controller
 from cc_mujoco.control.disturbance import DisturbanceObserver
 from cc_mujoco.control.drive import Drive
@@ -36,12 +39,12 @@ CONTROLLERS: dict[str, type[Controller]] = {
 """Every controller with its default gains, to be called with a `Drive`."""
 
 
-def controller(name: str, drive: Drive) -> Controller:
+def controller(name: str | Callable[[Drive], Any], drive: Drive) -> Controller:
     """Make a controller.
 
     Args:
-        name: A key of `CONTROLLERS`, `module:function` (see `external`) or the file of
-            a policy, `*.safetensors` (see `policy`).
+        name: A key of `CONTROLLERS`, `module:function` or a function itself (see
+            `external`), or the file of a policy, `*.safetensors` (see `policy`).
         drive: The device to be driven; environments have it as `unwrapped.drive`.
 
     Returns:
@@ -50,6 +53,8 @@ def controller(name: str, drive: Drive) -> Controller:
     Raises:
         CableError: If there is no such controller; names the nearest and all others.
     """
+    if not isinstance(name, str):
+        return from_callable(name, drive)
     if is_outside(name):
         with watched(name):
             if name.endswith(POLICY):

@@ -66,17 +66,23 @@ class External(Controller):
         return self.limited(np.where(np.isfinite(given), given, np.nan)[()])
 
 
-def from_callable(name: str, drive: Drive) -> Controller:
-    """The controller that `module:function` makes; see the module's documentation.
+def from_callable(given: str | Callable[[Drive], Any], drive: Drive) -> Controller:
+    """Return the controller that a function makes; see the module's documentation.
 
-    Modules are found as by `import` in the folder of the call.
+    Args:
+        given: `module:function`, found as by `import` in the folder of the call, or the
+            function itself.
+        drive: The device to be driven.
 
     Raises:
         CableError: If there is no such module or function, it makes no controller,
             either takes other than one argument, or its code raises.
     """
-    make = user_code.named_object("controller", name, "function")
-    place, _, function = name.partition(":")
+    if isinstance(given, str):
+        name, make = given, user_code.named_object("controller", given, "function")
+    else:
+        name, make = getattr(given, "__qualname__", type(given).__name__), given
+    place, _, function = name.rpartition(":")
     if not callable(make):
         raise CableError(
             f"controller {name!r}: module {place!r} has no function {function!r}."

@@ -1,39 +1,23 @@
-"""Playing an episode into a log, and writing all that is made of a log."""
+"""Files of an episode: all that is made of a log."""
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mujoco
 
-from cc_mujoco import engine, files
-from cc_mujoco.assets import scene_path
-from cc_mujoco.control import Controller
-from cc_mujoco.episode import Columns, Single, run
-from cc_mujoco.human import Spring
-from cc_mujoco.identity import versions
+from cc_mujoco import files
 from cc_mujoco.metrics import METRICS, Metric, measure, of_cables
-from cc_mujoco.metrics.metric import (
-    DRIVEN,
-    PULL_PULL,
-    RATIO,
-    SAFE_TORQUE,
-    SPRING,
-    STRENGTH,
-)
-from cc_mujoco.recording.columns import MODEL_XML
-from cc_mujoco.recording.log import EpisodeLog, Recorder
+from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.summary import write_summary
-from cc_mujoco.sensing import Measuring, Sensing
 
 if TYPE_CHECKING:
-    import gymnasium
+    pass
 
 LOG = "log.parquet"
 FILES = ("recording.rrd", LOG, "metrics.json", "summary.png", files.WRITTEN)
@@ -56,84 +40,6 @@ MEASURED = (
 """Metrics of an episode that is played."""
 VIDEO, PAGE = "video.mp4", "episode.html"
 """Files that it also leaves there on request."""
-
-
-def play(
-    env: gymnasium.Env[Any, Any],
-    controller: Controller,
-    *,
-    sensing: Sensing | None = None,
-    seed: int = 0,
-    about: Mapping[str, Any] | None = None,
-    progress: Callable[[float], object] | None = None,
-) -> EpisodeLog:
-    """Play one episode; the controller reads sensors, the log holds the truth.
-
-    Args:
-        env: One of this package's environments; its `info` fills the log.
-        controller: What drives the motor, made for the environment's drive.
-        sensing: What the controller sees with; the sensors of the device by default.
-        seed: Seed of the reset and of the noise of the sensors.
-        about: Metadata for the log, besides that of the device, the wearer, the
-            sensors and the versions: names of trajectory, task and controller.
-        progress: Called with the simulated time in seconds after every step.
-
-    Returns:
-        The log, from the reset to the last step.
-
-    Raises:
-        CableError: If the simulation diverges or the controller fails.
-    """
-    inner: Any = env.unwrapped
-    sensing = sensing or inner.exo.setup.sensing
-    cables = engine.cables(inner.model)
-    plant = Single(env, seed)
-    driven = inner.exo.device.driven
-    measuring = Measuring(sensing, controller.drive, driven, seed, plant.steps)
-    recorder = Recorder(cables, {})
-
-    def observe(step: int, columns: Columns, _: object) -> None:
-        if step == 0:  # a reset may have drawn other cables and another wearer
-            recorder.metadata.update(describe(inner, sensing, seed, about or {}))
-        recorder.record(columns)
-        if step and progress is not None:
-            progress(float(columns["time_s"]))
-
-    name = str((about or {}).get("controller", ""))
-    run(plant, controller, observe, measure=measuring.measure, name=name)
-    return recorder.log()
-
-
-def describe(
-    env: Any, sensing: Sensing, seed: int, about: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Metadata of the log of an episode.
-
-    Args:
-        env: One of this package's environments, unwrapped.
-        sensing: What the controller saw with.
-        seed: Of the episode.
-        about: Further metadata.
-    """
-    setup, wearer = env.exo.setup, env.exo.device.wearers[0]
-    cables = engine.from_mjcf(env.model)
-    return {
-        "scene": setup.scene,
-        **about,
-        "seed": seed,
-        "duration": env.exo.steps * env.exo.period,
-        "sensing": sensing.to_json(),
-        "wearer": dataclasses.asdict(wearer),
-        RATIO: 1.0 / env.drive.ratio,
-        DRIVEN: list(env.exo.device.driven),
-        STRENGTH: dict.fromkeys(cables, setup.strength),
-        SAFE_TORQUE: setup.safe_torque,
-        PULL_PULL: setup.pull_pull,
-        SPRING: isinstance(env.exo.task, Spring),
-        "cables": {name: cable.to_config() for name, cable in cables.items()},
-        "versions": versions(),
-        MODEL_XML: scene_path(setup.scene).read_text(encoding="utf-8"),
-    }
 
 
 def require_ours(folder: str | os.PathLike[str]) -> None:

@@ -5,5 +5,6 @@
 
 `batch` has the one batch that vector environments, what-ifs and the benchmark advance,
 and the plant that a controller drives; `batched_controller` has one controller for
-devices that differ.
+devices that differ; `rollout` plays an episode on many models, inside MuJoCo's steps
+(`compiled_batch`, `compiled_episode`) where task and controller are compiled.
 """

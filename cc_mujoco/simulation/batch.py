@@ -20,7 +20,7 @@ from cc_mujoco.envs.device import Device, Physics, physics_of
 from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
 from cc_mujoco.envs.winding import Winding
-from cc_mujoco.episode import Columns, no_torque
+from cc_mujoco.episode import Columns, no_torque, unstable
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -154,6 +154,7 @@ class Fleet:
         scripts: Sequence[Script],
         threads: int = 1,
         controller: str = "",
+        whole: bool = False,
     ) -> None:
         """Make the batch.
 
@@ -163,6 +164,9 @@ class Fleet:
             scripts: What the wearer does, one for all or for each.
             threads: Threads that simulate; 0 means one per processor.
             controller: Name of what drives them, for the reasons of failures.
+            whole: Whether the columns are those of an episode log, (n, ...), rather
+                than what sensors measure and `least_tension_n`, `tension_n` and
+                `dissipated_j`.
         """
         models = [device.model for device in devices]
         count = len(devices)
@@ -173,6 +177,7 @@ class Fleet:
         """Reasons of those that failed; else empty."""
         self.simulations = Simulations(exo, count, models, threads)
         self._exo, self._devices, self._controller = exo, devices, controller
+        self._whole = whole
         self._winding = Winding.over([device.winding for device in devices])
         self._scripts = scripts
         self._commands = np.stack([script.commands for script in scripts])
@@ -215,10 +220,9 @@ class Fleet:
 
     def _columns(self, now: Physics) -> Columns:
         """Return what can be measured now, and what is kept of it beside."""
-        state = now.plugin_state
+        state, count, marks = now.plugin_state, self.going.size, self._marks
         columns: dict[str, Any] = self._exo.device.read_motion(now, self._winding)
-        _, phase, sine, cosine = self._marks[:, self._step].T
-        count = self.going.size
+        _, phase, sine, cosine = marks[:, self._step].T
         given = np.empty((3, count))
         given[0] = self._exo.task.torque(
             columns["joint_angle_rad"], columns["joint_velocity_rad_s"], phase
@@ -226,6 +230,11 @@ class Fleet:
         given[1], given[2] = sine, cosine
         columns["desired_torque_nm"] = given[0]
         columns["phase_sine"], columns["phase_cosine"] = given[1], given[2]
+        if self._whole:
+            steps = np.full(count, self._step)
+            each = np.broadcast_to(marks[:, self._step], (count, marks.shape[2]))
+            columns = self._exo.told(now, columns, steps, each)
+            return columns
         least = np.empty((count, len(self.cables)))
         for place, name in enumerate(self._tensions):
             columns[name] = nodes = state[:, self._nodes[place]]
@@ -246,3 +255,22 @@ class Fleet:
         self.going &= ~fell
         for row in np.flatnonzero(fell).tolist():
             self.failed[row] = self.simulations.why(row, time)
+
+
+class Alone:
+    """The only device of a fleet, as numbers; a `Plant` of `episode.run`."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        """Take the fleet."""
+        self._fleet, self.steps = fleet, fleet.steps
+
+    def start(self) -> Columns:
+        """Bring it to the start; see `Plant.start`."""
+        return {name: value[0] for name, value in self._fleet.start().items()}
+
+    def advance(self, torque: Array) -> Columns:
+        """Go a control step; see `Plant.advance`."""
+        columns = self._fleet.advance(np.reshape(torque, 1))
+        if why := self._fleet.failed[0]:
+            raise unstable(why)
+        return {name: value[0] for name, value in columns.items()}

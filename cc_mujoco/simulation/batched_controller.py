@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -38,18 +38,22 @@ class Laws(Controller):
     otherwise keeps a controller for each.
     """
 
-    def __init__(self, name: str, drives: Sequence[Drive]) -> None:
+    def __init__(
+        self, name: str | Callable[[Drive], Any], drives: Sequence[Drive]
+    ) -> None:
         """Prepare for the first episode.
 
         Args:
-            name: of the controller.
+            name: of the controller, or a function that makes it of a drive.
             drives: one per device.
         """
         super().__init__(drives[0])
         self._name, self._drives = name, tuple(drives)
         self._same = all(drive == drives[0] for drive in drives)
-        self._joint = self._same or self._probe()
-        if self._same:
+        # A function may know numbers only.
+        of_arrays = isinstance(name, str) and ":" not in name
+        self._joint = (self._same and of_arrays) or self._probe()
+        if self._joint and self._same:
             self._laws = [controller(name, self._drives[0])]
         elif self._joint:
             self._laws = [controller(name, _stacked(self._drives))]

@@ -23,13 +23,12 @@ from cc_mujoco import engine
 from cc_mujoco.control import controller
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.figures import figure_path, save
-from cc_mujoco.recording import EpisodeLog
+from cc_mujoco.recording import EpisodeLog, play
 from cc_mujoco.recording.conduit3d import (
     conduit_points,
     conduit_shares,
     tension_colors,
 )
-from cc_mujoco.recording.episode import play
 
 PIECES = 160
 """Short cylinders that a conduit is drawn with."""

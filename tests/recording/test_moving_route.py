@@ -11,8 +11,8 @@ import pytest
 
 from cc_mujoco import assets, engine
 from cc_mujoco.control import controller
+from cc_mujoco.recording import FILES, play, write_episode
 from cc_mujoco.recording.conduit3d import conduit_points, conduit_shares
-from cc_mujoco.recording.episode import FILES, play, write_episode
 
 CABLE = "plantarflexor"
 

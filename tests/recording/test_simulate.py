@@ -1,0 +1,151 @@
+"""Episodes from plants to logs: one, several at once, and those of environments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from cc_mujoco import play, simulate
+from cc_mujoco.control import Drive, ProportionalIntegral, controller
+from cc_mujoco.control.controllers import CONTROLLERS
+from cc_mujoco.devices import DEVICES
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Spring
+from cc_mujoco.human.recorded import from_csv
+from cc_mujoco.sensing import PERFECT
+from cc_mujoco.simulation.rollout import Episode
+from cc_mujoco.simulation.rollout import play as roll_out
+from cc_mujoco.whatif.build import Builder
+
+
+@pytest.mark.parametrize(
+    ("scene", "law"),
+    [("wrist", "model"), ("ankle", "pi"), ("finger", "none"), ("exosuit", "feedback")],
+)
+def test_a_log_is_that_of_the_environment_alone_and_in_a_batch(
+    scene: str, law: str
+) -> None:
+    setup = DEVICES[scene]
+    env: Any = gymnasium.make(setup.environment, duration=0.1)
+    names = {"trajectory": setup.trajectory, "task": setup.task, "controller": law}
+    stepped = play(env, controller(law, env.unwrapped.drive), seed=3, about=names)
+    alone = simulate(scene, law, duration=0.1, seed=3)
+    assert alone == stepped
+    other, same = simulate([scene] * 2, law, duration=0.1, seed=[4, 3])
+    assert same == alone
+    assert other == simulate(scene, law, duration=0.1, seed=4)
+    assert (other["motor_torque_nm"] != same["motor_torque_nm"]).any() or law == "none"
+
+
+def test_a_log_is_that_of_a_what_if() -> None:
+    setup, builder = DEVICES["wrist"], Builder("wrist")
+    episode = Episode(setup, "sine", Spring(2.0), 0.1, 2, 0, "pi")
+    found = roll_out(episode, [builder.model({})]).columns
+    log = simulate(
+        "wrist", "pi", motion="sine", task=Spring(2.0), duration=0.1, sensing=PERFECT
+    )
+    for name in ("joint_torque_nm", "motor_torque_nm", "desired_torque_nm"):
+        assert np.array_equal(log[name], found[name][0])
+    for place, cable in enumerate(log.cables):
+        proximal = log[f"tension_{cable}_proximal_n"]
+        assert np.array_equal(proximal, found["tension_n"][0, 2 * place])
+
+
+def test_a_motion_is_a_name_a_file_or_an_object_and_the_log_names_it(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "motion.csv"
+    path.write_text("time_s,angle_rad\n0,0\n1,0.2\n2,0.4\n3,0.6\n")
+    times: list[float] = []
+    given: Any = {"task": Spring(), "duration": 0.02}
+    log = simulate("wrist", motion=path, progress=times.append, **given)
+    read = simulate("wrist", motion=from_csv(path), **given)
+    assert np.array_equal(log["reference_angle_rad"], read["reference_angle_rad"])
+    assert np.ptp(log["reference_angle_rad"]) > 0.0
+    assert read.metadata["trajectory"] == "Recorded"
+    assert times == log["time_s"][1:].tolist()
+    about = log.metadata
+    assert (about["trajectory"], about["task"]) == (str(path), "Spring")
+    assert (about["controller"], about["scene"]) == ("pi", "wrist")
+
+
+def steep(drive: Drive) -> Any:
+    """Return a law that knows numbers alone."""
+    return lambda seen: 0.2 if seen["joint_angle_rad"] > 0.0 else -0.2
+
+
+def test_a_controller_is_a_name_a_function_or_an_object() -> None:
+    given: Any = {"duration": 0.03}
+    alone = simulate("wrist", steep, **given)
+    assert alone.metadata["controller"] == "steep"
+    assert set(alone["motor_torque_nm"][1:].round(2)) <= {-0.2, 0.2}
+    one, two = simulate(["wrist", "wrist"], steep, **given)
+    assert one == two == alone
+    env: Any = gymnasium.make(DEVICES["wrist"].environment, duration=0.03)
+    law = ProportionalIntegral(env.unwrapped.drive)
+    named = simulate("wrist", "pi", **given)
+    own = simulate("wrist", law, about={"controller": "pi"}, **given)
+    assert (
+        own == named == simulate(["wrist"], law, about={"controller": "pi"}, **given)[0]
+    )
+
+
+class Wild(ProportionalIntegral):
+    """A law that gives no number from its fifth step on."""
+
+    def reset(self, where: Any = None) -> None:
+        """Count anew."""
+        super().reset(where)
+        self.steps = 0
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return nothing finite at the end."""
+        self.steps += 1
+        return super().torque(observation) * (np.nan if self.steps > 4 else 1.0)
+
+
+def test_a_torque_that_is_no_number_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(CONTROLLERS, "wild", Wild)
+    words = r"controller 'wild' gave no finite torque at 0\.004 s"
+    with pytest.raises(CableError, match=f"^{words}; it must be a number"):
+        simulate("wrist", "wild", duration=0.02)
+    with pytest.raises(CableError, match=rf"^plant 0: {words}\.$"):
+        simulate(["wrist"] * 2, "wild", duration=0.02)
+
+
+@pytest.mark.parametrize(
+    ("plants", "given", "words"),
+    [
+        ("wirst", {}, "'wrist'"),
+        ([], {}, "a list of them, not \\[\\]"),
+        (3, {}, "must be the name of a device or a list of them, not 3"),
+        (["wrist", "ankle"], {}, "one device, not of 'wrist' and 'ankle'"),
+        ("wrist", {"controller": "pid"}, "controller"),
+        ("wrist", {"controller": 3}, "a function of a Drive, not 3"),
+        ("wrist", {"motion": 3}, "trajectory must be a name"),
+        ("wrist", {"task": 3}, "task must be a Task"),
+        ("wrist", {"seed": -1}, "seed must be an integer from 0"),
+        (["wrist"], {"seed": [1, 2]}, "one for each of 1 plants"),
+        ("wrist", {"duration": 0.0}, "duration"),
+        ("wrist", {"threads": -1}, "threads must be an integer >= 0"),
+    ],
+)
+def test_what_cannot_be_used_is_one_sentence(
+    plants: Any, given: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(CableError, match=words) as raised:
+        simulate(plants, **{"duration": 0.01, **given})
+    assert "\n" not in str(raised.value)
+
+
+def test_a_controller_of_another_period_is_refused() -> None:
+    law = ProportionalIntegral(Drive(5.2, -1.0, 1.0, 0.002))
+    with pytest.raises(CableError, match=r"period of 0\.002 s.*one of 0\.001 s"):
+        simulate("wrist", law, duration=0.01)

@@ -15,12 +15,14 @@ if TYPE_CHECKING:
     from cc_mujoco import benchmark
     from cc_mujoco.diagnosis.diagnose import diagnose
     from cc_mujoco.engine import add_friction, read
+    from cc_mujoco.plant import Plant
     from cc_mujoco.recording.simulate import play, simulate
     from cc_mujoco.transmission import Cable, Section, replay
     from cc_mujoco.whatif import study
 
 __all__ = [
     "Cable",
+    "Plant",
     "Section",
     "add_friction",
     "benchmark",
@@ -36,6 +38,7 @@ __version__ = "0.1.0"
 
 _ROOMS = {
     "Cable": "transmission",
+    "Plant": "plant",
     "Section": "transmission",
     "add_friction": "engine",
     "diagnose": "diagnosis",

@@ -256,7 +256,7 @@ class Measuring:
             factors = np.broadcast_to(noise, shape)
             biases = np.broadcast_to(bias, (*shape, width))
             for row in np.ndindex(shape):
-                random = np.random.default_rng([np.asarray(seeds)[row], 1])
+                random = np.random.default_rng([int(np.asarray(seeds)[row]), 1])
                 drawn = random.normal(size=(steps + 1, width))
                 self._errors[(slice(None), *row)] = scale * (
                     factors[row] * drawn + biases[row]

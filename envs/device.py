@@ -22,10 +22,10 @@ from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
+from cc_mujoco.plant import Plant
 from cc_mujoco.sensing import WINDING
 from cc_mujoco.transmission.parameters import KEYS
 
-from .plant import Plant
 from .winding import Winding, winding_of
 
 Array = NDArray[np.float64]

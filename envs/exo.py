@@ -32,10 +32,12 @@ from cc_mujoco.human import (
     paced,
 )
 from cc_mujoco.human import task as find_task
+from cc_mujoco.plant import Nominal, Plant
+from cc_mujoco.plant.variables import DELAY, NOISE
 from cc_mujoco.sensing import BIAS, PERFECT, Measuring
 
 from .device import Array, Device, Physics
-from .plant import Plant, Ranges
+from .ranges import Ranges
 from .script import Author, find_trajectory
 
 EFFORT = 0.05
@@ -147,8 +149,8 @@ class Exo:
         self.author = Author(self.device, source, self.samples, frame_skip)
         self.drive = self.device.drive(self.period)
         """Knowledge that a controller may have of the device as its scene has it."""
-        nominal = self.device.wearers[0]
-        self.plants = Ranges(randomise, self.device.cables, nominal, setup.strength)
+        nominal = Nominal(setup, self.device.cables, self.device.wearers[0])
+        self.plants = Ranges(randomise, nominal)
         self.observation_space = self.observed.space
         self.action_space = ACTION
 
@@ -211,14 +213,27 @@ class Exo:
         names = self.observed.columns
         return Measuring(PERFECT, self.drive, (), seeds, self.samples, names=names)
 
-    def errors(self, plant: Plant, rng: np.random.Generator) -> Array | None:
-        """Draw the errors of torque in an episode, (samples + 1, 1) [Nm], if any."""
-        if not plant.noise:
-            return None
-        scale = plant.noise * self.setup.sensing.torque_noise
-        bias = BIAS * rng.normal()
-        errors: Array = scale * (bias + rng.normal(size=(self.samples + 1, 1)))
-        return errors
+    def begin(
+        self,
+        sensors: Measuring,
+        plant: Plant,
+        rng: np.random.Generator,
+        row: Any = ...,
+    ) -> None:
+        """Begin an episode of the sensors; draws the errors of torque if there are any.
+
+        Args:
+            sensors: Of one environment or of several.
+            plant: Of the episode; without noise and delay its sensors are exact.
+            rng: Source of what is drawn.
+            row: Of several environments the one that begins.
+        """
+        errors = None
+        if noise := float(plant.values.get(NOISE.name, 0.0)):
+            scale = noise * self.setup.sensing.torque_noise
+            bias = BIAS * rng.normal()
+            errors = scale * (bias + rng.normal(size=(self.samples + 1, 1)))
+        sensors.begin(int(plant.values.get(DELAY.name, 0)), errors, row)
 
     def feel(
         self, physics: Physics, marks: Array, asked: Array | None = None

@@ -18,11 +18,11 @@ from cc_mujoco.control.observed import Sight
 from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.plant import Plant
 
 from .device import physics_of
 from .exo import REWARDS, Exo, refuse
 from .picture import Camera, Film, check_mode
-from .plant import Plant
 from .script import Script
 
 
@@ -92,7 +92,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
     it is in this one, instead of the draw. Names are
 
     - `wearer`: impedance, as a multiple of the scene's or that of `wearer`;
-    - `delay`: samples by which what is observed is late (whole, 0 to 50);
+    - `delay`: samples by which what is observed is late (whole, 0 to 1000);
     - `noise`: of the torque that is observed, as a multiple of the device's sensor;
       its bias, of twice that standard deviation, is drawn with it;
     - a number of a cable as in MJCF (`friction`, `static_friction`, `pretension`, ...),
@@ -234,7 +234,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         if self.plant is not before:
             exo.device.become(self.plant)
         self._script = script = exo.author.write(self.np_random)
-        self._sensors.begin(self.plant.delay, exo.errors(self.plant, self.np_random))
+        exo.begin(self._sensors, self.plant, self.np_random)
         self._sample = 0
         self._action = 0.0
         self._film.cut()

@@ -20,12 +20,12 @@ from cc_mujoco.control.observed import Sight
 from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.plant import Plant
 from cc_mujoco.simulation.batch import Simulations
 
 from .device import VARIED, Array, load
 from .exo import REWARDS, Exo, refuse
 from .picture import Camera, Film, check_mode
-from .plant import Plant
 from .script import Scripts
 
 Singles = NDArray[np.float32]
@@ -344,8 +344,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
             self._films[row].cut()
             self._become(row, exo.plants.draw(rng, options))
             script = self._scripts.write(row, rng)
-            plant = self.plants[row]
-            self._sensors.begin(plant.delay, exo.errors(plant, rng), row)
+            exo.begin(self._sensors, self.plants[row], rng, row)
             simulations.start(row, exo.device, script)
         self._samples[rows] = 0
         self._actions[rows] = 0.0

@@ -37,11 +37,11 @@ from cc_mujoco.benchmark.results import Results, rms_errors
 from cc_mujoco.files import replacing
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.metrics import table as of_metrics
+from cc_mujoco.plant import MATERIALS
+from cc_mujoco.plant import materials as of_materials
 from cc_mujoco.thesis import EXPERIMENTS, Claim, reproduce, table
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import as_table
-from cc_mujoco.whatif import MATERIALS
-from cc_mujoco.whatif import materials as of_materials
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 

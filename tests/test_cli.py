@@ -274,8 +274,8 @@ def test_list_shows_every_name_with_a_meaning(
     from cc_mujoco.diagnosis import EFFECTS
     from cc_mujoco.human import TASKS, TRAJECTORIES
     from cc_mujoco.metrics import METRICS
+    from cc_mujoco.plant import MATERIALS, MOTORS, VARIABLES
     from cc_mujoco.thesis import EXPERIMENTS
-    from cc_mujoco.whatif import MATERIALS, MOTORS, VARIABLES
 
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -17,9 +17,9 @@ import cc_mujoco
 from cc_mujoco.engine import CableReading
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.metrics import table as metrics
+from cc_mujoco.plant import MATERIALS, materials
 from cc_mujoco.transmission import PARAMETERS
 from cc_mujoco.transmission.parameter import as_table
-from cc_mujoco.whatif import MATERIALS, materials
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts" / "figures"))

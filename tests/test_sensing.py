@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import types
 from typing import Any
 
 import gymnasium
@@ -11,7 +12,7 @@ import pytest
 
 import cc_mujoco  # noqa: F401
 from cc_mujoco.errors import CableError
-from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS, Measuring, Sensing
+from cc_mujoco.sensing import MEASURED, PERFECT, TENSIONS, Measuring, Sensing, Sensors
 
 
 def readings(sensing: Sensing, seeds: tuple[int, ...], steps: int = 30) -> list[Any]:
@@ -59,6 +60,47 @@ def test_a_seed_is_the_same_noise_in_any_company() -> None:
         seen["joint_torque_nm"] - info["joint_torque_nm"] for info, seen in together
     ]
     assert np.std(noise[5:]) > 0.03
+
+
+DRIVE: Any = types.SimpleNamespace(
+    period=1e-3, sensors=2 * (Sensors((0, 12, 25), (1.0,) * 3),)
+)
+CABLES = "flexor", "extensor"
+
+
+def columns(values: Any) -> dict[str, Any]:
+    """Return columns of wrists at which everything has the same value, by wrist."""
+    values = np.asarray(values, dtype=float)
+    found: dict[str, Any] = {name: values.copy() for name in MEASURED}
+    nodes = np.repeat(values[..., None], 26, axis=-1)
+    return found | {f"tension_{cable}_nodes_n": nodes for cable in CABLES}
+
+
+def test_each_wrist_has_its_own_delay_and_begins_by_itself() -> None:
+    measuring = Measuring(PERFECT, DRIVE, CABLES, (0, 1, 2), 50, delay=(0, 1, 3))
+
+    def angles(values: Any, going: Any = True) -> list[float]:
+        seen = measuring.measure(columns(values), going)
+        assert np.array_equal(seen["joint_angle_rad"], seen[TENSIONS][:, 1, 2])
+        return list(seen["joint_angle_rad"])
+
+    for step in range(6):
+        late = max(step - 1, 0), max(step - 3, 0)
+        assert angles([step] * 3) == [step, *late]
+    measuring.begin(delay=5, row=0)
+    assert angles([60, 6, 6]) == [60, 5, 3]
+    stands = np.array([True, False, True])
+    assert angles([61, 9, 7], stands) == [60, 5, 4]
+    for step in range(8, 14):
+        found = angles([54 + step, step - 1, step])
+    assert found == [62, 11, 10]
+
+
+def test_the_tension_of_a_slack_cable_is_0_before_the_noise() -> None:
+    measuring = Measuring(Sensing(0.0, 1.0, delay=0), DRIVE, CABLES, 0, 400)
+    found = np.array([measuring.measure(columns(-50.0))[TENSIONS] for _ in range(400)])
+    assert found.min() == 0.0
+    assert np.mean(found > 0.0) == pytest.approx(0.5, abs=0.05)
 
 
 def test_a_negative_delay_is_refused() -> None:

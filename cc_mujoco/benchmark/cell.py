@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.benchmark import entry
 from cc_mujoco.benchmark.conditions import ERRORS, LEAST, Condition
-from cc_mujoco.benchmark.plant import Belief, Plant, believed, draw
+from cc_mujoco.benchmark.plant import Belief, Draw, believed, draw
 from cc_mujoco.benchmark.references import REFERENCES, Reference
 from cc_mujoco.benchmark.scores import SCORES, score
 from cc_mujoco.control import Controller, Drive
@@ -37,11 +37,10 @@ from cc_mujoco.metrics.metric import (
     SPRING,
     STRENGTH,
 )
+from cc_mujoco.plant import Plant
 from cc_mujoco.sensing import Measuring, Sensing
 from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
 from cc_mujoco.simulation.batched_controller import Unpowered
-from cc_mujoco.whatif.build import Builder
-from cc_mujoco.whatif.variables import Value
 
 Array = NDArray[np.float64]
 
@@ -102,7 +101,7 @@ class CellResult:
 class Stage:
     """All that an episode of a cell needs."""
 
-    plants: list[Plant]
+    draws: list[Draw]
     fleet: Fleet
     driven: tuple[str, ...]
     drive: Drive
@@ -127,13 +126,16 @@ def together(cells: Iterable[Cell]) -> list[list[Cell]]:
     return list(found.values())
 
 
-def design_of(plant: Plant, reference: Reference | None) -> dict[str, Value]:
-    """The cables of a plant, as a reference changes them."""
-    changes = {} if reference is None else reference.changes
-    return {
-        **plant.design,
-        **{f"{c}.{key}": v for c in plant.cables for key, v in changes.items()},
+def changed(plant: Plant, reference: Reference | None) -> Plant:
+    """Return a plant as a reference changes its cables."""
+    if reference is None:
+        return plant
+    changes = {
+        f"{cable}.{key}": value
+        for cable in plant.cables
+        for key, value in reference.changes.items()
     }
+    return Plant(plant.device, {**plant.values, **changes})
 
 
 def stage(cells: Sequence[Cell]) -> Stage:
@@ -144,34 +146,33 @@ def stage(cells: Sequence[Cell]) -> Stage:
     """
     one = cells[0]
     at, reference, setup = one.condition, _reference(one), DEVICES[one.condition.scene]
-    builder = Builder(at.scene)
-    plants: list[Plant] = []
+    draws: list[Draw] = []
     beliefs: list[Belief] = []
     for cell in cells:
-        plants += draw(cell.condition, cell.seeds)
+        draws += draw(cell.condition, cell.seeds)
         own = cell.belief or Belief(ERRORS[cell.condition.error])
         beliefs += [(reference and reference.belief) or own] * len(cell.seeds)
     exos = [
         Exo(
             setup,
-            plant.trajectory,
+            drawn.trajectory,
             at.task,
             at.duration,
             FRAME_SKIP,
-            plant.wearer,
-            builder.model(design_of(plant, reference)),
+            None,
+            changed(drawn.plant, reference).model(),
         )
-        for plant in plants
+        for drawn in draws
     ]
     scripts = [
-        exo.author.write(seeding.np_random(plant.seed)[0])
-        for exo, plant in zip(exos, plants, strict=True)
+        exo.author.write(seeding.np_random(drawn.seed)[0])
+        for exo, drawn in zip(exos, draws, strict=True)
     ]
     exo = exos[0]
     fleet = Fleet(exo, [e.device for e in exos], scripts)
     driven = exo.device.driven
     sensing = one.sensing or setup.sensing
-    drive = believed(sensing.equip(exo.drive), driven, plants, beliefs)
+    drive = believed(sensing.equip(exo.drive), driven, draws, beliefs)
     name = reference.controller if reference else one.controller
     law = Unpowered(drive) if name is None else entry.made(name, drive)
     read = 1 + sum(len(one.nodes) for one in drive.sensors)
@@ -179,14 +180,14 @@ def stage(cells: Sequence[Cell]) -> Stage:
         sensing,
         drive,
         driven,
-        [plant.seed for plant in plants],
+        [drawn.seed for drawn in draws],
         fleet.steps,
-        delay=[plant.delay for plant in plants],
-        noise=[plant.noise for plant in plants],
-        bias=[plant.bias[:read] for plant in plants],
+        delay=[drawn.plant.delay for drawn in draws],
+        noise=[drawn.plant.noise for drawn in draws],
+        bias=[drawn.bias[:read] for drawn in draws],
     )
     return Stage(
-        plants,
+        draws,
         fleet,
         driven,
         drive,
@@ -249,8 +250,8 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
 def _transmit(made: Stage, rows: Mapping[str, NDArray[Any]]) -> None:
     """Let the desired torque reach the joint, late and within the motor's reach."""
     desired = rows["desired_torque_nm"]
-    for row, plant in enumerate(made.plants):
-        late = np.maximum(np.arange(len(desired)) - plant.delay, 0)
+    for row, drawn in enumerate(made.draws):
+        late = np.maximum(np.arange(len(desired)) - drawn.plant.delay, 0)
         given = np.clip(desired[late, row], *made.drive.reach)
         rows["joint_torque_nm"][:, row] = given
         rows["motor_torque_nm"][:, row] = given / made.drive.ratio
@@ -288,7 +289,8 @@ def _plants(made: Stage, own: slice) -> dict[str, list[Any]]:
     """Columns of what was drawn, and believed, for some of the rows."""
     found: dict[str, list[Any]] = {}
     believed_of = made.drive.cable_drives
-    for plant, row in zip(made.plants[own], believed_of[own], strict=True):
+    for drawn, row in zip(made.draws[own], believed_of[own], strict=True):
+        plant = drawn.plant
         actual = [plant.cables[name] for name in made.driven]
         known = [cable_drive.cable for cable_drive in row]
         told: dict[str, Any] = {
@@ -300,7 +302,7 @@ def _plants(made: Stage, own: slice) -> dict[str, list[Any]]:
             "plant_wrap": [cable.wrap for cable in actual],
             "plant_delay": plant.delay,
             "plant_noise": plant.noise,
-            "plant_bias": plant.bias[0] * made.torque_noise,
+            "plant_bias": drawn.bias[0] * made.torque_noise,
             "plant_wearer": plant.wearer.stiffness,
         }
         for name, value in told.items():

@@ -1,8 +1,8 @@
 """Devices as they are: drawn with every seed, and not what a controller believes.
 
-    plants = draw(condition, seeds=(0, 1))
-    plants[0].cables["flexor"].friction      # of the plant
-    Belief(0.1).of(plants[0].cables["flexor"], random)     # of the controller
+    drawn = draw(condition, seeds=(0, 1))
+    drawn[0].plant.cables["flexor"].friction      # of the plant
+    Belief(0.1).of(drawn[0].plant.cables["flexor"], random)     # of the controller
 
 A condition and a seed are one plant, one motion and one noise for every controller, so
 that controllers are compared in pairs. Conditions that differ in the error of the model
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,12 +21,12 @@ import numpy as np
 from cc_mujoco.benchmark.conditions import TRANSMISSIONS, Condition, plants_of
 from cc_mujoco.checks import parameter
 from cc_mujoco.control import CableDrive, Drive
-from cc_mujoco.human import Perturbed, Trajectory, Walk, Wearer
+from cc_mujoco.human import Perturbed, Trajectory, Walk
+from cc_mujoco.plant import Plant, Scene
+from cc_mujoco.plant.variables import Value
 from cc_mujoco.sensing import BIAS
 from cc_mujoco.transmission import Cable
 from cc_mujoco.transmission.parameters import BENDS, PATHS
-from cc_mujoco.whatif.build import Builder
-from cc_mujoco.whatif.variables import Value
 
 MOST = 3.0
 """Draws beyond this many standard deviations are cut."""
@@ -47,21 +47,14 @@ SENSORS = 3
 
 
 @dataclass(frozen=True)
-class Plant:
-    """One device, its wearer and its sensors."""
+class Draw:
+    """A plant that was drawn, and what its episode has besides."""
 
+    plant: Plant
+    """The device with its cables, wearer, delay and noise."""
     seed: int
     """Seed of its motion and noise; that of the episode and its condition make it."""
-    design: Mapping[str, Value]
-    """Design of its cables; see `whatif.build.Builder`."""
-    cables: Mapping[str, Cable]
-    """All cables of the device."""
-    wearer: Wearer
     trajectory: Trajectory
-    delay: int
-    """Control steps by which measurements are late."""
-    noise: float
-    """Noise of all sensors, as a multiple of the device's."""
     bias: tuple[float, ...]
     """Bias of the joint torque sensor, then of every tension sensor, as a multiple of
     the standard deviation of the device's noise."""
@@ -93,18 +86,18 @@ class Belief:
         )
 
 
-def draw(condition: Condition, seeds: Sequence[int]) -> list[Plant]:
-    """The plants of a condition, one for each seed."""
-    builder = Builder(condition.scene)
-    return [_drawn(condition, seed, builder) for seed in seeds]
+def draw(condition: Condition, seeds: Sequence[int]) -> list[Draw]:
+    """Draw the plants of a condition, one for each seed."""
+    device = Scene(condition.scene)
+    return [_drawn(condition, seed, device) for seed in seeds]
 
 
-def _drawn(condition: Condition, seed: int, builder: Builder) -> Plant:
+def _drawn(condition: Condition, seed: int, device: Scene) -> Draw:
     place = zlib.crc32(f"{condition.scene} {plants_of(condition.name)}".encode())
     own = int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
     random = np.random.default_rng([own, 2])
-    design: dict[str, Value] = {}
-    for name, cable in builder.cables.items():
+    values: dict[str, Value] = {}
+    for name, cable in device.cables.items():
         factors = {n: 1.0 + s * _cut(random) for n, s in SPREAD.items()}
         liner = TRANSMISSIONS[condition.transmission]
         drawn: dict[str, Value] = {
@@ -117,21 +110,19 @@ def _drawn(condition: Condition, seed: int, builder: Builder) -> Plant:
             drawn["bend"] = BENDS[1]
         elif cable.path == PATHS[0]:
             drawn["wrap"] = factors["wrap"] * cable.wrap
-        design |= {f"{name}.{key}": value for key, value in drawn.items()}
-    wearer = builder.wearer(condition.impedance * (1.0 + IMPEDANCE * _cut(random)))
+        values |= {f"{name}.{key}": value for key, value in drawn.items()}
+    values["wearer"] = condition.impedance * (1.0 + IMPEDANCE * _cut(random))
     source = condition.trajectory
     cadence = 1.0 + CADENCE * _cut(random)
     low, high = condition.delay
-    sensors = 1 + SENSORS * len(builder.cables)
-    return Plant(
+    # In turns: of few seeds each delay has its share, as so much depends on it.
+    values["delay"] = low + (seed + place) % (high - low + 1)
+    values["noise"] = condition.noise
+    sensors = 1 + SENSORS * len(device.cables)
+    return Draw(
+        plant=Plant(device, values),
         seed=own,
-        design=design,
-        cables=builder.cables_of(design),
-        wearer=wearer,
         trajectory=_paced(source, cadence),
-        # In turns: of few seeds each delay has its share, as so much depends on it.
-        delay=low + (seed + place) % (high - low + 1),
-        noise=condition.noise,
         bias=tuple(condition.noise * BIAS * _cut(random) for _ in range(sensors)),
     )
 
@@ -139,7 +130,7 @@ def _drawn(condition: Condition, seed: int, builder: Builder) -> Plant:
 def believed(
     drive: Drive,
     driven: Sequence[str],
-    plants: Sequence[Plant],
+    draws: Sequence[Draw],
     beliefs: Sequence[Belief],
 ) -> Drive:
     """The drive as the controller of every plant believes it to be.
@@ -147,15 +138,16 @@ def believed(
     Args:
         drive: Of the device; gives the arms of the cables.
         driven: Names of the cables that the motor winds.
-        plants: One per device.
+        draws: One per device.
         beliefs: How wrong they are, one per device.
     """
     rows = []
-    for plant, belief in zip(plants, beliefs, strict=True):
-        random = np.random.default_rng([plant.seed, 3])
+    for drawn, belief in zip(draws, beliefs, strict=True):
+        random = np.random.default_rng([drawn.seed, 3])
+        cables = drawn.plant.cables
         rows.append(
             tuple(
-                CableDrive(belief.of(plant.cables[name], random), s.proximal, s.distal)
+                CableDrive(belief.of(cables[name], random), s.proximal, s.distal)
                 for name, s in zip(driven, drive.cables, strict=True)
             )
         )

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 from cc_mujoco.benchmark.plant import Belief
 from cc_mujoco.errors import CableError
-from cc_mujoco.whatif.build import UNPLUGGED
-from cc_mujoco.whatif.variables import Value
+from cc_mujoco.plant import UNPLUGGED
+from cc_mujoco.plant.variables import Value
 
 
 @dataclass(frozen=True)

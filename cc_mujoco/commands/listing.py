@@ -25,8 +25,8 @@ class Listing:
         from cc_mujoco.diagnosis import EFFECTS
         from cc_mujoco.human import TASKS, TRAJECTORIES
         from cc_mujoco.metrics import METRICS
+        from cc_mujoco.plant import MATERIALS, MOTORS, VARIABLES
         from cc_mujoco.thesis import EXPERIMENTS
-        from cc_mujoco.whatif import MATERIALS, MOTORS, VARIABLES
 
         meanings = {
             "scenes": {

@@ -70,12 +70,11 @@ class WhatIfShow:
 
     def _show(self) -> None:
         from cc_mujoco.metrics import METRICS
+        from cc_mujoco.plant.variables import describe
         from cc_mujoco.recording import write_episode
         from cc_mujoco.recording.episode import require_ours
-        from cc_mujoco.whatif.across import about as about_name
         from cc_mujoco.whatif.show import case_of, read_row, show
         from cc_mujoco.whatif.store import read_study
-        from cc_mujoco.whatif.variables import VARIABLES
 
         out = self.out or self.folder / f"design-{self.row}"
         about = read_study(self.folder)
@@ -107,10 +106,10 @@ class WhatIfShow:
                 say=said.append,
             )
         for name in about["variables"]:
-            unit = VARIABLES[name.rpartition(".")[2]].unit
+            unit = describe(name).unit
             print(_line(name, row[name], unit))
         for name, value in played.items():
-            print(_line(f"case: {name}", value, about_name(name).unit))
+            print(_line(f"case: {name}", value, describe(name).unit))
         # Those of the table: the episode's own have some names in common with them.
         for name in about["protocol"]["metrics"]:
             print(_line(name, row[name], METRICS[name].unit))

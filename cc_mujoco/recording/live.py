@@ -23,6 +23,7 @@ from cc_mujoco.control import Controller, Drive, controller
 from cc_mujoco.control.external import blamed
 from cc_mujoco.episode import Columns, Single, run
 from cc_mujoco.errors import CableError
+from cc_mujoco.plant import Plant
 from cc_mujoco.recording.caption import sentence, state
 from cc_mujoco.recording.knobs import HELP, Knobs
 from cc_mujoco.recording.pace import Pace
@@ -204,7 +205,7 @@ class Show:
         """Give the cables this friction, over that of the scene, where they are."""
         self._friction, exo = friction, self._exo
         options = self._knobs.options(self._laid)
-        exo.device.become(exo.plants.draw(self._env.unwrapped.np_random, options))
+        exo.device.become(Plant(exo.plants.nominal.device, options))
 
     def _hold(self) -> None:
         """Wait while paused, and show it."""

@@ -21,6 +21,7 @@ from cc_mujoco.envs.exo import Exo
 from cc_mujoco.envs.script import Script
 from cc_mujoco.episode import Columns, Trace, run
 from cc_mujoco.human import Task, Trajectory, Wearer
+from cc_mujoco.plant import Plant
 from cc_mujoco.sensing import PERFECT, Measuring
 from cc_mujoco.simulation.batch import Fleet
 from cc_mujoco.simulation.batched_controller import Laws, Unpowered
@@ -31,7 +32,7 @@ from cc_mujoco.simulation.compiled_batch import (
     play_compiled,
     task_of,
 )
-from cc_mujoco.simulation.compiled_episode import KEPT
+from cc_mujoco.simulation.compiled_episode import KEPT, attend
 
 Array = NDArray[np.float64]
 
@@ -91,6 +92,17 @@ class Rollout:
     ratio: Array
     driven: tuple[str, ...]
     failed: tuple[str, ...]
+
+
+def attended(plant: Plant) -> mujoco.MjModel:
+    """Compile the bare model of a plant that may be played inside MuJoCo's steps.
+
+    Raises:
+        CableError: the plant cannot be compiled.
+    """
+    spec = plant.spec()
+    attend(spec)  # at last, as a copy loses what no element refers to
+    return spec.compile()
 
 
 def play(

@@ -3,8 +3,8 @@
     from cc_mujoco.whatif import study
     table = study("wrist", {"friction": "0.05:0.3:10", "loops": [1, 2, 3]})
 
-`VARIABLES` says what can be varied, `MATERIALS` of what a cable may be,
-`cc_mujoco.metrics.METRICS` what is measured.
+`cc_mujoco.plant.VARIABLES` says what can be varied, `cc_mujoco.metrics.METRICS` what is
+measured.
 """
 
 from __future__ import annotations
@@ -14,16 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cc_mujoco.whatif.execution import carry_out, optimise, study
-    from cc_mujoco.whatif.materials import MATERIALS
-    from cc_mujoco.whatif.motors import MOTORS
     from cc_mujoco.whatif.plan import Plan, make_plan
     from cc_mujoco.whatif.study_spec import Execution, StudySpec
-    from cc_mujoco.whatif.variables import VARIABLES
 
 __all__ = [
-    "MATERIALS",
-    "MOTORS",
-    "VARIABLES",
     "Execution",
     "Plan",
     "StudySpec",
@@ -34,9 +28,6 @@ __all__ = [
 ]
 
 _MODULES = {
-    "MATERIALS": "materials",
-    "MOTORS": "motors",
-    "VARIABLES": "variables",
     "Execution": "study_spec",
     "Plan": "plan",
     "StudySpec": "study_spec",

@@ -14,20 +14,22 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cc_mujoco.checks import named
-from cc_mujoco.envs.plant import OWN
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.transmission.parameter import Parameter
+from cc_mujoco.plant import Plant, Scene
+from cc_mujoco.plant.variables import (
+    CONFLICTS,
+    VARIABLES,
+    WEARER,
+    Value,
+    find,
+    split,
+)
 from cc_mujoco.whatif.designs import Range, grid, read_range, require_count
 from cc_mujoco.whatif.study_spec import Given
-from cc_mujoco.whatif.variables import CONFLICTS, VARIABLES, Value
-
-if TYPE_CHECKING:
-    from cc_mujoco.whatif.build import Builder
 
 Case = dict[str, Value]
 
@@ -37,16 +39,6 @@ RANKS = {"worst": "worst", "p90": "90th percentile", "mean": "mean"}
 LEAST, MOST, WORST_CASE = "least", "most", "worst_case"
 """Behind `METRIC@`: the least and the greatest number, and the name of the worst case,
 which is the first without a number where there is one."""
-
-WEARER = Parameter(
-    "wearer",
-    "1",
-    "stiffness and damping of the wearer, times those of the scene; a joint that is "
-    "held stays held",
-    low=OWN["wearer"][0],
-    high=OWN["wearer"][1],
-)
-"""Variable that cases may have beside those of designs."""
 
 _P90 = 0.9
 
@@ -106,27 +98,27 @@ class Across:
         many = f"{len(self.cases)} cases" if len(self.cases) > 1 else "1 case"
         return f"the {RANKS[self.rank]} over {many} ({values})"
 
-    def check(self, builder: Builder, design: Mapping[str, object]) -> dict[str, Value]:
-        """The design as it is used; see `Builder.check`.
+    def check(self, device: Scene, design: Mapping[str, object]) -> dict[str, Value]:
+        """The design as it is used; see `Plant.check`.
 
         Raises:
             CableError: it is impossible, in one of the cases at least.
         """
-        read: dict[str, Value] = {}
+        for name in design:  # a plant has more that may change
+            find(name, device.cables)
         for case in self.cases:
             try:
-                read = builder.check({**design, **plant(case)})
+                plant = Plant(device, {**design, **case})
+                plant.check()
             except CableError as error:
                 if not self.several:
                     raise
                 raise CableError(f"in case {self.label(case)}, {error}") from None
-        return {name: read[name] for name in design}
+        return {name: plant.values[name] for name in design}
 
-    def layout(
-        self, builder: Builder, design: Mapping[str, Value]
-    ) -> tuple[object, ...]:
+    def layout(self, device: Scene, design: Mapping[str, Value]) -> tuple[object, ...]:
         """Equal for designs whose models can be in one batch, in every case."""
-        return tuple(builder.layout({**design, **plant(c)}) for c in self.cases)
+        return tuple(Plant(device, {**design, **c}).layout for c in self.cases)
 
     def require_apart(self, varied: Iterable[str]) -> None:
         """Refuse to cross what designs set.
@@ -196,27 +188,14 @@ def read_across(
     return Across(levels, rank or "worst", tuple(turned))
 
 
-def about(name: str) -> Parameter:
-    """Return the variable that a name of a design or a case stands for."""
-    return WEARER if name == WEARER.name else VARIABLES[name.rpartition(".")[2]]
-
-
-def plant(case: Mapping[str, Value]) -> Case:
-    """Return the changes of a case to a design: all but the wearer."""
-    return {name: value for name, value in case.items() if name != WEARER.name}
-
-
 def _read(name: str, values: Given, cables: Sequence[str]) -> Range:
-    if name == WEARER.name:
-        return read_range(name, values, cables, WEARER)
-    if name.rpartition(".")[2] not in VARIABLES:
-        raise CableError.unknown("case", name, (*VARIABLES, WEARER.name))
-    return read_range(name, values, cables)
+    variables = VARIABLES | {WEARER.name: WEARER}
+    return read_range(name, values, cables, variables, "case")
 
 
 def _same_thing(name: str, other: str) -> bool:
     """Return whether two names of variables set the same of one cable."""
-    (cable, _, own), (another, _, its) = name.rpartition("."), other.rpartition(".")
+    (cable, own), (another, its) = split(name), split(other)
     if cable and another and cable != another:
         return False
     return own == its or any(own in group and its in group for group in CONFLICTS)

@@ -22,13 +22,13 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.plant import Scene
+from cc_mujoco.plant.variables import Value
 from cc_mujoco.whatif.across import Across
-from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import Range
 from cc_mujoco.whatif.evaluate import Design
 from cc_mujoco.whatif.pareto import Limit, Objective, costs, order
 from cc_mujoco.whatif.plan import Plan, few
-from cc_mujoco.whatif.variables import Value
 
 Array = NDArray[np.float64]
 
@@ -129,16 +129,16 @@ def around(
     if np.isnan(cost[best]).any():
         return None
     base = plan.designs[best]
-    builder = Builder(plan.protocol.scene, plan.protocol.timestep)
+    device = Scene(plan.protocol.scene, plan.protocol.timestep)
     check = plan.protocol.across.check
     sides = {
-        name: _sides(plan.protocol.across, builder, plan.ranges[name], base, name)
+        name: _sides(plan.protocol.across, device, plan.ranges[name], base, name)
         for name in plan.varied
     }
     tried = [base, *(d for pair in sides.values() for d in pair if d is not None)]
     if len(tried) == 1:
         return None
-    rows = iter(run(few(plan, builder, tried)).to_pylist())
+    rows = iter(run(few(plan, device, tried)).to_pylist())
     centre = next(rows)
     names = _measured(objectives, limits)
     slopes: list[Slope] = []
@@ -150,13 +150,13 @@ def around(
     proposed: list[tuple[Price, Design]] = []
     for price in prices:
         try:
-            proposed.append((price, check(builder, price.design)))
+            proposed.append((price, check(device, price.design)))
         except CableError:  # promised by slopes alone, and impossible
             continue
     there: list[Mapping[str, object]] = []
     if proposed:
         designs = [design for _, design in proposed]
-        there = run(few(plan, builder, designs)).to_pylist()
+        there = run(few(plan, device, designs)).to_pylist()
     checked = {id(price): row for (price, _), row in zip(proposed, there, strict=True)}
     return Around(
         best,
@@ -184,7 +184,7 @@ def _moved(values: Range, value: Value, by: float) -> Value:
 
 
 def _sides(
-    across: Across, builder: Builder, values: Range, base: Design, name: str
+    across: Across, device: Scene, values: Range, base: Design, name: str
 ) -> tuple[Design | None, Design | None]:
     """The best design with a variable less and more; None where that cannot be."""
     here = base[name]
@@ -201,7 +201,7 @@ def _sides(
     for value in (less, more):
         try:
             same = math.isclose(float(value), float(here), rel_tol=1e-9)
-            found.append(None if same else across.check(builder, {**base, name: value}))
+            found.append(None if same else across.check(device, {**base, name: value}))
         except CableError:
             found.append(None)
     return found[0], found[1]

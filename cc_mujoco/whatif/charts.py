@@ -20,11 +20,11 @@ from cc_mujoco.figures import (
     mark,
 )
 from cc_mujoco.metrics import METRICS
+from cc_mujoco.plant.variables import describe
 from cc_mujoco.whatif.pareto import Objective
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity
 from cc_mujoco.whatif.surface import Axis
-from cc_mujoco.whatif.variables import VARIABLES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -200,7 +200,7 @@ def _wrapped(name: str, unit: str) -> str:
 
 
 def _variable(name: str) -> str:
-    unit = VARIABLES[name.rpartition(".")[2]].unit
+    unit = describe(name).unit
     plain = name.replace("_", " ")
     return plain if unit == "1" else f"{plain} [{unit}]"
 

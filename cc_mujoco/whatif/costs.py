@@ -13,8 +13,7 @@ from pathlib import Path
 
 from cc_mujoco.csv_files import read_sheet
 from cc_mujoco.errors import CableError
-from cc_mujoco.whatif.materials import MATERIALS
-from cc_mujoco.whatif.motors import MOTORS
+from cc_mujoco.plant import MATERIALS, MOTORS
 
 EXAMPLE = Path(__file__).with_name("costs.csv")
 """The table that holds unless another is given."""

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from cc_mujoco.csv_files import read_sheet
 from cc_mujoco.errors import CableError
+from cc_mujoco.plant.variables import VARIABLES, Value, find
 from cc_mujoco.transmission.parameter import Parameter
 from cc_mujoco.whatif.study_spec import Given
-from cc_mujoco.whatif.variables import Value, find
 
 MAX_DESIGNS = 1_000_000
 """Most designs that fit into memory, and into weeks: each takes a second or so."""
@@ -51,20 +51,25 @@ class Range:
 
 
 def read_range(
-    name: str, given: Given, cables: Iterable[str], kind: Parameter | None = None
+    name: str,
+    given: Given,
+    cables: Iterable[str],
+    among: Mapping[str, Parameter] = VARIABLES,
+    kind: str = "variable",
 ) -> Range:
     """Understand what a variable may be.
 
     Args:
-        name: of the variable.
+        name: of the variable, perhaps of one cable.
         given: range, values or text of them.
         cables: the cables of the scene.
-        kind: of variable; that of its name by default.
+        among: the variables that there are.
+        kind: what an error calls them.
 
     Raises:
         CableError: an unknown name, or a range or value that cannot be.
     """
-    variable = find(name, cables) if kind is None else kind
+    variable = find(name, cables, among, kind)
     label = f"variable {name!r}"
     if isinstance(given, str) and ":" in given and not variable.text:
         found = _read_ends(name, given)

@@ -20,11 +20,13 @@ from cc_mujoco.metrics import METRICS, Record, measure
 from cc_mujoco.metrics.held import SWINGS
 from cc_mujoco.metrics.metric import MOMENT, PACE, SPRING, Test
 from cc_mujoco.metrics.torques import unsafe_from
+from cc_mujoco.plant import Plant, Scene
+from cc_mujoco.plant.variables import WEARER, Value
+from cc_mujoco.plant.walker import body_of, pace_of
 from cc_mujoco.sensing import PERFECT
-from cc_mujoco.simulation.rollout import Episode, Rollout, play
+from cc_mujoco.simulation.rollout import Episode, Rollout, attended, play
 from cc_mujoco.whatif import gait
-from cc_mujoco.whatif.across import LEAST, WEARER, Case, plant
-from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.across import LEAST, Case
 from cc_mujoco.whatif.metrics import (
     CHOSEN_BY,
     by_case,
@@ -45,7 +47,6 @@ from cc_mujoco.whatif.protocol import (
     Hold,
     Swing,
 )
-from cc_mujoco.whatif.variables import Value
 from cc_mujoco.workers import Tick
 
 Design = dict[str, Value]
@@ -76,7 +77,7 @@ def evaluate(
 
     Args:
         protocol: how they are tried.
-        designs: as `Builder.check` returns them.
+        designs: as `Across.check` returns them.
         tick: called now and then with the share that is done; may raise to stop.
 
     Returns:
@@ -87,7 +88,7 @@ def evaluate(
         of those that fail in none.
     """
     protocol.find_metrics()
-    builder = Builder(protocol.scene, protocol.timestep)
+    builder = Scene(protocol.scene, protocol.timestep)
     cases = protocol.across.cases
     tried = [
         _tried(
@@ -114,24 +115,22 @@ class _Tried(NamedTuple):
 
 def _tried(
     protocol: EpisodeProtocol,
-    builder: Builder,
+    builder: Scene,
     case: Case,
     designs: Sequence[Design],
     tick: Tick,
 ) -> list[_Tried]:
     """Try designs in one case."""
-    designs = [{**design, **plant(case)} for design in designs]
-    models = [builder.model(design) for design in designs]
-    wearer = None
-    if WEARER.name in case:
-        wearer = builder.wearer(float(case[WEARER.name]))
-    tests = episodes(protocol, builder, wearer, designs[0])
+    plants = [Plant(builder, {**design, **case}) for design in designs]
+    models = [attended(plant) for plant in plants]
+    wearer = plants[0].wearer if WEARER.name in case else None
+    tests = episodes(protocol, builder, wearer, plants[0].values)
     laws = protocol.controllers
     found: list[dict[str, dict[str, float]]] = [{n: {} for n in laws} for _ in designs]
     failed: list[dict[str, str]] = [{} for _ in designs]
     if any(METRICS[name].test == "parts" for name in protocol.metrics):
-        for each, design, model in zip(found, designs, models, strict=True):
-            parts = parts_of(builder, design, model, dict(protocol.costs))
+        for each, plant, model in zip(found, plants, models, strict=True):
+            parts = parts_of(plant, model, dict(protocol.costs))
             for law in laws:
                 each[law] |= _values("parts", Record({}, metadata=parts), protocol)
     total = sum(episode.duration for _, _, episode in tests)
@@ -139,18 +138,18 @@ def _tried(
     for test, law, episode in tests:
         start, part = done / total, episode.duration / total
         if test == "episode":
-            task = gait.tasks_of(designs, episode.task)
+            task = gait.tasks_of([plant.values for plant in plants], episode.task)
             episode = dataclasses.replace(episode, task=task)
         played = play(episode, models, tick=_within(tick, start, part))
         for index, why in enumerate(played.failed):
             if not why and test == "episode":
-                why = _unsafe(played, index, builder.device.safe_torque)
+                why = _unsafe(played, index, builder.setup.safe_torque)
             of = (law,) if law else laws
             if why:
                 where = "" if test == "episode" else f"{test} test: "
                 failed[index] = dict.fromkeys(of, where + why) | failed[index]
                 continue
-            row = _measure(test, played, index, builder, designs[index], protocol)
+            row = _measure(test, played, index, plants[index], protocol)
             for name in of:
                 found[index][name] |= row
         done += episode.duration
@@ -195,7 +194,7 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> Result:
 
 def episodes(
     protocol: EpisodeProtocol,
-    builder: Builder,
+    builder: Scene,
     wearer: Wearer | None = None,
     design: Mapping[str, Value] | None = None,
 ) -> list[tuple[Test, str, Episode]]:
@@ -225,7 +224,7 @@ def episodes(
     if "backdrive" in needed:
         found.append(("backdrive", "", dataclasses.replace(main, task="transparent")))
     if needed & {"backlash", "bandwidth"}:
-        held, most, one_way = _held(main, builder.model({}))
+        held, most, one_way = _held(main, Plant(builder).model())
         # A cable that only pulls swings between nothing and its most.
         share, bias = (0.5, 0.5) if one_way else (1.0, 0.0)
         if "backlash" in needed:
@@ -246,13 +245,13 @@ def episodes(
     return found
 
 
-def rehearse(protocol: EpisodeProtocol, builder: Builder) -> None:
+def rehearse(protocol: EpisodeProtocol, builder: Scene) -> None:
     """Make all that a protocol needs, and play nothing.
 
     Raises:
         CableError: trajectory, task or controller cannot be used.
     """
-    model = builder.model({})
+    model = Plant(builder).model()
     played = [episode for _, _, episode in episodes(protocol, builder)]
     for episode in played or [_main(protocol, builder)]:
         exo = episode.exo(model)
@@ -270,7 +269,7 @@ class Trial:
 
     def rehearse(self) -> None:
         """See `Job.rehearse`."""
-        rehearse(self.protocol, Builder(self.protocol.scene, self.protocol.timestep))
+        rehearse(self.protocol, Scene(self.protocol.scene, self.protocol.timestep))
 
     def made_by(self) -> dict[str, Any]:
         """See `Job.made_by`; a trajectory from a file goes with the protocol."""
@@ -287,11 +286,11 @@ class Trial:
 
 
 def _main(
-    protocol: EpisodeProtocol, builder: Builder, wearer: Wearer | None = None
+    protocol: EpisodeProtocol, builder: Scene, wearer: Wearer | None = None
 ) -> Episode:
     """Return the episode that a study asks for, without a controller."""
     return Episode(
-        builder.device,
+        builder.setup,
         protocol.trajectory,
         protocol.task,
         protocol.duration,
@@ -323,17 +322,14 @@ def _measure(
     test: Test,
     played: Rollout,
     index: int,
-    builder: Builder,
-    design: Mapping[str, Value],
+    plant: Plant,
     protocol: EpisodeProtocol,
 ) -> dict[str, float]:
     """Return the metrics of one test of a design, by name."""
-    facts = builder.facts(design) | {
-        SPRING: isinstance(find_task(protocol.task), Spring)
-    }
+    facts = plant.facts | {SPRING: isinstance(find_task(protocol.task), Spring)}
     if any(of_strides(name) for name in protocol.metrics):
-        facts |= {PACE: gait.pace_of(design), MOMENT: gait.body_of(design).moment}
-    log = record_of(played, index, tuple(builder.cables), facts)
+        facts |= {PACE: pace_of(plant.values), MOMENT: body_of(plant.values).moment}
+    log = record_of(played, index, tuple(plant.cables), facts)
     return _values(test, log, protocol)
 
 

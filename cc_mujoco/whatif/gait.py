@@ -15,112 +15,28 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import (
-    Body,
-    Pace,
-    Profile,
-    Task,
-    Trajectory,
-    Walk,
-    paced,
-)
+from cc_mujoco.human import Profile, Task, Walk, paced
 from cc_mujoco.human import task as find_task
-from cc_mujoco.human.body import LEG, MASS
 from cc_mujoco.human.profile import Profiles
+from cc_mujoco.plant.variables import Value
+from cc_mujoco.plant.walker import (
+    ASSIST,
+    LEG_LENGTH,
+    PROFILE,
+    SHORTEST,
+    SPEED,
+    WALK,
+    WALKER,
+    body_of,
+    pace_of,
+    profile_of,
+    require_scene,
+    speed_of,
+    trajectory_of,
+)
 from cc_mujoco.simulation.rollout import Episode
 from cc_mujoco.whatif.metrics import of_strides
 from cc_mujoco.whatif.protocol import CONTROL_PERIOD, EpisodeProtocol
-from cc_mujoco.whatif.variables import Value
-
-SPEED = "gait_speed"
-BODY_MASS, LEG_LENGTH = "body_mass", "leg_length"
-WALKER = (SPEED, BODY_MASS, LEG_LENGTH)
-"""Variables of who walks: designs that are simulated together have them in common."""
-PROFILE = ("onset", "peak_time", "peak_torque", "fall")
-"""Fields of `human.Profile`, and variables."""
-SHORTEST = 0.1
-"""Shortest rise and fall of a profile, see there [% of the stride]."""
-WALK, ASSIST = "walk", "assist"
-"""Trajectory whose speed is varied, and task whose profile is."""
-
-
-def body_of(design: Mapping[str, Value]) -> Body:
-    """Return the body of the wearer of a design."""
-    return Body(float(design.get(BODY_MASS, MASS)), float(design.get(LEG_LENGTH, LEG)))
-
-
-def pace_of(design: Mapping[str, Value]) -> Pace:
-    """Return the pace of the wearer of a design, see `Body.pace`.
-
-    Raises:
-        CableError: nothing is known of walking so fast with such legs.
-    """
-    return body_of(design).pace(_speed(design))
-
-
-def _speed(design: Mapping[str, Value]) -> float | None:
-    return float(design[SPEED]) if SPEED in design else None
-
-
-def profile_of(design: Mapping[str, Value]) -> Profile | None:
-    """The assistance that a design says; None where it says nothing of it.
-
-    A peak torque that is not said goes with the size and the pace of the wearer.
-
-    Raises:
-        CableError: its numbers are no profile, or outlast the stance at its speed.
-    """
-    said = {name: float(design[name]) for name in PROFILE if name in design}
-    if not said:
-        return None
-    toe_off = 100.0 * pace_of(design).toe_off
-    share = body_of(design).moment * pace_of(design).moment("ankle")
-    said.setdefault("peak_torque", share * Profile.peak_torque)
-    # A default must not refuse a walk whose stance is shorter.
-    rest = toe_off - said.get("peak_time", Profile.peak_time)
-    if "fall" not in said and 0.1 <= rest < Profile.fall:
-        said["fall"] = rest
-    return Profile(**said, toe_off=toe_off)
-
-
-def require_possible(device: Setup, design: Mapping[str, Value]) -> None:
-    """Refuse walks and profiles that a scene cannot have.
-
-    Raises:
-        CableError: in one sentence, what is wrong and what would be right.
-    """
-    require_scene(device, design)
-    pace_of(design)
-    profile = profile_of(design)
-    if profile is not None and profile.peak_torque > device.safe_torque:
-        raise CableError(
-            f"`peak_torque` is {profile.peak_torque:g} Nm; it must be at most the "
-            f"{device.safe_torque:g} Nm that the cables may put into joint "
-            f"{device.joint!r}."
-        )
-
-
-def require_scene(device: Setup, names: Collection[str]) -> None:
-    """Refuse to vary a walk or a profile in a scene without.
-
-    Raises:
-        CableError: the variable, and the scenes that have it.
-    """
-    for name in (*WALKER, *PROFILE):
-        walks = device.trajectory == WALK
-        if name in names and not (walks if name in WALKER else device.task == ASSIST):
-            what = "walks" if name in WALKER else "is helped in push-off"
-            scenes = "'ankle' and 'exosuit'" if name in WALKER else "'ankle'"
-            raise CableError(
-                f"variable {name!r} needs a wearer who {what}, as in {scenes}, but "
-                f"the scene is {device.scene!r}."
-            )
-    if LEG_LENGTH in names and not device.lever:
-        raise CableError(
-            f"variable {LEG_LENGTH!r} moves knee and ankle apart, but the scene "
-            f"{device.scene!r} draws the paths of its cables along a leg of {LEG:g} m; "
-            f"vary {BODY_MASS!r} alone, or choose the scene 'ankle'."
-        )
 
 
 def require_played(
@@ -179,7 +95,7 @@ def require_strides(
 
 def _whole_stride(design: Mapping[str, Value]) -> float:
     """Return the end of the first stride walked at full cadence all along [s]."""
-    walk = Walk.at(_speed(design), body_of(design))
+    walk = Walk.at(speed_of(design), body_of(design))
     # By the end of the start half of it has been walked; one sample tells the strike.
     return 0.5 * walk.start + 2.0 * walk.period + CONTROL_PERIOD
 
@@ -191,15 +107,6 @@ def played_by(design: Mapping[str, Value], episode: Episode) -> Episode:
         trajectory=trajectory_of(design, episode.trajectory),
         task=_paced(episode.task, design),
     )
-
-
-def trajectory_of(
-    design: Mapping[str, Value], trajectory: str | Trajectory
-) -> str | Trajectory:
-    """Return the trajectory of the wearer of a design."""
-    if SPEED in design or LEG_LENGTH in design:
-        return Walk.at(_speed(design), body_of(design))
-    return trajectory
 
 
 def fitted(

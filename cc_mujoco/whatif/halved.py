@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from cc_mujoco.whatif.build import Builder
+from cc_mujoco.plant import Scene
 from cc_mujoco.whatif.metrics import CHOSEN_BY
 from cc_mujoco.whatif.pareto import Limit, Objective, costs, order
 from cc_mujoco.whatif.plan import Plan, few
@@ -111,7 +111,7 @@ def halved(
     )
     again = few(
         dataclasses.replace(plan, protocol=protocol),
-        Builder(protocol.scene, protocol.timestep),
+        Scene(protocol.scene, protocol.timestep),
         [plan.designs[i] for i in tried],
     )
     rows = run(again).to_pylist()

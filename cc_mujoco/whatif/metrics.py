@@ -17,10 +17,10 @@ from cc_mujoco.metrics.metric import (
     RESISTANCE,
     TORQUE_CONSTANT,
 )
+from cc_mujoco.plant.variables import VARIABLES, WEARER
 from cc_mujoco.simulation.rollout import Rollout
-from cc_mujoco.whatif.across import LEAST, MOST, WEARER
+from cc_mujoco.whatif.across import LEAST, MOST
 from cc_mujoco.whatif.protocol import EpisodeProtocol
-from cc_mujoco.whatif.variables import VARIABLES
 
 USUAL = (
     "efficiency",

@@ -13,12 +13,12 @@ from collections.abc import Mapping, Sequence
 import mujoco
 
 from cc_mujoco.envs.device import Device
+from cc_mujoco.plant import Plant
+from cc_mujoco.plant.materials import WIRE_MODULUS, area
+from cc_mujoco.plant.variables import Value
 from cc_mujoco.transmission.parameters import PATHS
-from cc_mujoco.whatif.build import Builder, material_of
-from cc_mujoco.whatif.materials import WIRE_MODULUS, area
 from cc_mujoco.whatif.metrics import COST
 from cc_mujoco.whatif.protocol import CONTROL_PERIOD
-from cc_mujoco.whatif.variables import Value
 
 STEEL = 7850.0
 """Density of steel [kg/m^3]."""
@@ -28,38 +28,37 @@ about a bicycle's brake cable: 2.8 and 4.2 mm for 1.6 mm (assumed)."""
 
 
 def parts_of(
-    builder: Builder,
-    design: Mapping[str, Value],
+    plant: Plant,
     model: mujoco.MjModel,
     costs: Mapping[str, float],
 ) -> dict[str, float]:
     """Return what metrics of the parts are, by name, as far as it is known.
 
     Args:
-        builder: of the scene.
-        design: as `Builder.check` returns it.
-        model: of the design.
+        plant: the design.
+        model: of the plant.
         costs: see `read_costs`; empty where they are not asked for.
     """
-    drive = Device(builder.device, None, model).drive(CONTROL_PERIOD)
+    drive = Device(plant.setup, None, model).drive(CONTROL_PERIOD)
     inertia = {"reflected_inertia": drive.inertia * drive.ratio**2}
-    cables = builder.cables_of(design)
+    cables, values = plant.cables, plant.values
     if any(cable.path != PATHS[0] for cable in cables.values()):
         return inertia
-    diameters, material = builder.diameters(design), material_of(design)
-    density = float(design.get("rope_density", math.nan))
+    diameters, material = plant.diameters, plant.material
+    density = float(values.get("rope_density", math.nan))
     if material is not None:
         density = material.density.typical
     ropes = sum(
         cable.length
-        * (density * area(diameters[name]) + _coil(design, diameters[name]))
+        * (density * area(diameters[name]) + _coil(values, diameters[name]))
         for name, cable in cables.items()
     )
+    pulleys = plant.pulleys
     bends = {
         name: 2.0
         * min(
             *(section.radius for section in cable.conduit),
-            *builder.pulleys(design)[name],
+            *pulleys[name],
             math.inf,
         )
         / diameters[name]
@@ -67,7 +66,7 @@ def parts_of(
     }
     ratio = min(bends.values())
     wires = 0 if material is None else material.wires
-    motor, discs = builder.motor(design), builder.discs(design)
+    motor, discs = plant.motor, plant.discs
     return (
         inertia
         | {
@@ -77,7 +76,7 @@ def parts_of(
             "bending_stress": WIRE_MODULUS / (wires * ratio) if wires else math.nan,
         }
         | _cost(
-            costs, design, motor.name, len(discs), [c.length for c in cables.values()]
+            costs, values, motor.name, len(discs), [c.length for c in cables.values()]
         )
     )
 

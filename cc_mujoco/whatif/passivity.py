@@ -32,10 +32,10 @@ from cc_mujoco.envs.exo import Exo
 from cc_mujoco.episode import Trace, run
 from cc_mujoco.human import Spring, Task, Transparent, Wearer
 from cc_mujoco.human.motion import Motion, Trajectory, ease
+from cc_mujoco.plant import UNPLUGGED, Plant
 from cc_mujoco.sensing import Measuring
 from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
 from cc_mujoco.simulation.batched_controller import Unpowered
-from cc_mujoco.whatif.build import UNPLUGGED, Builder
 
 Array = NDArray[np.float64]
 
@@ -217,7 +217,7 @@ def limb_at(place: Array, inertia: float) -> Limb:
 
 def inertia_of(scene: str) -> float:
     """Return the inertia of a joint with the limb in the neutral pose [kg m^2]."""
-    model = Builder(scene).model({})
+    model = Plant(scene).model()
     return float(model.dof_M0[model.joint(DEVICES[scene].joint).dofadr[0]])
 
 
@@ -276,14 +276,12 @@ def play(
     Returns:
         Energy and motion; infinite where the simulation diverged.
     """
-    setup, builder = DEVICES[scene], Builder(scene)
+    setup = DEVICES[scene]
     ideal = law == "ideal"
     spring = Transparent() if law == "motor-off" else task_of(scene, task)
     task_felt = spring if law in REFERENCES else task_of(scene, task, damping)
     changes = UNPLUGGED if ideal else {}
-    model = variant or builder.model(
-        {f"{c}.{k}": v for c in builder.cables for k, v in changes.items()}
-    )
+    model = variant or Plant(scene, changes).model()
     joint = model.joint(setup.joint)
     dof = int(joint.dofadr[0])
     if ideal and isinstance(spring, Spring):

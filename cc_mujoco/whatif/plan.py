@@ -21,9 +21,11 @@ from cc_mujoco.human import Trajectory
 from cc_mujoco.human.recorded import given_trajectory
 from cc_mujoco.identity import made_by
 from cc_mujoco.metrics import METRICS, Metric, find_metric, known_by, own_metrics
+from cc_mujoco.plant import Scene
+from cc_mujoco.plant.variables import split
+from cc_mujoco.plant.walker import WALK, WALKER
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.across import Across, read_across
-from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.costs import EXAMPLE, read_costs
 from cc_mujoco.whatif.designs import (
     Range,
@@ -241,7 +243,7 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
     protocol.across.require_apart(vary)
     ranges = {name: read_range(name, v, builder.cables) for name, v in vary.items()}
     ends = {n: r.ends or (min(r.levels), max(r.levels)) for n, r in ranges.items()
-            if n in gait.WALKER}  # fmt: skip
+            if n in WALKER}  # fmt: skip
     gait.require_strides(
         protocol,
         [dict(zip(ends, c, strict=True)) for c in itertools.product(*ends.values())],
@@ -314,15 +316,15 @@ def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
 
 def _trial(
     spec: StudySpec, goals: Sequence[Objective], named: Iterable[str]
-) -> tuple[EpisodeProtocol, Builder, str]:
-    """Return the protocol of designs, the builder of the scene and the trajectory.
+) -> tuple[EpisodeProtocol, Scene, str]:
+    """Return the protocol of designs, the scene and the trajectory.
 
     Args:
         spec: the study.
         goals: objectives, which decide what case is the worst.
         named: variables that designs will have.
     """
-    builder = Builder(spec.scene, spec.timestep)
+    builder = Scene(spec.scene, spec.timestep)
     step = float(builder.spec.option.timestep)
     skip = round(CONTROL_PERIOD / step) if step > 0.0 else 0
     if skip < 1 or not math.isclose(skip * step, CONTROL_PERIOD):
@@ -338,17 +340,17 @@ def _trial(
     turned = [goal.name for goal in goals if goal.high != METRICS[goal.name].high]
     across = _assigned("across", "NAME", spec.across)
     cases = read_across(across, spec.rank, builder.cables, turned)
-    home = builder.device
+    home = builder.setup
     given_motion = home.trajectory if spec.trajectory is None else spec.trajectory
     motion, source = given_trajectory(given_motion), _source(given_motion)
-    said = {name.rpartition(".")[2] for name in (*named, *cases.names)}
+    said = {split(name)[1] for name in (*named, *cases.names)}
     task = home.task if spec.task is None else spec.task
     gait.require_played(home, said, source, task)
     for name in chosen:
-        if of_strides(name) and (home.joint, source) != ("ankle", gait.WALK):
+        if of_strides(name) and (home.joint, source) != ("ankle", WALK):
             raise CableError(
                 f"metric {name!r} is of the strides of an ankle; it needs the scene "
-                f"'ankle' and the trajectory {gait.WALK!r}."
+                f"'ankle' and the trajectory {WALK!r}."
             )
         if variables := lacking(METRICS[name], said):
             ways = " or ".join(map(repr, variables))
@@ -412,7 +414,7 @@ def _had(said: Collection[str], costs: bool) -> tuple[str, ...]:
 
 
 def _check(
-    across: Across, builder: Builder, rows: Sequence[Mapping[str, object]]
+    across: Across, builder: Scene, rows: Sequence[Mapping[str, object]]
 ) -> list[Design]:
     """Every design as it is used.
 
@@ -460,7 +462,7 @@ def _short(value: object) -> str:
 
 
 def _batches(
-    across: Across, builder: Builder, designs: Sequence[Design], longest: float
+    across: Across, builder: Scene, designs: Sequence[Design], longest: float
 ) -> tuple[tuple[int, ...], ...]:
     """Designs of equal layout together, at least eight batches for the threads.
 
@@ -486,7 +488,7 @@ def batches_of(
     )
 
 
-def few(plan: Plan, builder: Builder, designs: Sequence[Design]) -> Plan:
+def few(plan: Plan, builder: Scene, designs: Sequence[Design]) -> Plan:
     """The study with other designs, so few that small batches suit them."""
     across = plan.protocol.across
     layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}

@@ -25,9 +25,8 @@ import pyarrow as pa
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.identity import told
+from cc_mujoco.plant import Scene
 from cc_mujoco.whatif import gait
-from cc_mujoco.whatif.across import plant
-from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import Range
 from cc_mujoco.whatif.evaluate import Design, Result, Trial
 from cc_mujoco.whatif.metrics import numbers
@@ -74,7 +73,7 @@ def search(
     if (all_of_them := _count(plan)) < evaluations:
         say(f"The ranges have {all_of_them} designs, so all of them are tried.")
         evaluations = int(all_of_them)
-    builder = Builder(plan.protocol.scene, plan.protocol.timestep)
+    builder = Scene(plan.protocol.scene, plan.protocol.timestep)
     optuna = require_optuna()
     study = optuna.create_study(
         directions=["minimize"] * len(goals),
@@ -214,12 +213,11 @@ def _design(plan: Plan, asked: Mapping[str, Any]) -> Design:
         found[name] = sorted(values.levels)[one] if isinstance(one, int) else one
         if values.ends is not None and not values.levels:
             between[name] = (*values.ends, values.log)
-    cases = [plant(case) for case in plan.protocol.across.cases]
-    return gait.fitted(found, between, cases)
+    return gait.fitted(found, between, plan.protocol.across.cases)
 
 
 def _grown(
-    plan: Plan, builder: Builder, designs: Sequence[Design]
+    plan: Plan, builder: Scene, designs: Sequence[Design]
 ) -> tuple[Plan, dict[int, Result]]:
     """The plan with more designs; results of batches whose design is impossible."""
     first, batch = len(plan.designs), len(plan.batches)

@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.page import Html, bar, bullets, element, joined, listed, paragraph, table
+from cc_mujoco.plant.plant import RADII, Scene
+from cc_mujoco.plant.variables import SETS, describe
 from cc_mujoco.transmission.parameters import PARAMETERS
-from cc_mujoco.whatif.across import WORST_CASE, about
+from cc_mujoco.whatif.across import WORST_CASE
 from cc_mujoco.whatif.around import WORSE, Around, Price, Slope
-from cc_mujoco.whatif.build import RADII, Builder
 from cc_mujoco.whatif.designs import Range
 from cc_mujoco.whatif.halved import Halved
 from cc_mujoco.whatif.pareto import Limit, Objective, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity
 from cc_mujoco.whatif.store import CONTROLLER, failed_by
-from cc_mujoco.whatif.variables import SETS
 from cc_mujoco.whatif.wording import (
     NEARBY,
     UNSAID,
@@ -564,7 +564,7 @@ def failures(found: Finding) -> Html | None:
 
 def fixed(found: Finding) -> Html:
     """List what every design has in common."""
-    plan, builder = found.plan, Builder(found.plan.protocol.scene)
+    plan, device = found.plan, Scene(found.plan.protocol.scene)
     protocol = plan.protocol
     rows: list[Sequence[str]] = [
         ("motion of the wearer", plan.source),
@@ -582,7 +582,7 @@ def fixed(found: Finding) -> Html:
         rows.append((f"{plain(name)}, from case to case", f"{each} {unit_of(name)}"))
     said = {*plan.ranges, *protocol.across.names}
     said |= {one for name in said for one in SETS.get(name, ())}
-    for cable, key, value in _of_scene(builder):
+    for cable, key, value in _of_scene(device):
         if key not in said and f"{cable}.{key}" not in said:
             owner = f"{cable}: " if cable else ""
             told = quantity(key, value)
@@ -602,22 +602,22 @@ def fixed(found: Finding) -> Html:
     )
 
 
-def _of_scene(builder: Builder) -> Iterator[tuple[str, str, object]]:
+def _of_scene(device: Scene) -> Iterator[tuple[str, str, object]]:
     """Cable, variable and its value in the scene."""
-    for name, cable in builder.cables.items():
+    for name, cable in device.cables.items():
         for p in PARAMETERS:
             value = getattr(cable, p.name)
             if p.name in ALWAYS or value != p.default:
                 yield name, p.name, value
         yield name, "conduit", cable.to_config()["conduit"]
-        for key, radius in zip(RADII, builder.radii[name], strict=True):
+        for key, radius in zip(RADII, device.radii[name], strict=True):
             yield name, key, radius
-    motor, joint = builder.spec.actuator("motor"), builder.spec.joint("motor")
+    motor, joint = device.spec.actuator("motor"), device.spec.joint("motor")
     yield "", "motor_torque", float(motor.ctrlrange[1] * motor.gear[0])
     yield "", "rotor_inertia", float(joint.armature)
     yield "", "motor_damping", float(np.ravel(joint.damping)[0])
-    yield "", "strength", builder.device.strength
-    yield "", "diameter", builder.device.diameter
+    yield "", "strength", device.setup.strength
+    yield "", "diameter", device.setup.diameter
 
 
 def words(found: Finding) -> Html:
@@ -626,7 +626,7 @@ def words(found: Finding) -> Html:
     names = [*found.plan.protocol.metrics, *found.plan.ranges, *crossed]
     rows = []
     for name in names:
-        thing = METRICS.get(name) or about(name)
+        thing = METRICS.get(name) or describe(name)
         rows.append((name, thing.unit, thing.meaning))
     return table(("name", "unit", "meaning"), rows)
 

@@ -21,9 +21,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from cc_mujoco.plant.variables import Value
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.surface import Axis, Surface, axes_of, fit
-from cc_mujoco.whatif.variables import Value
 
 Array = NDArray[np.float64]
 Indices = tuple[dict[str, float], dict[str, float], dict[tuple[str, str], float]]

@@ -14,12 +14,13 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import TRAJECTORIES
 from cc_mujoco.identity import differences, is_outside, made_by, seal
 from cc_mujoco.metrics import find_metric
+from cc_mujoco.plant import Plant, Scene
+from cc_mujoco.plant.walker import trajectory_of
 from cc_mujoco.recording import EpisodeLog, play
 from cc_mujoco.recording.columns import MODEL_XML
 from cc_mujoco.sensing import PERFECT
 from cc_mujoco.whatif import gait
-from cc_mujoco.whatif.across import WEARER, WORST_CASE, Across, Case, plant
-from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif.across import WORST_CASE, Across, Case
 from cc_mujoco.whatif.evaluate import Design
 from cc_mujoco.whatif.protocol import CONTROL_PERIOD
 from cc_mujoco.whatif.store import CONTROLLER, read_study, read_table
@@ -60,20 +61,16 @@ def show(
             "a CSV file."
         )
     find_own(folder)
-    builder = Builder(protocol["scene"], protocol["timestep"])
+    device = Scene(protocol["scene"], protocol["timestep"])
     played = case_of(folder, row, case)
-    design |= plant(played)
-    wearer = None
-    if WEARER.name in played:
-        wearer = builder.wearer(float(played[WEARER.name]))
-    model = builder.model(design, whole=True)
+    plant = Plant(device, {**design, **played})
+    model = plant.model(whole=True)
     env: Any = gymnasium.make(
-        builder.device.environment,
+        plant.setup.environment,
         disable_env_checker=True,
         model=model,
-        wearer=wearer,
-        trajectory=gait.trajectory_of(design, protocol["trajectory"]),
-        task=gait.task_of(design, protocol["task"]),
+        trajectory=trajectory_of(plant.values, protocol["trajectory"]),
+        task=gait.task_of(plant.values, protocol["task"]),
         duration=protocol["duration"],
         frame_skip=round(CONTROL_PERIOD / protocol["timestep"]),
     )
@@ -100,11 +97,11 @@ def show(
             **names,
             "controller": chosen,
             "design": row,
-            "variables": design | played,
+            "variables": plant.values,
         },
         progress=progress,
     )
-    facts = {**builder.facts(design), MODEL_XML: builder.xml(design)}
+    facts = {**plant.facts, MODEL_XML: plant.xml()}
     log = EpisodeLog(log.columns, {**log.metadata, **facts})
     return log, model
 

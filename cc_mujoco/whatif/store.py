@@ -24,7 +24,8 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
 from cc_mujoco.identity import differences, seal, sealed
 from cc_mujoco.metrics import METRICS
-from cc_mujoco.whatif.across import LEAST, MOST, RANKS, WORST_CASE, about
+from cc_mujoco.plant.variables import describe
+from cc_mujoco.whatif.across import LEAST, MOST, RANKS, WORST_CASE
 from cc_mujoco.whatif.evaluate import Result
 from cc_mujoco.whatif.metrics import by_controller, numbers
 from cc_mujoco.whatif.plan import VALUES, Plan
@@ -368,7 +369,7 @@ def _field(column: str, kind: pa.DataType, protocol: EpisodeProtocol) -> pa.Fiel
         meaning = "case in which it is worst, or the first in which it has no number: "
         told = {"unit": "1", "meaning": meaning + METRICS[name].meaning}
     else:
-        thing = METRICS.get(name) or about(name)
+        thing = METRICS.get(name) or describe(name)
         of = f"{RANKS[protocol.across.rank]} over the cases: "
         if law in (LEAST, MOST):
             of = f"{'least' if law == LEAST else 'greatest'} over the cases: "

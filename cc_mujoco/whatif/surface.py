@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.plant.variables import Value
 from cc_mujoco.whatif.designs import Range
-from cc_mujoco.whatif.variables import Value
 
 if TYPE_CHECKING:
     from scipy.interpolate import RBFInterpolator

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cc_mujoco.metrics import METRICS
-from cc_mujoco.whatif.across import WEARER, WORST_CASE
-from cc_mujoco.whatif.variables import VARIABLES
+from cc_mujoco.plant.variables import VALUES, split
+from cc_mujoco.whatif.across import WORST_CASE
 
 UNSAID = (
     "no variation, too few designs, or designs left out are not foretold by the others"
@@ -38,9 +38,9 @@ WORTH = (
 def unit_of(name: str) -> str:
     """Unit of a metric or a variable; empty where it has none."""
     name, _, of = name.partition("@")
-    if of == WORST_CASE or name == WEARER.name:
+    if of == WORST_CASE:
         return ""
-    thing = METRICS.get(name) or VARIABLES.get(name.rpartition(".")[2])
+    thing = METRICS.get(name) or VALUES.get(split(name)[1])
     return "" if thing is None or thing.unit == "1" else thing.unit
 
 

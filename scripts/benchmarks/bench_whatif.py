@@ -26,10 +26,10 @@ from mujoco.batch import Batch
 from cc_mujoco.control import controller
 from cc_mujoco.engine import untimed
 from cc_mujoco.episode import Single, run
+from cc_mujoco.plant import Plant, Scene
 from cc_mujoco.sensing import PERFECT, Measuring
-from cc_mujoco.simulation.rollout import play
+from cc_mujoco.simulation.rollout import attended, play
 from cc_mujoco.whatif import Execution, Plan, carry_out, make_plan
-from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import episodes
 
 EPISODE = (
@@ -117,9 +117,9 @@ def measure(arguments: argparse.Namespace, step: float, law: str) -> None:
 def physics(plan: Plan, count: int) -> Callable[[], object]:
     """Return what steps a plan's first designs, as they were driven, and no more."""
     protocol = plan.protocol
-    builder = Builder(protocol.scene, protocol.timestep)
-    models = [builder.model(design) for design in plan.designs[:count]]
-    _, _, episode = episodes(protocol, builder)[0]
+    device = Scene(protocol.scene, protocol.timestep)
+    models = [attended(Plant(device, design)) for design in plan.designs[:count]]
+    _, _, episode = episodes(protocol, device)[0]
     exo = episode.exo(models[0])
     script = exo.author.write(np.random.default_rng(0))
     torque = play(episode, models).columns["motor_torque_nm"][:, 1:]
@@ -155,11 +155,11 @@ def rates(count: int, play: Callable[[], object]) -> tuple[float, float]:
 def loop(plan: Plan) -> None:
     """Play designs in single environments, one after another."""
     protocol = plan.protocol
-    builder = Builder(protocol.scene, protocol.timestep)
+    device = Scene(protocol.scene, protocol.timestep)
     for design in plan.designs[:LOOPED]:
-        model = builder.model(design, whole=True)
+        model = Plant(device, design).model(whole=True)
         env: Any = gymnasium.make(
-            builder.device.environment,
+            device.setup.environment,
             disable_env_checker=True,
             model=model,
             trajectory=protocol.trajectory,

@@ -32,11 +32,11 @@ from cc_mujoco.episode import Trace, run
 from cc_mujoco.errors import CableError
 from cc_mujoco.markdown import table
 from cc_mujoco.metrics.torques import unsafe_from
+from cc_mujoco.plant import Plant, Scene
 from cc_mujoco.sensing import Measuring
 from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
 from cc_mujoco.simulation.batched_controller import Laws, Unpowered
 from cc_mujoco.transmission.parameters import PARAMETERS
-from cc_mujoco.whatif.build import Builder
 
 Array = NDArray[np.float64]
 Term = Mapping[str, float]
@@ -111,7 +111,7 @@ def sized(term: Term, share: float) -> dict[str, float]:
 
 def designs(scene: str, terms: Sequence[str], shares: Sequence[float]) -> list[Any]:
     """Return name, share and design of every device that can be built."""
-    builder, found = Builder(scene), []
+    device, found = Scene(scene), []
     for name in terms:
         for share in shares if LARGE[name] else (1.0,):
             design = sized(LARGE[name], share)
@@ -123,7 +123,7 @@ def designs(scene: str, terms: Sequence[str], shares: Sequence[float]) -> list[A
                 design["friction_heating"] /= DEVICES[scene].torque_scale
             design = {
                 f"{cable}.{key}": value + (own.friction if key in _ABOVE else 0.0)
-                for cable, own in builder.cables.items()
+                for cable, own in device.cables.items()
                 for key, value in design.items()
             }
             found.append((name, share, design))
@@ -149,10 +149,10 @@ def play(
         duration: Of an episode [s].
         seed: Of motion and noise.
     """
-    setup, builder = DEVICES[scene], Builder(scene)
+    setup, device = DEVICES[scene], Scene(scene)
 
     def exo(design: Term) -> Exo:
-        model = builder.model(design)
+        model = Plant(device, design).model()
         return Exo(
             setup, setup.trajectory, setup.task, duration, FRAME_SKIP, None, model
         )

@@ -17,9 +17,9 @@ from scipy.stats import spearmanr
 from whatif_study import studied
 
 from cc_mujoco.figures import BLACK, TENSION_COLORS, figure, save, style
-from cc_mujoco.simulation.rollout import play
+from cc_mujoco.plant import Plant, Scene
+from cc_mujoco.simulation.rollout import attended, play
 from cc_mujoco.whatif import make_plan
-from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import episodes
 
 DRUM = np.linspace(0.01, 0.05, 9)
@@ -112,9 +112,9 @@ def racing(lever: float, drum: float) -> float:
     """Part of the time above half the peak power in which the cable is slack."""
     design = {"joint_radius": float(lever), "motor_radius": float(drum)}
     plan = make_plan("ankle", designs=[design], **HOW)
-    builder = Builder("ankle")
-    ((_, _, episode),) = episodes(plan.protocol, builder)
-    columns = play(episode, [builder.model(design)]).columns
+    device = Scene("ankle")
+    ((_, _, episode),) = episodes(plan.protocol, device)
+    columns = play(episode, [attended(Plant(device, design))]).columns
     power = columns["motor_torque_nm"][0] * columns["motor_velocity_rad_s"][0]
     slack = columns["least_tension_n"][0, 0] <= 0.0
     return float(np.mean(slack[power > 0.5 * power.max()]))

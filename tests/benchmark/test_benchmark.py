@@ -35,7 +35,6 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.figures import figure
 from cc_mujoco.human import Hold, Spring
 from cc_mujoco.transmission import Cable
-from cc_mujoco.whatif.build import Builder
 
 WRIST = {
     condition.name: dataclasses.replace(condition, duration=1.05)
@@ -71,19 +70,19 @@ def test_a_seed_and_a_condition_are_one_plant_whoever_else_is_drawn() -> None:
     first, second = draw(USUAL, (3, 5))
     (again,) = draw(USUAL, (5,))
     assert second == again
-    flexors = first.cables["flexor"], second.cables["flexor"]
-    assert len({*flexors, second.cables["extensor"]}) == 3
-    assert first.wearer != second.wearer
+    flexors = first.plant.cables["flexor"], second.plant.cables["flexor"]
+    assert len({*flexors, second.plant.cables["extensor"]}) == 3
+    assert first.plant.wearer != second.plant.wearer
     assert first.bias != second.bias
     other = draw(WRIST["delay-long"], (3,))[0]
-    assert 3 <= other.delay <= 5 and other.cables != first.cables
+    assert 3 <= other.plant.delay <= 5 and other.plant.cables != first.plant.cables
     (exact,) = draw(WRIST["ordinary-exact"], (3,))
     assert exact == first
     many = draw(USUAL, range(60))
-    friction = [plant.cables["flexor"].friction for plant in many]
+    friction = [drawn.plant.cables["flexor"].friction for drawn in many]
     assert np.mean(friction) == pytest.approx(0.1, rel=0.1)
     assert np.std(friction) == pytest.approx(0.015, rel=0.3)
-    assert {plant.delay for plant in many} == {1, 2}
+    assert {drawn.plant.delay for drawn in many} == {1, 2}
 
 
 def test_a_belief_is_wrong_by_its_error_and_without_one_right() -> None:
@@ -112,17 +111,17 @@ def test_cells_played_together_give_what_each_gives_alone() -> None:
 def test_a_cell_is_the_episode_of_the_environment_on_its_plant() -> None:
     cell = Cell(WRIST["delay-none"], "none", (4,))
     found = play(cell).scores["rms_torque_error"]
-    (plant,) = draw(cell.condition, cell.seeds)
+    (drawn,) = draw(cell.condition, cell.seeds)
+    plant = drawn.plant
     env: Any = gymnasium.make(
         "cc_mujoco/WristHandle-v1",
         disable_env_checker=True,
-        trajectory=plant.trajectory,
+        trajectory=drawn.trajectory,
         task=cell.condition.task,
         duration=1.05,
-        wearer=plant.wearer,
-        model=Builder("wrist").model(plant.design, whole=True),
+        model=plant.model(whole=True),
     ).unwrapped
-    _, info = env.reset(seed=plant.seed)
+    _, info = env.reset(seed=drawn.seed)
     assert float(env.drive.cables[0].cable.friction) == plant.cables["flexor"].friction
     errors = []
     for step in range(1051):
@@ -268,5 +267,5 @@ def test_what_cannot_be_played_is_refused() -> None:
 def test_a_hand_that_reverses_at_the_ankle_is_asked_to_hold() -> None:
     named = {c.name: c for c in SUITES["v1"].conditions("ankle")}
     assert isinstance(named["reversals"].task, Hold)
-    (plant,) = draw(named["moving-route"], (0,))
-    assert plant.cables["plantarflexor"].bend == "route"
+    (drawn,) = draw(named["moving-route"], (0,))
+    assert drawn.plant.cables["plantarflexor"].bend == "route"

@@ -27,9 +27,9 @@ from cc_mujoco.envs.exo import Exo
 from cc_mujoco.episode import Trace, run
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics.torques import TOO_LONG, unsafe_from
+from cc_mujoco.plant import Plant
 from cc_mujoco.sensing import MEASURED, TENSIONS, Measuring, Sensors
 from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
-from cc_mujoco.whatif.build import Builder
 from control.devices import pull_pull, single
 
 SAFE = 8.0
@@ -167,19 +167,18 @@ def peaks(
         believed: Friction that the controller believes, over the true one.
         duration: Of the episode [s].
     """
-    setup, builder = DEVICES[scene], Builder(scene)
-    model = builder.model(
-        {f"{cable}.{key}": v for cable in builder.cables for key, v in changes.items()}
+    setup, plant = DEVICES[scene], Plant(scene, changes)
+    exo = Exo(
+        setup, setup.trajectory, setup.task, duration, FRAME_SKIP, None, plant.model()
     )
-    exo = Exo(setup, setup.trajectory, setup.task, duration, FRAME_SKIP, None, model)
     script = exo.author.write(seeding.np_random(0)[0])
     plain = setup.sensing.equip(exo.device.drive(exo.period))
     row = tuple(
         dataclasses.replace(
             one,
-            cable=builder.cables[name].replace(
-                friction=believed * builder.cables[name].friction,
-                static_friction=believed * builder.cables[name].static_friction,
+            cable=plant.device.cables[name].replace(
+                friction=believed * plant.device.cables[name].friction,
+                static_friction=believed * plant.device.cables[name].static_friction,
             ),
         )
         for one, name in zip(plain.cables, exo.device.driven, strict=True)

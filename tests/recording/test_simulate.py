@@ -17,10 +17,10 @@ from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
 from cc_mujoco.human.recorded import from_csv
+from cc_mujoco.plant import Plant
 from cc_mujoco.sensing import PERFECT
-from cc_mujoco.simulation.rollout import Episode
+from cc_mujoco.simulation.rollout import Episode, attended
 from cc_mujoco.simulation.rollout import play as roll_out
-from cc_mujoco.whatif.build import Builder
 
 
 @pytest.mark.parametrize(
@@ -43,9 +43,8 @@ def test_a_log_is_that_of_the_environment_alone_and_in_a_batch(
 
 
 def test_a_log_is_that_of_a_what_if() -> None:
-    setup, builder = DEVICES["wrist"], Builder("wrist")
-    episode = Episode(setup, "sine", Spring(2.0), 0.1, 2, 0, "pi")
-    found = roll_out(episode, [builder.model({})]).columns
+    episode = Episode(DEVICES["wrist"], "sine", Spring(2.0), 0.1, 2, 0, "pi")
+    found = roll_out(episode, [attended(Plant("wrist"))]).columns
     log = simulate(
         "wrist", "pi", motion="sine", task=Spring(2.0), duration=0.1, sensing=PERFECT
     )

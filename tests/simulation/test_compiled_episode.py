@@ -12,11 +12,11 @@ from cc_mujoco.control import Controller
 from cc_mujoco.control.controllers import CONTROLLERS
 from cc_mujoco.control.proportional_integral import ProportionalIntegral
 from cc_mujoco.human import TASKS, Spring, Tunnel
+from cc_mujoco.plant import Plant, Scene
 from cc_mujoco.simulation import rollout
 from cc_mujoco.simulation.compiled_batch import law_of, task_of
-from cc_mujoco.simulation.rollout import Rollout, play
+from cc_mujoco.simulation.rollout import Rollout, attended, play
 from cc_mujoco.whatif import gait, make_plan
-from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.designs import Given
 from cc_mujoco.whatif.evaluate import episodes
 
@@ -40,10 +40,10 @@ def both_ways(
     """Every episode of a study, played inside the steps and from Python."""
     given = {"duration": 0.12, "trajectory": None, **given}
     plan = make_plan(scene, vary, controllers=[law], **given)
-    builder = Builder(scene, plan.protocol.timestep)
-    models = [builder.model(design) for design in plan.designs]
+    device = Scene(scene, plan.protocol.timestep)
+    models = [attended(Plant(device, design)) for design in plan.designs]
     pairs = []
-    for test, _, episode in episodes(plan.protocol, builder, None, plan.designs[0]):
+    for test, _, episode in episodes(plan.protocol, device, None, plan.designs[0]):
         if test not in tests:
             continue
         if test == "episode":

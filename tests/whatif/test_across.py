@@ -18,10 +18,10 @@ from cc_mujoco.control.controllers import CONTROLLERS
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 from cc_mujoco.metrics import METRICS
+from cc_mujoco.plant import Plant
 from cc_mujoco.recording import EpisodeLog
 from cc_mujoco.whatif import Execution, carry_out, make_plan, optimise, study
 from cc_mujoco.whatif.across import Across
-from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.evaluate import evaluate
 from cc_mujoco.whatif.pareto import costs, read_limits, within
 from cc_mujoco.whatif.show import show
@@ -123,7 +123,7 @@ def test_a_wearer_of_factor_one_is_that_of_the_scene_and_others_are_not() -> Non
     )
     assert one["peak_tension"].equals(plain["peak_tension"])
     assert not soft["peak_tension"].equals(plain["peak_tension"])
-    assert Builder("wrist").wearer(2.0) == Wearer(100.0, 1.6)
+    assert Plant("wrist", {"wearer": 2.0}).wearer == Wearer(100.0, 1.6)
 
 
 def test_a_design_is_shown_in_its_worst_case_unless_another_is_asked_for(

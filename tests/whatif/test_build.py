@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -18,28 +17,25 @@ from cc_mujoco.bare import strip
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.engine.mjcf import instances
 from cc_mujoco.errors import CableError
-from cc_mujoco.whatif import build
-from cc_mujoco.whatif.build import Builder
-from cc_mujoco.whatif.variables import Value
+from cc_mujoco.plant import Plant, Scene, plant
 
 SCENES = ("wrist", "ankle")
 
 
 @pytest.fixture(scope="module", params=SCENES)
-def builder(request: pytest.FixtureRequest) -> Builder:
-    return Builder(str(request.param))
+def device(request: pytest.FixtureRequest) -> Scene:
+    return Scene(str(request.param))
 
 
-def test_a_bare_model_moves_as_the_whole_one_bit_for_bit(builder: Builder) -> None:
-    design = builder.check(
-        {"friction": 0.12, "joint_radius": 0.09, "motor_torque": 2.0}
-    )
-    assert moved(builder, design, whole=False) == moved(builder, design, whole=True)
+def test_a_bare_model_moves_as_the_whole_one_bit_for_bit(device: Scene) -> None:
+    one = Plant(device, {"friction": 0.12, "joint_radius": 0.09, "motor_torque": 2.0})
+    one.check()
+    assert moved(one, whole=False) == moved(one, whole=True)
 
 
-def moved(builder: Builder, design: Mapping[str, Value], whole: bool) -> bytes:
-    """The state of a design after a motion."""
-    model = builder.model(design, whole)
+def moved(one: Plant, whole: bool) -> bytes:
+    """Return the state of a plant after a motion."""
+    model = one.model(whole)
     data = mujoco.MjData(model)
     data.qvel[:] = 0.5 * np.random.default_rng(0).standard_normal(model.nv)
     most = model.actuator("motor").ctrlrange[1]
@@ -63,64 +59,62 @@ def test_threads_that_begin_together_copy_one_scene(
         return strip(*given)
 
     def built(friction: float) -> list[float]:
-        one = Builder("wrist", 1.23e-4)  # that no builder has had before
+        one = Scene("wrist", 1.23e-4)  # with a time step that none has had before
         together.wait()
-        found = engine.from_mjcf(one.model({"friction": friction}))
+        found = engine.from_mjcf(Plant(one, {"friction": friction}).model())
         return [cable.friction for cable in found.values()]
 
-    monkeypatch.setattr(build, "strip", slowly)
+    monkeypatch.setattr(plant, "strip", slowly)
     with ThreadPoolExecutor(workers) as pool:
         found = list(pool.map(built, (0.1, 0.2, 0.3, 0.4)))
     assert found == [[x, x] for x in (0.1, 0.2, 0.3, 0.4)]
     assert len(stripped) == 1
 
 
-def test_a_design_says_what_the_cable_is(builder: Builder) -> None:
+def test_a_design_says_what_the_cable_is(device: Scene) -> None:
     design = {"friction": 0.3, "static_friction": 0.0, "loops": 2, "segments": 7}
-    for cable in engine.from_mjcf(builder.model(builder.check(design))).values():
+    for cable in engine.from_mjcf(Plant(device, design).model()).values():
         assert (cable.friction, cable.segments) == (0.3, 7)
         assert cable.wrap == pytest.approx(4.0 * math.pi)
-    nominal = next(iter(builder.cables.values()))
-    longer = builder.cables_of({"length": 2.0 * nominal.length})
+    nominal = next(iter(device.cables.values()))
+    longer = Plant(device, {"length": 2.0 * nominal.length}).cables
     assert all(c.wrap == pytest.approx(nominal.wrap) for c in longer.values())
     assert all(c.length == pytest.approx(2.0 * nominal.length) for c in longer.values())
-    bent = builder.cables_of({"wrap": 3.0})
+    bent = Plant(device, {"wrap": 3.0}).cables
     assert all(c.wrap == pytest.approx(3.0) for c in bent.values())
     assert all(c.length == pytest.approx(nominal.length) for c in bent.values())
-    thick = builder.cables_of({"diameter": 2.0 * builder.device.diameter})
+    thick = Plant(device, {"diameter": 2.0 * device.setup.diameter}).cables
     stiffness = nominal.axial_stiffness
     assert all(
         c.axial_stiffness == pytest.approx(4 * stiffness) for c in thick.values()
     )
-    strength = builder.strength({"diameter": 2.0 * builder.device.diameter})
-    assert all(
-        s == pytest.approx(4 * builder.device.strength) for s in strength.values()
-    )
+    strength = Plant(device, {"diameter": 2.0 * device.setup.diameter}).strength
+    assert all(s == pytest.approx(4 * device.setup.strength) for s in strength.values())
 
 
 def test_break_away_friction_follows_friction_unless_it_is_given() -> None:
-    builder = Builder("wrist")
-    nominal = builder.cables["flexor"]
+    device = Scene("wrist")
+    nominal = device.cables["flexor"]
     ratio = nominal.static_friction / nominal.friction
     assert ratio > 2.0
-    both = builder.cables_of({"friction": 0.05, "extensor.static_friction": 0.06})
+    both = Plant(device, {"friction": 0.05, "extensor.static_friction": 0.06}).cables
     assert both["flexor"].static_friction == pytest.approx(ratio * 0.05)
     assert both["extensor"].static_friction == 0.06
-    alone = builder.cables_of({"static_friction": 0.3})["flexor"]
+    alone = Plant(device, {"static_friction": 0.3}).cables["flexor"]
     assert (alone.friction, alone.static_friction) == (nominal.friction, 0.3)
-    kept = builder.cables_of({"friction": nominal.friction})["flexor"]
+    kept = Plant(device, {"friction": nominal.friction}).cables["flexor"]
     assert kept.static_friction == pytest.approx(nominal.static_friction)
-    rope = builder.cables_of({"material": "steel_ptfe", "static_friction": 0.4})
-    other = builder.cables_of({"material": "steel_ptfe"})["flexor"]
+    rope = Plant(device, {"material": "steel_ptfe", "static_friction": 0.4}).cables
+    other = Plant(device, {"material": "steel_ptfe"}).cables["flexor"]
     assert rope["flexor"].friction == other.friction != nominal.friction
     assert rope["flexor"].static_friction == 0.4
     assert other.static_friction == pytest.approx(ratio * other.friction)
 
 
-def test_pulleys_and_lever_set_the_ratio(builder: Builder) -> None:
-    setup = builder.device
+def test_pulleys_and_lever_set_the_ratio(device: Scene) -> None:
+    setup = device.setup
     design = {"motor_radius": 0.03, "joint_radius": 0.09}
-    model = builder.model(design)
+    model = Plant(device, design).model()
     data = mujoco.MjData(model)
     data.qvel[int(model.joint(setup.joint).dofadr[0])] = 1.0
     mujoco.mj_fwdPosition(model, data)
@@ -136,11 +130,11 @@ def test_pulleys_and_lever_set_the_ratio(builder: Builder) -> None:
 )
 def test_pulleys_weigh_what_discs_do(scene: str, motor: float, joint: float) -> None:
     """In the scene as the comments of its file say; else as radius to the power 4."""
-    builder = Builder(scene)
-    places = ("motor", builder.device.joint)
+    device = Scene(scene)
+    places = ("motor", device.setup.joint)
 
     def inertia(**design: float) -> np.ndarray:
-        model = builder.model(design)
+        model = Plant(device, design).model()
         return np.array([model.dof_M0[model.joint(n).dofadr[0]] for n in places])
 
     small, large = inertia(motor_radius=0.01), inertia(motor_radius=0.03)
@@ -156,20 +150,20 @@ def test_pulleys_weigh_what_discs_do(scene: str, motor: float, joint: float) -> 
 
 
 def test_half_a_pulley_is_each_cable_s() -> None:
-    builder = Builder("wrist")
+    device = Scene("wrist")
     one, both = (
-        builder.model({name: 0.04}).dof_M0[0] - builder.model({}).dof_M0[0]
+        Plant(device, {name: 0.04}).model().dof_M0[0] - Plant(device).model().dof_M0[0]
         for name in ("flexor.motor_radius", "motor_radius")
     )
     assert [one, both] == pytest.approx([7.5 * 1.6e-5, 15.0 * 1.6e-5])
 
 
 def test_one_cable_may_differ_from_the_other() -> None:
-    builder = Builder("wrist")
-    cables = builder.cables_of({"friction": 0.2, "extensor.friction": 0.4})
+    device = Scene("wrist")
+    cables = Plant(device, {"friction": 0.2, "extensor.friction": 0.4}).cables
     assert cables["flexor"].friction == 0.2
     assert cables["extensor"].friction == 0.4
-    model = builder.model({"flexor.motor_radius": 0.03})
+    model = Plant(device, {"flexor.motor_radius": 0.03}).model()
     assert np.sort(np.abs(model.actuator_gear[2:, 0])).tolist() == [
         0.02,
         0.03,
@@ -194,7 +188,7 @@ def test_one_cable_may_differ_from_the_other() -> None:
 )
 def test_impossible_designs_say_why(design: dict[str, object], wrong: str) -> None:
     with pytest.raises(CableError, match=wrong):
-        Builder("wrist").check(design)
+        Plant("wrist", design).check()
 
 
 @pytest.mark.parametrize(
@@ -210,21 +204,21 @@ def test_what_the_drawing_decides_of_an_open_cable_is_not_varied(
     design: dict[str, object], wrong: str
 ) -> None:
     with pytest.raises(CableError, match=wrong) as raised:
-        Builder("finger").check(design)
+        Plant("finger", design).check()
     assert str(raised.value).count(". ") == 0
 
 
 def test_a_bare_open_cable_moves_as_the_whole_one_bit_for_bit() -> None:
-    builder = Builder("finger")
-    design = builder.check({"friction": 0.12, "motor_radius": 0.007})
-    assert moved(builder, design, whole=False) == moved(builder, design, whole=True)
+    one = Plant("finger", {"friction": 0.12, "motor_radius": 0.007})
+    one.check()
+    assert moved(one, whole=False) == moved(one, whole=True)
 
 
 def test_only_the_pieces_of_an_open_path_limit_the_step() -> None:
     stiff = {"axial_stiffness": 1e6, "rotor_inertia": 1e-5}
-    assert Builder("wrist", 0.005).check(stiff)["axial_stiffness"] == 1e6
+    Plant(Scene("wrist", 0.005), stiff).check()
     with pytest.raises(CableError, match="the pieces of its cables are so stiff"):
-        Builder("finger", 0.005).check({"axial_stiffness": 1e6})
+        Plant(Scene("finger", 0.005), {"axial_stiffness": 1e6}).check()
 
 
 def _ends(model: mujoco.MjModel) -> list[tuple[int, int]]:
@@ -239,7 +233,7 @@ def _ends(model: mujoco.MjModel) -> list[tuple[int, int]]:
 @pytest.mark.parametrize("scene", sorted(DEVICES))
 def test_a_simulation_of_a_design_is_small_and_has_room_to_spare(scene: str) -> None:
     """A larger one leaves holes in the allocator, by which a long study grew."""
-    model = Builder(scene).model({})
+    model = Plant(scene).model()
     data = mujoco.MjData(model)
     data.qpos[:] = model.jnt_range[:, 1] + 0.5  # every joint beyond its stop
     for _ in range(20):

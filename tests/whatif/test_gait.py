@@ -18,9 +18,9 @@ from cc_mujoco.human.body import LEG, MASS, SEGMENTS
 from cc_mujoco.human.gait import ANKLE_MOMENT
 from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
 from cc_mujoco.metrics import METRICS, Record
+from cc_mujoco.plant import Plant
 from cc_mujoco.recording import EpisodeLog
 from cc_mujoco.whatif import make_plan, optimise, study
-from cc_mujoco.whatif.build import Builder
 from cc_mujoco.whatif.gait import fitted, profile_of, task_of
 from cc_mujoco.whatif.metrics import of_strides
 from cc_mujoco.whatif.show import show
@@ -271,9 +271,9 @@ def test_a_wearer_of_another_size_is_shown_as_measured(tmp_path: Path) -> None:
 def test_segments_go_with_the_wearer_and_what_is_worn_does_not(whole: bool) -> None:
     """Against two bodies put together by MuJoCo itself."""
     body = Body(100.0, 1.0)
-    builder = Builder("ankle")
-    plain = builder.model({}, whole)
-    model = builder.model({"body_mass": body.mass, "leg_length": body.leg}, whole)
+    plain = Plant("ankle").model(whole)
+    size = {"body_mass": body.mass, "leg_length": body.leg}
+    model = Plant("ankle", size).model(whole)
     for name, share in SEGMENTS.items():
         old, new, limb = plain.body(name), model.body(name), share * MASS
         worn = float(old.mass[0]) - limb

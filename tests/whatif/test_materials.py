@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.whatif import MATERIALS, make_plan, study
-from cc_mujoco.whatif.build import Builder
-from cc_mujoco.whatif.materials import ENDS, SOURCES, area
+from cc_mujoco.plant import MATERIALS, Plant, Scene
+from cc_mujoco.plant.materials import ENDS, SOURCES, area
+from cc_mujoco.whatif import make_plan, study
 
 SHORT: dict[str, Any] = {
     "duration": 0.1,
@@ -59,21 +59,22 @@ def test_a_material_is_what_its_numbers_set_by_hand_are(end: str) -> None:
 
 
 def test_static_friction_stays_as_far_above_kinetic_as_in_the_scene() -> None:
-    builder = Builder("wrist")
-    scene = builder.cables["flexor"]
-    for name, cable in builder.cables_of({"material": "steel_ptfe"}).items():
+    device = Scene("wrist")
+    scene = device.cables["flexor"]
+    for name, cable in Plant(device, {"material": "steel_ptfe"}).cables.items():
         assert cable.friction == 0.06
         assert cable.static_friction / cable.friction == pytest.approx(
             scene.static_friction / scene.friction
         )
-        own = builder.cables_of({"material": "steel_ptfe", "static_friction": 0.07})
+        own = Plant(device, {"material": "steel_ptfe", "static_friction": 0.07}).cables
         assert own[name].static_friction == 0.07
 
 
 def test_stiffness_and_strength_go_with_the_square_of_each_cable_s_diameter() -> None:
-    builder, row = Builder("wrist"), MATERIALS["dyneema_steel"]
+    row = MATERIALS["dyneema_steel"]
     design = {"material": row.name, "flexor.diameter": 2e-3, "extensor.diameter": 1e-3}
-    cables, loads = builder.cables_of(design), builder.strength(design)
+    plant = Plant("wrist", design)
+    cables, loads = plant.cables, plant.strength
     for found in (loads, {n: c.axial_stiffness for n, c in cables.items()}):
         assert found["flexor"] == pytest.approx(4.0 * found["extensor"])
     assert loads["extensor"] == pytest.approx(row.strength.typical * area(1e-3))
@@ -111,5 +112,5 @@ def test_a_material_that_cannot_be_says_why(
     scene: str, design: dict[str, object], wrong: str
 ) -> None:
     with pytest.raises(CableError, match=wrong) as raised:
-        Builder(scene).check(design)
+        Plant(scene, design).check()
     assert "\n" not in str(raised.value)

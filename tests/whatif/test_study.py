@@ -17,14 +17,15 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.control import Controller, Drive, Network, write_policy
 from cc_mujoco.control.controllers import CONTROLLERS
+from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Sine, from_csv
 from cc_mujoco.metrics import METRICS
+from cc_mujoco.plant import VARIABLES
 from cc_mujoco.recording import EpisodeLog
 from cc_mujoco.sensing import MEASURED
 from cc_mujoco.simulation.batched_controller import Laws
-from cc_mujoco.whatif import VARIABLES, Execution, carry_out, make_plan, study
-from cc_mujoco.whatif.build import Builder
+from cc_mujoco.whatif import Execution, carry_out, make_plan, study
 from cc_mujoco.whatif.evaluate import evaluate
 from cc_mujoco.whatif.metrics import USUAL, lacking
 from cc_mujoco.whatif.sections import controllers_out
@@ -412,7 +413,7 @@ def test_controllers_that_need_a_drive_each_get_one(
 def test_a_saved_policy_drives_designs_as_their_environments(
     scene: str, tmp_path: Path
 ) -> None:
-    drive = gymnasium.make(Builder(scene).device.environment).unwrapped.drive  # type: ignore[attr-defined]
+    drive = gymnasium.make(DEVICES[scene].environment).unwrapped.drive  # type: ignore[attr-defined]
     observed = drive.observed
     size = observed.frame
     weights = np.array([[0.3, -0.5, 0.2, -0.1, 0.8, 0.4, 0.1, -0.1]])[:, :size]

@@ -1,7 +1,8 @@
-"""Variables of a designer: one table of names, units, bounds and meanings.
+"""Variables of a plant: one table of names, units, bounds and meanings.
 
 Every parameter of a cable is a variable; those below are of the route, the pulleys, the
-motor and the rope. `CABLE.NAME` is a variable of one cable alone (`flexor.friction`).
+motor, the rope, the wearer and the sensors. `CABLE.NAME` is a variable of one cable
+alone (`flexor.friction`).
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ from cc_mujoco.human import Profile
 from cc_mujoco.human.body import HEAVIEST, LEG, LIGHTEST, LONGEST, MASS, SHORTEST
 from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
 from cc_mujoco.human.profile import MOST as PEAK
+from cc_mujoco.plant.materials import ENDS, MATERIALS
+from cc_mujoco.plant.motors import MOTORS
 from cc_mujoco.transmission.parameter import Parameter
 from cc_mujoco.transmission.parameters import KEYS, MAX_SEGMENTS, PARAMETERS
-from cc_mujoco.whatif.materials import ENDS, MATERIALS
-from cc_mujoco.whatif.motors import MOTORS
 
 Value = float | int | str
 """Value of a variable: a number, or a text where the variable is one."""
@@ -37,6 +38,13 @@ OF_CABLES: dict[str, Parameter] = {
             Parameter(key, meaning=f"configuration key `{key}` as text", text=True)
             for key in KEYS
             if key not in {"segments", *(p.name for p in PARAMETERS)}
+        ),
+        Parameter(
+            "break_away",
+            "1",
+            "static over kinetic friction, at least 1; 0 is off",
+            0,
+            1e9,
         ),
         Parameter(
             "loops", "1", "round loops that the whole conduit makes", 0, 100, True
@@ -209,7 +217,38 @@ VARIABLES: dict[str, Parameter] = OF_CABLES | {
         ),
     )
 }
-"""Every variable by name."""
+"""Every variable of a design by name."""
+
+WEARER = Parameter(
+    "wearer",
+    "1",
+    "stiffness and damping of the wearer, times those of the scene; a joint that is "
+    "held stays held",
+    low=1e-3,
+    high=1e3,
+)
+"""Variable that cases and episodes may have beside those of designs."""
+
+DELAY = Parameter(
+    "delay", "samples", "by which measurements are late", 0, 1000, whole=True
+)
+NOISE = Parameter("noise", "1", "of the sensors, times that of the device", 0, 1e3)
+
+IN_EPISODES: dict[str, Parameter] = {
+    variable.name: variable
+    for variable in (
+        WEARER,
+        DELAY,
+        NOISE,
+        *PARAMETERS,
+        OF_CABLES["break_away"],
+        OF_CABLES["wrap"],
+    )
+}
+"""Variables that may change from episode to episode of one compiled model."""
+
+VALUES: dict[str, Parameter] = VARIABLES | IN_EPISODES
+"""Every variable of a plant by name."""
 
 SETS: dict[str, tuple[str, ...]] = {
     "material": ("friction", "axial_stiffness", "strength", "rope_density"),
@@ -229,46 +268,66 @@ CONFLICTS: tuple[tuple[str, ...], ...] = (
     ("conduit", "length"),
     ("diameter", "axial_stiffness"),
     ("diameter", "strength"),
+    ("break_away", "static_friction"),
     *((name, one) for name, them in SETS.items() for one in them),
 )
 """Variables of which a design may set only one, because they set the same thing."""
 
 
-def find(name: str, cables: Iterable[str]) -> Parameter:
+def split(name: str) -> tuple[str | None, str]:
+    """Return the cable and the variable that a name stands for; None is any cable."""
+    cable, dot, own = name.rpartition(".")
+    return (cable if dot else None), own
+
+
+def describe(name: str) -> Parameter:
+    """Return the variable of a name that was found before, for its unit and meaning."""
+    return VALUES[split(name)[1]]
+
+
+def find(
+    name: str,
+    cables: Iterable[str],
+    among: Mapping[str, Parameter] = VARIABLES,
+    kind: str = "variable",
+) -> Parameter:
     """Look a variable up, with or without the name of a cable before it.
 
     Args:
         name: `NAME` or `CABLE.NAME`.
         cables: the cables of the scene.
+        among: the variables that there are.
+        kind: what an error calls them.
 
     Raises:
         CableError: there is no such variable or cable.
     """
-    cable, dot, own = name.rpartition(".")
-    if own not in VARIABLES:
-        raise CableError.unknown("variable", name, VARIABLES)
-    variable = VARIABLES[own]
-    if dot and cable not in set(cables):
+    cable, own = split(name)
+    if own not in among:
+        raise CableError.unknown(kind, name, among)
+    if cable is None:
+        return among[own]
+    if cable not in set(cables):
         raise CableError.unknown("cable", cable, cables)
-    if dot and own not in OF_CABLES:
+    if own not in OF_CABLES:
         raise CableError(
             f"variable {own!r} belongs to no cable; write {own!r}, not {name!r}."
         )
-    return variable
+    return among[own]
 
 
-def read_design(
-    design: Mapping[str, object], cables: Iterable[str]
+def read_values(
+    values: Mapping[str, object], cables: Iterable[str]
 ) -> dict[str, Value]:
-    """A design with its names and values checked, in the order given.
+    """Return values with names and bounds checked, in the order given.
 
     Raises:
         CableError: an unknown name, a value out of bounds, or two names for one thing.
     """
     cables = tuple(cables)
     read = {
-        name: find(name, cables).read(value, f"variable {name!r}")
-        for name, value in design.items()
+        name: find(name, cables, VALUES).read(value, f"variable {name!r}")
+        for name, value in values.items()
     }
     for cable in cables:
         for group in CONFLICTS:
@@ -279,3 +338,14 @@ def read_design(
                     "vary one of them."
                 )
     return read
+
+
+def of_cable(values: Mapping[str, Value], cable: str) -> dict[str, Value]:
+    """Return the values for a cable; those that name it take precedence."""
+    own = {name: value for name, value in values.items() if "." not in name}
+    start = f"{cable}."
+    return own | {
+        name[len(start) :]: value
+        for name, value in values.items()
+        if name.startswith(start)
+    }

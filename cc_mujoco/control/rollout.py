@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled, internal
-from cc_mujoco.transmission import stepper
+from cc_mujoco.transmission import root, stepper
 from cc_mujoco.transmission.packing import node_stiffness, tensions
 
 _EVALUATIONS = 12
@@ -30,7 +30,8 @@ def joint_for(
 ) -> float:
     """Angle of the joint at which the cables make a torque [rad]; moves them there.
 
-    The torque falls as the joint turns: bracket from `start`, then regula falsi.
+    The torque falls as the joint turns: bracket from `start`, then regula falsi
+    (`root`).
 
     Args:
         cables: of the transmission.
@@ -44,28 +45,18 @@ def joint_for(
         new: out, after the step.
         work: scratch.
     """
-    low, f_low, high, f_high = 0.0, 0.0, 0.0, 0.0
-    has_low, has_high, side = False, False, 0
-    at, reach = 0.0, 0.0
+    bracket, at, reach = root.UNKNOWN, 0.0, 0.0
     for _ in range(2 * _EVALUATIONS):
         stepper.move(cables, state, motor, start + at, dt, new, work)
         over = stepper.torque(cables, new, True, motor)[0] - torque
         if abs(over) <= tolerance:
             break
-        if over > 0.0:
-            low, f_low, has_low = at, over, True
-            f_high *= 0.5 if side > 0 else 1.0
-            side = 1
-        else:
-            high, f_high, has_high = at, over, True
-            f_low *= 0.5 if side < 0 else 1.0
-            side = -1
-        if has_low and has_high:
-            at = low - f_low * (high - low) / (f_high - f_low)
+        bracket = root.narrowed(bracket, at, -over)
+        if root.encloses(bracket):
+            at = root.between(bracket)
         else:
             reach = max(2.0 * reach, _LEAST_STEP * abs(over) / stiffness)
             at += reach if over > 0.0 else -reach
-            side = 0
     return start + at
 
 
@@ -167,8 +158,7 @@ def motor_for(
     before = leapt if drags else state
     along = turned * cables.distal[0] / cables.proximal[0] if drags else 0.0
     toward = way * np.sign(rise)
-    low, f_low, high, f_high = 0.0, 0.0, 0.0, 0.0
-    known, side, at, step, tried = False, 0, 0.0, 0.0, 0.0
+    bracket, known, at, step, tried = root.UNKNOWN, False, 0.0, 0.0, 0.0
     for turn in range(_EVALUATIONS):
         tried = at
         if drags:
@@ -186,19 +176,14 @@ def motor_for(
         if lack > 0.0:
             if at >= most:
                 break
-            f_high *= 0.5 if side > 0 else 1.0
-            if turn > 0 and f_low > lack:
+            before_lack, gone = -bracket.f_low, at - bracket.low
+            if turn > 0 and before_lack > lack:
                 # A secant, a little further, so that the root is soon enclosed.
-                step = min(1.2 * lack * (at - low) / (f_low - lack), 4.0 * (at - low))
+                step = min(1.2 * lack * gone / (before_lack - lack), 4.0 * gone)
             else:
                 step = max(lack / abs(rise), 2.0 * step)
-            low, f_low, side = at, lack, 1
-        else:
-            f_low *= 0.5 if side < 0 else 1.0
-            high, f_high, known, side = at, lack, True, -1
-        if known:
-            at = low - f_low * (high - low) / (f_high - f_low)
-        else:
-            at = min(low + step, most)
+        bracket = root.narrowed(bracket, at, -lack)
+        known = bracket.high < np.inf
+        at = root.between(bracket) if known else min(bracket.low + step, most)
     # `new` is the state at the last angle that was tried.
     return start + way * (at if known else tried)

@@ -13,7 +13,6 @@ from cc_mujoco.transmission import friction as law
 from cc_mujoco.transmission import packing as at
 
 _EA = law.INDEX["axial_stiffness"]
-_PRETENSION = law.INDEX["pretension"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
 _PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
 _BRISTLE = law.INDEX["bristle_length"]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray, compiled, internal
-from cc_mujoco.transmission import eccentric, kernel
+from cc_mujoco.transmission import eccentric, kernel, root
 from cc_mujoco.transmission.conduit import packed
 from cc_mujoco.transmission.packing import node_stiffness, scalars, tensions
 from cc_mujoco.transmission.parameters import PARAMETERS, Cable
@@ -197,8 +197,7 @@ def balance(
 
     The torque at the motor grows with its angle and that at the joint falls with it,
     piecewise smoothly: secants from where the side was until they bracket it, then
-    regula falsi with the Illinois rule. A single cable cannot push; asked to, it goes
-    slack.
+    regula falsi (`root`). A single cable cannot push; asked to, it goes slack.
 
     Args:
         cables: of the transmission.
@@ -239,9 +238,7 @@ def balance(
         stiffest += arm[k] ** 2 * max(own[0], own[cables.n[k]])
     at, reach = min(max(start, load.low), load.high), 0.0
     before, f_before = at, 0.0
-    low, high, f_low, f_high = at, at, 0.0, 0.0
-    has_low, has_high = False, False
-    side = 0
+    bracket = root.UNKNOWN
     for _ in range(STEPS):
         motor = fixed if distal else at
         move(cables, state, motor, at if distal else fixed, dt, new, work)
@@ -250,26 +247,14 @@ def balance(
         error = sign * (found - aim)
         if abs(error) <= TOLERANCE * (size + abs(aim)):
             break
-        if error > 0.0:
-            if at <= load.low:
-                break
-            high, f_high, has_high = at, error, True
-            if side > 0:
-                f_low *= 0.5
-            side = 1
-        else:
-            if at >= load.high:
-                break
-            low, f_low, has_low = at, error, True
-            if side < 0:
-                f_high *= 0.5
-            side = -1
-        if has_low and has_high:
+        if at <= load.low if error > 0.0 else at >= load.high:
+            break
+        bracket = root.narrowed(bracket, at, error)
+        if root.encloses(bracket):
+            low, high = bracket.low, bracket.high
             if high - low <= 4e-16 * (abs(high) + abs(low)):
                 break
-            at = low - f_low * (high - low) / (f_high - f_low)
-            if at <= low or at >= high:
-                at = 0.5 * (low + high)
+            at = root.between(bracket)
         else:
             # No cable is stiffer than at its end, so the first step falls short. The
             # next go where the last two points tell, not too far where one is slack.
@@ -282,5 +267,4 @@ def balance(
             at = min(max(at, load.low), load.high)
             if at == before:
                 break
-            side = 0
     return at

@@ -4,10 +4,14 @@
     differences(then, made_by("law:make"))  # ["law.py"] once it is edited
 
 It is the library's own sources and scenes, the versions of what it computes with, and
-the user's files: the module of a controller, whatever it imports from outside the
-standard library and the installed packages, a policy's file, and files that lie below
-the working directory or beside such a module and were opened while the controller was
-made. What compiled code opens, or a controller reads only later, is not seen.
+the user's files: the module of a controller or metric, the modules that it imports from
+outside the standard library and the installed packages, a policy's file, and the files
+that such a module declares:
+
+    CC_MUJOCO_FILES = ("gains.toml",)  # in law.py; relative to its folder
+
+What is not seen: a file that a module reads but does not declare, and a module that it
+imports by a name that is no constant (`importlib.import_module`), unless declared.
 """
 
 from __future__ import annotations
@@ -22,13 +26,13 @@ import os
 import site
 import sys
 import sysconfig
-import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from types import FrameType, ModuleType
+from types import ModuleType
 from typing import Any
 
+from cc_mujoco.errors import CableError
 from cc_mujoco.files import KEY
 
 POLICY = ".safetensors"
@@ -37,11 +41,8 @@ POLICY = ".safetensors"
 VERSIONED = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "numba", "scipy")
 """Packages that decide the numbers."""
 
-_opened: dict[str, set[str]] = {}
-"""Files that code opened, by the path of its source or the name of a controller."""
-_digests: dict[str, str] = {}
-"""Digests of files as they were when they were last read."""
-_loading = threading.local()
+DECLARED = "CC_MUJOCO_FILES"
+"""Name in a user's module of the files that it reads, a tuple of paths."""
 
 
 def versions() -> dict[str, str]:
@@ -69,14 +70,15 @@ def made_by(*controllers: str, trajectory: str = "") -> dict[str, Any]:
     """Return what makes numbers in this process, as plain JSON.
 
     Args:
-        controllers: names of those that were made before, in `watched`.
+        controllers: names of controllers and metrics that were made before.
         trajectory: name, or path of a CSV file.
+
+    Raises:
+        CableError: a module declares files that cannot be read.
     """
     files = {}
     if trajectory.lower().endswith(".csv"):
-        place = os.path.abspath(trajectory)
-        _digests.pop(place, None)
-        files[trajectory] = _digest(place)
+        files[trajectory] = _digest(os.path.abspath(trajectory))
     for controller in filter(is_outside, controllers):
         files |= _files(controller)
     return {"versions": versions(), "sources": sources(), "files": files}
@@ -136,53 +138,6 @@ def is_outside(controller: str) -> bool:
     return ":" in controller or controller.endswith(POLICY)
 
 
-@contextlib.contextmanager
-def watched(controller: str) -> Iterator[None]:
-    """Note what is opened while a controller from outside is made."""
-    _listen()
-    before = getattr(_loading, "controller", None)
-    _loading.controller = controller
-    try:
-        yield
-    finally:
-        _loading.controller = before
-
-
-@cache
-def _listen() -> None:
-    """Watch which files are opened; the hook stays for the life of the process."""
-    _foreign()  # which opens files itself
-    sys.addaudithook(_hear)
-
-
-def _hear(event: str, arguments: tuple[Any, ...]) -> None:
-    controller = getattr(_loading, "controller", None)
-    if controller is None or event != "open" or not isinstance(arguments[0], str):
-        return
-    path, mode, flags = arguments
-    writes = os.O_WRONLY | os.O_RDWR | os.O_CREAT
-    if set(mode) & set("wax+") if mode else flags & writes:
-        return
-    path = os.path.abspath(path)
-    if os.path.basename(os.path.dirname(path)) == "__pycache__":
-        try:
-            path = importlib.util.source_from_cache(path)
-        except ValueError:
-            return
-    if not _own(path):
-        return
-    if not path.endswith(".py"):
-        # Read anew each time, where a module stays as it was imported first.
-        _digests.pop(path, None)
-    _opened.setdefault(controller, set()).add(path)
-    frame: FrameType | None = sys._getframe(1)
-    while frame is not None:
-        owner = frame.f_code.co_filename
-        if _own(owner):
-            _opened.setdefault(owner, set()).add(path)
-        frame = frame.f_back
-
-
 @cache
 def _own(path: str) -> bool:
     """Return whether a path is a user's file: not of Python, nor of a package."""
@@ -211,30 +166,50 @@ def _files(controller: str) -> dict[str, str]:
         first = _source(sys.modules.get(name)) or ""
         up = name.count(".") + first.endswith("__init__.py")
         base = str([*Path(first).parents, Path.cwd()][up]) if first else os.getcwd()
-    left, found = [controller, first], {first} - {""}
-    while left:
-        here = left.pop()
-        more = _opened.get(here, set()) | (
-            _imported(here) if here.endswith(".py") else set()
-        )
-        for path in more - found:
-            if path.endswith(".py") or _below(path, base) or _below(path, os.getcwd()):
-                found.add(path)
-                left.append(path)
+    found = [first] if first else []
+    for path in found:  # which grows
+        if path.endswith(".py"):
+            more = {*_imported(path), *_declared(path)}
+            found += sorted(more.difference(found))
     named = {}
-    for path in sorted(found):
+    for path in found:
         near = next((b for b in (base, os.getcwd()) if _below(path, b)), None)
         name = os.path.relpath(path, near) if near else path
         named[name.replace(os.sep, "/")] = _digest(path)
     return named
 
 
+def _module(path: str) -> ModuleType | None:
+    """Return the loaded module of a source."""
+    return next((m for m in list(sys.modules.values()) if _source(m) == path), None)
+
+
+def _declared(path: str) -> list[str]:
+    """Return the files that a user's module declares.
+
+    Raises:
+        CableError: one of them cannot be read, or the declaration is none.
+    """
+    files = getattr(_module(path), DECLARED, ())
+    if isinstance(files, str | os.PathLike) or not all(
+        isinstance(each, str | os.PathLike) for each in files
+    ):
+        raise CableError(
+            f"{path}: {DECLARED} is {files!r}; it must be a tuple of paths."
+        )
+    found = [os.path.join(os.path.dirname(path), each) for each in files]
+    for place in found:
+        if not os.access(place, os.R_OK):
+            raise CableError(f"{path}: {DECLARED} names {place}, which cannot be read.")
+    return [os.path.normpath(place) for place in found]
+
+
 def _imported(path: str) -> set[str]:
     """Return the user's modules that a source of theirs imports, if they are loaded."""
-    module = next((m for m in list(sys.modules.values()) if _source(m) == path), None)
+    module = _module(path)
     try:
-        tree = ast.parse(Path(path).read_bytes())
-    except (OSError, SyntaxError, ValueError):
+        tree = ast.parse(_source_code(path) or b"")
+    except (SyntaxError, ValueError):
         return set()
     names: set[str] = set()
     for node in ast.walk(tree):
@@ -265,12 +240,19 @@ def _below(path: str, folder: str) -> bool:
     return inner != path and f"{os.sep}." not in os.sep + inner
 
 
+def _content(path: str) -> bytes | None:
+    """Return what is in a file; None if it cannot be read."""
+    try:
+        return Path(path).read_bytes()
+    except OSError:
+        return None
+
+
+_source_code = cache(_content)
+"""Content of a module as first read: a process goes on with what it imported."""
+
+
 def _digest(path: str) -> str:
-    """Return a file's digest, as it was when last read; empty if it cannot be read."""
-    if path not in _digests:
-        try:
-            content = Path(path).read_bytes()
-        except OSError:
-            return ""
-        _digests[path] = hashlib.sha256(content).hexdigest()[:24]
-    return _digests[path]
+    """Return a file's digest; empty if it cannot be read."""
+    content = _source_code(path) if path.endswith(".py") else _content(path)
+    return "" if content is None else hashlib.sha256(content).hexdigest()[:24]

@@ -14,24 +14,24 @@ import pytest
 
 import cc_mujoco
 from cc_mujoco.control import Drive, controller
+from cc_mujoco.errors import CableError
 from cc_mujoco.identity import differences, made_by, seal, sealed, told
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(cc_mujoco.__file__).parents[1])}
 DRIVE = Drive(5.0, -1.0, 1.0, 1e-3)
 FILES = {
-    "law.py": "from pathlib import Path\nfrom deep import late\n"
+    "law.py": "from deep import late\n"
     "from pack.helper import GAIN\n"
-    "SET = Path('gains.toml').read_text()\n"
-    "def make(drive):\n"
-    "    rows = Path(late.PATH).read_text()\n"
-    "    return lambda seen: GAIN\n"
+    "CC_MUJOCO_FILES = ('gains.toml', 'data/../plug.py')\n"
+    "def make(drive):\n    return lambda seen: GAIN\n"
     "def other(drive):\n    return lambda seen: 0.0\n",
     "gains.toml": "gain = 1.0\n",
     "pack/__init__.py": "",
     "pack/helper.py": "from . import deeper\nGAIN = deeper.GAIN\n",
     "pack/deeper.py": "import importlib\nGAIN = importlib.import_module('plug').GAIN\n",
     "plug.py": "GAIN = 0.1\n",
-    "deep.py": "class late:\n    PATH = 'data/rows.csv'\n",
+    "deep.py": "from pathlib import Path\nclass late:\n    PATH = 'data/rows.csv'\n"
+    "CC_MUJOCO_FILES = [Path(late.PATH)]\n",
     "data/rows.csv": "1,2\n",
     "idle.py": "GAIN = 2.0\n",
     "idle.toml": "gain = 2.0\n",
@@ -57,7 +57,7 @@ def _forget(before: set[str]) -> None:
             del sys.modules[name]
 
 
-def test_the_files_of_a_controller_are_all_that_making_it_read(project: Path) -> None:
+def test_the_files_of_a_controller_are_imported_or_declared(project: Path) -> None:
     controller("law:make", DRIVE)
     files = made_by("law:make")["files"]
     assert set(files) == {name for name in FILES if "idle" not in name}
@@ -114,6 +114,23 @@ def test_what_a_process_imported_stays_what_it_was(project: Path) -> None:
     (project / "law.py").write_text("broken")
     controller("law:make", DRIVE)
     assert differences(then, made_by("law:make")) == []
+
+
+@pytest.mark.parametrize(
+    ("declared", "why"),
+    [
+        ("('gain.toml',)", r"names .*gain\.toml, which cannot be read"),
+        ("'gains.toml'", "must be a tuple of paths"),
+        ("(1.0,)", "must be a tuple of paths"),
+    ],
+)
+def test_a_declaration_that_names_no_file_is_refused(
+    project: Path, declared: str, why: str
+) -> None:
+    (project / "plug.py").write_text(f"GAIN = 1.0\nCC_MUJOCO_FILES = {declared}\n")
+    controller("law:make", DRIVE)
+    with pytest.raises(CableError, match=rf"plug\.py: CC_MUJOCO_FILES .*{why}"):
+        made_by("law:make")
 
 
 def test_a_recorded_trajectory_counts(project: Path) -> None:

@@ -23,7 +23,7 @@ from cc_mujoco.control.proportional_integral import Feedback, ProportionalIntegr
 from cc_mujoco.control.stiction import StictionCompensation
 from cc_mujoco.control.tensions import AdaptiveModel, FusedFeedback
 from cc_mujoco.errors import look_up
-from cc_mujoco.identity import POLICY, is_outside, watched
+from cc_mujoco.identity import POLICY, is_outside
 
 CONTROLLERS: dict[str, type[Controller]] = {
     "none": FeedForward,
@@ -55,9 +55,8 @@ def controller(name: str | Callable[[Drive], Any], drive: Drive) -> Controller:
     """
     if not isinstance(name, str):
         return from_callable(name, drive)
+    if name.endswith(POLICY):
+        return Policy(drive, name)
     if is_outside(name):
-        with watched(name):
-            if name.endswith(POLICY):
-                return Policy(drive, name)
-            return from_callable(name, drive)
+        return from_callable(name, drive)
     return look_up("controller", name, CONTROLLERS)(drive)

@@ -163,7 +163,7 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
     for stem in FIGURES:
         monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
     Path("helper.py").write_text(
-        "from pathlib import Path\n"
+        "from pathlib import Path\nCC_MUJOCO_FILES = ('gain.toml',)\n"
         "def gain():\n    return float(Path('gain.toml').read_text())\n"
     )
     Path("mine.py").write_text(

@@ -125,7 +125,7 @@ def test_a_metric_whose_module_has_changed_makes_a_table_anew() -> None:
     from cc_mujoco import identity
 
     module("mine_b", compute="1.0")
-    identity._digests.clear()
+    identity._source_code.cache_clear()
     with pytest.raises(CableError, match=r"differs in mine_b\.py"):
         study("wrist", VARY, **about)
 

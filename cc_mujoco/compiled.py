@@ -32,7 +32,7 @@ INTEGER, REAL, REALS = types.int64, types.float64, types.float64[::1]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-stamp_compiled_code()
+stamp_compiled_code(Path(__file__).parent)
 
 _NOTICE = "cc_mujoco: compiling; this happens once, 1-2 min\n"
 _NOT_KEPT = (

@@ -12,9 +12,10 @@ from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
 
 import cc_mujoco.control
-import cc_mujoco.engine  # noqa: F401
+import cc_mujoco.engine
 from cc_mujoco import code_stamp
 
+PACKAGE = Path(cc_mujoco.control.__file__).parents[1]
 SOURCES = {
     "law.py": "from cc_mujoco.room import (\n    gain,\n    other,\n)\n",
     "room/__init__.py": "",
@@ -26,12 +27,11 @@ SOURCES = {
 
 
 @pytest.fixture
-def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def package(tmp_path: Path) -> Path:
     root = tmp_path / "cc_mujoco"
     for name, text in SOURCES.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(text)
-    monkeypatch.setattr(code_stamp, "_ROOT", root)
     return root
 
 
@@ -39,7 +39,7 @@ def stamp(file: Path) -> str:
     code_stamp.digest.cache_clear()
     code_stamp._imported.cache_clear()
     try:
-        return code_stamp.digest(file)
+        return code_stamp.digest(file, file.parent)
     finally:
         code_stamp.digest.cache_clear()
         code_stamp._imported.cache_clear()
@@ -78,7 +78,7 @@ def test_every_compiled_function_that_another_calls_is_in_its_stamp() -> None:
         ]
         known, left = {file}, [file]
         while left:
-            new = code_stamp._imported(left.pop()) - known
+            new = code_stamp._imported(left.pop(), PACKAGE) - known
             known |= new
             left += new
         for callee in callees:
@@ -89,10 +89,7 @@ def test_numba_uses_the_stamp_here_and_its_own_elsewhere(tmp_path: Path) -> None
     from cc_mujoco.control import guard
 
     ours: Any = FunctionCache(guard.released.py_func)  # type: ignore[attr-defined]
-    assert ours._impl.locator.get_source_stamp() == code_stamp.digest(
-        Path(guard.__file__)
-    )
+    stamped = code_stamp.digest(Path(guard.__file__), PACKAGE)
+    assert ours._impl.locator.get_source_stamp() == stamped
     other: Any = FunctionCache(stamp)
-    assert other._impl.locator.get_source_stamp() != code_stamp.digest(
-        Path(guard.__file__)
-    )
+    assert other._impl.locator.get_source_stamp() != stamped

@@ -1,8 +1,4 @@
-"""The decorator of compiled functions, and the guard of what it stored on disk.
-
-Numba keeps compiled code until the file of that function changes, and does not look
-at the functions it calls. So code older than any source here is thrown away.
-"""
+"""The decorator of compiled functions, which Numba keeps until their sources change."""
 
 from __future__ import annotations
 
@@ -13,20 +9,12 @@ from typing import Any, TypeVar, cast
 import numba
 from numba import njit
 
+from cc_mujoco.code_stamp import stamp_compiled_code
+
 types: Any = numba.types
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_HERE = Path(__file__).parent
-
-
-def _drop_stale_code() -> None:
-    newest = max(source.stat().st_mtime for source in _HERE.rglob("*.py"))
-    for index in _HERE.rglob("__pycache__/*.nbi"):
-        if index.stat().st_mtime < newest:
-            index.unlink(missing_ok=True)
-
-
-_drop_stale_code()
+stamp_compiled_code(Path(__file__).parent)
 
 
 def compiled(function: Function) -> Function:

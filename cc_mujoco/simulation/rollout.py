@@ -6,6 +6,7 @@ with the same bits.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -35,6 +36,8 @@ from cc_mujoco.simulation.compiled_batch import (
 from cc_mujoco.simulation.compiled_episode import KEPT, attend
 
 Array = NDArray[np.float64]
+
+_ONE = threading.Lock()
 
 COLUMNS = (*KEPT, "tension_n", "dissipated_j", "least_tension_n")
 """Columns that change from step to step."""
@@ -101,7 +104,8 @@ def attended(plant: Plant) -> mujoco.MjModel:
         CableError: the plant cannot be compiled.
     """
     spec = plant.spec()
-    attend(spec)  # at last, as a copy loses what no element refers to
+    with _ONE:  # two threads would register the plugin twice
+        attend(spec)  # at last, as a copy loses what no element refers to
     return spec.compile()
 
 

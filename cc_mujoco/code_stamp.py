@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import _SourceFileBackedLocatorMixin
+from numba.core.caching import IndexDataCacheFile, _SourceFileBackedLocatorMixin
 
 _packages: set[Path] = set()
 """Folders of the packages whose functions have such a stamp."""
@@ -33,6 +33,11 @@ def stamp_compiled_code(package: Path) -> None:
 
 @cache
 def _replace_stamp() -> None:
+    """Replace Numba's stamp, and how it reads what it kept.
+
+    An index of an earlier version may name a class that has another name or place now.
+    Numba reads the index before it compares the stamps; here it counts as outdated.
+    """
     locator: Any = _SourceFileBackedLocatorMixin
     usual = locator.get_source_stamp
 
@@ -43,6 +48,18 @@ def _replace_stamp() -> None:
         return digest(file, package) if ours else usual(self)
 
     locator.get_source_stamp = get_source_stamp
+    index: Any = IndexDataCacheFile
+    usual_index = index._load_index
+
+    def load_index(self: Any) -> Any:
+        try:
+            return usual_index(self)
+        except (AttributeError, ImportError):
+            if not isinstance(self._source_stamp, str):  # not of such a package
+                raise
+            return {}
+
+    index._load_index = load_index
 
 
 @cache

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import inspect
+import pickle
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
 import cc_mujoco.control
@@ -93,3 +94,16 @@ def test_numba_uses_the_stamp_here_and_its_own_elsewhere(tmp_path: Path) -> None
     assert ours._impl.locator.get_source_stamp() == stamped
     other: Any = FunctionCache(stamp)
     assert other._impl.locator.get_source_stamp() != stamped
+
+
+@pytest.mark.parametrize("place", ["cc_mujoco.control.guard", "cc_mujoco.gone"])
+def test_an_index_that_names_what_is_no_more_is_outdated(
+    tmp_path: Path, place: str
+) -> None:
+    lost = f"c{place}\nGone\n.".encode()  # a pickle of a name
+    index: Any = IndexDataCacheFile(str(tmp_path), "turn", "a digest")
+    Path(index._index_path).write_bytes(pickle.dumps(index._version) + lost)
+    assert index._load_index() == {}
+    other: Any = IndexDataCacheFile(str(tmp_path), "turn", (0.0, 1))
+    with pytest.raises((AttributeError, ImportError)):
+        other._load_index()

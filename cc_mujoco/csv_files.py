@@ -49,7 +49,7 @@ class Layout(NamedTuple):
     names: list[str]
 
 
-class Column(NamedTuple):
+class CsvColumn(NamedTuple):
     """A column of numbers.
 
     Attributes:
@@ -92,7 +92,7 @@ class Sheet(NamedTuple):
     names: list[str]
     rows: list[Row]
 
-    def column(self, name: str, measured: Kind) -> Column:
+    def column(self, name: str, measured: Kind) -> CsvColumn:
         """Return the column of a quantity, which may be in any of its units.
 
         Args:
@@ -108,7 +108,7 @@ class Sheet(NamedTuple):
         for place, other in enumerate(self.names):
             unit = unit_of(other, measured)
             if unit is not None and "_".join(words(other)[:-1]) == stem:
-                found[other] = Column(
+                found[other] = CsvColumn(
                     other, place, measured.factors[unit], measured.unit
                 )
         if name in found:
@@ -122,7 +122,7 @@ class Sheet(NamedTuple):
             raise self._missing(name, stem, measured)
         return next(iter(found.values()))
 
-    def number(self, row: Row, column: Column, low: float, high: float) -> float:
+    def number(self, row: Row, column: CsvColumn, low: float, high: float) -> float:
         """Return the number in a cell, in the unit of the program.
 
         Args:

@@ -32,7 +32,7 @@ Observer = Callable[[int, Columns, NDArray[np.float64]], object]
 """Takes the control step, its columns and the torque that follows [Nm]; may raise."""
 
 
-class Plant(Protocol):
+class DrivenDevice(Protocol):
     """Plant that a controller drives: one device, or several as arrays."""
 
     steps: int
@@ -52,12 +52,12 @@ class Plant(Protocol):
 
 
 def run(
-    plant: Plant,
+    plant: DrivenDevice,
     controller: Controller,
     *observers: Observer,
     measure: Callable[[Columns], Columns] = lambda columns: columns,
     name: str = "",
-    clock: Clock | None = None,
+    clock: ComputingTime | None = None,
 ) -> None:
     """Play an episode.
 
@@ -116,7 +116,7 @@ def unstable(why: str) -> CableError:
     )
 
 
-class Clock:
+class ComputingTime:
     """Computing time of a controller, per control step.
 
     Time of the processor in this thread, so that what else runs does not count. The
@@ -160,12 +160,12 @@ class Single:
         self.steps: int = self._inner.exo.steps
 
     def start(self) -> Columns:
-        """Reset; see `Plant.start`."""
+        """Reset; see `DrivenDevice.start`."""
         columns: Columns = self._env.reset(seed=self._seed, options=self._options)[1]
         return columns
 
     def advance(self, torque: NDArray[np.float64]) -> Columns:
-        """Step; see `Plant.advance`."""
+        """Step; see `DrivenDevice.advance`."""
         columns: Columns
         action = self._inner.action(torque)
         _, _, terminated, _, columns = self._env.step(action)

@@ -1,8 +1,8 @@
 """Common part of a device's single environment and its vector form.
 
 Both are thin: they advance MuJoCo, one simulation or a batch of them, and leave all
-else to an `Exo`, whose arithmetic is the same for numbers and arrays. So they agree bit
-for bit.
+else to a `WornDevice`, whose arithmetic is the same for numbers and arrays. So they
+agree bit for bit.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def refuse(unknown: Mapping[str, Any], env: type) -> None:
         raise CableError.unknown("argument", name, there)
 
 
-class Exo:
+class WornDevice:
     """A device with a wearer, a trajectory and a task."""
 
     def __init__(

@@ -14,14 +14,14 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Drive
-from cc_mujoco.control.observed import Sight
+from cc_mujoco.control.observed import ObservationHistory
 from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.plant import Plant
 
 from .device import physics_of
-from .exo import REWARDS, Exo, refuse
+from .exo import REWARDS, WornDevice, refuse
 from .picture import Camera, Film, check_mode
 from .script import Script
 
@@ -153,7 +153,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         check_mode(render_mode, self.metadata["render_modes"])
         if model is not None:
             model = copy.copy(model)
-        self.exo = Exo(self.SETUP, *given, model, *more)
+        self.exo = WornDevice(self.SETUP, *given, model, *more)
         self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
         self.render_mode = render_mode
         self.observation_space: Any = self.exo.observation_space
@@ -162,7 +162,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         self.data = mujoco.MjData(self.model)
         self._physics = physics_of(self.data)
         self._sensors = self.exo.sensors(0)
-        self._sight = Sight(self.exo.observed, 1)
+        self._sight = ObservationHistory(self.exo.observed, 1)
         self._sample = 0
         self._action = 0.0
         self._script: Script | None = None
@@ -209,7 +209,7 @@ class ExoEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
         return self.exo.action(torque)
 
     def beyond(self) -> str:
-        """Return what the task demands beyond the motor here; see `Exo.beyond`."""
+        """Return what the task demands beyond the motor; see `WornDevice.beyond`."""
         if self._script is None:
             raise gymnasium.error.ResetNeeded("call reset() before beyond().")
         return self.exo.beyond(self._script.marks)

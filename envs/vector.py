@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.checks import named
 from cc_mujoco.control import Drive
-from cc_mujoco.control.observed import Sight
+from cc_mujoco.control.observed import ObservationHistory
 from cc_mujoco.devices import Setup
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Wearer
@@ -24,7 +24,7 @@ from cc_mujoco.plant import Plant
 from cc_mujoco.simulation.batch import Simulations
 
 from .device import VARIED, Array, load
-from .exo import REWARDS, Exo, refuse
+from .exo import REWARDS, WornDevice, refuse
 from .picture import Camera, Film, check_mode
 from .script import Scripts
 
@@ -110,7 +110,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
                 )
         check_mode(render_mode, self.metadata["render_modes"])
         model = load(self.SETUP, drawn=render_mode is not None)
-        self.exo = exo = Exo(self.SETUP, *given, model, *more)
+        self.exo = exo = WornDevice(self.SETUP, *given, model, *more)
         self.metadata = {
             **self.metadata,
             "render_fps": round(1 / self.exo.period),
@@ -133,7 +133,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         self._scripts = Scripts(exo.author, num_envs, exo.task)
         self._random: list[np.random.Generator | None] = [None] * num_envs
         self._sensors = exo.sensors(range(num_envs))
-        self._sight = Sight(exo.observed, num_envs)
+        self._sight = ObservationHistory(exo.observed, num_envs)
         self._samples = np.zeros(num_envs, dtype=np.intp)
         self._actions = np.zeros(num_envs)
         self._over = np.ones(num_envs, dtype=np.bool_)
@@ -280,7 +280,7 @@ class ExoVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPick
         return reward
 
     def _felt(self) -> tuple[dict[str, Any], Array]:
-        """Return the result of `Exo.feel` for all environments now."""
+        """Return the result of `WornDevice.feel` for all environments now."""
         self._marks = self._scripts.marks(self._samples)
         asked = self._scripts.asked(self._samples)
         return self.exo.feel(self.simulations.physics, self._marks, asked)

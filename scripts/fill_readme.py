@@ -21,7 +21,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from cc_mujoco.benchmark import Plan, run
+from cc_mujoco.benchmark import BenchmarkPlan, run
 from cc_mujoco.benchmark.report import (
     BASELINE,
     OVERVIEW,
@@ -99,7 +99,7 @@ def tables(results: Results) -> str:
 
 def played(folder: Path, seeds: int) -> Results:
     """Play what of the suite is not played yet, and return all of it."""
-    plan = Plan(ENTRIES, seeds=seeds)
+    plan = BenchmarkPlan(ENTRIES, seeds=seeds)
     with tqdm(total=len(plan.cells()), unit="cell") as bar:
         return run(
             plan, folder, workers=0, progress=lambda done: bar.update(done - bar.n)

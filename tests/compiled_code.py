@@ -53,15 +53,15 @@ def _plugin() -> None:
 def _laws() -> None:
     """Controllers, their export and the models that came before."""
     from cc_mujoco.control import controller
-    from cc_mujoco.export import EXPORTED, TARGETS, Plan, write
+    from cc_mujoco.export import EXPORTED, TARGETS, ExportPlan, write
     from cc_mujoco.sensing import TENSIONS, Sensing
     from cc_mujoco.thesis.predecessors import (
         BristleChain,
         Distributed,
+        EndSpring,
         LuGreChain,
         LumpedMasses,
         PassiveDistributed,
-        Spring,
     )
     from control.devices import cable, pull_pull
 
@@ -84,10 +84,15 @@ def _laws() -> None:
     for kind in (
         BristleChain, Distributed, LumpedMasses, LuGreChain, PassiveDistributed,
     ):  # fmt: skip
-        kind(cable()).replay(1e-3, STILL, Spring(500.0))
+        kind(cable()).replay(1e-3, STILL, EndSpring(500.0))
     with tempfile.TemporaryDirectory() as folder:
         for name in EXPORTED:
-            write(folder, Plan.of(name, drive, ("one", "two")), TARGETS["host"], name)
+            write(
+                folder,
+                ExportPlan.of(name, drive, ("one", "two")),
+                TARGETS["host"],
+                name,
+            )
 
 
 def _rigs() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import Controller, Drive
-from cc_mujoco.episode import Clock, Trace, run
+from cc_mujoco.episode import ComputingTime, Trace, run
 from cc_mujoco.errors import CableError
 
 DRIVE = Drive(1.0, -1.0, 1.0, 0.001)
@@ -71,12 +71,12 @@ def test_a_clock_counts_what_a_controller_computes_and_not_how_long_it_waits() -
         time.sleep(0.002)
         return float(np.sum(np.arange(20_000.0)) * 0.0)
 
-    clock, plant = Clock(), Counter(0.0)
-    plant.steps = Clock.WARMING + 4
+    clock, plant = ComputingTime(), Counter(0.0)
+    plant.steps = ComputingTime.WARMING + 4
     run(plant, Law(busy), clock=clock)
     assert len(clock.spent) == plant.steps + 1
     assert 0.0 < clock.median <= clock.worst < 0.002
-    assert np.isnan(Clock().worst)
+    assert np.isnan(ComputingTime().worst)
 
 
 def test_a_trace_keeps_columns_and_leaves_out_what_has_failed() -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import pkgutil
+from pathlib import Path
 
 import pytest
 
@@ -32,3 +34,15 @@ def test_its_modules_are_found_once() -> None:
     assert len(found) == len(set(found))
     assert "cc_mujoco.transmission.kernel" in found
     assert not any(".cc_mujoco" in name or ".tests" in name for name in found)
+
+
+def test_public_class_names_are_unique() -> None:
+    root = Path(__file__).parents[1]
+    places: dict[str, list[str]] = {}
+    for folder in ("cc_mujoco", "envs"):
+        for path in (root / folder).rglob("*.py"):
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    place = path.relative_to(root).as_posix()
+                    places.setdefault(node.name, []).append(place)
+    assert not {name: found for name, found in places.items() if len(found) > 1}

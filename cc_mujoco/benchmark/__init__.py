@@ -16,18 +16,18 @@ from cc_mujoco.benchmark.conditions import SUITES, Condition, Suite
 from cc_mujoco.benchmark.ranking import normalised, ranking
 from cc_mujoco.benchmark.references import REFERENCES, Reference
 from cc_mujoco.benchmark.report import Interval, interval, markdown
-from cc_mujoco.benchmark.runner import Plan, run
+from cc_mujoco.benchmark.runner import BenchmarkPlan, run
 from cc_mujoco.benchmark.scores import SCORES
 
 __all__ = [
     "REFERENCES",
     "SCORES",
     "SUITES",
+    "BenchmarkPlan",
     "Cell",
     "CellResult",
     "Condition",
     "Interval",
-    "Plan",
     "Reference",
     "Suite",
     "interval",

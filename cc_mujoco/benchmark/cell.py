@@ -25,11 +25,11 @@ from cc_mujoco.benchmark.references import REFERENCES, Reference
 from cc_mujoco.benchmark.scores import SCORES, score
 from cc_mujoco.control import Controller, Drive
 from cc_mujoco.devices import DEVICES
-from cc_mujoco.envs.exo import Exo
+from cc_mujoco.envs.exo import WornDevice
 from cc_mujoco.episode import Trace, run
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
-from cc_mujoco.metrics import Record
+from cc_mujoco.metrics import ArrayLog
 from cc_mujoco.metrics.metric import (
     DRIVEN,
     PULL_PULL,
@@ -98,7 +98,7 @@ class CellResult:
 
 
 @dataclass
-class Stage:
+class CellSetup:
     """All that an episode of a cell needs."""
 
     draws: list[Draw]
@@ -138,7 +138,7 @@ def changed(plant: Plant, reference: Reference | None) -> Plant:
     return Plant(plant.device, {**plant.values, **changes})
 
 
-def stage(cells: Sequence[Cell]) -> Stage:
+def stage(cells: Sequence[Cell]) -> CellSetup:
     """Make all that the episodes of a group need, a row for each cell and seed.
 
     Raises:
@@ -153,7 +153,7 @@ def stage(cells: Sequence[Cell]) -> Stage:
         own = cell.belief or Belief(ERRORS[cell.condition.error])
         beliefs += [(reference and reference.belief) or own] * len(cell.seeds)
     exos = [
-        Exo(
+        WornDevice(
             setup,
             drawn.trajectory,
             at.task,
@@ -186,7 +186,7 @@ def stage(cells: Sequence[Cell]) -> Stage:
         noise=[drawn.plant.noise for drawn in draws],
         bias=[drawn.bias[:read] for drawn in draws],
     )
-    return Stage(
+    return CellSetup(
         draws,
         fleet,
         driven,
@@ -247,7 +247,7 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     return found
 
 
-def _transmit(made: Stage, rows: Mapping[str, NDArray[Any]]) -> None:
+def _transmit(made: CellSetup, rows: Mapping[str, NDArray[Any]]) -> None:
     """Let the desired torque reach the joint, late and within the motor's reach."""
     desired = rows["desired_torque_nm"]
     for row, drawn in enumerate(made.draws):
@@ -259,7 +259,7 @@ def _transmit(made: Stage, rows: Mapping[str, NDArray[Any]]) -> None:
 
 
 def _scores(
-    cell: Cell, rows: Mapping[str, NDArray[Any]], time: Array, made: Stage
+    cell: Cell, rows: Mapping[str, NDArray[Any]], time: Array, made: CellSetup
 ) -> dict[str, Array]:
     """Return the scores of every seed (seeds,), without the warm-up."""
     setup, cables = DEVICES[cell.condition.scene], made.fleet.cables
@@ -280,12 +280,12 @@ def _scores(
             columns[f"tension_{cable}_proximal_n"] = ends[:, 2 * place]
             columns[f"tension_{cable}_distal_n"] = ends[:, 2 * place + 1]
             columns[f"tension_{cable}_nodes_n"] = least[:, [place]]
-        for name, value in score(Record(columns, cables, about)).items():
+        for name, value in score(ArrayLog(columns, cables, about)).items():
             found[name].append(value)
     return {name: np.array(values) for name, values in found.items()}
 
 
-def _plants(made: Stage, own: slice) -> dict[str, list[Any]]:
+def _plants(made: CellSetup, own: slice) -> dict[str, list[Any]]:
     """Columns of what was drawn, and believed, for some of the rows."""
     found: dict[str, list[Any]] = {}
     believed_of = made.drive.cable_drives

@@ -28,7 +28,7 @@ from cc_mujoco.human import (
 )
 
 
-class Liner(NamedTuple):
+class _Liner(NamedTuple):
     """Friction coefficients of a cable in what leads it."""
 
     friction: float
@@ -38,9 +38,9 @@ class Liner(NamedTuple):
 
 
 TRANSMISSIONS = {
-    "good": Liner(0.05, 0.06),
-    "ordinary": Liner(0.10, 0.15),
-    "table22": Liner(0.21, 0.63),
+    "good": _Liner(0.05, 0.06),
+    "ordinary": _Liner(0.10, 0.15),
+    "table22": _Liner(0.21, 0.63),
 }
 """A good liner and an ordinary one (assumed), and that of Table 2.2 of the thesis."""
 

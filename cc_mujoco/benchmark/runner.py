@@ -21,7 +21,7 @@ from cc_mujoco.benchmark import entry
 from cc_mujoco.benchmark.cell import Cell, CellResult, play_group, stage, together
 from cc_mujoco.benchmark.conditions import SUITES, Condition
 from cc_mujoco.benchmark.references import REFERENCES, SCALE, require_free
-from cc_mujoco.benchmark.timing import Times, time_steps
+from cc_mujoco.benchmark.timing import StepTimes, time_steps
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.files import is_marked, replacing, require_signed
 from cc_mujoco.files import require_ours as require_ours_in
@@ -40,7 +40,7 @@ FIGURES = ("pareto", "cycle", "levels")
 
 
 @dataclass(frozen=True)
-class Plan:
+class BenchmarkPlan:
     """Choice of what to run; empty is all that the suite has."""
 
     controllers: tuple[str, ...]
@@ -119,7 +119,7 @@ class Plan:
 class Playing:
     """A plan as a `workers.Job` whose pieces are groups of cells."""
 
-    plan: Plan
+    plan: BenchmarkPlan
 
     def rehearse(self) -> None:
         """Find out, before long work, whether every name can be used.
@@ -155,7 +155,7 @@ class Playing:
         return found
 
 
-def require_ours(plan: Plan, out: str | os.PathLike[str]) -> None:
+def require_ours(plan: BenchmarkPlan, out: str | os.PathLike[str]) -> None:
     """Find out, before long work, whether a plan's results may be written to a folder.
 
     Raises:
@@ -173,7 +173,7 @@ def require_ours(plan: Plan, out: str | os.PathLike[str]) -> None:
 
 
 def run(
-    plan: Plan,
+    plan: BenchmarkPlan,
     out: str | os.PathLike[str],
     *,
     workers: int = 1,
@@ -255,7 +255,7 @@ def _about(cell: Cell) -> dict[str, Any]:
 
 
 def _tables(
-    cell: Cell, result: CellResult, times: Times | None
+    cell: Cell, result: CellResult, times: StepTimes | None
 ) -> tuple[pa.Table, ...]:
     """Return the tables that the files of a cell hold."""
     about = _about(cell)

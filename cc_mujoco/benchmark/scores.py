@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cc_mujoco.metrics import METRICS, Log, measure
+from cc_mujoco.metrics import METRICS, LogLike, measure
 
 SCORES = tuple(
     METRICS[name]
@@ -24,7 +24,7 @@ SCORES = tuple(
 """All scores of an episode, in the order of tables; the nearer to 0, the better."""
 
 
-def score(log: Log) -> dict[str, float]:
+def score(log: LogLike) -> dict[str, float]:
     """Return the scores of an episode by name, NaN where it has none.
 
     An episode that diverged has none but `failed`.

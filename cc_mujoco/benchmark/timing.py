@@ -19,7 +19,7 @@ TIMED = 1.1
 """Length of the episode that is timed [s]; what is compiled has been before."""
 
 
-class Times(NamedTuple):
+class StepTimes(NamedTuple):
     """Times of a call of `Controller.torque` with the numbers of one device.
 
     It is time of the processor, so that other work on the machine does not count.
@@ -31,7 +31,7 @@ class Times(NamedTuple):
     """[s]."""
 
 
-def time_steps(cell: Cell) -> Times:
+def time_steps(cell: Cell) -> StepTimes:
     """Time the steps of a cell's controller, for the first seed of its condition."""
     short = dataclasses.replace(cell.condition, duration=TIMED)
     made = stage([dataclasses.replace(cell, condition=short, seeds=cell.seeds[:1])])
@@ -58,7 +58,7 @@ def time_steps(cell: Cell) -> Times:
         )
     # The first calls fill caches.
     counted = np.array(taken[round(len(taken) / 3) :])
-    return Times(float(np.median(counted)), float(np.max(counted)))
+    return StepTimes(float(np.median(counted)), float(np.max(counted)))
 
 
 def _nothing(step: int, columns: Mapping[str, Any], _: NDArray[np.float64]) -> None:

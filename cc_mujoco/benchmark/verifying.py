@@ -21,7 +21,7 @@ from cc_mujoco.benchmark.conditions import SUITES, Condition
 from cc_mujoco.benchmark.ranking import normalised
 from cc_mujoco.benchmark.references import REFERENCES, SCALE
 from cc_mujoco.benchmark.results import read_results, read_rows
-from cc_mujoco.benchmark.runner import Plan, Playing
+from cc_mujoco.benchmark.runner import BenchmarkPlan, Playing
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.identity import differences
 
@@ -51,7 +51,7 @@ def verify(path: str | os.PathLike[str], count: int) -> str:
     rows = table.to_pylist()
     laws = dict.fromkeys(row["controller"] for row in rows)
     conditions = _conditions(path, about)
-    plan = Plan(
+    plan = BenchmarkPlan(
         tuple(law for law in laws if law not in REFERENCES),
         about["suite"],
         tuple(dict.fromkeys(row["scene"] for row in rows)),

@@ -8,13 +8,16 @@ from pathlib import Path
 from cc_mujoco.benchmark import drawing, entry
 from cc_mujoco.benchmark.report import BASELINE, markdown
 from cc_mujoco.benchmark.results import Results, write_results
-from cc_mujoco.benchmark.runner import FIGURES, RESULTS, TABLE, Plan
+from cc_mujoco.benchmark.runner import FIGURES, RESULTS, TABLE, BenchmarkPlan
 from cc_mujoco.figures import save, style
 from cc_mujoco.files import WRITTEN, replacing, sign
 
 
 def write(
-    out: str | os.PathLike[str], plan: Plan, results: Results, baseline: str = BASELINE
+    out: str | os.PathLike[str],
+    plan: BenchmarkPlan,
+    results: Results,
+    baseline: str = BASELINE,
 ) -> str:
     """Write `results.parquet`, `table.md` and the figures of every device.
 

@@ -77,13 +77,13 @@ class Benchmark:
 
         from tqdm import tqdm
 
-        from cc_mujoco.benchmark import Plan, run
+        from cc_mujoco.benchmark import BenchmarkPlan, run
         from cc_mujoco.benchmark.references import SCALE
         from cc_mujoco.benchmark.report import BASELINE
         from cc_mujoco.benchmark.writing import write
         from cc_mujoco.control import CONTROLLERS
 
-        plan = Plan(
+        plan = BenchmarkPlan(
             self.controllers or tuple(CONTROLLERS),
             self.suite,
             self.scene,

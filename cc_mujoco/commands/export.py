@@ -42,7 +42,7 @@ class Export:
 
         device = find_device(self.scene)
 
-        from cc_mujoco.export import TARGETS, Plan, require_ours, write
+        from cc_mujoco.export import TARGETS, ExportPlan, require_ours, write
 
         target = look_up("target", self.target, TARGETS)
         require_ours(self.out)
@@ -67,7 +67,7 @@ class Export:
                 f"{self.model} is no variant of the scene {self.scene!r}: it has "
                 f"nothing that is called {missing!r}."
             ) from None
-        plan = Plan.of(self.controller, env.drive, env.exo.device.driven)
+        plan = ExportPlan.of(self.controller, env.drive, env.exo.device.driven)
         if not self.allow_active:
             self._require_passive(model)
         what = f"{self.controller} for the scene {self.scene}, on {self.target}"

@@ -16,7 +16,7 @@ from cc_mujoco.commands.export import Export
 from cc_mujoco.commands.listing import Listing
 from cc_mujoco.commands.play import Play
 from cc_mujoco.commands.reproduce import Reproduce
-from cc_mujoco.commands.run import Run
+from cc_mujoco.commands.run import RunRig
 from cc_mujoco.commands.whatif import WhatIf
 from cc_mujoco.commands.whatif_show import WhatIfShow
 from cc_mujoco.errors import CableError, look_up
@@ -29,7 +29,7 @@ COMMANDS = {
     "whatif-show": WhatIfShow,
     "benchmark": Benchmark,
     "export": Export,
-    "run": Run,
+    "run": RunRig,
     "list": Listing,
 }
 
@@ -41,7 +41,7 @@ Command = (
     | Annotated[WhatIfShow, tyro.conf.subcommand("whatif-show")]
     | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
     | Annotated[Export, tyro.conf.subcommand("export")]
-    | Annotated[Run, tyro.conf.subcommand("run")]
+    | Annotated[RunRig, tyro.conf.subcommand("run")]
     | Annotated[Listing, tyro.conf.subcommand("list")]
 )
 

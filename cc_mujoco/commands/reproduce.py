@@ -12,7 +12,7 @@ import tyro
 from cc_mujoco.commands.options import Flag, Names, shown_by
 
 if TYPE_CHECKING:
-    from cc_mujoco.thesis import Record
+    from cc_mujoco.thesis import FinishedExperiment
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Reproduce:
         print(f"\nsummary:  {self.out / 'summary.md'}")
 
 
-def _show(record: Record) -> None:
+def _show(record: FinishedExperiment) -> None:
     """Print a finished experiment, above the progress bar."""
     from tqdm import tqdm
 

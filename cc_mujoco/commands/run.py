@@ -15,7 +15,7 @@ from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
     from cc_mujoco.control import Controller
-    from cc_mujoco.hardware import Log, Outcome, Settings
+    from cc_mujoco.hardware import RunLog, RunOutcome, Settings
     from cc_mujoco.hardware.desired import Desired
     from cc_mujoco.hardware.trials import Planned
 
@@ -25,7 +25,7 @@ HARDLY = 0.02
 
 
 @dataclass(frozen=True)
-class Run:
+class RunRig:
     """Drive a real rig with a controller, within limits, and record it."""
 
     interrupted: ClassVar[str] = "the rig was not touched"
@@ -70,13 +70,13 @@ class Run:
 
         from cc_mujoco.control import PredictiveCompensation, controller
         from cc_mujoco.devices import DEVICES
-        from cc_mujoco.hardware.desired import Course
+        from cc_mujoco.hardware.desired import TorqueTable
         from cc_mujoco.hardware.drives import require_told
 
         limits, period = settings.limits, settings.period
         require_told(settings.scene, limits)
         drive = settings.drive()
-        if isinstance(desired, Course):
+        if isinstance(desired, TorqueTable):
             desired.require_within(drive, limits)
         law = controller(self.controller, drive)
         if drive.crossed and hasattr(law, "model"):
@@ -177,10 +177,10 @@ class Run:
         duration: float,
         what: str,
         name: str | None = None,
-    ) -> Outcome:
+    ) -> RunOutcome:
         """One run, with its log."""
         from cc_mujoco.diagnosis.data.run_page import LOG
-        from cc_mujoco.hardware import Log, Loop, SystemClock, listening
+        from cc_mujoco.hardware import Loop, RunLog, SystemClock, listening
         from cc_mujoco.hardware.log import BLOCK
         from cc_mujoco.identity import versions
 
@@ -194,7 +194,7 @@ class Run:
         }
         with listening() as stop:
             rig = settings.connect()
-            log = Log(self.out, about, max(1, round(BLOCK / period)), name or LOG)
+            log = RunLog(self.out, about, max(1, round(BLOCK / period)), name or LOG)
             loop = Loop(
                 rig,
                 law,
@@ -211,7 +211,7 @@ class Run:
                 _end(log, loop.outcome)
         return loop.outcome
 
-    def _told(self, found: Outcome, period: float) -> None:
+    def _told(self, found: RunOutcome, period: float) -> None:
         """Print how a run went, and leave if it did not go well."""
         late, work = found.late.told(), found.work.told()
         print(
@@ -245,7 +245,7 @@ class Run:
         print(found.sentence)
 
 
-def _end(log: Log, outcome: Outcome) -> None:
+def _end(log: RunLog, outcome: RunOutcome) -> None:
     """Write what is left of a log; a run whose log is not whole has failed."""
     for write in (log.flush, lambda: log.close(outcome.to_json())):
         try:

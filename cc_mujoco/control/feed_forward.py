@@ -26,10 +26,10 @@ class FeedForward(Controller):
         """Do nothing; see `Controller.reset`."""
 
     @property
-    def gains(self) -> laws.Gains:
+    def gains(self) -> laws.FeedbackGains:
         """The numbers of the law, as they are now."""
         drive = self.drive
-        return laws.Gains(drive.ratio, drive.low, drive.high, drive.period)
+        return laws.FeedbackGains(drive.ratio, drive.low, drive.high, drive.period)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [Nm]; see `Controller.torque`."""

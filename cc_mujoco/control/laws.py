@@ -39,7 +39,7 @@ MEMORY = 3
 
 
 @dataclass(frozen=True)
-class Gains:
+class FeedbackGains:
     """Parameters of motor and feedback that a law uses."""
 
     ratio: float = parameter(
@@ -126,7 +126,7 @@ class Gains:
         return np.array([getattr(self, gain.name) for gain in GAINS], dtype=float)
 
 
-GAINS: tuple[Parameter, ...] = parameters_of(Gains)
+GAINS: tuple[Parameter, ...] = parameters_of(FeedbackGains)
 """The gains, in the order in which the laws have them."""
 
 (

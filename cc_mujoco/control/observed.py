@@ -132,7 +132,7 @@ class Observed:
         return cls(**{**fields, **listed})
 
 
-class Sight:
+class ObservationHistory:
     """Observation of n environments, with its past."""
 
     def __init__(self, observed: Observed, count: int) -> None:

@@ -105,7 +105,7 @@ VECTORS = 9
 """Rows of numbers for each knot, that a plan of commands needs."""
 
 
-class Device(NamedTuple):
+class PlannerMemory(NamedTuple):
     """Memory of a controller for one device beside its cables; see this module.
 
     Attributes:
@@ -138,7 +138,7 @@ class Tables(NamedTuple):
     tune: FloatArray
 
 
-class Room(NamedTuple):
+class PlannerWorkspace(NamedTuple):
     """Room to compute in; nothing is kept in it.
 
     Attributes:
@@ -211,7 +211,7 @@ def _copy(source: FloatArray, target: FloatArray) -> None:
 def _start(
     cables: stepper.Cables,
     state: FloatArray,
-    device: Device,
+    device: PlannerMemory,
     seen: FloatArray,
     late: float,
 ) -> None:
@@ -230,10 +230,10 @@ def _observe(
     cables: stepper.Cables,
     state: FloatArray,
     joint: float,
-    device: Device,
+    device: PlannerMemory,
     seen: FloatArray,
     tables: Tables,
-    room: Room,
+    room: PlannerWorkspace,
 ) -> float:
     """Bring cables, rotor and motion to when `seen` was measured; the model's joint."""
     memory, rotors, applied = device.memory, device.rotors, device.applied
@@ -301,7 +301,7 @@ def _shift(
     wanted: float,
     pull: float,
     way: float,
-    room: Room,
+    room: PlannerWorkspace,
     tune: FloatArray,
 ) -> float:
     """Return by how much the joint of a single cable's model is shifted [rad].
@@ -401,7 +401,7 @@ def _predict(
     joint: float,
     applied: FloatArray,
     tune: FloatArray,
-    room: Room,
+    room: PlannerWorkspace,
 ) -> float:
     """Roll `room` on over torques that are applied already; the model's joint then."""
     dt, memory, state = tune[PERIOD], room.memory, room.state
@@ -459,7 +459,7 @@ def _plan(
     weight: float,
     tune: FloatArray,
     push: FloatArray,
-    room: Room,
+    room: PlannerWorkspace,
 ) -> float:
     """Plan for a motor that turns one way only: `push`, its accelerations [rad/s^2].
 
@@ -514,7 +514,7 @@ def _roll(
     cost: float,
     tune: FloatArray,
     push: FloatArray,
-    room: Room,
+    room: PlannerWorkspace,
 ) -> float:
     """Return a cost and the squared errors of the torque of a plan [Nm^2].
 
@@ -570,7 +570,11 @@ def _respond(
 
 @compiled
 def _command(
-    push: FloatArray, load: float, weight: float, tune: FloatArray, room: Room
+    push: FloatArray,
+    load: float,
+    weight: float,
+    tune: FloatArray,
+    room: PlannerWorkspace,
 ) -> None:
     """Replace a plan by the best of a motor that lags, or whose command is limited.
 
@@ -754,7 +758,9 @@ def _led(before: float, wanted: float, tune: FloatArray) -> float:
 
 
 @internal
-def _is_within(push: FloatArray, load: float, tune: FloatArray, room: Room) -> bool:
+def _is_within(
+    push: FloatArray, load: float, tune: FloatArray, room: PlannerWorkspace
+) -> bool:
     """Return whether the rate of the command lets the motor follow a plan."""
     last, lasting, before = room.memory[ANGLE], load, room.memory[COMMAND]
     torque = room.memory[MOTOR]
@@ -783,10 +789,10 @@ def act(
     cables: stepper.Cables,
     state: FloatArray,
     joint: FloatArray,
-    device: Device,
+    device: PlannerMemory,
     seen: FloatArray,
     tables: Tables,
-    room: Room,
+    room: PlannerWorkspace,
 ) -> float:
     """Torque of the motor of one device [Nm].
 
@@ -862,11 +868,11 @@ def act_all(
     distal: FloatArray,
     states: FloatArray,
     joints: FloatArray,
-    devices: Device,
+    devices: PlannerMemory,
     seen: FloatArray,
     tables: Tables,
     found: FloatArray,
-    room: Room,
+    room: PlannerWorkspace,
 ) -> None:
     """Torque of the motor of every device; see `act`.
 
@@ -885,7 +891,9 @@ def act_all(
     """
     for row in range(found.size):
         cables = stepper.Cables(prm[row], n, proximal, proximal, distal)
-        device = Device(devices.memory[row], devices.rotors[row], devices.applied[row])
+        device = PlannerMemory(
+            devices.memory[row], devices.rotors[row], devices.applied[row]
+        )
         found[row] = act(
             cables, states[row], joints[row : row + 1], device, seen[row], tables, room
         )

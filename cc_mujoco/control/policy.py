@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.control.controller import Controller
 from cc_mujoco.control.drive import Drive
-from cc_mujoco.control.observed import Observed, Sight
+from cc_mujoco.control.observed import ObservationHistory, Observed
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing
 
@@ -143,7 +143,7 @@ class Policy(Controller):
             )
         self._observed = observed
         self._whole = own.torque
-        self._sight: Sight | None = None
+        self._sight: ObservationHistory | None = None
         self._fresh = np.zeros(0, dtype=np.bool_)
         self._samples = np.zeros(0, dtype=np.intp)
         self._shares = np.zeros(0)
@@ -160,7 +160,7 @@ class Policy(Controller):
         seen = self._observed.of(observation)
         measured = np.atleast_2d(seen)
         if self._sight is None:
-            self._sight = Sight(self._observed, len(measured))
+            self._sight = ObservationHistory(self._observed, len(measured))
             self._fresh = np.ones(len(measured), dtype=np.bool_)
             self._samples = np.zeros(len(measured), dtype=np.intp)
             self._shares = np.zeros(len(measured))

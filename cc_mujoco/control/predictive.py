@@ -246,7 +246,7 @@ class PredictiveCompensation(Controller):
         cables = len(drive.cables)
         self._size = planning.FRICTION + cables
         shape = (cables, self.model.state.shape[-1])
-        self._room = planning.Room(
+        self._room = planning.PlannerWorkspace(
             new=np.zeros(shape),
             state=np.zeros(shape),
             rolled=np.zeros(shape),
@@ -266,7 +266,7 @@ class PredictiveCompensation(Controller):
 
     def _forget(self, rows: int) -> None:
         delays = self.tables.unexplained.size
-        self._devices = planning.Device(
+        self._devices = planning.PlannerMemory(
             np.zeros((rows, self._size)),
             np.zeros((rows, delays, planning.ROTOR)),
             np.zeros((rows, delays)),

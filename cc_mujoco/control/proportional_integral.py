@@ -83,10 +83,10 @@ class ProportionalIntegral(Controller):
             self.memory(np.size(where))[where] = 0.0
 
     @property
-    def gains(self) -> laws.Gains:
+    def gains(self) -> laws.FeedbackGains:
         """The numbers of the law, as they are now."""
         drive = self.drive
-        return laws.Gains(
+        return laws.FeedbackGains(
             ratio=drive.ratio,
             low=drive.low,
             high=drive.high,

@@ -48,7 +48,7 @@ class Taps(NamedTuple):
     fading: float
 
 
-class Room(NamedTuple):
+class SlopeWorkspace(NamedTuple):
     """Room to compute in; nothing is kept in it.
 
     Attributes:
@@ -59,7 +59,7 @@ class Room(NamedTuple):
 
     sign: FloatArray
     design: FloatArray
-    equations: slope.Room
+    equations: slope.EquationWorkspace
 
 
 def taps(
@@ -89,9 +89,11 @@ def taps(
     )
 
 
-def room(sensors: int, longest: int) -> Room:
+def room(sensors: int, longest: int) -> SlopeWorkspace:
     """Room for so many sensors along a cable and segments of the longest."""
-    return Room(np.empty(longest), np.empty((sensors, 1)), slope.room(sensors, 1))
+    return SlopeWorkspace(
+        np.empty(longest), np.empty((sensors, 1)), slope.room(sensors, 1)
+    )
 
 
 @compiled
@@ -116,7 +118,7 @@ def learn(
     taps: Taps,
     told: FloatArray,
     known: FloatArray,
-    room: Room,
+    room: SlopeWorkspace,
 ) -> None:
     """Take the readings of one instant of one device.
 
@@ -160,7 +162,7 @@ def learn_all(
     told: FloatArray,
     calls: NDArray[np.int64],
     known: FloatArray,
-    room: Room,
+    room: SlopeWorkspace,
 ) -> None:
     """Take the readings of every device whose turn it is; see `learn`.
 

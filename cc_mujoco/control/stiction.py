@@ -63,7 +63,7 @@ class StictionCompensation(ModelBased):
         number("tolerance", self.tolerance, 0.0, 1e6, "Nm")
 
     @property
-    def gains(self) -> laws.Gains:
+    def gains(self) -> laws.FeedbackGains:
         """The numbers of the law, as they are now."""
         return dataclasses.replace(
             super().gains, preview=self.preview, tolerance=self.tolerance

@@ -16,10 +16,10 @@ from pathlib import Path
 from cc_mujoco.diagnosis.checks.checks import check_bench
 from cc_mujoco.diagnosis.checks.stretch import check_lead
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import Finding, errors
+from cc_mujoco.diagnosis.data.findings import DataFinding, errors
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.inference.reason import Progress, reason, unanswered
-from cc_mujoco.diagnosis.inference.result import Result
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.report.output import prepare, require_ours, write
 from cc_mujoco.diagnosis.scene.repair import added
@@ -73,7 +73,7 @@ def inferred(
     dataset_toml: str | os.PathLike[str] | None = None,
     seed: int = 0,
     progress: Progress = lambda share, doing: None,
-) -> tuple[Result, Dataset]:
+) -> tuple[DiagnosisResult, Dataset]:
     """All of `diagnose` but the files: from data and a scene to a verdict.
 
     Args:
@@ -132,7 +132,7 @@ def _paths(
     return paths
 
 
-def _asked(result: Result, findings: Sequence[Finding]) -> Result:
+def _asked(result: DiagnosisResult, findings: Sequence[DataFinding]) -> DiagnosisResult:
     """With what the owner of the data should settle first."""
     doubts = [found.statement for found in findings if found.severity == "doubt"]
     question = " ".join([*doubts, result.diagnosis.question]).strip()

@@ -14,7 +14,7 @@ CHANNELS = ("motor_torque_nm", "joint_torque_nm")
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no truth to compare by
-class Trace:
+class TrialTrace:
     """One trial; arrays have one entry per compared sample.
 
     Attributes:
@@ -90,6 +90,6 @@ class Isolability:
 class Evidence:
     """Everything that is drawn."""
 
-    traces: tuple[Trace, ...]
+    traces: tuple[TrialTrace, ...]
     maps: tuple[Map, ...]
     isolability: Isolability

@@ -20,12 +20,12 @@ from cc_mujoco.diagnosis.checks.noise import noise_of
 from cc_mujoco.diagnosis.checks.repeatability import wrong_repeats
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.clock import Track, lay_out
+from cc_mujoco.diagnosis.data.clock import SampledTrack, lay_out
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, read_dataset_file
-from cc_mujoco.diagnosis.data.findings import Finding, error, warning
+from cc_mujoco.diagnosis.data.findings import DataFinding, error, warning
 from cc_mujoco.diagnosis.data.folders import around, beside, data_files, trial_names
 from cc_mujoco.diagnosis.data.order import in_order
-from cc_mujoco.diagnosis.data.parts import Part, together
+from cc_mujoco.diagnosis.data.parts import TrialFile, together
 from cc_mujoco.diagnosis.data.reading import Recording, read, read_parts
 from cc_mujoco.diagnosis.data.run_page import cut_short
 from cc_mujoco.diagnosis.data.thinning import thinned
@@ -38,7 +38,7 @@ def load(
     paths: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
     dataset_toml: str | os.PathLike[str] | None = None,
     bench: Bench | None = None,
-) -> tuple[Dataset, list[Finding]]:
+) -> tuple[Dataset, list[DataFinding]]:
     """Read and check trials.
 
     Args:
@@ -58,7 +58,7 @@ def load(
     if isinstance(paths, str | os.PathLike):
         paths = [paths]
     files = data_files(paths)
-    findings: list[Finding] = []
+    findings: list[DataFinding] = []
     toml = Path(dataset_toml) if dataset_toml is not None else beside(files)
     file = DatasetFile() if toml is None else read_dataset_file(toml)
     if toml is not None and dataset_toml is None:
@@ -115,7 +115,7 @@ def load(
     return replace(dataset, noise=noise), findings
 
 
-def _whole(path: Path, name: str) -> list[Finding]:
+def _whole(path: Path, name: str) -> list[DataFinding]:
     """A run that was over before its time."""
     if not (why := cut_short(path).rstrip(".")):
         return []
@@ -128,7 +128,7 @@ def _whole(path: Path, name: str) -> list[Finding]:
 
 def _trials(
     files: list[Path], file: DatasetFile
-) -> tuple[dict[Path, str], dict[Path, tuple[Part, ...]]]:
+) -> tuple[dict[Path, str], dict[Path, tuple[TrialFile, ...]]]:
     """Names of the trials by their first file, in order; the files of some."""
     alone, several = together(files, file)
     names = trial_names(alone)
@@ -142,7 +142,7 @@ def _trials(
     return {path: names[path] for path in files if path in names}, parts
 
 
-def _trial(recording: Recording, track: Track, facts: Facts) -> Trial:
+def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
     """The trial of a recording."""
     values = track.values
     warmth = values.get(channels.TEMPERATURE)

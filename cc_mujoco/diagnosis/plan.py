@@ -25,8 +25,8 @@ from cc_mujoco.diagnosis.data.instruments import Instruments
 from cc_mujoco.diagnosis.data.torques import derived_noise, expected
 from cc_mujoco.diagnosis.data.trials import Noise
 from cc_mujoco.diagnosis.effects import EffectParameter
-from cc_mujoco.diagnosis.inference.motions import DT, Motion, middle
-from cc_mujoco.diagnosis.inference.planning import CLEARLY, Plan, planned
+from cc_mujoco.diagnosis.inference.motions import DT, CataloguedTrial, middle
+from cc_mujoco.diagnosis.inference.planning import CLEARLY, TrialPlan, planned
 from cc_mujoco.diagnosis.inference.testable import SEEN
 from cc_mujoco.diagnosis.scene.requirements import require_repairable
 from cc_mujoco.diagnosis.wording import number, plain
@@ -63,7 +63,7 @@ def plan(
     speed: float = SPEED,
     dataset_toml: str | os.PathLike[str] | None = None,
     ids: Sequence[str] | None = None,
-) -> Plan:
+) -> TrialPlan:
     """Choose trials by which every effect of the library shows and is told apart.
 
     Args:
@@ -193,7 +193,7 @@ def _noise(file: DatasetFile) -> dict[str, Noise]:
     return found
 
 
-def _write_motion(path: Path, motion: Motion) -> None:
+def _write_motion(path: Path, motion: CataloguedTrial) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(("time_s", "motor_angle_rad", "joint_angle_rad"))
@@ -205,7 +205,7 @@ def _write_motion(path: Path, motion: Motion) -> None:
         )
 
 
-def _dataset(found: Plan, bench: Bench) -> str:
+def _dataset(found: TrialPlan, bench: Bench) -> str:
     """Return what is known already of the trials, as TOML."""
     lines = ["# What is planned; correct it where the rig did otherwise.", ""]
     for k, motion in enumerate(found.trials, start=1):
@@ -220,7 +220,7 @@ def _dataset(found: Plan, bench: Bench) -> str:
 
 
 def page(
-    found: Plan, bench: Bench, swing: float, speed: float, instruments: Instruments
+    found: TrialPlan, bench: Bench, swing: float, speed: float, instruments: Instruments
 ) -> str:
     """The plan in words and tables."""
     known = [

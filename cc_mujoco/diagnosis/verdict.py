@@ -19,7 +19,7 @@ Verdict = Literal["named", "none", "unknown", "tie", "fix-data", "fix-numerics"]
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundEffect:
     """An effect that was named.
 
     Attributes:
@@ -240,7 +240,7 @@ class Diagnosis:
 
     verdict: Verdict
     statement: str
-    effects: tuple[Found, ...] = ()
+    effects: tuple[FoundEffect, ...] = ()
     ties: tuple[tuple[str, ...], ...] = ()
     not_testable: tuple[NotTestable, ...] = ()
     next_experiment: NextExperiment | None = None
@@ -257,7 +257,7 @@ class Diagnosis:
     remaining: float = math.nan
 
     @property
-    def missing(self) -> tuple[Found, ...]:
+    def missing(self) -> tuple[FoundEffect, ...]:
         """Named effects without refinements and what parts of the data dispute."""
         return tuple(each for each in self.effects if each.missing)
 

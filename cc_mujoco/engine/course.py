@@ -29,7 +29,7 @@ from cc_mujoco.engine.memory import assign, fill, floats, load_word
 from cc_mujoco.engine.mjcf import cable_of, instances
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import kernel, packing
-from cc_mujoco.transmission.led import Course
+from cc_mujoco.transmission.led import CoupledPath
 
 _STEP = 1e-3
 """Turn by which a joint is tried [rad]."""
@@ -39,7 +39,7 @@ _STILL = 1e-6
 
 def course_of(
     model: mujoco.MjModel, cable: str, joint: str, angles: FloatArray
-) -> Course:
+) -> CoupledPath:
     """Compute the course of a cable's path as a joint turns.
 
     Args:
@@ -72,7 +72,7 @@ def course_of(
     guided = walk.guided()
     if guided == n:
         length = np.empty((0, n + 1))
-    return Course(np.array(angles), wrap, contact, gained, distal, length, guided)
+    return CoupledPath(np.array(angles), wrap, contact, gained, distal, length, guided)
 
 
 def movers(model: mujoco.MjModel, cable: str, poses: int = 8) -> list[str]:

@@ -9,16 +9,16 @@ from cc_mujoco.estimation.calibration import Calibration, Measurement, calibrate
 from cc_mujoco.estimation.friction import FrictionEstimator
 from cc_mujoco.estimation.fusion import Fused, TensionFusion, fuse
 from cc_mujoco.estimation.least_squares import Estimate
-from cc_mujoco.estimation.samples import Track
+from cc_mujoco.estimation.samples import EstimateTrack
 
 __all__ = [
     "Calibration",
     "Estimate",
+    "EstimateTrack",
     "FrictionEstimator",
     "Fused",
     "Measurement",
     "TensionFusion",
-    "Track",
     "calibrate",
     "fuse",
 ]

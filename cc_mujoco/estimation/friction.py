@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
-from cc_mujoco.estimation.samples import Track, rows, wrap_angles
+from cc_mujoco.estimation.samples import EstimateTrack, rows, wrap_angles
 from cc_mujoco.estimation.slope import SlopeEstimator, SlopeFit, require_apart
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.parameters import Cable
@@ -109,7 +109,7 @@ class FrictionEstimator(SlopeEstimator):
         self._slope.update(reading, direction)
         return self.friction
 
-    def over(self, reading: ArrayLike, direction: ArrayLike) -> Track:
+    def over(self, reading: ArrayLike, direction: ArrayLike) -> EstimateTrack:
         """Run over a recording, from the present estimate on.
 
         Args:
@@ -123,4 +123,4 @@ class FrictionEstimator(SlopeEstimator):
             (self.update(*row), self.deviation)
             for row in rows(reading=reading, direction=direction)
         ]
-        return Track(*np.reshape(found, (-1, 2)).T)
+        return EstimateTrack(*np.reshape(found, (-1, 2)).T)

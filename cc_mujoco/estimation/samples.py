@@ -15,7 +15,7 @@ from cc_mujoco.transmission.kernel import segment_angles
 from cc_mujoco.transmission.parameters import Cable
 
 
-class Track(NamedTuple):
+class EstimateTrack(NamedTuple):
     """Estimates followed over a recording.
 
     Attributes:

@@ -44,7 +44,7 @@ _FREAK = 0.05
 """Share of the fitted tension below which a reading is left out (no logarithm)."""
 
 
-class Run(NamedTuple):
+class SlipRun(NamedTuple):
     """Neighbouring segments that slip one way; their nodes are first to last."""
 
     first: int
@@ -69,7 +69,7 @@ def _next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
     return begin, last, end
 
 
-def moving_runs(direction: ArrayLike) -> Iterator[Run]:
+def moving_runs(direction: ArrayLike) -> Iterator[SlipRun]:
     """Parts of a cable in which the capstan law holds with one sign.
 
     Args:
@@ -80,11 +80,11 @@ def moving_runs(direction: ArrayLike) -> Iterator[Run]:
     while at < sign.size:
         first, last, end = _next_run(sign, at)
         if first < last:
-            yield Run(first, last, float(sign[at]))
+            yield SlipRun(first, last, float(sign[at]))
         at = end
 
 
-class Room(NamedTuple):
+class EquationWorkspace(NamedTuple):
     """Room to compute the equations of an instant in, and what they come to.
 
     Attributes:
@@ -102,9 +102,9 @@ class Room(NamedTuple):
     target: FloatArray
 
 
-def room(sensors: int, parameters: int) -> Room:
+def room(sensors: int, parameters: int) -> EquationWorkspace:
     """Room for so many sensors and parameters."""
-    return Room(
+    return EquationWorkspace(
         np.empty((sensors, parameters)),
         np.empty(sensors),
         np.empty(sensors),
@@ -121,7 +121,7 @@ def equations(
     value: FloatArray,
     reading: FloatArray,
     sign: FloatArray,
-    room: Room,
+    room: EquationWorkspace,
 ) -> tuple[float, int]:
     """Information of the readings of one instant, free of the levels.
 
@@ -167,7 +167,7 @@ def _equations(
     noise: FloatArray,
     value: FloatArray,
     reading: FloatArray,
-    room: Room,
+    room: EquationWorkspace,
 ) -> int:
     """Rows and right sides of one moving part; how many, 0 where they tell nothing."""
     rows, right, clear = room.rows, room.right, room.clear

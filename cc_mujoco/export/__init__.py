@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cc_mujoco.export.laws import EXPORTED, Field, Plan
+from cc_mujoco.export.laws import EXPORTED, ExportPlan, Field
 from cc_mujoco.export.machine import TARGETS, Target
 from cc_mujoco.export.writing import FILES, require_ours, write
 
@@ -10,8 +10,8 @@ __all__ = [
     "EXPORTED",
     "FILES",
     "TARGETS",
+    "ExportPlan",
     "Field",
-    "Plan",
     "Target",
     "require_ours",
     "write",

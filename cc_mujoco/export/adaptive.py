@@ -102,10 +102,10 @@ def step_sensed(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
             ),
             carray(at(readings, predictive.READ), (cables, sensors)),
             known,
-            slopes.Room(
+            slopes.SlopeWorkspace(
                 carray(at(memory, work), longest),
                 carray(at(memory, work + longest), (sensors, 1)),
-                slope.Room(
+                slope.EquationWorkspace(
                     carray(at(memory, work + longest + sensors), (sensors, 1)),
                     carray(at(memory, work + longest + 2 * sensors), sensors),
                     carray(at(memory, work + longest + 3 * sensors), sensors),

@@ -41,7 +41,7 @@ from cc_mujoco.transmission.parameters import TERMS
 
 
 @dataclass(frozen=True)
-class Law:
+class ExportedLaw:
     """The compiled functions of a controller."""
 
     set_parameters: Callable[..., Any]
@@ -66,18 +66,22 @@ _PLANNED = frozenset(
 _SENSE = frozenset({"preview", "tolerance"})
 _FED = frozenset({"feed_forward", "stiffness"})
 """Not read by a law with a model."""
-_FEEDBACK = Law(
+_FEEDBACK = ExportedLaw(
     entries.set_gains,
     entries.step_proportional_integral,
     False,
     _SENSE,
 )
-LAWS: dict[type[Controller], Law] = {
+LAWS: dict[type[Controller], ExportedLaw] = {
     ProportionalIntegral: _FEEDBACK,
     Feedback: _FEEDBACK,
-    ModelBased: Law(entries.set_cables, entries.step_model_based, True, _SENSE | _FED),
-    StictionCompensation: Law(entries.set_cables, entries.step_stiction, True, _FED),
-    PredictiveCompensation: Law(
+    ModelBased: ExportedLaw(
+        entries.set_cables, entries.step_model_based, True, _SENSE | _FED
+    ),
+    StictionCompensation: ExportedLaw(
+        entries.set_cables, entries.step_stiction, True, _FED
+    ),
+    PredictiveCompensation: ExportedLaw(
         predictive.set_plan,
         predictive.step_plan,
         True,
@@ -85,7 +89,7 @@ LAWS: dict[type[Controller], Law] = {
         gains=TUNING,
         seen=READ,
     ),
-    AdaptiveModel: Law(
+    AdaptiveModel: ExportedLaw(
         adaptive.set_sensed,
         adaptive.step_sensed,
         True,
@@ -115,10 +119,10 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Plan:
+class ExportPlan:
     """A controller for a device, as it is exported."""
 
-    law: Law
+    law: ExportedLaw
     fields: tuple[Field, ...]
     """Parameters in the order in which C has them."""
     cables: tuple[str, ...]
@@ -132,7 +136,7 @@ class Plan:
     """Tension sensors, of a controller that reads them."""
 
     @classmethod
-    def of(cls, name: str, drive: Drive, cables: tuple[str, ...]) -> Plan:
+    def of(cls, name: str, drive: Drive, cables: tuple[str, ...]) -> ExportPlan:
         """Plan a controller with its default gains.
 
         Args:
@@ -254,7 +258,7 @@ def _bounds(parameter: Any) -> tuple[float, float]:
     ), parameter.high
 
 
-def _of_gain(gain: Parameter, value: float, law: Law) -> Field:
+def _of_gain(gain: Parameter, value: float, law: ExportedLaw) -> Field:
     meaning, (low, high) = gain.meaning, _bounds(gain)
     if gain.name in law.unread:
         meaning += "; this controller does not read it"
@@ -282,7 +286,7 @@ def _without_slope(own: CableDrive) -> set[str]:
     return found | constant - {""}
 
 
-def _of_cable(name: str, own: CableDrive, law: Law) -> Iterator[Field]:
+def _of_cable(name: str, own: CableDrive, law: ExportedLaw) -> Iterator[Field]:
     still = _without_slope(own) if law.needs_slope else set()
     most, least = 1e6, math.nextafter(0.0, 1.0)
     for side, value in (("proximal", own.proximal), ("distal", own.distal)):

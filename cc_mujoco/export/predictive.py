@@ -179,7 +179,7 @@ def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
     size, width = kernel.parameter_size(most), kernel.state_size(most)
     kept, states = planning.FRICTION + cables, (cables, width)
     law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
-    device = planning.Device(
+    device = planning.PlannerMemory(
         carray(at(memory, law), kept),
         carray(at(memory, law + kept), (delays, planning.ROTOR)),
         carray(at(memory, law + kept + delays * planning.ROTOR), delays),
@@ -211,7 +211,7 @@ def plan(memory: Any, shape: Any, tables: Any, readings: Any) -> float:
         stepper.rest(model, readings[0], 0.0, state)
         memory[entries.JOINT], memory[entries.FRESH] = 0.0, 0.0
     own = packed - knots * (4 + knots + planning.VECTORS)
-    room = planning.Room(
+    room = planning.PlannerWorkspace(
         carray(at(memory, after), states),
         carray(at(memory, free), states),
         carray(at(memory, free + cables * width), states),

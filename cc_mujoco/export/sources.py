@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterable
 
 from cc_mujoco.export import entries
-from cc_mujoco.export.laws import Plan
+from cc_mujoco.export.laws import ExportPlan
 from cc_mujoco.transmission.packing import STATE_HEADER
 
 MARK = "/* Written by cc-mujoco export: "
@@ -24,7 +24,7 @@ _READINGS = {
 }
 
 
-def header(plan: Plan, what: str) -> str:
+def header(plan: ExportPlan, what: str) -> str:
     """The C header.
 
     Args:
@@ -107,7 +107,7 @@ double cc_controller_step(cc_controller *controller, const cc_readings *readings
 """
 
 
-def _given(plan: Plan) -> str:
+def _given(plan: ExportPlan) -> str:
     if not plan.plans:
         return ""
     return f"""
@@ -122,7 +122,7 @@ static inline void cc_controller_given(cc_controller *controller, double torque)
 """
 
 
-def _observer(plan: Plan) -> str:
+def _observer(plan: ExportPlan) -> str:
     if not plan.cables:
         return ""
     _, _, state, new, _, _ = plan.places
@@ -171,7 +171,7 @@ def _span(low: float, high: float) -> str:
     return f"{least} to {high:g}"
 
 
-def parameters(plan: Plan) -> str:
+def parameters(plan: ExportPlan) -> str:
     """The parameters as a C array."""
     rows = "\n".join(
         f"    [CC_{field.name.upper()}] = {_literal(field.value)}, "
@@ -195,7 +195,7 @@ def _literal(value: float) -> str:
     return repr(float(value))
 
 
-def example(plan: Plan) -> str:
+def example(plan: ExportPlan) -> str:
     """A program that reads measurements and writes torques."""
     seen = plan.seen
     names = ",".join(seen)
@@ -265,7 +265,7 @@ target_link_libraries(cc_example PRIVATE cc_controller)
 """
 
 
-def interface(plan: Plan, bits: int, set_parameters: str, step: str) -> str:
+def interface(plan: ExportPlan, bits: int, set_parameters: str, step: str) -> str:
     """LLVM assembly of the functions of the header.
 
     Args:

@@ -8,7 +8,7 @@ from pathlib import Path
 from cc_mujoco import files
 from cc_mujoco.compiled import bitcode
 from cc_mujoco.export import entries, sources
-from cc_mujoco.export.laws import Plan
+from cc_mujoco.export.laws import ExportPlan
 from cc_mujoco.export.machine import Target, emit
 
 HEADER, OBJECT = "cc_controller.h", "cc_controller.o"
@@ -37,7 +37,7 @@ def _told(folder: Path) -> str:
 
 
 def write(
-    folder: str | os.PathLike[str], plan: Plan, target: Target, what: str
+    folder: str | os.PathLike[str], plan: ExportPlan, target: Target, what: str
 ) -> None:
     """Compile a controller and write it with all that C needs.
 

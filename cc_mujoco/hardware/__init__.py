@@ -10,8 +10,8 @@ from cc_mujoco.hardware.can_rig import CanRig
 from cc_mujoco.hardware.clock import Clock, SystemClock
 from cc_mujoco.hardware.drives import drive_of
 from cc_mujoco.hardware.limits import Limiter, Limits
-from cc_mujoco.hardware.log import Log, require_free
-from cc_mujoco.hardware.loop import Ending, Loop, Outcome
+from cc_mujoco.hardware.log import RunLog, require_free
+from cc_mujoco.hardware.loop import Ending, Loop, RunOutcome
 from cc_mujoco.hardware.packet import Readings, Status
 from cc_mujoco.hardware.rig import Rig
 from cc_mujoco.hardware.settings import Settings, read_settings
@@ -26,11 +26,11 @@ __all__ = [
     "Ending",
     "Limiter",
     "Limits",
-    "Log",
     "Loop",
-    "Outcome",
     "Readings",
     "Rig",
+    "RunLog",
+    "RunOutcome",
     "Settings",
     "Status",
     "SystemClock",

@@ -40,7 +40,7 @@ class Desired(Protocol):
 
 
 @dataclass(frozen=True)
-class Course:
+class TorqueTable:
     """A course in time, linear between its points and held after the last."""
 
     times: Array
@@ -106,12 +106,12 @@ class Virtual:
         return cls(found)
 
 
-def constant(torque: float) -> Course:
+def constant(torque: float) -> TorqueTable:
     """Return a course of the same torque [Nm] all the time."""
-    return Course(np.zeros(1), np.array([torque]))
+    return TorqueTable(np.zeros(1), np.array([torque]))
 
 
-def from_trajectory(name: str, amplitude: float, duration: float) -> Course:
+def from_trajectory(name: str, amplitude: float, duration: float) -> TorqueTable:
     """The course of a trajectory of `cc-mujoco play`, as a torque.
 
     Args:
@@ -125,17 +125,17 @@ def from_trajectory(name: str, amplitude: float, duration: float) -> Course:
     found = trajectory(name)
     number("duration", duration, 0.01, LONGEST, "s")
     motion = found.sample(duration, 0.002, np.random.default_rng(0))
-    return Course(motion.time, amplitude / found.amplitude * motion.angle)
+    return TorqueTable(motion.time, amplitude / found.amplitude * motion.angle)
 
 
-def from_csv(path: Path) -> Course:
+def from_csv(path: Path) -> TorqueTable:
     """A course from a file with the columns `time_s` and `torque_nm`.
 
     Raises:
         CableError: It cannot be read or used; names file, line and column.
     """
     times, torques = points(path, COLUMNS)
-    return Course(times, torques)
+    return TorqueTable(times, torques)
 
 
 def points(path: Path, columns: Mapping[str, Kind]) -> tuple[Array, ...]:

@@ -85,7 +85,7 @@ def _is_empty(folder: Path, name: str) -> bool:
         return False
 
 
-class Log:
+class RunLog:
     """The rows of a run, and what it was."""
 
     def __init__(

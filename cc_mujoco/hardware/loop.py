@@ -50,13 +50,13 @@ class Ending(Exception):
 
 
 class Rows(Protocol):
-    """Receiver of the rows of a run; `Log` is one."""
+    """Receiver of the rows of a run; `RunLog` is one."""
 
     def row(self, seen: Readings, before: float, *others: float) -> None:
-        """See `Log.row`."""
+        """See `RunLog.row`."""
 
 
-class Times:
+class TimeHistogram:
     """Histogram of times: bins of a microsecond, up to 20 ms."""
 
     def __init__(self) -> None:
@@ -88,7 +88,7 @@ class Times:
 
 
 @dataclass
-class Outcome:
+class RunOutcome:
     """Outcome of a run."""
 
     sentence: str = ""
@@ -108,9 +108,9 @@ class Outcome:
     """Cycles in which no new reading came."""
     ignored: Counter[str] = field(default_factory=Counter)
     """Packets that were not used, by why."""
-    late: Times = field(default_factory=Times)
+    late: TimeHistogram = field(default_factory=TimeHistogram)
     """Lateness of the cycles' beginnings."""
-    work: Times = field(default_factory=Times)
+    work: TimeHistogram = field(default_factory=TimeHistogram)
     """Time from there until the command was out."""
 
     def to_json(self) -> dict[str, Any]:
@@ -168,9 +168,9 @@ class Loop:
         self._deadline = 0.0
         self._late = 0.0
         self._seen: Readings | None = None
-        self.outcome = Outcome()
+        self.outcome = RunOutcome()
 
-    def run(self, duration: float) -> Outcome:
+    def run(self, duration: float) -> RunOutcome:
         """Run for this time [s], or until something ends it; the rig is closed then."""
         try:
             try:

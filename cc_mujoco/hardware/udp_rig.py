@@ -9,7 +9,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.hardware.rig import PacketRig
 
 
-class UdpLink:
+class _UdpLink:
     """A packet in a datagram; those of others never reach it."""
 
     def __init__(self, host: str, port: int) -> None:
@@ -57,4 +57,4 @@ class UdpRig(PacketRig):
         Raises:
             CableError: The address means no machine.
         """
-        super().__init__(UdpLink(host, port))
+        super().__init__(_UdpLink(host, port))

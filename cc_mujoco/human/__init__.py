@@ -24,15 +24,15 @@ from cc_mujoco.human.tasks import (
 from cc_mujoco.human.trajectories import TRAJECTORIES, trajectory
 from cc_mujoco.human.walking import Walk
 from cc_mujoco.human.waves import Chirp, Multisine, Sine
-from cc_mujoco.human.wearer import Gains, Wearer
+from cc_mujoco.human.wearer import ActuatorGains, Wearer
 
 __all__ = [
     "TASKS",
     "TRAJECTORIES",
+    "ActuatorGains",
     "Assist",
     "Body",
     "Chirp",
-    "Gains",
     "Hold",
     "Motion",
     "Multisine",

@@ -29,7 +29,7 @@ from cc_mujoco.checks import number, parameter
 Real = TypeVar("Real", float, NDArray[np.float64])
 
 
-class Gains(NamedTuple):
+class ActuatorGains(NamedTuple):
     """Parameters of a MuJoCo actuator with affine bias."""
 
     gain: float
@@ -92,9 +92,9 @@ class Wearer:
         number("timestep", timestep, 1e-7, 1.0, "s")
         return cls(inertia / timestep**2, inertia / timestep)
 
-    def gains(self) -> Gains:
+    def gains(self) -> ActuatorGains:
         """Gain and bias of a MuJoCo actuator: force = K ctrl - K angle - D velocity."""
-        return Gains(self.stiffness, (0.0, -self.stiffness, -self.damping))
+        return ActuatorGains(self.stiffness, (0.0, -self.stiffness, -self.damping))
 
     def command(self, angle: Real, velocity: Real) -> Real:
         """Control of that actuator for a reference, its velocity fed forward.

@@ -9,7 +9,7 @@ user is a `Metric`, or `MODULE:NAME` of one on the command line.
 
 from __future__ import annotations
 
-from cc_mujoco.metrics.metric import Log, Metric, Record
+from cc_mujoco.metrics.metric import ArrayLog, LogLike, Metric
 from cc_mujoco.metrics.table import (
     METRICS,
     find_metric,
@@ -21,9 +21,9 @@ from cc_mujoco.metrics.table import (
 
 __all__ = [
     "METRICS",
-    "Log",
+    "ArrayLog",
+    "LogLike",
     "Metric",
-    "Record",
     "find_metric",
     "known_by",
     "measure",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco.metrics.metric import Array, Log, wound
+from cc_mujoco.metrics.metric import Array, LogLike, wound
 
 LEAST_ASKED = 0.01
 """Part of all work that a task asks for, either way, which is next to nothing."""
@@ -27,7 +27,7 @@ class Efficiency:
     """Work put in by the motor over work put in by both sides, in [0, 1]."""
 
 
-def efficiency(log: Log) -> Efficiency:
+def efficiency(log: LogLike) -> Efficiency:
     r"""Return how much of the work put into the cables arrives where it should.
 
     The task says where: with the power \(\tau_d \omega_j\) that it asks for, work is

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cc_mujoco.metrics.metric import RATIO, Array, Log
+from cc_mujoco.metrics.metric import RATIO, Array, LogLike
 from cc_mujoco.metrics.signals import loop_width
 
 SWINGS = 2
@@ -18,7 +18,7 @@ LEAST_GAIN = 0.05
 """Joint torque per desired torque; below it nothing arrives."""
 
 
-def held_backlash(log: Log) -> float:
+def held_backlash(log: LogLike) -> float:
     """Return the width of the last loop of the swing at half its height [rad].
 
     Against twist, motor angle times ratio minus joint angle. A cable that only pulls
@@ -36,7 +36,7 @@ def held_backlash(log: Log) -> float:
     return loop_width(twist, torque - middle)
 
 
-def bandwidth(log: Log) -> float:
+def bandwidth(log: LogLike) -> float:
     """Return the frequency at which the response has fallen 3 dB below its lowest [Hz].
 
     It lies, on a logarithmic scale, between the centres of bands. It is `CHIRP_HIGH` if
@@ -53,7 +53,7 @@ def bandwidth(log: Log) -> float:
     return float(centre[k - 1] * (centre[k] / centre[k - 1]) ** share)
 
 
-def response(log: Log) -> tuple[Array, Array]:
+def response(log: LogLike) -> tuple[Array, Array]:
     """Return centres of bands [Hz], and joint torque per desired torque in each.
 
     The response is the cross spectrum of the two torques over the power spectrum of the

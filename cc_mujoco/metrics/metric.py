@@ -37,8 +37,8 @@ PACE, MOMENT = "pace", "ankle_moment"
 the wearer of the scene."""
 
 
-class Log(Protocol):
-    """Record of one episode: an `EpisodeLog`, or a row of a batch as a `Record`."""
+class LogLike(Protocol):
+    """Record of one episode: an `EpisodeLog`, or a row of a batch as `ArrayLog`."""
 
     @property
     def cables(self) -> tuple[str, ...]:
@@ -53,7 +53,7 @@ class Log(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class ArrayLog:
     """Columns and constants of one episode, views of a batch for example."""
 
     columns: Mapping[str, NDArray[Any]]
@@ -88,8 +88,10 @@ class Metric:
     meaning: str
     """One line for a reader."""
     compute: Callable[..., float]
-    """Function of a `Log`, and of `cable` where the name has one; gives NaN where the
-    episode has no such number."""
+    """Function of a `LogLike`, and of `cable` where the name has one.
+
+    It gives NaN where the episode has no such number.
+    """
     better: Better = "low"
     """Direction that is better; empty where neither is."""
     test: Test = "episode"
@@ -122,12 +124,12 @@ class Metric:
         )
 
 
-def wound(log: Log) -> tuple[str, ...]:
+def wound(log: LogLike) -> tuple[str, ...]:
     """Return the names of the cables that the motor winds."""
     return tuple(log.metadata.get(DRIVEN, log.cables))
 
 
-def constant(log: Log, key: str) -> float:
+def constant(log: LogLike, key: str) -> float:
     """Return a constant of the metadata, NaN where it is missing."""
     return float(log.metadata.get(key, math.nan))
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from cc_mujoco.human import Pace
 from cc_mujoco.human.gait import ANKLE_MOMENT
-from cc_mujoco.metrics.metric import MOMENT, PACE, Array, Log
+from cc_mujoco.metrics.metric import MOMENT, PACE, Array, LogLike
 
 RATE_TIME = 0.01
 """Over which the rate of a torque is taken [s]."""
@@ -34,7 +34,7 @@ class Strides(NamedTuple):
     swing_torque: float = math.nan
 
 
-def strides(log: Log) -> Strides:
+def strides(log: LogLike) -> Strides:
     """Return the numbers of the ankle over the whole strides of an episode.
 
     Strides go from heel strike to heel strike. The first, in which the walk begins, is

@@ -1,6 +1,6 @@
 """The table of all metrics, and metrics of the user beside it.
 
-    METRICS["rms_torque_error"].compute(log)       # of an `EpisodeLog` or a `Record`
+    METRICS["rms_torque_error"].compute(log)       # of an `EpisodeLog` or `ArrayLog`
     find_metric("my_module:PEAK_ANGLE")            # a `Metric` of the user
     measure(log, [METRICS["efficiency"]])          # value by metric
 
@@ -30,7 +30,7 @@ from cc_mujoco.metrics.metric import (
     RESISTANCE,
     TORQUE_CONSTANT,
     Better,
-    Log,
+    LogLike,
     Metric,
     constant,
     peak,
@@ -49,13 +49,13 @@ def _part(
     name: str, unit: str, meaning: str, better: Better = "low", *needs: str
 ) -> Metric:
     """Define a metric that is a constant of the design."""
-    compute: Callable[[Log], float] = lambda log: constant(log, name)  # noqa: E731
+    compute: Callable[[LogLike], float] = lambda log: constant(log, name)  # noqa: E731
     return Metric(name, unit, meaning, compute, better, "parts", needs)
 
 
 def _stride(name: str, unit: str, meaning: str, better: Better = "low") -> Metric:
     """Define a metric of the strides of an ankle that walks."""
-    compute: Callable[[Log], float] = lambda log: getattr(strides(log), name)  # noqa: E731
+    compute: Callable[[LogLike], float] = lambda log: getattr(strides(log), name)  # noqa: E731
     return Metric(name, unit, meaning, compute, better, needs=(PACE,))
 
 
@@ -251,7 +251,7 @@ def of_cables(metrics: Iterable[Metric], cables: Iterable[str]) -> list[Metric]:
     return found + [metric.of(cable) for cable in cables for metric in each]
 
 
-def measure(log: Log, metrics: Iterable[Metric]) -> dict[Metric, float]:
+def measure(log: LogLike, metrics: Iterable[Metric]) -> dict[Metric, float]:
     """Return the value of each metric of an episode.
 
     Raises:

@@ -20,7 +20,7 @@ from cc_mujoco.metrics.metric import (
     STRENGTH,
     TORQUE_CONSTANT,
     Array,
-    Log,
+    LogLike,
     constant,
     rms,
     wound,
@@ -35,20 +35,20 @@ TOO_LONG = 0.01
 """Time for which a torque beyond what is safe is a failure [s]."""
 
 
-def torque_error(log: Log) -> Array:
+def torque_error(log: LogLike) -> Array:
     """Return joint torque minus desired torque (T,) [N m]."""
     error: Array = log["joint_torque_nm"] - log["desired_torque_nm"]
     return error
 
 
-def torque_lag(log: Log) -> float:
+def torque_lag(log: LogLike) -> float:
     """Return the delay of the joint torque after the desired torque [s]; see `lag`."""
     thin = slice(None, None, max(1, round(LAG_STEP / _period(log))))
     names = ("time_s", "desired_torque_nm", "joint_torque_nm")
     return lag(*(log[name][thin] for name in names), signed=True)
 
 
-def twist_backlash(log: Log) -> float:
+def twist_backlash(log: LogLike) -> float:
     r"""Return how far the joint can lag the motor with no torque between them [rad].
 
     The twist is \(\theta_m\,\rho - \theta_j\), with \(\rho\) the joint angle per motor
@@ -63,7 +63,7 @@ def twist_backlash(log: Log) -> float:
     return loop_width(twist, log["joint_torque_nm"])
 
 
-def spring_backlash(log: Log) -> float:
+def spring_backlash(log: LogLike) -> float:
     """Return how far apart the torque of a rendered spring crosses zero [rad]."""
     if not log.metadata.get(SPRING):
         return math.nan
@@ -71,7 +71,7 @@ def spring_backlash(log: Log) -> float:
     return loop_opening(*(moving_mean(log[name], _period(log)) for name in names))
 
 
-def chatter(log: Log) -> float:
+def chatter(log: LogLike) -> float:
     """Return the RMS of the motor torque minus its moving mean [N m]."""
     motor = log["motor_torque_nm"]
     mean = moving_mean(motor, _period(log))
@@ -79,13 +79,13 @@ def chatter(log: Log) -> float:
     return rms(motor[first : first + mean.size] - mean)
 
 
-def motor_power(log: Log) -> Array:
+def motor_power(log: LogLike) -> Array:
     """Return the power that the motor gives (T,) [W]."""
     power: Array = log["motor_torque_nm"] * log["motor_velocity_rad_s"]
     return power
 
 
-def motor_heat(log: Log) -> Array:
+def motor_heat(log: LogLike) -> Array:
     """Return the heat of the winding, R (torque / (gearing k))^2 (T,) [W]."""
     gear = constant(log, GEARING) * constant(log, TORQUE_CONSTANT)
     current = log["motor_torque_nm"] / gear
@@ -93,13 +93,13 @@ def motor_heat(log: Log) -> Array:
     return heat
 
 
-def thermal_load(log: Log) -> float:
+def thermal_load(log: LogLike) -> float:
     """Return the RMS torque of the rotor per torque that it can give for ever."""
     rated = constant(log, GEARING) * constant(log, CONTINUOUS_TORQUE)
     return rms(log["motor_torque_nm"]) / rated
 
 
-def least_tension(log: Log, *cables: str) -> Array:
+def least_tension(log: LogLike, *cables: str) -> Array:
     """Return the least tension in some cables, by default the wound (T,) [N]."""
     found: Array = np.min(
         [log[f"tension_{c}_nodes_n"].min(axis=1) for c in cables or wound(log)], axis=0
@@ -107,17 +107,17 @@ def least_tension(log: Log, *cables: str) -> Array:
     return found
 
 
-def slack(log: Log, cable: str) -> NDArray[np.bool_]:
+def slack(log: LogLike, cable: str) -> NDArray[np.bool_]:
     """Return when some of a cable carries no tension (T,)."""
     return least_tension(log, cable) <= 0.0
 
 
-def slack_time(log: Log, cable: str) -> float:
+def slack_time(log: LogLike, cable: str) -> float:
     """Return for how many seconds some of a cable carried no tension."""
     return float(work(log["time_s"], slack(log, cable).astype(float)).sum())
 
 
-def slack_under_load(log: Log) -> float:
+def slack_under_load(log: LogLike) -> float:
     """Return the share of the time in which slack matters."""
     hanging = [slack(log, cable) for cable in wound(log)]
     if log.metadata.get(PULL_PULL):
@@ -126,13 +126,13 @@ def slack_under_load(log: Log) -> float:
     return float(np.mean(np.any(hanging, axis=0) & (desired > TAUT * desired.max())))
 
 
-def peak_tension(log: Log, cable: str) -> float:
+def peak_tension(log: LogLike, cable: str) -> float:
     """Return the largest tension at an end of a cable [N]."""
     ends = (log[f"tension_{cable}_{end}_n"] for end in ("proximal", "distal"))
     return max(float(end.max()) for end in ends)
 
 
-def strength_used(log: Log, *cables: str) -> float:
+def strength_used(log: LogLike, *cables: str) -> float:
     """Return peak tension per breaking load of some cables, by default the wound."""
     strength: Mapping[str, float] = log.metadata.get(STRENGTH, {})
     return max(
@@ -141,7 +141,7 @@ def strength_used(log: Log, *cables: str) -> float:
     )
 
 
-def failed(log: Log) -> float:
+def failed(log: LogLike) -> float:
     """Return 1 for an episode that diverged, was unsafe or tore a cable, else 0."""
     torque = log["joint_torque_nm"]
     if not np.all(np.isfinite(torque)):
@@ -168,11 +168,11 @@ def unsafe_from(torque: Array, safe: float, period: float) -> int | None:
     return int(unsafe[0]) if unsafe.size else None
 
 
-def dissipated_energy(log: Log, cable: str) -> float:
+def dissipated_energy(log: LogLike, cable: str) -> float:
     """Return the energy that a cable lost to friction [J]."""
     return float(np.diff(log[f"dissipated_{cable}_j"]).sum())
 
 
-def _period(log: Log) -> float:
+def _period(log: LogLike) -> float:
     time = log["time_s"]
     return float(time[-1] - time[0]) / (len(time) - 1)

@@ -9,7 +9,7 @@ truth. It is all that is needed; everything else is made from it and the model.
 
 from __future__ import annotations
 
-from cc_mujoco.recording.columns import CABLE, DEVICE, Column, columns_for
+from cc_mujoco.recording.columns import CABLE, DEVICE, LogColumn, columns_for
 from cc_mujoco.recording.episode import FILES, write_episode
 from cc_mujoco.recording.log import EpisodeLog, Recorder
 from cc_mujoco.recording.simulate import play, simulate
@@ -19,8 +19,8 @@ __all__ = [
     "CABLE",
     "DEVICE",
     "FILES",
-    "Column",
     "EpisodeLog",
+    "LogColumn",
     "Recorder",
     "columns_for",
     "draw_summary",

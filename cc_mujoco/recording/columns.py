@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
-class Column:
+class LogColumn:
     """One column of an episode log."""
 
     name: str
@@ -26,7 +26,7 @@ class Column:
     dtype: str = "float64"
     """NumPy name of the element type."""
 
-    def of(self, cable: str) -> Column:
+    def of(self, cable: str) -> LogColumn:
         """Return this column for the cable of that name."""
         return replace(self, name=self.name.format(cable=cable))
 
@@ -35,42 +35,44 @@ MODEL_XML = "model_xml"
 """Metadata key: the MJCF of the model."""
 
 DEVICE = (
-    Column("time_s", "s", "simulated time"),
-    Column("motor_angle_rad", "rad", "angle of the motor pulley"),
-    Column("motor_velocity_rad_s", "rad/s", "angular velocity of the motor pulley"),
-    Column("motor_torque_nm", "N m", "torque that the motor puts into its pulley"),
-    Column("joint_angle_rad", "rad", "angle of the wearer's joint"),
-    Column("joint_velocity_rad_s", "rad/s", "angular velocity of the wearer's joint"),
-    Column("joint_torque_nm", "N m", "torque that the cables put into the joint"),
-    Column(
+    LogColumn("time_s", "s", "simulated time"),
+    LogColumn("motor_angle_rad", "rad", "angle of the motor pulley"),
+    LogColumn("motor_velocity_rad_s", "rad/s", "angular velocity of the motor pulley"),
+    LogColumn("motor_torque_nm", "N m", "torque that the motor puts into its pulley"),
+    LogColumn("joint_angle_rad", "rad", "angle of the wearer's joint"),
+    LogColumn(
+        "joint_velocity_rad_s", "rad/s", "angular velocity of the wearer's joint"
+    ),
+    LogColumn("joint_torque_nm", "N m", "torque that the cables put into the joint"),
+    LogColumn(
         "winding_angle_rad",
         "rad",
         "angle of a round pulley of the neutral arm that the cable is wound on",
     ),
-    Column("winding_velocity_rad_s", "rad/s", "angular velocity of that pulley"),
-    Column("leverage_ratio", "1", "arm of the joint over that of the pulley"),
-    Column("desired_torque_nm", "N m", "torque that the task asks for at the joint"),
-    Column("wearer_torque_nm", "N m", "torque that the wearer puts into the joint"),
-    Column("reference_angle_rad", "rad", "angle that the wearer aims for"),
-    Column("phase_sine", "1", "sine of the phase of the wearer's cycle"),
-    Column("phase_cosine", "1", "cosine of the phase of the wearer's cycle"),
-    Column("qpos", "mixed", "generalized coordinates (rad, m)", listed=True),
+    LogColumn("winding_velocity_rad_s", "rad/s", "angular velocity of that pulley"),
+    LogColumn("leverage_ratio", "1", "arm of the joint over that of the pulley"),
+    LogColumn("desired_torque_nm", "N m", "torque that the task asks for at the joint"),
+    LogColumn("wearer_torque_nm", "N m", "torque that the wearer puts into the joint"),
+    LogColumn("reference_angle_rad", "rad", "angle that the wearer aims for"),
+    LogColumn("phase_sine", "1", "sine of the phase of the wearer's cycle"),
+    LogColumn("phase_cosine", "1", "cosine of the phase of the wearer's cycle"),
+    LogColumn("qpos", "mixed", "generalized coordinates (rad, m)", listed=True),
 )
 """Columns that every log has once."""
 
 CABLE = (
-    Column("tension_{cable}_proximal_n", "N", "tension at the motor end"),
-    Column("tension_{cable}_distal_n", "N", "tension at the joint end"),
-    Column("moving_{cable}_fraction", "1", "part of the cable that slips"),
-    Column("slack_{cable}_m", "m", "cable length that hangs slack"),
-    Column("dissipated_{cable}_j", "J", "energy lost to friction since the start"),
-    Column(
+    LogColumn("tension_{cable}_proximal_n", "N", "tension at the motor end"),
+    LogColumn("tension_{cable}_distal_n", "N", "tension at the joint end"),
+    LogColumn("moving_{cable}_fraction", "1", "part of the cable that slips"),
+    LogColumn("slack_{cable}_m", "m", "cable length that hangs slack"),
+    LogColumn("dissipated_{cable}_j", "J", "energy lost to friction since the start"),
+    LogColumn(
         "tension_{cable}_nodes_n",
         "N",
         "tension at the nodes, from the motor end to the joint end",
         listed=True,
     ),
-    Column(
+    LogColumn(
         "slip_{cable}_direction",
         "1",
         "slip of the segments: 1 towards the joint, -1 towards the motor, 0 stuck",
@@ -81,7 +83,7 @@ CABLE = (
 """Columns that every log has for each cable."""
 
 
-def columns_for(cables: Iterable[str]) -> tuple[Column, ...]:
+def columns_for(cables: Iterable[str]) -> tuple[LogColumn, ...]:
     """Return the columns of a log with these cables, in file order."""
     return DEVICE + tuple(column.of(cable) for cable in cables for column in CABLE)
 

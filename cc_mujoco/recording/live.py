@@ -26,7 +26,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.plant import Plant
 from cc_mujoco.recording.caption import sentence, state
 from cc_mujoco.recording.knobs import HELP, Knobs
-from cc_mujoco.recording.pace import Pace
+from cc_mujoco.recording.pace import RealTimePacer
 from cc_mujoco.recording.screen import PERIOD, Frame, Screen, rounded
 from cc_mujoco.recording.sliders import Sliders
 from cc_mujoco.sensing import Measuring
@@ -127,7 +127,7 @@ class Show:
         self._env, self._exo = env, env.unwrapped.exo
         self._law, self._knobs, self._window, self._seed = law, knobs, window, seed
         self.steps: int = self._exo.steps
-        self._pace = Pace()
+        self._pace = RealTimePacer()
         self._columns: Columns | None = None
         self._note = ""
         self._shown = -PERIOD
@@ -152,7 +152,7 @@ class Show:
             self._hold()
 
     def start(self) -> Columns:
-        """Reset, with the cables as set by the keys; see `Plant.start`."""
+        """Reset, with the cables as set by the keys; see `DrivenDevice.start`."""
         knobs = self._knobs
         knobs.restart = False
         self._friction, self._laid = knobs.friction, knobs.pretension
@@ -162,7 +162,7 @@ class Show:
         return self._columns
 
     def advance(self, torque: NDArray[np.float64]) -> Columns:
-        """Obey the keys and go a step; see `Plant.advance`.
+        """Obey the keys and go a step; see `DrivenDevice.advance`.
 
         Raises:
             Over: If the episode shall begin anew, or none shall be.

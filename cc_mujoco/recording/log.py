@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import KEY, replacing
-from cc_mujoco.recording.columns import Column, cables_in, columns_for
+from cc_mujoco.recording.columns import LogColumn, cables_in, columns_for
 
 """Key of the Parquet schema metadata that holds the log's metadata as JSON."""
 
@@ -208,7 +208,7 @@ def _take(values: Mapping[str, Any], name: str, where: str) -> Any:
     return values[name]
 
 
-def _frozen(column: Column, values: NDArray[Any]) -> NDArray[Any]:
+def _frozen(column: LogColumn, values: NDArray[Any]) -> NDArray[Any]:
     array = np.array(values, dtype=column.dtype)
     if array.ndim != 1 + column.listed:
         expected = "(T, n)" if column.listed else "(T,)"

@@ -17,10 +17,10 @@ AHEAD = 0.004
 BEHIND = 0.1
 """Lag that is not made up for: where real time is too fast, time slows down [s]."""
 SPAN = 0.5
-"""Time over which `Pace.factor` is taken [s]."""
+"""Time over which `RealTimePacer.factor` is taken [s]."""
 
 
-class Pace:
+class RealTimePacer:
     """Waits wherever the simulation is ahead."""
 
     def __init__(

@@ -14,7 +14,7 @@ from cc_mujoco.recording.log import EpisodeLog
 Array = NDArray[np.float64]
 
 
-class Line(NamedTuple):
+class PlotLine(NamedTuple):
     """One line of a plot."""
 
     label: str
@@ -29,16 +29,16 @@ class Panel(NamedTuple):
 
     title: str
     unit: str
-    lines: tuple[Line, ...]
+    lines: tuple[PlotLine, ...]
 
 
 def torques(log: EpisodeLog) -> list[Panel]:
     """Torque at the joint, as desired and as delivered, and at the motor."""
     joint = (
-        Line("delivered", log["joint_torque_nm"], BLUE),
-        Line("desired", log["desired_torque_nm"], ORANGE, dashed=True),
+        PlotLine("delivered", log["joint_torque_nm"], BLUE),
+        PlotLine("desired", log["desired_torque_nm"], ORANGE, dashed=True),
     )
-    motor = (Line("motor", log["motor_torque_nm"], GREEN),)
+    motor = (PlotLine("motor", log["motor_torque_nm"], GREEN),)
     return [Panel("Joint torque", "N m", joint), Panel("Motor torque", "N m", motor)]
 
 
@@ -48,9 +48,9 @@ def angles(log: EpisodeLog) -> Panel:
     motor = np.degrees(log["motor_angle_rad"]) * (1.0 if ratio is None else ratio)
     label = "motor" if ratio is None else "motor, referred to the joint"
     lines = (
-        Line(label, motor, GREEN),
-        Line("joint", np.degrees(log["joint_angle_rad"]), BLUE),
-        Line(
+        PlotLine(label, motor, GREEN),
+        PlotLine("joint", np.degrees(log["joint_angle_rad"]), BLUE),
+        PlotLine(
             "wearer aims for",
             np.degrees(log["reference_angle_rad"]),
             ORANGE,
@@ -67,8 +67,8 @@ def tensions(log: EpisodeLog) -> list[Panel]:
             f"Tension, {cable}",
             "N",
             (
-                Line("motor end", log[f"tension_{cable}_proximal_n"], BLUE),
-                Line("joint end", log[f"tension_{cable}_distal_n"], SKY),
+                PlotLine("motor end", log[f"tension_{cable}_proximal_n"], BLUE),
+                PlotLine("joint end", log[f"tension_{cable}_distal_n"], SKY),
             ),
         )
         for cable in log.cables

@@ -24,7 +24,7 @@ RINGS = 5
 """Rings from the pole of a sphere to its equator."""
 
 
-class Mesh(NamedTuple):
+class TriangleMesh(NamedTuple):
     """Triangles in the frame of what they belong to."""
 
     vertices: Array
@@ -33,7 +33,7 @@ class Mesh(NamedTuple):
     """Numbers of their corners (F, 3), anticlockwise as seen from outside."""
 
 
-def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> Mesh:
+def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> TriangleMesh:
     """Triangles of a geom in its own frame.
 
     Args:
@@ -48,14 +48,14 @@ def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> Mesh:
         mesh = int(model.geom_dataid[geom])
         first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
         face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-        return Mesh(
+        return TriangleMesh(
             np.asarray(model.mesh_vert[first : first + count], dtype=np.float64),
             np.asarray(model.mesh_face[face : face + faces], dtype=np.int32),
         )
     if kind == SHAPE.mjGEOM_PLANE:
         x, y = (min(half, reach) if half > 0 else reach for half in (x, y))
         corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]])
-        return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
+        return TriangleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
     if kind == SHAPE.mjGEOM_SPHERE:
         return _ball(np.array([x, x, x]), reach)
     if kind == SHAPE.mjGEOM_ELLIPSOID:
@@ -73,12 +73,12 @@ def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> Mesh:
     return _box(model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:])
 
 
-def joined(meshes: list[Mesh]) -> Mesh:
+def joined(meshes: list[TriangleMesh]) -> TriangleMesh:
     """Several meshes as one."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
     faces = [m.triangles + start for m, start in zip(meshes, starts, strict=True)]
     vertices = np.concatenate([mesh.vertices for mesh in meshes])
-    return Mesh(vertices, np.concatenate(faces).astype(np.int32))
+    return TriangleMesh(vertices, np.concatenate(faces).astype(np.int32))
 
 
 def _dome() -> Array:
@@ -87,14 +87,14 @@ def _dome() -> Array:
     return np.stack([np.cos(angle) * (angle < 0.5 * np.pi), np.sin(angle)], axis=1)
 
 
-def _ball(halves: Array, reach: float) -> Mesh:
+def _ball(halves: Array, reach: float) -> TriangleMesh:
     dome = _dome()
     profile = np.concatenate([(dome[1:] * [1, -1])[::-1], dome])
     ball = _turned([profile], float(halves.max()) / reach)
-    return Mesh(ball.vertices * halves, ball.triangles)
+    return TriangleMesh(ball.vertices * halves, ball.triangles)
 
 
-def _turned(profiles: list[Array], size: float) -> Mesh:
+def _turned(profiles: list[Array], size: float) -> TriangleMesh:
     """Turn profiles about z; each is smooth, and edges are between them.
 
     Args:
@@ -116,11 +116,11 @@ def _turned(profiles: list[Array], size: float) -> Mesh:
                 faces.append(np.stack([a, b, b + sides], axis=1))
             if high > 0:
                 faces.append(np.stack([a, b + sides, a + sides], axis=1))
-        meshes.append(Mesh(np.concatenate(rings), np.concatenate(faces)))
+        meshes.append(TriangleMesh(np.concatenate(rings), np.concatenate(faces)))
     return joined(meshes)
 
 
-def _box(center: Array, half: Array) -> Mesh:
+def _box(center: Array, half: Array) -> TriangleMesh:
     square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
     meshes = []
     for axis in range(3):
@@ -129,6 +129,8 @@ def _box(center: Array, half: Array) -> Mesh:
             corners = np.roll(np.c_[square, np.full(4, side)], axis + 1, axis=1)
             faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
             meshes.append(
-                Mesh(corners * half + center, faces if side > 0 else faces[:, ::-1])
+                TriangleMesh(
+                    corners * half + center, faces if side > 0 else faces[:, ::-1]
+                )
             )
     return joined(meshes)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-class Episode(NamedTuple):
+class LabelledEpisode(NamedTuple):
     """One of those beside each other, all of the same cables."""
 
     name: str
@@ -39,7 +39,7 @@ class Episode(NamedTuple):
     """The model that it was played on."""
 
 
-def draw_side_by_side(episodes: Sequence[Episode]) -> Figure:
+def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> Figure:
     """Draw a column for each: its torque-angle loop, and tension at both ends."""
     cables = episodes[0].log.cables
     with style():
@@ -76,7 +76,7 @@ def draw_side_by_side(episodes: Sequence[Episode]) -> Figure:
 
 
 def write_side_by_side(
-    path: str | os.PathLike[str], episodes: Sequence[Episode], about: str
+    path: str | os.PathLike[str], episodes: Sequence[LabelledEpisode], about: str
 ) -> None:
     """Write a `.rrd` file that holds all episodes, each under its name.
 
@@ -116,12 +116,12 @@ def common(groups: Iterable[tuple[Array, list[Array]]]) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _root(episode: Episode) -> str:
+def _root(episode: LabelledEpisode) -> str:
     # Rerun shows a space in a path with a backslash before.
     return rr.new_entity_path([episode.name.replace(" ", "_")])
 
 
-def _blueprint(episodes: Sequence[Episode]) -> rrb.Blueprint:
+def _blueprint(episodes: Sequence[LabelledEpisode]) -> rrb.Blueprint:
     def plots(title: str, origin: str, paths: Sequence[str] = ()) -> rrb.Horizontal:
         drawn = [values(episode.log, origin, paths) for episode in episodes]
         times = [episode.log["time_s"] for episode in episodes]

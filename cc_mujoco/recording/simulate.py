@@ -43,7 +43,7 @@ from cc_mujoco.transmission import Cable
 if TYPE_CHECKING:
     import gymnasium
 
-    from cc_mujoco.envs.exo import Exo
+    from cc_mujoco.envs.exo import WornDevice
 
 Law = str | Controller | Callable[[Drive], Any]
 """Name of a controller, a controller, or a function that makes one of a drive."""
@@ -124,7 +124,7 @@ def simulate(
     from gymnasium.utils import seeding  # a list of names need not wait for these
 
     from cc_mujoco.envs.device import load
-    from cc_mujoco.envs.exo import Exo
+    from cc_mujoco.envs.exo import WornDevice
     from cc_mujoco.simulation.batch import FRAME_SKIP, Alone, Fleet
 
     alone = isinstance(plants, str)
@@ -138,7 +138,7 @@ def simulate(
     scene = mujoco.MjSpec.from_file(str(scene_path(setup.scene)))
     cables = engine.from_mjcf(scene)
     model = load(setup, drawn=False)
-    exo = Exo(setup, motion, task, duration, FRAME_SKIP, None, model)
+    exo = WornDevice(setup, motion, task, duration, FRAME_SKIP, None, model)
     sensing = setup.sensing if sensing is None else sensing
     drives = [sensing.equip(exo.drive)] * len(names)
     law = _law(controller, drives, alone)
@@ -217,7 +217,7 @@ def _seeds(given: Any, count: int) -> list[int]:
 
 def _law(given: Any, drives: Sequence[Drive], alone: bool) -> Controller:
     """Return the controller of a plant, or of several."""
-    from cc_mujoco.simulation.batched_controller import Laws
+    from cc_mujoco.simulation.batched_controller import BatchedController
 
     if isinstance(given, Controller):
         period = drives[0].period
@@ -232,7 +232,9 @@ def _law(given: Any, drives: Sequence[Drive], alone: bool) -> Controller:
             "controller must be a name, a Controller or a function of a Drive, not "
             f"{given!r}."
         )
-    return make_controller(given, drives[0]) if alone else Laws(given, drives)
+    return (
+        make_controller(given, drives[0]) if alone else BatchedController(given, drives)
+    )
 
 
 def _label(given: Any) -> str:
@@ -270,7 +272,7 @@ def play(
     Raises:
         CableError: If the simulation diverges or the controller fails.
     """
-    exo: Exo = env.unwrapped.exo  # type: ignore[attr-defined]
+    exo: WornDevice = env.unwrapped.exo  # type: ignore[attr-defined]
     sensing = sensing or exo.setup.sensing
     plant = Single(env, seed)
     driven = exo.device.driven
@@ -291,7 +293,7 @@ def play(
 
 
 def describe(
-    exo: Exo,
+    exo: WornDevice,
     cables: Mapping[str, Cable],
     sensing: Sensing,
     seed: int,

@@ -66,7 +66,7 @@ HEADLESS = (("EGL", "mujoco.egl"), ("OSMesa", "mujoco.osmesa"))
 
 
 def require_opengl() -> None:
-    """Find out, before long work, whether a `Stage` can be opened.
+    """Find out, before long work, whether a `OffscreenRenderer` can be opened.
 
     Raises:
         CableError: If there is no OpenGL.
@@ -94,7 +94,7 @@ def _context(width: int, height: int) -> Any:
         ) from None
 
 
-class Stage:
+class OffscreenRenderer:
     """A model, lit and seen by its first camera; needs OpenGL, but no display."""
 
     def __init__(
@@ -157,7 +157,7 @@ class Stage:
         model.vis.quality.shadowsize = 0
         self._drawing = self._open()
 
-    def __enter__(self) -> Stage:
+    def __enter__(self) -> OffscreenRenderer:
         """Return itself."""
         return self
 

@@ -22,7 +22,7 @@ from cc_mujoco.files import replacing
 from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.moments import RATE, moments
 from cc_mujoco.recording.panels import highest_tension
-from cc_mujoco.recording.stage import Exposure, Stage, require_opengl
+from cc_mujoco.recording.stage import Exposure, OffscreenRenderer, require_opengl
 from cc_mujoco.recording.strips import SCENE, SIZE, Strips
 
 CODEC = "libx264"
@@ -76,7 +76,7 @@ def write_video(
     poses = qpos[np.linspace(0, len(log) - 1, AIMED_AT).astype(int)]
     with (
         replacing(path) as partial,
-        Stage(model, log.cables, highest, poses, (height, width)) as stage,
+        OffscreenRenderer(model, log.cables, highest, poses, (height, width)) as stage,
         av.open(os.fspath(partial), "w", format="mp4", options=CONTAINER) as film,
         ThreadPoolExecutor(1) as other,  # finishes a frame while the next is drawn
     ):

@@ -19,7 +19,7 @@ from cc_mujoco.recording.conduit3d import (
 )
 from cc_mujoco.recording.log import EpisodeLog
 from cc_mujoco.recording.scene3d import body_poses, viewpoint, visible_geoms
-from cc_mujoco.recording.shapes import Mesh, geom_mesh, joined
+from cc_mujoco.recording.shapes import TriangleMesh, geom_mesh, joined
 from cc_mujoco.recording.tendon3d import tendon_paths, visible_tendons
 
 Array = NDArray[np.float64]
@@ -122,12 +122,12 @@ def _poses(model: mujoco.MjModel, qpos: Array, moving: NDArray[np.intp]) -> Arra
 
 def _meshes(
     model: mujoco.MjModel, moving: NDArray[np.intp], reach: float
-) -> list[tuple[int, Array, Mesh]]:
+) -> list[tuple[int, Array, TriangleMesh]]:
     """Row of the moving body or -1, colour, and all triangles that have both."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     rows = {int(body): row for row, body in enumerate(moving)}
-    groups: dict[tuple[int, bytes], tuple[Array, list[Mesh]]] = {}
+    groups: dict[tuple[int, bytes], tuple[Array, list[TriangleMesh]]] = {}
     for geom, rgba in visible_geoms(model):
         row = rows.get(int(model.geom_bodyid[geom]), -1)
         mesh = geom_mesh(model, geom, reach)
@@ -137,7 +137,7 @@ def _meshes(
             turned, place = np.empty(9), model.geom_pos[geom]
             mujoco.mju_quat2Mat(turned, model.geom_quat[geom])
             turned = turned.reshape(3, 3)
-        mesh = Mesh(mesh.vertices @ turned.T + place, mesh.triangles)
+        mesh = TriangleMesh(mesh.vertices @ turned.T + place, mesh.triangles)
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
             rgba = rgba * [1.0, 1.0, 1.0, FLOOR]
         groups.setdefault((row, rgba.tobytes()), (rgba, []))[1].append(mesh)

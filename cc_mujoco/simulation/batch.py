@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.engine import Reader, cables, untimed
 from cc_mujoco.envs.device import Device, Physics, physics_of
-from cc_mujoco.envs.exo import Exo
+from cc_mujoco.envs.exo import WornDevice
 from cc_mujoco.envs.script import Script
 from cc_mujoco.envs.winding import Winding
 from cc_mujoco.episode import Columns, no_torque, unstable
@@ -36,7 +36,7 @@ class Simulations:
 
     def __init__(
         self,
-        exo: Exo,
+        exo: WornDevice,
         count: int,
         models: Sequence[mujoco.MjModel] | None = None,
         threads: int = 0,
@@ -145,11 +145,11 @@ class Simulations:
 
 
 class Fleet:
-    """Devices that a controller drives together; a `Plant` of `episode.run`."""
+    """Devices that a controller drives together; a `DrivenDevice` of `episode.run`."""
 
     def __init__(
         self,
-        exo: Exo,
+        exo: WornDevice,
         devices: Sequence[Device],
         scripts: Sequence[Script],
         threads: int = 1,
@@ -194,14 +194,14 @@ class Fleet:
         self._step = 0
 
     def start(self) -> Columns:
-        """Bring all to the start; see `Plant.start`."""
+        """Bring all to the start; see `DrivenDevice.start`."""
         for row, device in enumerate(self._devices):
             script = self._scripts[row % len(self._scripts)]
             self.simulations.start(row, device, script)
         return self._columns(self.simulations.physics)
 
     def advance(self, torque: Array) -> Columns:
-        """Go a control step; see `Plant.advance`."""
+        """Go a control step; see `DrivenDevice.advance`."""
         if not np.isfinite(torque).all():
             self._refuse(np.isfinite(torque))
         # `np.clip` takes several times as long for small arrays.
@@ -258,18 +258,18 @@ class Fleet:
 
 
 class Alone:
-    """The only device of a fleet, as numbers; a `Plant` of `episode.run`."""
+    """The only device of a fleet, as numbers; a `DrivenDevice` of `episode.run`."""
 
     def __init__(self, fleet: Fleet) -> None:
         """Take the fleet."""
         self._fleet, self.steps = fleet, fleet.steps
 
     def start(self) -> Columns:
-        """Bring it to the start; see `Plant.start`."""
+        """Bring it to the start; see `DrivenDevice.start`."""
         return {name: value[0] for name, value in self._fleet.start().items()}
 
     def advance(self, torque: Array) -> Columns:
-        """Go a control step; see `Plant.advance`."""
+        """Go a control step; see `DrivenDevice.advance`."""
         columns = self._fleet.advance(np.reshape(torque, 1))
         if why := self._fleet.failed[0]:
             raise unstable(why)

@@ -30,7 +30,7 @@ class Unpowered(Controller):
         return 0.0
 
 
-class Laws(Controller):
+class BatchedController(Controller):
     """One controller for many devices, whose drives may differ.
 
     Controllers work on arrays; this gives one of them drives that are arrays too, if

@@ -27,7 +27,7 @@ from cc_mujoco.control.proportional_integral import Feedback, ProportionalIntegr
 from cc_mujoco.control.stiction import StictionCompensation
 from cc_mujoco.engine import Reader, cables
 from cc_mujoco.envs.device import Device
-from cc_mujoco.envs.exo import Exo
+from cc_mujoco.envs.exo import WornDevice
 from cc_mujoco.envs.script import Script
 from cc_mujoco.envs.winding import LEAST as LEAST_LEVERAGE
 from cc_mujoco.episode import no_torque
@@ -232,7 +232,7 @@ class CompiledEpisodes:
 
 def play_compiled(
     episodes: CompiledEpisodes,
-    exo: Exo,
+    exo: WornDevice,
     devices: Sequence[Device],
     script: Script,
     threads: int = 1,

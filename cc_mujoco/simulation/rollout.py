@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from cc_mujoco.control import Drive, controller
 from cc_mujoco.devices import Setup
 from cc_mujoco.envs.device import Device
-from cc_mujoco.envs.exo import Exo
+from cc_mujoco.envs.exo import WornDevice
 from cc_mujoco.envs.script import Script
 from cc_mujoco.episode import Columns, Trace, run
 from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.plant import Plant
 from cc_mujoco.sensing import PERFECT, Measuring
 from cc_mujoco.simulation.batch import Fleet
-from cc_mujoco.simulation.batched_controller import Laws, Unpowered
+from cc_mujoco.simulation.batched_controller import BatchedController, Unpowered
 from cc_mujoco.simulation.compiled_batch import (
     TICK_STEPS,
     CompiledEpisodes,
@@ -61,13 +61,13 @@ class Episode:
         """The device on a model."""
         return Device(self.setup, self.wearer, model)
 
-    def exo(self, model: mujoco.MjModel) -> Exo:
+    def exo(self, model: mujoco.MjModel) -> WornDevice:
         """Device, wearer, trajectory and task on a model.
 
         Raises:
             CableError: the episode cannot be played.
         """
-        return Exo(
+        return WornDevice(
             self.setup,
             self.trajectory,
             self.task,
@@ -140,7 +140,7 @@ def play(
         columns = compiled.columns() | _scripted(script, exo, len(devices))
         tick(1.0)
         return Rollout(columns, ratio, driven, failed)
-    law = Unpowered(drives[0]) if name is None else Laws(name, drives)
+    law = Unpowered(drives[0]) if name is None else BatchedController(name, drives)
     fleet = Fleet(exo, devices, (script,), threads, called)
     measuring = Measuring(PERFECT, drives[0], driven, episode.seed, exo.steps)
     trace = Trace(COLUMNS, exo.steps, fleet.going)
@@ -160,7 +160,7 @@ def play(
     return Rollout(columns, ratio, driven, tuple(fleet.failed))
 
 
-def _scripted(script: Script, exo: Exo, count: int) -> dict[str, Array]:
+def _scripted(script: Script, exo: WornDevice, count: int) -> dict[str, Array]:
     """Columns that are the same for all designs, (n, T)."""
     shape = (count, exo.steps + 1)
     time = np.arange(exo.steps + 1) * exo.period
@@ -176,7 +176,7 @@ def _compiled(
     name: str | None,
     drives: Sequence[Drive],
     devices: Sequence[Device],
-    exo: Exo,
+    exo: WornDevice,
     script: Script,
 ) -> CompiledEpisodes | None:
     """Return the episodes inside MuJoCo's steps; None where only Python can."""

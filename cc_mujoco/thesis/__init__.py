@@ -8,14 +8,20 @@ what we find, whether that agrees, and why.
 
 from __future__ import annotations
 
-from cc_mujoco.thesis.outcome import Claim, Outcome
-from cc_mujoco.thesis.runner import EXPERIMENTS, Record, reproduce, run, table
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome
+from cc_mujoco.thesis.runner import (
+    EXPERIMENTS,
+    FinishedExperiment,
+    reproduce,
+    run,
+    table,
+)
 
 __all__ = [
     "EXPERIMENTS",
     "Claim",
-    "Outcome",
-    "Record",
+    "ExperimentOutcome",
+    "FinishedExperiment",
     "reproduce",
     "run",
     "table",

@@ -116,7 +116,7 @@ class InertiaFree:
 
 
 class _Motion:
-    """A motion of the joint, as a `Plant`."""
+    """A motion of the joint, as a `DrivenDevice`."""
 
     def __init__(
         self, device: InertiaFree, angle: FloatArray, desired: FloatArray
@@ -126,13 +126,13 @@ class _Motion:
         self._at = 0
 
     def start(self) -> Columns:
-        """Rest; see `Plant.start`."""
+        """Rest; see `DrivenDevice.start`."""
         self._at = 0
         self._device.reset(float(self._angle[0]))
         return self._columns(self._device.motor_angle)
 
     def advance(self, torque: FloatArray) -> Columns:
-        """Go to the next sample; see `Plant.advance`."""
+        """Go to the next sample; see `DrivenDevice.advance`."""
         before = self._device.motor_angle
         self._at += 1
         self._device.step(float(torque), float(self._angle[self._at]))

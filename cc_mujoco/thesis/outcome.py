@@ -52,7 +52,7 @@ def at_least(ratio: float) -> str:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ExperimentOutcome:
     """Outcome of one experiment.
 
     Attributes:

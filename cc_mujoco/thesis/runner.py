@@ -25,7 +25,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.figures import save, style
 from cc_mujoco.files import replacing, replacing_folder, require_ours
 from cc_mujoco.identity import differences, made_by, told
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 
 EXPERIMENTS: dict[str, str] = {
     "solver": "Fig. 2.4: time of a solution against the number of segments",
@@ -55,7 +55,7 @@ SUMMARY = "summary.md"
 
 
 @dataclass(frozen=True)
-class Record:
+class FinishedExperiment:
     """A finished experiment: its name, its claims and whether it was run just now."""
 
     name: str
@@ -69,9 +69,9 @@ def reproduce(
     *,
     again: bool = False,
     progress: Callable[[str, float], None] = lambda name, share: None,
-    finished: Callable[[Record], None] = lambda record: None,
+    finished: Callable[[FinishedExperiment], None] = lambda record: None,
     say: Callable[[str], None] = lambda sentence: None,
-) -> list[Record]:
+) -> list[FinishedExperiment]:
     """Run experiments and write figures, data and the summary table.
 
     Args:
@@ -122,16 +122,16 @@ def reproduce(
             claims = outcome.claims
         progress(name, 1.0)
         _summarize(out)
-        records.append(Record(name, claims, fresh))
+        records.append(FinishedExperiment(name, claims, fresh))
         finished(records[-1])
     return records
 
 
-def run(name: str, progress: Progress = lambda share: None) -> Outcome:
+def run(name: str, progress: Progress = lambda share: None) -> ExperimentOutcome:
     """Run one experiment and return what it gives; nothing is written."""
     module = importlib.import_module(f"cc_mujoco.thesis.experiments.{name}")
     with style():
-        outcome: Outcome = module.run(progress)
+        outcome: ExperimentOutcome = module.run(progress)
     return outcome
 
 
@@ -143,7 +143,7 @@ def table(claims: Iterable[Claim]) -> str:
     )
 
 
-def _write(folder: Path, outcome: Outcome) -> None:
+def _write(folder: Path, outcome: ExperimentOutcome) -> None:
     with replacing_folder(folder) as place, style():
         for stem, drawing in outcome.figures.items():
             save(place / f"{stem}.png", drawing)

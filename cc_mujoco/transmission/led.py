@@ -28,7 +28,7 @@ from cc_mujoco.transmission.pulleys import Driven
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class CoupledPath:
     """The path of one cable at every angle of the joint that moves it.
 
     Attributes:
@@ -65,7 +65,7 @@ class Course:
 
 
 @dataclass(frozen=True)
-class Led:
+class CoupledCables:
     """Cables on a motor's pulley, whose paths one joint moves.
 
     Attributes:
@@ -77,7 +77,7 @@ class Led:
     """
 
     cables: tuple[Cable, ...]
-    courses: tuple[Course, ...]
+    courses: tuple[CoupledPath, ...]
     motor_radius: float
     distal_share: float = 1.0
 
@@ -132,7 +132,7 @@ class Led:
     def _played(
         self,
         cable: Cable,
-        course: Course,
+        course: CoupledPath,
         sign: float,
         dt: float,
         motor: FloatArray,
@@ -168,7 +168,7 @@ class Led:
         return out
 
 
-def _prepared(cable: Cable, course: Course) -> FloatArray:
+def _prepared(cable: Cable, course: CoupledPath) -> FloatArray:
     """Packed parameters of a cable on its course."""
     n = cable.segments
     if course.wrap.shape[1] != n:

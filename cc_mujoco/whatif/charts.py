@@ -24,7 +24,7 @@ from cc_mujoco.plant.variables import describe
 from cc_mujoco.whatif.pareto import Objective
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity
-from cc_mujoco.whatif.surface import Axis
+from cc_mujoco.whatif.surface import DesignAxis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -153,7 +153,7 @@ def _of_surface(
     """
     assert one.surface is not None
     names = plan.varied
-    axes = {name: Axis(plan.ranges[name]) for name in names}
+    axes = {name: DesignAxis(plan.ranges[name]) for name in names}
     shares = {name: axes[name].shares(FINE) for name in (across, up)}
     x, y = np.meshgrid(shares[across], shares[up])
     columns = []

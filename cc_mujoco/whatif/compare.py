@@ -107,7 +107,7 @@ def write_comparison(
         CableError: see `compare`, `show.show` and `require_ours`.
     """
     from cc_mujoco.recording.side_by_side import (
-        Episode,
+        LabelledEpisode,
         draw_side_by_side,
         write_side_by_side,
     )
@@ -123,7 +123,7 @@ def write_comparison(
                 progress(before + time)
 
         log, model = show(folder, design, passed, case)
-        episodes.append(Episode(f"design {design}", log, model))
+        episodes.append(LabelledEpisode(f"design {design}", log, model))
     text = _text(folder, row, against, pairs)
     with files.replacing_folder(out) as partial:
         figures.save(partial / PICTURE, draw_side_by_side(episodes))

@@ -16,7 +16,7 @@ from cc_mujoco.control import controller
 from cc_mujoco.human import Spring, Wearer
 from cc_mujoco.human import task as find_task
 from cc_mujoco.identity import made_by
-from cc_mujoco.metrics import METRICS, Record, measure
+from cc_mujoco.metrics import METRICS, ArrayLog, measure
 from cc_mujoco.metrics.held import SWINGS
 from cc_mujoco.metrics.metric import MOMENT, PACE, SPRING, Test
 from cc_mujoco.metrics.torques import unsafe_from
@@ -42,17 +42,17 @@ from cc_mujoco.whatif.protocol import (
     CHIRP_TIME,
     CONTROL_PERIOD,
     SWING_TIME,
-    Chirp,
+    ChirpTorque,
     EpisodeProtocol,
-    Hold,
-    Swing,
+    NoMotion,
+    SineTorque,
 )
 from cc_mujoco.workers import Tick
 
 Design = dict[str, Value]
 
 
-class Result(NamedTuple):
+class DesignResult(NamedTuple):
     """Outcome of one design."""
 
     metrics: dict[str, float]
@@ -72,7 +72,7 @@ def evaluate(
     protocol: EpisodeProtocol,
     designs: Sequence[Design],
     tick: Tick = lambda share: None,
-) -> list[Result]:
+) -> list[DesignResult]:
     """Try designs of equal layout (numbers of segments) together.
 
     Args:
@@ -132,7 +132,7 @@ def _tried(
         for each, plant, model in zip(found, plants, models, strict=True):
             parts = parts_of(plant, model, dict(protocol.costs))
             for law in laws:
-                each[law] |= _values("parts", Record({}, metadata=parts), protocol)
+                each[law] |= _values("parts", ArrayLog({}, metadata=parts), protocol)
     total = sum(episode.duration for _, _, episode in tests)
     done = 0.0
     for test, law, episode in tests:
@@ -156,7 +156,7 @@ def _tried(
     return [_Tried(*pair) for pair in zip(found, failed, strict=True)]
 
 
-def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> Result:
+def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:
     """The result of a design, from what became of it in each case."""
     across = protocol.across
     failed: dict[str, str] = {}
@@ -166,7 +166,7 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> Result:
     good = [law for law in protocol.controllers if law not in failed]
     if not good:
         none = dict.fromkeys(numbers(protocol), math.nan)
-        return Result(none, failed[protocol.controllers[0]], out=failed)
+        return DesignResult(none, failed[protocol.controllers[0]], out=failed)
 
     def each(name: str, law: str) -> list[float]:
         return [one.rows[law].get(name, math.nan) for one in tried]
@@ -181,7 +181,7 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> Result:
     for column, (name, law) in by_controller(protocol).items():
         metrics[column] = over(name, law) if law in good else math.nan
     if not across.several:
-        return Result(metrics, "", best, out=failed)
+        return DesignResult(metrics, "", best, out=failed)
     for column, name in by_case(protocol).items():
         end = np.min if column.endswith(LEAST) else np.max
         metrics[column] = float(end(each(name, best)))
@@ -189,7 +189,7 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> Result:
         across.worst(each(name, best), wants_high(protocol, name))
         for name in protocol.metrics
     )
-    return Result(metrics, "", best, worst, failed)
+    return DesignResult(metrics, "", best, worst, failed)
 
 
 def episodes(
@@ -230,13 +230,13 @@ def episodes(
         if "backlash" in needed:
             slow = dataclasses.replace(
                 held,
-                task=Swing(share * most, bias * most),
+                task=SineTorque(share * most, bias * most),
                 duration=SWINGS * SWING_TIME,
                 controller="none",
             )
             found.append(("backlash", "", slow))
         if "bandwidth" in needed:
-            chirp = Chirp(CHIRP_SHARE * most, 2.5 * CHIRP_SHARE * bias * most)
+            chirp = ChirpTorque(CHIRP_SHARE * most, 2.5 * CHIRP_SHARE * bias * most)
             fast = dataclasses.replace(held, task=chirp, duration=CHIRP_TIME)
             found += [
                 ("bandwidth", law, dataclasses.replace(fast, controller=law))
@@ -262,7 +262,7 @@ def rehearse(protocol: EpisodeProtocol, builder: Scene) -> None:
 
 
 @dataclass(frozen=True)
-class Trial:
+class DesignJob:
     """A protocol as a `workers.Job` whose pieces are designs of equal layout."""
 
     protocol: EpisodeProtocol
@@ -280,7 +280,7 @@ class Trial:
         """Number of designs."""
         return len(piece)
 
-    def do(self, piece: Sequence[Design], tick: Tick) -> list[Result]:
+    def do(self, piece: Sequence[Design], tick: Tick) -> list[DesignResult]:
         """Try designs; see `evaluate`."""
         return evaluate(self.protocol, piece, tick)
 
@@ -314,7 +314,7 @@ def _held(main: Episode, model: mujoco.MjModel) -> tuple[Episode, float, bool]:
     joint = model.joint(main.setup.joint)
     inertia = float(model.dof_M0[int(joint.dofadr[0])])
     wearer = Wearer.ideal(inertia, float(model.opt.timestep))
-    held = dataclasses.replace(main, trajectory=Hold(), wearer=wearer)
+    held = dataclasses.replace(main, trajectory=NoMotion(), wearer=wearer)
     return held, drive.high * drive.ratio, drive.one_way
 
 
@@ -333,7 +333,7 @@ def _measure(
     return _values(test, log, protocol)
 
 
-def _values(test: Test, log: Record, protocol: EpisodeProtocol) -> dict[str, float]:
+def _values(test: Test, log: ArrayLog, protocol: EpisodeProtocol) -> dict[str, float]:
     chosen = (METRICS[name] for name in protocol.metrics)
     found = measure(log, (metric for metric in chosen if metric.test == test))
     return {metric.name: value for metric, value in found.items()}

@@ -31,7 +31,7 @@ SMALL = 0.05
 
 
 @dataclass(frozen=True)
-class Change:
+class TimestepChange:
     """Change of a number of a design.
 
     Attributes:
@@ -61,10 +61,10 @@ class Halved:
 
     timestep: float
     designs: tuple[int, ...]
-    changes: tuple[Change, ...]
+    changes: tuple[TimestepChange, ...]
 
     @property
-    def unsettled(self) -> tuple[Change, ...]:
+    def unsettled(self) -> tuple[TimestepChange, ...]:
         """Changes that are worth a word."""
         return tuple(one for one in self.changes if one.share > TOLERATED)
 
@@ -137,12 +137,12 @@ def _range(table: pa.Table, name: str) -> float:
 
 def _change(
     name: str, design: int, value: object, row: Mapping[str, object], span: float
-) -> Change:
+) -> TimestepChange:
     if not isinstance(value, float):  # a limit that is not a goal may have no number
-        return Change(name, design, math.nan, math.nan, 0.0)
+        return TimestepChange(name, design, math.nan, math.nan, 0.0)
     again = row[name]
     if not isinstance(again, float):
-        return Change(name, design, value, math.nan, math.inf)
+        return TimestepChange(name, design, value, math.nan, math.inf)
     size = max(abs(value), SMALL * span)
     share = abs(again - value) / size if again != value else 0.0
-    return Change(name, design, value, again, share)
+    return TimestepChange(name, design, value, again, share)

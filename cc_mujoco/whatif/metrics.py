@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.metrics import METRICS, Metric, Record, find_metric
+from cc_mujoco.metrics import METRICS, ArrayLog, Metric, find_metric
 from cc_mujoco.metrics.metric import (
     CONTINUOUS_TORQUE,
     DRIVEN,
@@ -137,7 +137,7 @@ def wants_high(protocol: EpisodeProtocol, name: str) -> bool:
 
 def record_of(
     played: Rollout, index: int, cables: tuple[str, ...], facts: Mapping[str, Any]
-) -> Record:
+) -> ArrayLog:
     """Return one design of a batch in the shape of an episode log.
 
     The tension of nodes is that of the node with least (T, 1).
@@ -153,4 +153,4 @@ def record_of(
         nodes = np.maximum(least[place], 0.0)[:, None]
         columns[f"tension_{cable}_nodes_n"] = nodes
     ratio = float(played.ratio[index])
-    return Record(columns, cables, {RATIO: ratio, DRIVEN: played.driven, **facts})
+    return ArrayLog(columns, cables, {RATIO: ratio, DRIVEN: played.driven, **facts})

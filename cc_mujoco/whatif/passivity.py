@@ -28,7 +28,7 @@ from scipy.stats import qmc
 from cc_mujoco.control import controller
 from cc_mujoco.devices import DEVICES, find_device
 from cc_mujoco.envs.device import Device
-from cc_mujoco.envs.exo import Exo
+from cc_mujoco.envs.exo import WornDevice
 from cc_mujoco.episode import Trace, run
 from cc_mujoco.human import Spring, Task, Transparent, Wearer
 from cc_mujoco.human.motion import Motion, Trajectory, ease
@@ -109,7 +109,7 @@ class Damped(Task):
 
 
 @dataclass(frozen=True)
-class Aside(Trajectory):
+class _Aside(Trajectory):
     """A minimum-jerk move from the middle to one side, and then rest."""
 
     angle: float
@@ -126,7 +126,7 @@ class Aside(Trajectory):
         )
 
 
-class Found(NamedTuple):
+class WearerEnergy(NamedTuple):
     """Energy and motion of wearers, each an array (wearers,)."""
 
     held: Array
@@ -180,7 +180,7 @@ def taken(
     return np.maximum(most, 0.0)
 
 
-def judged(columns: dict[str, Array], step: float) -> Found:
+def judged(columns: dict[str, Array], step: float) -> WearerEnergy:
     """Return energy and motion, from columns of episodes (samples, wearers)."""
     series = [columns[name] for name in KEPT]
     first = round((MOVE + SETTLE) / step)
@@ -188,7 +188,7 @@ def judged(columns: dict[str, Array], step: float) -> Found:
     *_, angle, velocity = still
     spectrum = np.abs(np.fft.rfft(velocity - velocity.mean(axis=0), axis=0))
     peak = np.argmax(spectrum, axis=0)
-    return Found(
+    return WearerEnergy(
         taken(still[0], still[1], still[2], still[3], step),
         taken(series[0], series[1], series[2], series[3], step),
         np.sqrt(np.mean(velocity**2, axis=0)),
@@ -260,7 +260,7 @@ def play(
     damping: float = 0.0,
     seed: int = 0,
     variant: mujoco.MjModel | None = None,
-) -> Found:
+) -> WearerEnergy:
     """Simulate wearers who move and then hold still, all at once.
 
     Args:
@@ -288,14 +288,16 @@ def play(
         joint.stiffness[0] += spring.stiffness
     # He moves to where the virtual spring pulls back by the cable, if it is one.
     side = 1.0 if Device(setup, None, model).drive(1.0).reach[0] < 0.0 else -1.0
-    aside = Aside(0.5 * side * setup.reach)
+    aside = _Aside(0.5 * side * setup.reach)
     exos = []
     for limb in limbs:
         own = copy.copy(model)
         own.dof_armature[dof] += limb.inertia
         wearer = Wearer(limb.stiffness, limb.damping)
         exos.append(
-            Exo(setup, aside, task_felt, MOVE + SETTLE + HOLD, FRAME_SKIP, wearer, own)
+            WornDevice(
+                setup, aside, task_felt, MOVE + SETTLE + HOLD, FRAME_SKIP, wearer, own
+            )
         )
     exo = exos[0]
     scripts = [e.author.write(seeding.np_random(seed)[0]) for e in exos]
@@ -334,7 +336,7 @@ def play(
         # What a cable cannot give, as a push, is no part of the virtual spring.
         kept["desired_torque_nm"] = np.clip(kept["desired_torque_nm"], *drive.reach)
     found = judged(kept, exo.period)
-    return Found(*(np.where(fleet.going, values, np.inf) for values in found))
+    return WearerEnergy(*(np.where(fleet.going, values, np.inf) for values in found))
 
 
 ACTIVE = 0.1

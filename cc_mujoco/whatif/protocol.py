@@ -81,7 +81,7 @@ class EpisodeProtocol:
 
 
 @dataclass(frozen=True)
-class Hold(Trajectory):
+class NoMotion(Trajectory):
     """No motion: the joint stays at angle 0. Phase: fraction of the episode."""
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -90,7 +90,7 @@ class Hold(Trajectory):
 
 
 @dataclass(frozen=True)
-class Swing(Task):
+class SineTorque(Task):
     """A desired torque that swings as a sine, `SWINGS` times."""
 
     of_phase = True
@@ -107,7 +107,7 @@ class Swing(Task):
 
 
 @dataclass(frozen=True)
-class Chirp(Task):
+class ChirpTorque(Task):
     """A desired torque whose frequency grows exponentially with the phase."""
 
     of_phase = True

@@ -105,7 +105,9 @@ def write_report(
     )
     with replacing(folder / RANKING) as partial:
         partial.write_text(text, encoding="utf-8")
-    finding = sections.Finding.of(plan, table, goals, limits, cost, bool(objectives))
+    finding = sections.RankedStudy.of(
+        plan, table, goals, limits, cost, bool(objectives)
+    )
     text = _page(finding, found, folder, tuple(drawings), command, nearby, half)
     with replacing(folder / REPORT) as partial:
         partial.write_text(text, encoding="utf-8")
@@ -151,7 +153,7 @@ def _not_in_the_way(key: str) -> bool:
 
 
 def _page(
-    finding: sections.Finding,
+    finding: sections.RankedStudy,
     found: Sequence[Sensitivity],
     folder: Path,
     drawn: Sequence[str],

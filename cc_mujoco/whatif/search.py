@@ -28,7 +28,7 @@ from cc_mujoco.identity import told
 from cc_mujoco.plant import Scene
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.designs import Range
-from cc_mujoco.whatif.evaluate import Design, Result, Trial
+from cc_mujoco.whatif.evaluate import Design, DesignJob, DesignResult
 from cc_mujoco.whatif.metrics import numbers
 from cc_mujoco.whatif.pareto import Objective
 from cc_mujoco.whatif.plan import (
@@ -126,7 +126,7 @@ def run_batches(
     if not batches:
         return
     plan = store.plan
-    trial = Trial(plan.protocol)
+    trial = DesignJob(plan.protocol)
     pieces = {n: [plan.designs[i] for i in plan.batches[n]] for n in batches}
     if execution.scheduler is None:
         found = run_here(trial, pieces, progress, count=execution.threads)
@@ -177,7 +177,7 @@ def _any_of(values: Any, random: Any) -> Any:
     return float(random.uniform(values.low, values.high))
 
 
-def _lacking(goals: Sequence[Objective], results: Sequence[Result]) -> list[str]:
+def _lacking(goals: Sequence[Objective], results: Sequence[DesignResult]) -> list[str]:
     """A sentence for each objective that none of some designs has a number of."""
     many = len(results)
     reasons = [result.failed for result in results if result.failed]
@@ -218,7 +218,7 @@ def _design(plan: Plan, asked: Mapping[str, Any]) -> Design:
 
 def _grown(
     plan: Plan, builder: Scene, designs: Sequence[Design]
-) -> tuple[Plan, dict[int, Result]]:
+) -> tuple[Plan, dict[int, DesignResult]]:
     """The plan with more designs; results of batches whose design is impossible."""
     first, batch = len(plan.designs), len(plan.batches)
     checked: list[Design] = []
@@ -241,7 +241,7 @@ def _grown(
             batches=(*plan.batches, *batches),
         ),
         {
-            batch + len(batches) - len(refused) + place: Result(none, why)
+            batch + len(batches) - len(refused) + place: DesignResult(none, why)
             for place, why in enumerate(refused.values())
         },
     )

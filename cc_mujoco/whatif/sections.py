@@ -54,7 +54,7 @@ LATE = 0.8
 
 
 @dataclass(frozen=True)
-class Finding:
+class RankedStudy:
     """A finished study and what its designs are ranked by.
 
     Attributes:
@@ -88,7 +88,7 @@ class Finding:
         limits: Sequence[Limit],
         cost: Array,
         chosen: bool,
-    ) -> Finding:
+    ) -> RankedStudy:
         """Rank the designs of a table."""
         return cls(
             plan,
@@ -114,7 +114,7 @@ class Finding:
         return self.plan.varied
 
 
-def header(found: Finding) -> Html:
+def header(found: RankedStudy) -> Html:
     """State what was asked, and the answer."""
     device = DEVICES[found.plan.protocol.scene]
     title = element("h1", f"What if? {device.meaning[:1].upper()}{device.meaning[1:]}")
@@ -156,7 +156,7 @@ def header(found: Finding) -> Html:
     )
 
 
-def _at_once(found: Finding) -> Html:
+def _at_once(found: RankedStudy) -> Html:
     """State how sure that is and what to do next, for who reads no further."""
     row, edges = found.best, at_ends(found)
     assert row is not None
@@ -175,7 +175,7 @@ def _at_once(found: Finding) -> Html:
     )
 
 
-def as_good(found: Finding) -> str:
+def as_good(found: RankedStudy) -> str:
     """State how many other designs are about as good as the best, if there is one."""
     first = int(found.order[0])
     good = ~np.isnan(found.cost).any(axis=1)
@@ -192,7 +192,7 @@ def as_good(found: Finding) -> str:
     return f"{many} as good to {within}: {meaning}"
 
 
-def at_ends(found: Finding) -> list[tuple[str, str]]:
+def at_ends(found: RankedStudy) -> list[tuple[str, str]]:
     """Variables of which the best design has the last value tried, and which end."""
     row = found.best
     if row is None:
@@ -213,7 +213,7 @@ def judged(plan: Plan) -> str:
     )
 
 
-def _nearest(found: Finding) -> list[Html]:
+def _nearest(found: RankedStudy) -> list[Html]:
     """The design that is least beyond its limits, if any has their numbers."""
     beyond = {}
     for number, row in enumerate(found.rows):
@@ -231,7 +231,7 @@ def _nearest(found: Finding) -> list[Html]:
     return [paragraph(lead, kind="lead")]
 
 
-def best(found: Finding) -> Html | None:
+def best(found: RankedStudy) -> Html | None:
     """A table of the best designs."""
     if found.best is None:
         return None
@@ -259,7 +259,7 @@ def best(found: Finding) -> Html | None:
 
 
 def confidence(
-    found: Finding, nearby: Around | None = None, half: Halved | None = None
+    found: RankedStudy, nearby: Around | None = None, half: Halved | None = None
 ) -> Html | None:
     """State how sure it is that the best is the best."""
     row = found.best
@@ -329,7 +329,7 @@ def settled(half: Halved) -> str:
     )
 
 
-def _missed(found: Finding, price: Price) -> str:
+def _missed(found: RankedStudy, price: Price) -> str:
     """State that a design beside the best was better, and what it was."""
     (goal,) = (goal for goal in found.goals if goal.name == price.objective)
     gain = goal.cost({goal.name: price.now}) - goal.cost({goal.name: price.found})
@@ -342,7 +342,7 @@ def _missed(found: Finding, price: Price) -> str:
     )
 
 
-def controllers(found: Finding) -> Html | None:
+def controllers(found: RankedStudy) -> Html | None:
     """State how far the findings depend on the controller; None where there is one."""
     laws = found.plan.protocol.controllers
     goals = [goal for goal in found.goals if METRICS[goal.name].driven]
@@ -381,7 +381,7 @@ def controllers(found: Finding) -> Html | None:
     return joined([paragraph(words), table(head, rows)])
 
 
-def trade_offs(found: Finding) -> Html | None:
+def trade_offs(found: RankedStudy) -> Html | None:
     """State what one objective costs in another, along the Pareto set."""
     members = np.flatnonzero(found.front)
     if len(found.goals) < 2 or members.size < 2:
@@ -450,7 +450,7 @@ def _share(share: float, error: float | None) -> str:
     return f"{share:.0%} ± {error:.0%}" if share else f"- ± {error:.0%}"
 
 
-def slack(found: Finding) -> Html | None:
+def slack(found: RankedStudy) -> Html | None:
     """State the slack of the limits, and which of them stand in the way."""
     if not found.limits:
         return None
@@ -546,7 +546,7 @@ def controllers_out(plan: Plan, rows: Sequence[Mapping[str, object]]) -> list[st
     return said
 
 
-def failures(found: Finding) -> Html | None:
+def failures(found: RankedStudy) -> Html | None:
     """Designs without numbers, by reason."""
     reasons = Counter(
         re.sub(r"-?\d[\d.,e+-]*", "…", str(row["failed"]))
@@ -562,7 +562,7 @@ def failures(found: Finding) -> Html | None:
     return bullets(said) if said else None
 
 
-def fixed(found: Finding) -> Html:
+def fixed(found: RankedStudy) -> Html:
     """List what every design has in common."""
     plan, device = found.plan, Scene(found.plan.protocol.scene)
     protocol = plan.protocol
@@ -620,7 +620,7 @@ def _of_scene(device: Scene) -> Iterator[tuple[str, str, object]]:
     yield "", "diameter", device.setup.diameter
 
 
-def words(found: Finding) -> Html:
+def words(found: RankedStudy) -> Html:
     """List the meanings of the names."""
     crossed = found.plan.protocol.across.names
     names = [*found.plan.protocol.metrics, *found.plan.ranges, *crossed]
@@ -631,7 +631,7 @@ def words(found: Finding) -> Html:
     return table(("name", "unit", "meaning"), rows)
 
 
-def _setting(found: Finding, row: Row) -> str:
+def _setting(found: RankedStudy, row: Row) -> str:
     return listed([f"{plain(n)} {quantity(n, row[n])}" for n in found.varied])
 
 

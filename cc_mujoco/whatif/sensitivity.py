@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.plant.variables import Value
 from cc_mujoco.whatif.plan import Plan
-from cc_mujoco.whatif.surface import Axis, Surface, axes_of, fit
+from cc_mujoco.whatif.surface import DesignAxis, Surface, axes_of, fit
 
 Array = NDArray[np.float64]
 Indices = tuple[dict[str, float], dict[str, float], dict[tuple[str, str], float]]
@@ -95,7 +95,7 @@ def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
     return found
 
 
-def _coded(plan: Plan, axes: Sequence[Axis]) -> Array:
+def _coded(plan: Plan, axes: Sequence[DesignAxis]) -> Array:
     columns = [
         axis.code([design[name] for design in plan.designs])
         for name, axis in zip(plan.varied, axes, strict=True)
@@ -135,7 +135,7 @@ def _exact(plan: Plan, metric: str, y: Array) -> Sensitivity:
 
 
 def _fitted(
-    plan: Plan, metric: str, axes: Sequence[Axis], surface: Surface
+    plan: Plan, metric: str, axes: Sequence[DesignAxis], surface: Surface
 ) -> Sensitivity:
     """Sobol's indices of the surface over the ranges."""
     from scipy.stats import qmc
@@ -206,13 +206,15 @@ def _told(
     )
 
 
-def _placed(axes: Sequence[Axis], unit: Array) -> Array:
+def _placed(axes: Sequence[DesignAxis], unit: Array) -> Array:
     """Points (n, variables) of the unit cube, each on its variable's scale."""
     columns = [axis.sample(u) for axis, u in zip(axes, unit.T, strict=True)]
     return np.stack(columns, axis=-1)
 
 
-def _indices(surface: Surface, axes: Sequence[Axis], power: int, seed: int) -> Array:
+def _indices(
+    surface: Surface, axes: Sequence[DesignAxis], power: int, seed: int
+) -> Array:
     """Indices of a surface: first order, total, pairs of all its axes in turn."""
     from scipy.stats import sobol_indices, uniform
 

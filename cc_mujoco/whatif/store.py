@@ -26,7 +26,7 @@ from cc_mujoco.identity import differences, seal, sealed
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.plant.variables import describe
 from cc_mujoco.whatif.across import LEAST, MOST, RANKS, WORST_CASE
-from cc_mujoco.whatif.evaluate import Result
+from cc_mujoco.whatif.evaluate import DesignResult
 from cc_mujoco.whatif.metrics import by_controller, numbers
 from cc_mujoco.whatif.plan import VALUES, Plan
 from cc_mujoco.whatif.protocol import EpisodeProtocol
@@ -137,7 +137,7 @@ class Store:
         designs = self.plan.designs
         return [json.dumps(designs[i]) for i in self.plan.batches[batch]]
 
-    def keep(self, batch: int, results: Sequence[Result]) -> None:
+    def keep(self, batch: int, results: Sequence[DesignResult]) -> None:
         """Keep the results of a batch."""
         written = self._written(batch)
         columns = _columns(results, self.plan.protocol)
@@ -176,9 +176,9 @@ class Store:
                     _remove_parts(self._folder)
         return self.whole
 
-    def results(self, first: int = 0) -> list[Result]:
+    def results(self, first: int = 0) -> list[DesignResult]:
         """Results of the designs from this one on; `missing` must be empty."""
-        rows: dict[int, Result] = {}
+        rows: dict[int, DesignResult] = {}
         for number, members in enumerate(self.plan.batches):
             if any(index >= first for index in members):
                 found = _read_part(self._kept(number), self.plan.protocol)
@@ -302,7 +302,7 @@ def _differing(key: str, found: object, value: object) -> str:
 
 
 def _columns(
-    results: Sequence[Result], protocol: EpisodeProtocol
+    results: Sequence[DesignResult], protocol: EpisodeProtocol
 ) -> dict[str, pa.Array]:
     """Columns of metrics, null where there is no number, of controllers, of failures.
 
@@ -329,11 +329,11 @@ def _columns(
     return columns | {name: pa.array(t, pa.string()) for name, t in texts.items()}
 
 
-def _read_part(part: pa.Table, protocol: EpisodeProtocol) -> list[Result]:
+def _read_part(part: pa.Table, protocol: EpisodeProtocol) -> list[DesignResult]:
     names, worst = numbers(protocol), _worst_cases(protocol)
     outs = failed_by(protocol)
     return [
-        Result(
+        DesignResult(
             {n: float("nan") if row[n] is None else row[n] for n in names},
             row["failed"] or "",
             row.get(CONTROLLER) or "",

@@ -31,7 +31,7 @@ SMOOTHING = (0.0, 1e-4, 1e-2, 1.0)
 
 
 @dataclass(frozen=True)
-class Axis:
+class DesignAxis:
     """A variable on a scale from 0 to 1; logarithmic ranges on that of ratios."""
 
     values: Range
@@ -110,9 +110,9 @@ class Surface:
                 yield one
 
 
-def axes_of(ranges: Mapping[str, Range], varied: Sequence[str]) -> list[Axis]:
+def axes_of(ranges: Mapping[str, Range], varied: Sequence[str]) -> list[DesignAxis]:
     """The scale of each variable."""
-    return [Axis(ranges[name]) for name in varied]
+    return [DesignAxis(ranges[name]) for name in varied]
 
 
 def fit(x: Array, y: Array) -> Surface | None:

@@ -26,7 +26,7 @@ import numpy as np
 from cc_mujoco.control import Drive, controller
 from cc_mujoco.control.controller import wound
 from cc_mujoco.devices import DEVICES
-from cc_mujoco.export import EXPORTED, TARGETS, Plan, write
+from cc_mujoco.export import EXPORTED, TARGETS, ExportPlan, write
 from cc_mujoco.sensing import TENSIONS
 
 PROGRAM = """#define _POSIX_C_SOURCE 199309L
@@ -74,7 +74,7 @@ def believed(drive: Drive, changes: dict[str, float]) -> Drive:
 
 def readings(env: Any, drive: Drive, name: str, duration: float) -> np.ndarray:
     """Return what a controller reads in an episode (steps, what it reads)."""
-    plan = Plan.of(name, drive, env.exo.device.driven)
+    plan = ExportPlan.of(name, drive, env.exo.device.driven)
     law = controller(name, drive)
     _, info = env.reset(seed=1)
     law.reset()
@@ -96,7 +96,7 @@ def readings(env: Any, drive: Drive, name: str, duration: float) -> np.ndarray:
     return np.array(rows)
 
 
-def timed(plan: Plan, read: np.ndarray, repetitions: int) -> str:
+def timed(plan: ExportPlan, read: np.ndarray, repetitions: int) -> str:
     """Export, build and time; a row of the table."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, "controller")
@@ -147,7 +147,7 @@ def main() -> None:
         drive = believed(env.drive, changes)
         for name in given.controllers:
             read = readings(env, drive, name, given.duration)
-            plan = Plan.of(name, drive, env.exo.device.driven)
+            plan = ExportPlan.of(name, drive, env.exo.device.driven)
             row = timed(plan, read, given.repetitions)
             print(f"| {scene} | `{name}` | {row} |", flush=True)
 

@@ -34,7 +34,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Controller, Drive, controller
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.episode import Single, Trace, run
-from cc_mujoco.hardware import Loop, Outcome, Readings, Settings, read_settings
+from cc_mujoco.hardware import Loop, Readings, RunOutcome, Settings, read_settings
 from cc_mujoco.markdown import table
 from cc_mujoco.sensing import Measuring
 from rig import make_rig
@@ -84,7 +84,7 @@ class Nowhere:
     """Keeps no log."""
 
     def row(self, seen: Readings, before: float, *others: float) -> None:
-        """See `Log.row`."""
+        """See `RunLog.row`."""
 
 
 def bench(
@@ -95,7 +95,7 @@ def bench(
     seed: int = 1,
     rate_known: bool = True,
     seconds: float = SECONDS,
-) -> tuple[float, Outcome]:
+) -> tuple[float, RunOutcome]:
     """Play the bench in simulated time.
 
     Args:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from cc_mujoco.benchmark.cell import WARM_UP
 from cc_mujoco.control import CONTROLLERS, Drive, controller
 from cc_mujoco.devices import DEVICES
-from cc_mujoco.envs.exo import Exo
+from cc_mujoco.envs.exo import WornDevice
 from cc_mujoco.episode import Trace, run
 from cc_mujoco.errors import CableError
 from cc_mujoco.markdown import table
@@ -35,7 +35,7 @@ from cc_mujoco.metrics.torques import unsafe_from
 from cc_mujoco.plant import Plant, Scene
 from cc_mujoco.sensing import Measuring
 from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
-from cc_mujoco.simulation.batched_controller import Laws, Unpowered
+from cc_mujoco.simulation.batched_controller import BatchedController, Unpowered
 from cc_mujoco.transmission.parameters import PARAMETERS
 
 Array = NDArray[np.float64]
@@ -151,9 +151,9 @@ def play(
     """
     setup, device = DEVICES[scene], Scene(scene)
 
-    def exo(design: Term) -> Exo:
+    def exo(design: Term) -> WornDevice:
         model = Plant(device, design).model()
-        return Exo(
+        return WornDevice(
             setup, setup.trajectory, setup.task, duration, FRAME_SKIP, None, model
         )
 
@@ -176,7 +176,9 @@ def play(
             setup.sensing, drives[0], first.device.driven, [seed] * count, fleet.steps
         )
         trace = Trace(kept, fleet.steps, fleet.going)
-        control = Unpowered(drives[0]) if name is None else Laws(name, drives)
+        control = (
+            Unpowered(drives[0]) if name is None else BatchedController(name, drives)
+        )
         with np.errstate(all="ignore"):  # what diverged is not a number
             run(fleet, control, trace.keep, measure=measuring.measure, name=name or "")
         columns.append(trace.columns)

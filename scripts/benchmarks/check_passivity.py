@@ -39,8 +39,8 @@ from cc_mujoco.whatif.passivity import (
     LIMBS,
     REFERENCES,
     TASKS,
-    Found,
     Limb,
+    WearerEnergy,
     box,
     first_places,
     inertia_of,
@@ -53,12 +53,12 @@ Array = NDArray[np.float64]
 
 
 def search(
-    evaluate: Callable[[Array], Found],
+    evaluate: Callable[[Array], WearerEnergy],
     bounds: Array,
     generations: int = 5,
     crowd: int = 24,
     seed: int = 0,
-) -> tuple[Array, Found]:
+) -> tuple[Array, WearerEnergy]:
     """Look for who gets the most energy while he holds still.
 
     Args:
@@ -74,7 +74,7 @@ def search(
     low, high = bounds.T
     first = low + first_places(len(bounds), crowd, seed) * (high - low)
     tried: list[Array] = []
-    results: list[Found] = []
+    results: list[WearerEnergy] = []
 
     def loss(places: Array) -> Array:
         tried.append(places.T.copy())
@@ -92,7 +92,7 @@ def search(
         vectorized=True,
         rng=seed,
     )
-    return np.vstack(tried), Found(
+    return np.vstack(tried), WearerEnergy(
         *(np.concatenate(parts) for parts in zip(*results, strict=True))
     )
 

@@ -38,8 +38,8 @@ from cc_mujoco.control import CableDrive, Drive, controller
 from cc_mujoco.diagnosis.diagnose import diagnose
 from cc_mujoco.errors import CableError
 from cc_mujoco.files import replacing, require_ours
-from cc_mujoco.hardware import Limits, Log, Loop, Watchdog, drive_of
-from cc_mujoco.hardware.desired import Course
+from cc_mujoco.hardware import Limits, Loop, RunLog, Watchdog, drive_of
+from cc_mujoco.hardware.desired import TorqueTable
 from cc_mujoco.hardware.servo import APPROACH, Servo, Stiffness
 from cc_mujoco.markdown import table
 from rig.dataset import make_trials
@@ -77,7 +77,7 @@ Floors = dict[str, dict[str, float]]
 """Errors with nothing hidden and a true model [Nm], by controller, seed and kind."""
 
 
-def task() -> tuple[Course, Swing]:
+def task() -> tuple[TorqueTable, Swing]:
     """Desired torque, two sines; and the hand, that swings the joint meanwhile."""
     times = np.arange(0.0, SECONDS, 0.002)
     torques = 1.5 * np.sin(2.2 * times) + 0.8 * np.sin(5.65 * times + 1.0)
@@ -86,7 +86,7 @@ def task() -> tuple[Course, Swing]:
         size = 0.3 * min(1.0, now)
         return size * math.sin(math.pi * now), size * math.pi * math.cos(math.pi * now)
 
-    return Course(times, torques), swing
+    return TorqueTable(times, torques), swing
 
 
 class Case:
@@ -117,7 +117,7 @@ class Case:
         desired, swing = task()
         bench = Bench(self.rig, self.hidden, PERIOD)
         lockstep = Lockstep(bench, self.seed, swing)
-        log = Log(self.folder / run, {"controller": law}, 200)
+        log = RunLog(self.folder / run, {"controller": law}, 200)
         loop = Loop(
             lockstep, controller(law, drive), desired, LIMITS, Watchdog(),
             clock=lockstep, log=log,
@@ -152,7 +152,7 @@ class Case:
                 firm = dataclasses.replace(firm, stiffness=COMPLIANT[0], integral=0.0)
             servo = Servo(drive, times, trial.command[:, 0], firm)
             lockstep = Lockstep(bench, 100 * self.seed + number, led(times, trial))
-            log = Log(data, {"motion": trial.motion}, 200, f"trial_{number:02d}")
+            log = RunLog(data, {"motion": trial.motion}, 200, f"trial_{number:02d}")
             loop = Loop(
                 lockstep, controller("none", drive), servo, limits, Watchdog(),
                 clock=lockstep, log=log,

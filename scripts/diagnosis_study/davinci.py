@@ -24,8 +24,8 @@ from cc_mujoco.diagnosis.diagnose import inferred
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.folds import trial_folds
 from cc_mujoco.diagnosis.inference.gap import gaps, predicted
-from cc_mujoco.diagnosis.inference.jacobian import Slopes
-from cc_mujoco.diagnosis.inference.result import Result
+from cc_mujoco.diagnosis.inference.jacobian import TorqueDerivatives
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult
 from cc_mujoco.markdown import table
 
 TOML = Path(__file__).with_suffix(".toml")
@@ -44,7 +44,7 @@ def toml_of(held_out: str, names: list[str]) -> str:
     return head + "".join(f'\n[trials."{t}"]\nsplit = "test"\n' for t in tests)
 
 
-def diagnosed(occasion: str, folder: Path, work: Path) -> tuple[Result, float]:
+def diagnosed(occasion: str, folder: Path, work: Path) -> tuple[DiagnosisResult, float]:
     """Return the result of an occasion by itself, and seconds of processor time."""
     pattern, held_out = OCCASIONS[occasion]
     files = sorted(f for f in folder.iterdir() if re.fullmatch(pattern, f.name))
@@ -69,7 +69,7 @@ def with_sizes(problem: Problem, other: Problem, values: dict[str, float]) -> Pr
             tuned[k] = parameter._replace(
                 start=start, low=0.0, high=0.0, factor=False, scale=1.0
             )
-    return replace(problem, tuned=tuple(tuned), slopes=Slopes())
+    return replace(problem, tuned=tuple(tuned), slopes=TorqueDerivatives())
 
 
 def _shapes(problem: Problem) -> int:
@@ -77,7 +77,7 @@ def _shapes(problem: Problem) -> int:
     return sum(len(effects[name].parameters) for name in problem.effects)
 
 
-def carried_over(giver: Result, taker: Result) -> dict[str, Any]:
+def carried_over(giver: DiagnosisResult, taker: DiagnosisResult) -> dict[str, Any]:
     """Errors of held-out trials [Nm] before and after, by channel."""
     assert giver.problem is not None and taker.baseline_fit is not None
     own = taker.baseline_fit
@@ -99,7 +99,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/davinci.json"))
     parser.add_argument("--only", nargs="+", choices=OCCASIONS, default=[*OCCASIONS])
     given = parser.parse_args()
-    results: dict[str, Result] = {}
+    results: dict[str, DiagnosisResult] = {}
     kept: dict[str, Any] = {"occasions": {}, "carried over": {}}
     for occasion in given.only:
         result, seconds = diagnosed(occasion, given.folder, given.out.parent)

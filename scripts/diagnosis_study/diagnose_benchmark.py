@@ -38,7 +38,7 @@ from cc_mujoco.files import replacing, require_ours
 
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis.inference.baseline import BaselineFit
-    from cc_mujoco.diagnosis.inference.result import Result
+    from cc_mujoco.diagnosis.inference.result import DiagnosisResult
     from cc_mujoco.diagnosis.verdict import Diagnosis
     from rig.nominal import Rig
 
@@ -155,7 +155,10 @@ def truth_of(rig: Rig) -> dict[str, float]:
 
 
 def settled(
-    case: dict[str, Any], amounts: dict[str, float], result: Result, folder: Path
+    case: dict[str, Any],
+    amounts: dict[str, float],
+    result: DiagnosisResult,
+    folder: Path,
 ) -> dict[str, Any] | None:
     """Return the result once the experiment that a tie proposes has been done, too."""
     from cc_mujoco.assets import scene_path
@@ -217,13 +220,13 @@ def said(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def misfit(result: Result) -> float:
+def misfit(result: DiagnosisResult) -> float:
     """RMS held-out error of the tuned baseline over the floor; NaN without one."""
     baseline_fit = result.baseline_fit
     return baseline_fit.crossed.misfit if baseline_fit else float("nan")
 
 
-def off(result: Result) -> dict[str, list[list[float]]]:
+def off(result: DiagnosisResult) -> dict[str, list[list[float]]]:
     """Squared held-out error of the tuned baseline over that of noise alone.
 
     By trial: its mean in every second or so, (blocks, channels). Their mean over all

@@ -33,7 +33,7 @@ from cc_mujoco.control.predictive import PredictiveCompensation
 from cc_mujoco.figures import COLORS, GREY, figure, save, style
 from cc_mujoco.files import replacing
 from cc_mujoco.hardware import Limits, Loop, Watchdog, drive_of
-from cc_mujoco.hardware.desired import Course
+from cc_mujoco.hardware.desired import TorqueTable
 from cc_mujoco.markdown import table
 from cc_mujoco.sensing import TENSIONS, Sensors
 from rig.nominal import make_rig
@@ -168,7 +168,7 @@ def equipped(name: str, drive: Drive, bench: BendingBench, seed: int) -> Equippe
     )
 
 
-def task(seed: int) -> tuple[Course, Swing]:
+def task(seed: int) -> tuple[TorqueTable, Swing]:
     """Desired torque and the motion of the wearer, each two sines of drawn phases."""
     random = np.random.default_rng([seed, 0x7A5])
     first, second, third, fourth = random.uniform(0.0, 2.0 * math.pi, 4)
@@ -183,7 +183,7 @@ def task(seed: int) -> tuple[Course, Swing]:
             size * (0.3 * math.pi * math.cos(a) + 0.44 * math.cos(b)),
         )
 
-    return Course(times, torques), swing
+    return TorqueTable(times, torques), swing
 
 
 class Nothing:

@@ -29,7 +29,7 @@ from cc_mujoco.figures import BLUE, DASH, GREY, TENSION_COLORS, WRITER, style
 from cc_mujoco.files import replacing, require_ours
 from cc_mujoco.recording import EpisodeLog
 from cc_mujoco.recording.panels import highest_tension
-from cc_mujoco.recording.stage import Stage
+from cc_mujoco.recording.stage import OffscreenRenderer
 
 Picture = NDArray[np.uint8]
 
@@ -72,7 +72,7 @@ def devices(take: Take, samples: NDArray[np.intp], highest: float) -> list[Pictu
     log = take.log
     qpos = log["qpos"]
     poses = qpos[np.linspace(0, len(log) - 1, AIMED_AT).astype(int)]
-    with Stage(take.model, log.cables, highest, poses, SCENE) as stage:
+    with OffscreenRenderer(take.model, log.cables, highest, poses, SCENE) as stage:
         return [
             stage.picture(
                 qpos[sample],

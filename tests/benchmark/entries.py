@@ -37,6 +37,6 @@ def cheat(drive: Any) -> Any:
     object.__setattr__(drive, "high", 1e9)
 
     kinds = {type(each).__name__ for each in gc.get_objects()}
-    if kinds & {"Plant", "Stage", "Cell", "Measuring"}:
+    if kinds & {"Plant", "CellSetup", "Cell", "Measuring"}:
         raise RuntimeError("the judge is here")
     return lambda seen: 0.0 * seen["desired_torque_nm"]

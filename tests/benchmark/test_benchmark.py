@@ -15,8 +15,8 @@ import pytest
 from cc_mujoco.benchmark import (
     REFERENCES,
     SUITES,
+    BenchmarkPlan,
     Cell,
-    Plan,
     drawing,
     play,
     play_group,
@@ -41,8 +41,13 @@ WRIST = {
     for condition in SUITES["v1"].conditions("wrist")
 }
 USUAL = WRIST["ordinary-rough"]
-SHORT = Plan(("none",), scenes=("wrist",), conditions=("ordinary-rough",), seeds=1,
-             duration=1.05)  # fmt: skip
+SHORT = BenchmarkPlan(
+    ("none",),
+    scenes=("wrist",),
+    conditions=("ordinary-rough",),
+    seeds=1,
+    duration=1.05,
+)
 
 
 def test_the_suite_crosses_what_depends_and_varies_the_rest_one_at_a_time() -> None:
@@ -155,7 +160,7 @@ def test_references_give_the_scores_a_scale() -> None:
 
 
 @pytest.fixture
-def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
+def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchmarkPlan:
     """A plan of a controller from outside whose gain stands in a file beside it."""
     monkeypatch.chdir(tmp_path)
     for name in ("mine", "helper"):
@@ -177,7 +182,7 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
 
 
 def test_a_run_resumes_replays_other_code_and_is_the_same_in_two_processes(
-    mine: Plan,
+    mine: BenchmarkPlan,
 ) -> None:
     tables, kept, errors, said = [], [], [], []
     for folder, workers, gain in (

@@ -15,8 +15,8 @@ from cc_mujoco.devices import DEVICES
 from cc_mujoco.simulation.batch import FRAME_SKIP
 from cc_mujoco.whatif.passivity import (
     LIMBS,
-    Found,
     Limb,
+    WearerEnergy,
     box,
     inertia_of,
     limb_at,
@@ -101,11 +101,11 @@ def test_the_worst_is_found_within_the_box_and_at_its_corners(
     bounds = np.array([(-1.0, 3.0), (0.0, 1.0), (5.0, 7.0)])
     for aim in (place, tuple(float(corner >> k & 1) for k in range(3))):
 
-        def evaluate(places: Array, aim: tuple[float, ...] = aim) -> Found:
+        def evaluate(places: Array, aim: tuple[float, ...] = aim) -> WearerEnergy:
             within = (places - bounds[:, 0]) / np.diff(bounds).ravel()
             assert np.all((within >= -1e-12) & (within <= 1.0 + 1e-12))
             loss = np.sum((within - aim) ** 2, axis=1)
-            return Found(-loss, *(loss,) * 4)
+            return WearerEnergy(-loss, *(loss,) * 4)
 
         tried, found = search(evaluate, bounds, generations=5)
         assert tried.shape == (6 * 24, 3)

@@ -10,7 +10,7 @@ import pytest
 
 from cc_mujoco.benchmark import SCORES
 from cc_mujoco.benchmark.scores import score
-from cc_mujoco.metrics import Record
+from cc_mujoco.metrics import ArrayLog
 
 CABLES = ("flexor", "extensor")
 ABOUT = {
@@ -40,7 +40,7 @@ def episode(samples: int = 4000) -> dict[str, np.ndarray]:
 def scored(
     about: dict[str, Any] | None = None, **changes: np.ndarray
 ) -> dict[str, float]:
-    return score(Record(episode() | changes, CABLES, ABOUT | (about or {})))
+    return score(ArrayLog(episode() | changes, CABLES, ABOUT | (about or {})))
 
 
 def test_scores_of_a_perfect_episode() -> None:

@@ -13,14 +13,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from cc_mujoco import cli
-from cc_mujoco.benchmark import SUITES, Cell, Plan, play, run
+from cc_mujoco.benchmark import SUITES, BenchmarkPlan, Cell, play, run
 from cc_mujoco.benchmark.entry import makers
 from cc_mujoco.benchmark.results import _digest, joined, read_results, write_results
 from cc_mujoco.benchmark.runner import CELLS
 from cc_mujoco.errors import CableError
 from cc_mujoco.identity import seal, sealed
 
-SHORT = Plan(
+SHORT = BenchmarkPlan(
     ("none",), scenes=("wrist",), conditions=("ordinary-rough",), seeds=2, duration=1.05
 )
 CHEAT = "benchmark.entries:cheat"

@@ -23,7 +23,7 @@ from cc_mujoco.control import (
 )
 from cc_mujoco.control.guard import UNLIMITED, released
 from cc_mujoco.devices import DEVICES
-from cc_mujoco.envs.exo import Exo
+from cc_mujoco.envs.exo import WornDevice
 from cc_mujoco.episode import Trace, run
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics.torques import TOO_LONG, unsafe_from
@@ -123,7 +123,7 @@ def test_a_motor_that_is_let_go_follows_the_joint(
     torque: float, motor: float, joint: float
 ) -> None:
     """And otherwise its law is `proportional_integral`, bit for bit."""
-    gains = laws.Gains(
+    gains = laws.FeedbackGains(
         ratio=2.0, low=-5.0, high=5.0, safe_torque=SAFE, settling=0.1, inertia=1e-2
     )
     read = np.array([0.0, motor, joint, torque, 1.0])
@@ -168,7 +168,7 @@ def peaks(
         duration: Of the episode [s].
     """
     setup, plant = DEVICES[scene], Plant(scene, changes)
-    exo = Exo(
+    exo = WornDevice(
         setup, setup.trajectory, setup.task, duration, FRAME_SKIP, None, plant.model()
     )
     script = exo.author.write(seeding.np_random(0)[0])

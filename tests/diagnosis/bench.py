@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis.data.findings import Finding, errors
+from cc_mujoco.diagnosis.data.findings import DataFinding, errors
 from cc_mujoco.diagnosis.data.trials import Dataset, Trial
 from cc_mujoco.diagnosis.intake import load
 
@@ -70,7 +70,7 @@ def write(path: Path, columns: Mapping[str, object]) -> Path:
 
 def loaded(
     folder: Path, columns: Columns, toml: str = ""
-) -> tuple[Dataset, list[Finding]]:
+) -> tuple[Dataset, list[DataFinding]]:
     """Load columns as the trial `run`; every sentence must be one that names it."""
     path = folder / "run.parquet"
     pq.write_table(pa.table(columns), path)
@@ -82,7 +82,7 @@ def loaded(
     return dataset, findings
 
 
-def only_fix(findings: list[Finding]) -> Finding:
+def only_fix(findings: list[DataFinding]) -> DataFinding:
     """The one finding that must be put right."""
     (found,) = errors(findings)
     return found

@@ -14,7 +14,7 @@ from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, Source
 from cc_mujoco.diagnosis.data.instruments import Instruments
 from cc_mujoco.diagnosis.data.torques import completed, derived_noise
 from cc_mujoco.diagnosis.data.trials import Constant, Dataset, Noise, Trial
-from cc_mujoco.diagnosis.effects import EFFECTS, Rig
+from cc_mujoco.diagnosis.effects import EFFECTS, RigGeometry
 from cc_mujoco.transmission import Transmission
 from diagnosis.recorded import BENCH, CELL, DT, NOISE, dataset, motions
 
@@ -145,7 +145,7 @@ def walked(
         cables = change(
             cables,
             values,
-            Rig(ANKLE.motor_radius, ANKLE.joint_radius, ANKLE.exit_angle),
+            RigGeometry(ANKLE.motor_radius, ANKLE.joint_radius, ANKLE.exit_angle),
         )
     drive = Transmission(cables, ANKLE.motor_radius, ANKLE.joint_radius)
     random = np.random.default_rng(6)

@@ -9,7 +9,7 @@ import numpy as np
 from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.trials import Dataset, Noise, Trial
-from cc_mujoco.diagnosis.effects import EFFECTS, Rig, Torques
+from cc_mujoco.diagnosis.effects import EFFECTS, RigGeometry, Torques
 from cc_mujoco.transmission import Transmission
 
 DT = 0.004
@@ -57,7 +57,7 @@ def dataset(
         cable.replace(friction=cable.friction * (1.0 + side))
         for cable, side in zip(cables, (balance, -balance), strict=False)
     )
-    rig = Rig(bench.motor_radius, bench.joint_radius, bench.exit_angle)
+    rig = RigGeometry(bench.motor_radius, bench.joint_radius, bench.exit_angle)
     for name, values in effects.items():
         change = EFFECTS[name].cables
         if change is not None:

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.diagnosis.evidence import CHANNELS, Evidence, Isolability, Map, Trace
+from cc_mujoco.diagnosis.evidence import (
+    CHANNELS,
+    Evidence,
+    Isolability,
+    Map,
+    TrialTrace,
+)
 from cc_mujoco.diagnosis.verdict import (
     Baseline,
     Diagnosis,
-    Found,
+    FoundEffect,
     Gap,
     NextExperiment,
     NotTestable,
@@ -131,7 +137,7 @@ DIAGNOSES = {
         "named",
         "The simulation lacks Stribeck friction; with it, 99 % of the gap is gone.",
         effects=(
-            Found(
+            FoundEffect(
                 "stribeck_friction",
                 {
                     "static_excess": Estimate(0.312, "1", (0.288, 0.336)),
@@ -197,7 +203,7 @@ DIAGNOSES = {
 }
 
 
-def trace(name: str, seconds: float, closed: bool, seed: int = 0) -> Trace:
+def trace(name: str, seconds: float, closed: bool, seed: int = 0) -> TrialTrace:
     """A trial of slow sines whose friction the baseline underrates."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, 0.004)
@@ -213,7 +219,7 @@ def trace(name: str, seconds: float, closed: bool, seed: int = 0) -> Trace:
         after[channel] = torque + 0.95 * missing if closed else torque
     counts = (time > 1.0).astype(float)
     motor = 3.0 * joint + 0.02 * np.tanh(speed / 0.05)
-    return Trace(name, time, motor, joint, measured, before, after, counts)
+    return TrialTrace(name, time, motor, joint, measured, before, after, counts)
 
 
 def maps(closed: bool = True) -> tuple[Map, ...]:

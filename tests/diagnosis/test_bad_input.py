@@ -16,8 +16,8 @@ from cc_mujoco import cli
 from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.checks.checks import check_bench
 from cc_mujoco.diagnosis.data.bench import Bench
-from cc_mujoco.diagnosis.data.findings import Finding, errors
-from cc_mujoco.diagnosis.effects import EFFECTS, Rig
+from cc_mujoco.diagnosis.data.findings import DataFinding, errors
+from cc_mujoco.diagnosis.effects import EFFECTS, RigGeometry
 from cc_mujoco.diagnosis.inference.plant import tuned
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.report.output import SOMETIMES
@@ -43,7 +43,7 @@ def files(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def first(folder: Path, columns: Columns) -> Finding:
+def first(folder: Path, columns: Columns) -> DataFinding:
     """What must be put right of a trial."""
     record(folder / "run.csv", columns)
     return errors(load(folder)[1])[0]
@@ -318,7 +318,7 @@ def test_a_repaired_scene_is_a_bench_again(tmp_path: Path, name: str) -> None:
     values = dict(effect.starts[0])
     cables = tuple(cable.replace(friction=0.13) for cable in BENCH.cables)
     if effect.cables is not None:
-        cables = effect.cables(cables, values, Rig(0.05, 0.05, math.pi))
+        cables = effect.cables(cables, values, RigGeometry(0.05, 0.05, math.pi))
     write(path, repaired(BENCH, cables, {name: values}))
     again = Bench.of(path)
     assert (again.motor, again.joint) == ("motor", "joint")

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter, Rig
+from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter, RigGeometry
 from cc_mujoco.diagnosis.inference.fitting import knob_as_tuned
-from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
@@ -30,8 +30,8 @@ DRAG = ("joint_drag", "joint_inertia")
 
 
 @pytest.fixture(scope="module")
-def plant() -> Plant:
-    return Plant(BENCH, prepare(dataset(duration=2.0), BENCH)[0], 8)
+def plant() -> SimulatedRig:
+    return SimulatedRig(BENCH, prepare(dataset(duration=2.0), BENCH)[0], 8)
 
 
 def test_the_library_has_the_ids_that_verdicts_promise() -> None:
@@ -39,7 +39,7 @@ def test_the_library_has_the_ids_that_verdicts_promise() -> None:
 
 
 def test_every_term_of_a_cable_can_be_named() -> None:
-    given, rig = (Cable(), Cable()), Rig(0.02, 0.05, math.pi)
+    given, rig = (Cable(), Cable()), RigGeometry(0.02, 0.05, math.pi)
     named = {"friction", "static_friction"}  # of the baseline
     for effect in EFFECTS.values():
         for cable in (
@@ -50,7 +50,9 @@ def test_every_term_of_a_cable_can_be_named() -> None:
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_off_is_the_baseline_bit_for_bit_and_on_is_not(name: str, plant: Plant) -> None:
+def test_off_is_the_baseline_bit_for_bit_and_on_is_not(
+    name: str, plant: SimulatedRig
+) -> None:
     effect = EFFECTS[name]
     values = {p.name: p.start for p in tuned(BENCH, plant.records, {})}
     plain = plant.simulate(values)
@@ -69,7 +71,7 @@ def test_off_is_the_baseline_bit_for_bit_and_on_is_not(name: str, plant: Plant) 
 @given(corner=st.randoms(use_true_random=False), radius=st.sampled_from((0.05, 0.004)))
 @settings(max_examples=20)
 def test_a_fit_that_ends_at_its_bounds_ends_at_a_cable(
-    name: str, corner: random.Random, radius: float, plant: Plant
+    name: str, corner: random.Random, radius: float, plant: SimulatedRig
 ) -> None:
     """Even where rounding takes a logarithm beyond its bound, and at the other ends."""
     bench = replace(plant.bench, motor_radius=radius, joint_radius=radius)
@@ -88,7 +90,7 @@ def test_a_fit_that_ends_at_its_bounds_ends_at_a_cable(
 
 
 def test_an_effect_that_is_registered_late_is_looked_for(
-    plant: Plant, monkeypatch: pytest.MonkeyPatch
+    plant: SimulatedRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drag = replace(
         EFFECTS["joint_inertia"],
@@ -149,7 +151,9 @@ def test_an_eccentric_pulley_is_as_far_out_where_each_cable_leaves_it() -> None:
     change = EFFECTS["pulley_eccentricity"].cables
     assert change is not None
     for apart in (0.0, 2.0, math.pi, 2.0 * math.pi):
-        agonist, antagonist = change((Cable(),) * 2, values, Rig(0.02, 0.05, apart))
+        agonist, antagonist = change(
+            (Cable(),) * 2, values, RigGeometry(0.02, 0.05, apart)
+        )
         for q in (0.0, 0.7, -3.0):
             levers = [
                 cable.eccentricity * math.cos(at - cable.eccentricity_phase)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis.data.trials import Constant
-from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.records import prepare
 from diagnosis.recorded import BENCH, dataset
 
@@ -41,7 +41,7 @@ def test_uncertainties_are_priors_and_what_is_unsure_is_fitted() -> None:
 def test_a_trial_s_pretension_is_relative_to_the_known_one() -> None:
     bench = BENCH.known(KNOWN)
     records, _ = prepare(dataset(), bench)
-    plant = Plant(bench, records, 8)
+    plant = SimulatedRig(bench, records, 8)
     cables = plant.cables({"pretension": 44.0}, (), pretension=20.0)
     assert cables[0].pretension == pytest.approx(22.0)
 
@@ -52,7 +52,7 @@ def test_a_pretension_as_uncertain_as_large_stays_one_of_a_cable(value: float) -
     bench = BENCH.known(constants)
     records, _ = prepare(dataset(duration=1.0), bench)
     (free,) = [p for p in tuned(bench, records, constants) if p.name == "pretension"]
-    plant = Plant(bench, records, 8, constants=constants)
+    plant = SimulatedRig(bench, records, 8, constants=constants)
     for place in (free.low, 0.0, free.high):
         cable, _ = plant.cables({"pretension": free.value(place)}, ())
         assert cable.pretension == free.value(place)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.effects import EFFECTS, Rig
-from cc_mujoco.diagnosis.inference.plant import Plant
+from cc_mujoco.diagnosis.effects import EFFECTS, RigGeometry
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.report.output import compared, scene
@@ -46,7 +46,7 @@ def test_a_trial_that_begins_later_ends_alike(
         counts=record.counts[begin:],
     )
     whole, part = (
-        Plant(BENCH, (each,), 8).simulate(values, (name,))[0]
+        SimulatedRig(BENCH, (each,), 8).simulate(values, (name,))[0]
         for each in (record, later)
     )
     ran_in = whole.shape[1] * 2 // 3
@@ -60,7 +60,7 @@ def test_friction_at_a_tension_is_the_same_in_trials_of_any_pretension() -> None
     change = EFFECTS["tension_dependent_friction"].cables
     assert change is not None
     values = {"tension_exponent": -0.2, "pretension": 80.0}
-    rig = Rig(0.05, 0.05, 0.0)
+    rig = RigGeometry(0.05, 0.05, 0.0)
     usual, loose = (
         change((BENCH.cables[0].replace(pretension=tension),), values, rig)[0]
         for tension in (80.0, 52.0)

@@ -14,7 +14,7 @@ from cc_mujoco.diagnosis.data.columns import DATASET_FILE
 from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
 from cc_mujoco.diagnosis.data.torques import expected
 from cc_mujoco.diagnosis.inference.motions import DT, middle, motions
-from cc_mujoco.diagnosis.inference.planning import Plan, planned
+from cc_mujoco.diagnosis.inference.planning import TrialPlan, planned
 from cc_mujoco.diagnosis.inference.testable import SEEN
 from cc_mujoco.diagnosis.plan import PAGE, plan
 from cc_mujoco.errors import CableError
@@ -31,13 +31,13 @@ IDS = (
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, Path]:
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[TrialPlan, Path]:
     out = tmp_path_factory.mktemp("plan") / "out"
     return plan(scene_path("bench"), out, reach=REACH, speed=SPEED, ids=IDS), out
 
 
 def test_effects_show_and_are_told_from_each_other(
-    made: tuple[Plan, Path],
+    made: tuple[TrialPlan, Path],
 ) -> None:
     found, _ = made
     assert {each.id for each in found.resolved} == set(IDS)
@@ -47,7 +47,7 @@ def test_effects_show_and_are_told_from_each_other(
     assert sum(motion.tilt > 0.0 for motion in found.trials) == 1
 
 
-def test_a_rig_twice_as_strong_has_the_same_plan(made: tuple[Plan, Path]) -> None:
+def test_a_rig_twice_as_strong_has_the_same_plan(made: tuple[TrialPlan, Path]) -> None:
     """Forces, torques, stiffness and noise double, and so do plausible sizes."""
     usual, _ = made
     bench = Bench.of(scene_path("bench"))
@@ -72,7 +72,7 @@ def test_a_rig_twice_as_strong_has_the_same_plan(made: tuple[Plan, Path]) -> Non
         assert each.least == pytest.approx(grown * known[each.id].least, rel=slack)
 
 
-def test_files_are_what_the_page_says(made: tuple[Plan, Path]) -> None:
+def test_files_are_what_the_page_says(made: tuple[TrialPlan, Path]) -> None:
     found, out = made
     page = (out / PAGE).read_text(encoding="utf-8")
     facts = read_dataset_file(out / "dataset.toml").facts
@@ -117,7 +117,7 @@ def test_a_reach_in_degrees_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_was_corrected_in_a_plan_is_not_replaced(
-    made: tuple[Plan, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    made: tuple[TrialPlan, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cc_mujoco.diagnosis.plan.planned", lambda *_: made[0])
     for reach in (0.8, 0.4):  # another plan in the place of one that nobody touched

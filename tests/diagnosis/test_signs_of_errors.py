@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.evidence import CHANNELS, Evidence, Isolability, Trace
+from cc_mujoco.diagnosis.evidence import CHANNELS, Evidence, Isolability, TrialTrace
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.jacobian import jacobian
-from cc_mujoco.diagnosis.inference.plant import OFFSETS, Plant, tuned
+from cc_mujoco.diagnosis.inference.plant import OFFSETS, SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.inference.residual_maps import maps, sentence
 from cc_mujoco.diagnosis.report import sections
@@ -26,7 +26,7 @@ MORE = 0.1
 def test_the_error_of_a_fit_is_positive_where_the_rig_shows_more() -> None:
     records, _ = prepare(dataset(duration=3.0, chosen=(0,)), BENCH)
     free = tuned(BENCH, records, {})
-    plant = Plant(BENCH, records, 8)
+    plant = SimulatedRig(BENCH, records, 8)
     noise = tuple(np.full(r.measured.shape, 0.05) for r in records)
     at = np.zeros(len(free))
     shown = tuple(
@@ -37,7 +37,7 @@ def test_the_error_of_a_fit_is_positive_where_the_rig_shows_more() -> None:
             strict=True,
         )
     )
-    problem = Problem(Plant(BENCH, shown, 8), free, (), noise, noise)
+    problem = Problem(SimulatedRig(BENCH, shown, 8), free, (), noise, noise)
     (error,) = problem.plainly(at)
     np.testing.assert_allclose(error, MORE / 0.05)
     counts = [record.counts for record in shown]
@@ -66,7 +66,7 @@ def test_the_report_says_which_way_an_error_lies(side: float) -> None:
     played = dict.fromkeys(CHANNELS, np.zeros(time.size))
     measured = dict.fromkeys(CHANNELS, side * MORE * (np.cos(time) > 0.0))
     counts = np.ones(time.size)
-    trace = Trace("one", time, angle, angle, measured, played, played, counts)
+    trace = TrialTrace("one", time, angle, angle, measured, played, played, counts)
     assert np.all(side * trace.error(CHANNELS[0]) >= 0.0)
     drawn = maps((trace,), seed=0)
     speed = next(m for m in drawn if "motor speed" in m.axis)

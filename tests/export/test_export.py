@@ -27,13 +27,21 @@ from cc_mujoco.control import Controller, Drive, controller
 from cc_mujoco.control.controller import wound
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
-from cc_mujoco.export import EXPORTED, FILES, TARGETS, Plan, Target, write, writing
+from cc_mujoco.export import (
+    EXPORTED,
+    FILES,
+    TARGETS,
+    ExportPlan,
+    Target,
+    write,
+    writing,
+)
 from cc_mujoco.export.writing import HEADER, TEXTS
 from cc_mujoco.sensing import TENSIONS, WINDING
 from cc_mujoco.transmission.parameters import TERMS
 
 Array = NDArray[np.float64]
-Made = Callable[[str, str], tuple[Path, Plan]]
+Made = Callable[[str, str], tuple[Path, ExportPlan]]
 
 COMPILER = shutil.which("gcc") or shutil.which("clang")
 GUARD = 64
@@ -77,8 +85,8 @@ def device(scene: str) -> Any:
 
 
 @functools.cache
-def plan_of(scene: str, name: str) -> Plan:
-    return Plan.of(name, drive_of(scene, name), device(scene).exo.device.driven)
+def plan_of(scene: str, name: str) -> ExportPlan:
+    return ExportPlan.of(name, drive_of(scene, name), device(scene).exo.device.driven)
 
 
 def drive_of(scene: str, name: str) -> Drive:
@@ -124,7 +132,7 @@ def episode(scene: str, name: str) -> tuple[Array, Array]:
     return np.array(readings), np.array(torques)
 
 
-def seen(plan: Plan, readings: Any) -> dict[str, Any]:
+def seen(plan: ExportPlan, readings: Any) -> dict[str, Any]:
     """What Python is told where C is told these readings, of round pulleys."""
     row, count = np.asarray(readings).tolist(), len(plan.law.seen)
     told = dict(zip(plan.law.seen, row, strict=False))
@@ -155,7 +163,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     """Exports of this machine, each written once."""
 
     @functools.cache
-    def written(scene: str, name: str) -> tuple[Path, Plan]:
+    def written(scene: str, name: str) -> tuple[Path, ExportPlan]:
         folder = tmp_path_factory.mktemp("export") / f"{scene}-{name}"
         plan = plan_of(scene, name)
         write(folder, plan, TARGETS["host"], "a test")
@@ -167,7 +175,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 class Library:
     """An exported controller, called from here."""
 
-    def __init__(self, folder: Path, plan: Plan) -> None:
+    def __init__(self, folder: Path, plan: ExportPlan) -> None:
         assert COMPILER is not None
         shared = folder / "shared.so"
         if not shared.exists():
@@ -253,7 +261,12 @@ def test_torques_are_those_of_the_library_bit_for_bit(
 
 
 def example(
-    folder: Path, plan: Plan, readings: Array, compiler: Any, *emulator: str, **how: Any
+    folder: Path,
+    plan: ExportPlan,
+    readings: Array,
+    compiler: Any,
+    *emulator: str,
+    **how: Any,
 ) -> Array:
     """What the program that is written beside the object file prints."""
     program = folder / "example"
@@ -388,7 +401,7 @@ def test_every_term_of_the_cables_is_in_the_exported_controller(
     )
     drive = dataclasses.replace(drive, cable_drives=(row,))
     exported = Library(*made("wrist", "stiction"))
-    plan = Plan.of("stiction", drive, device("wrist").exo.device.driven)
+    plan = ExportPlan.of("stiction", drive, device("wrist").exo.device.driven)
     assert exported.take(plan.values()) == 0
     found = exported.torques(readings[200:400])
     assert np.array_equal(
@@ -654,9 +667,9 @@ def test_what_cannot_be_exported_is_one_sentence() -> None:
         ("mine:law", "neither a policy nor code from outside"),
     ):
         with pytest.raises(CableError, match=says):
-            Plan.of(name, env.drive, cables)
+            ExportPlan.of(name, env.drive, cables)
     with pytest.raises(CableError, match="needs to know the cables"):
-        Plan.of("model", Drive(5.0, -1.0, 1.0, 1e-3), ())
+        ExportPlan.of("model", Drive(5.0, -1.0, 1.0, 1e-3), ())
 
 
 @needs_compiler
@@ -684,7 +697,7 @@ def test_what_a_slope_of_tension_rests_on_cannot_be_exchanged(made: Made) -> Non
     )
     drive = dataclasses.replace(device("wrist").drive, cable_drives=(row,))
     with pytest.raises(CableError, match="the slope of the logarithm of tension"):
-        Plan.of("adaptive", drive, device("wrist").exo.device.driven)
+        ExportPlan.of("adaptive", drive, device("wrist").exo.device.driven)
 
 
 @needs_compiler

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from cc_mujoco.control import Controller, Drive, controller
 from cc_mujoco.control.external import External
-from cc_mujoco.hardware import Ending, Limits, Loop, Outcome, Readings, Watchdog
+from cc_mujoco.hardware import Ending, Limits, Loop, Readings, RunOutcome, Watchdog
 from cc_mujoco.hardware.desired import Desired, constant
 
 PERIOD = 0.002
@@ -100,7 +100,7 @@ def law_of(torque: Callable[[dict[str, float]], object]) -> Controller:
 class Played:
     """A loop that has run in simulated time."""
 
-    outcome: Outcome
+    outcome: RunOutcome
     rig: FakeRig
     rows: Rows
 

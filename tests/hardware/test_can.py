@@ -16,8 +16,8 @@ from cc_mujoco.hardware import (
     CanAddress,
     CanRig,
     Loop,
-    Outcome,
     Readings,
+    RunOutcome,
     Watchdog,
     can_rig,
     packet,
@@ -124,7 +124,7 @@ def test_a_frame_of_classical_can_is_no_reading(opened: Opened) -> None:
     assert rig.ignored["corrupt"] == 1
 
 
-def run(bus: Broken, monkeypatch: pytest.MonkeyPatch, dog: Watchdog) -> Outcome:
+def run(bus: Broken, monkeypatch: pytest.MonkeyPatch, dog: Watchdog) -> RunOutcome:
     """In simulated time."""
     monkeypatch.setattr(can, "Bus", lambda **_: bus)
     loop = Loop(

@@ -22,7 +22,7 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Log, Readings, listening, require_free
+from cc_mujoco.hardware import Readings, RunLog, listening, require_free
 from cc_mujoco.hardware.log import COLUMNS
 from cc_mujoco.hardware.stops import SIGNALS
 from cc_mujoco.recording.columns import DEVICE
@@ -113,7 +113,7 @@ def test_the_columns_are_those_of_an_episode_and_data_for_a_diagnosis(
     tmp_path: Path,
 ) -> None:
     assert {name for name in COLUMNS[:8]} <= {column.name for column in DEVICE}
-    log = Log(tmp_path / "out", {}, 50)
+    log = RunLog(tmp_path / "out", {}, 50)
     for k in range(1000):
         turn = 0.3 * np.sin(0.02 * k)
         seen = Readings(5.0 + 0.002 * k, turn, 0.0, turn - 1e-3, 0.0, 0.5 * turn)
@@ -125,13 +125,13 @@ def test_the_columns_are_those_of_an_episode_and_data_for_a_diagnosis(
 
 
 def test_measured_data_are_never_replaced(tmp_path: Path) -> None:
-    log = Log(tmp_path / "out", {}, 1)
+    log = RunLog(tmp_path / "out", {}, 1)
     log.row(Readings(0.0, *[0.1] * 5), 0.0, *[0.0] * 6)
     log.close({})
     with pytest.raises(CableError, match="measured data are never replaced"):
         require_free(tmp_path / "out")
     with pytest.raises(CableError, match="measured data are never replaced"):
-        Log(tmp_path / "out", {}, 1)
+        RunLog(tmp_path / "out", {}, 1)
     assert cli.main(words(tmp_path, NOWHERE, 0.3)) == 2
 
 
@@ -156,7 +156,7 @@ def test_a_log_survives_the_death_of_the_host(tmp_path: Path, end: End) -> None:
 def test_a_log_without_an_end_lacks_less_than_a_block(
     tmp_path: Path, count: int
 ) -> None:
-    log = Log(tmp_path / "out", {}, 50)
+    log = RunLog(tmp_path / "out", {}, 50)
     for k in range(count):
         log.row(Readings(0.002 * k, *[0.1] * 5), 0.0, *[0.0] * 6)
     found = rows(tmp_path / "out" / "log.csv")
@@ -190,7 +190,7 @@ class FullDisk(io.RawIOBase):
 def test_a_full_disk_leaves_whole_lines_and_the_outcome(
     tmp_path: Path, left: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log = Log(tmp_path / "out", {"duration_s": 1.0}, 50)
+    log = RunLog(tmp_path / "out", {"duration_s": 1.0}, 50)
     log._file = FullDisk(log._file, left)  # type: ignore[assignment, arg-type]
     path, written = tmp_path / "out" / "log.csv", 0
     seen = Readings(0.0, *[0.1] * 5)
@@ -218,12 +218,12 @@ def test_a_full_disk_leaves_whole_lines_and_the_outcome(
 def test_a_disk_that_is_full_before_the_first_row_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(log: Log, data: bytes) -> None:
+    def full(log: RunLog, data: bytes) -> None:
         raise CableError("cannot be written")
 
-    monkeypatch.setattr(Log, "_write", full)
+    monkeypatch.setattr(RunLog, "_write", full)
     with pytest.raises(CableError, match="cannot be written"):
-        Log(tmp_path / "out", {}, 50)
+        RunLog(tmp_path / "out", {}, 50)
     assert list((tmp_path / "out").iterdir()) == []
 
 

@@ -13,8 +13,8 @@ from cc_mujoco.control import controller
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import (
     Loop,
-    Outcome,
     Readings,
+    RunOutcome,
     Status,
     UdpRig,
     Watchdog,
@@ -44,7 +44,7 @@ class PacedClock:
         self.time = deadline
 
 
-def run(peer: Peer, duration: float, watchdog: Watchdog = PATIENT) -> Outcome:
+def run(peer: Peer, duration: float, watchdog: Watchdog = PATIENT) -> RunOutcome:
     loop = Loop(
         peer.end.host(),
         controller("none", drive()),

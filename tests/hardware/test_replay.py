@@ -16,7 +16,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.run_page import MARK, page_of
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Log, Readings
+from cc_mujoco.hardware import Readings, RunLog
 from cc_mujoco.hardware.replay import as_episode, read_rows
 
 BENCH = Bench.of(scene_path("bench"))
@@ -31,7 +31,7 @@ def log(tmp_path: Path) -> Path:
     played = BENCH.transmission.replay(
         period, motor_angle=motor, joint_angle=np.zeros(time.size)
     )
-    log = Log(tmp_path / "run", {}, 50)
+    log = RunLog(tmp_path / "run", {}, 50)
     for k, now in enumerate(time.tolist()):
         joint = float(played.joint_torque[k])
         seen = Readings(5.0 + now, float(motor[k]), 0.0, 0.0, 0.0, joint)

@@ -14,7 +14,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Drive, controller
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Limits, Readings, Rig, drive_of, read_settings
-from cc_mujoco.hardware.desired import Course
+from cc_mujoco.hardware.desired import TorqueTable
 from cc_mujoco.hardware.servo import Stiffness
 from cc_mujoco.human import TRAJECTORIES
 from hardware.peers import toml
@@ -148,7 +148,7 @@ def test_a_task_that_cannot_be_is_said(task: str, why: str, tmp_path: Path) -> N
 def test_a_torque_that_cannot_be_given_is_refused(
     asked: tuple[float, ...], ratio: float, one_way: bool, why: str
 ) -> None:
-    course = Course(np.arange(len(asked), dtype=float), np.array(asked))
+    course = TorqueTable(np.arange(len(asked), dtype=float), np.array(asked))
     drive = Drive(ratio, -1.0, 1.0, 0.002, one_way)
     limits = Limits(1.0, 20.0, 30.0, (-1.0, 1.0), joint_torque=1.5)
     if not why:

@@ -14,8 +14,8 @@ from driven import Bench, Lockstep, Swing
 
 from cc_mujoco.control import CONTROLLERS, controller
 from cc_mujoco.devices import DEVICES
-from cc_mujoco.hardware import Limits, Loop, Outcome, Readings, Watchdog, drive_of
-from cc_mujoco.hardware.desired import Course
+from cc_mujoco.hardware import Limits, Loop, Readings, RunOutcome, Watchdog, drive_of
+from cc_mujoco.hardware.desired import TorqueTable
 from cc_mujoco.hardware.torque_sensor import TorqueSensor
 from hardware.fakes import Rows
 from rig import make_rig
@@ -35,17 +35,17 @@ FAULTS: dict[str, tuple[Fault, str]] = {
     ),
 }
 TIMES = np.arange(0.0, 10.0, 0.01)
-MOTIONS: dict[str, tuple[Course, Swing]] = {
+MOTIONS: dict[str, tuple[TorqueTable, Swing]] = {
     "hand swings": (
-        Course(TIMES, 0.5 + 0.0 * TIMES),
+        TorqueTable(TIMES, 0.5 + 0.0 * TIMES),
         lambda t: (0.3 * math.sin(4.0 * t), 1.2 * math.cos(4.0 * t)),
     ),
     "hand holds": (
-        Course(TIMES, 1.5 * np.sin(5.0 * TIMES)),
+        TorqueTable(TIMES, 1.5 * np.sin(5.0 * TIMES)),
         lambda _: (0.0, 0.0),
     ),
     "hand yields to a virtual damper": (
-        Course(TIMES, -0.8 * np.cos(4.0 * TIMES)),
+        TorqueTable(TIMES, -0.8 * np.cos(4.0 * TIMES)),
         lambda t: (0.3 * math.sin(4.0 * t), 1.2 * math.cos(4.0 * t)),
     ),
 }
@@ -63,7 +63,7 @@ class Faulty(Lockstep):
         return found and self._fault(found)
 
 
-def played(law: str, motion: str, fault: Fault = NONE, seed: int = 1) -> Outcome:
+def played(law: str, motion: str, fault: Fault = NONE, seed: int = 1) -> RunOutcome:
     desired, swing = MOTIONS[motion]
     rig = Faulty(Bench(make_rig(seed, make="guides"), {}, PERIOD), swing, fault, seed)
     drive = drive_of("bench", Path(), PERIOD, LIMITS.torque)

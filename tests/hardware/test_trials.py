@@ -18,7 +18,7 @@ from cc_mujoco.diagnosis.data.dataset_file import read_dataset_file
 from cc_mujoco.diagnosis.data.folders import data_files
 from cc_mujoco.diagnosis.data.run_page import cut_short
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Limits, Log, Loop, Readings, Watchdog
+from cc_mujoco.hardware import Limits, Loop, Readings, RunLog, Watchdog
 from cc_mujoco.hardware.packet import Status
 from cc_mujoco.hardware.servo import APPROACH, Servo, Stiffness
 from cc_mujoco.hardware.trials import planned
@@ -123,12 +123,12 @@ def test_a_trial_leaves_a_log_that_is_data_with_what_is_known_of_it(
 
 
 def test_a_trial_that_was_cut_short_is_told_of(tmp_path: Path) -> None:
-    log = Log(tmp_path, {}, 1, "trial_01")
+    log = RunLog(tmp_path, {}, 1, "trial_01")
     log.row(Readings(0.0, *[0.1] * 5, Status.ENABLED), 0.0, *[0.0] * 6)
     log.close({"outcome": "stopped by SIGTERM.", "exit_code": 143})
     first, second, none = (tmp_path / f"trial_0{k}.csv" for k in (1, 2, 3))
     assert cut_short(first) == "stopped by SIGTERM."
-    whole = Log(tmp_path, {}, 1, "trial_02")
+    whole = RunLog(tmp_path, {}, 1, "trial_02")
     assert cut_short(second) == "running, or killed"
     whole.close({"outcome": "the 3 s are over.", "exit_code": 0})
     assert cut_short(second) == cut_short(none) == ""
@@ -140,13 +140,13 @@ def test_a_log_without_rows_is_replaced_and_one_with_rows_is_not(
     tmp_path: Path,
 ) -> None:
     for rows in (0, 0, 1):
-        log = Log(tmp_path, {}, 1)
+        log = RunLog(tmp_path, {}, 1)
         for _ in range(rows):
             log.row(Readings(0.0, *[0.1] * 5, Status.ENABLED), 0.0, *[0.0] * 6)
         log.close({"outcome": "the rig gave no reading in 3 s.", "exit_code": 3})
     before = (tmp_path / "log.csv").read_bytes()
     with pytest.raises(CableError, match="measured data are never replaced"):
-        Log(tmp_path, {}, 1)
+        RunLog(tmp_path, {}, 1)
     assert (tmp_path / "log.csv").read_bytes() == before
 
 

@@ -14,7 +14,7 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.benchmark import SCORES
 from cc_mujoco.errors import CableError
-from cc_mujoco.metrics import METRICS, Metric, Record, find_metric, measure, table
+from cc_mujoco.metrics import METRICS, ArrayLog, Metric, find_metric, measure, table
 from cc_mujoco.recording.episode import MEASURED
 from cc_mujoco.whatif import optimise, study
 from cc_mujoco.whatif.metrics import USUAL, metric_of_designs
@@ -177,5 +177,5 @@ def test_a_metric_without_a_direction_is_no_objective_by_itself() -> None:
 
 def test_a_record_names_the_nearest_column() -> None:
     with pytest.raises(CableError, match="did you mean 'time_s'"):
-        Record({"time_s": np.zeros(3)})["time"]
+        ArrayLog({"time_s": np.zeros(3)})["time"]
     assert find_metric(METRICS["efficiency"]) is METRICS["efficiency"]

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.metrics import METRICS, Metric, Record, measure, of_cables
+from cc_mujoco.metrics import METRICS, ArrayLog, Metric, measure, of_cables
 from cc_mujoco.metrics.efficiency import efficiency
 from cc_mujoco.metrics.signals import lag, loop_opening, loop_width
 from cc_mujoco.metrics.torques import twist_backlash
@@ -49,7 +49,7 @@ def replaced(log: Any, make_log: Any, **columns: Any) -> Any:
     return make_log(cables=("one",), **{**log.columns, **columns})
 
 
-def pulled(cable: Cable, reach: float, motor: bool) -> Record:
+def pulled(cable: Cable, reach: float, motor: bool) -> ArrayLog:
     """Log of one cable that one end pulls slowly after the other, on pulleys of 1 m.
 
     The first half, in which the tension finds its slope, is left out.
@@ -69,7 +69,7 @@ def pulled(cable: Cable, reach: float, motor: bool) -> Record:
     }
     half = len(TIME) // 2
     columns = {name: values[half:] for name, values in columns.items()}
-    return Record(columns, ("one",))
+    return ArrayLog(columns, ("one",))
 
 
 @settings(max_examples=15, deadline=None)
@@ -113,7 +113,7 @@ def test_friction_of_a_cable_that_another_motor_winds_does_not_count(
     log = capstan(make_log, 0.5, 2.0)
     columns = log.columns | {"dissipated_other_j": 9.0 * TIME}
     for metadata, counts in (({}, True), ({"driven": ["one"]}, False)):
-        found = efficiency(Record(columns, ("one", "other"), metadata)).overall
+        found = efficiency(ArrayLog(columns, ("one", "other"), metadata)).overall
         assert found < 0.2 if counts else found == pytest.approx(0.5, rel=1e-9)
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from cc_mujoco.recording.pace import AHEAD, BEHIND, SPAN, Pace
+from cc_mujoco.recording.pace import AHEAD, BEHIND, SPAN, RealTimePacer
 
 STEP = 0.001
 
@@ -25,7 +25,9 @@ class Wall:
         self.time, self.naps = self.time + duration, self.naps + 1
 
 
-def played(wall: Wall, pace: Pace, work: float, since: float, steps: int) -> float:
+def played(
+    wall: Wall, pace: RealTimePacer, work: float, since: float, steps: int
+) -> float:
     """Go steps that take so much work [s] each; the simulated time after them."""
     for step in range(1, steps + 1):
         wall.time += work
@@ -35,7 +37,7 @@ def played(wall: Wall, pace: Pace, work: float, since: float, steps: int) -> flo
 
 def test_quick_steps_wait_for_the_wall() -> None:
     wall = Wall()
-    pace = Pace(wall.now, wall.sleep)
+    pace = RealTimePacer(wall.now, wall.sleep)
     pace.begin(0.0)
     assert math.isnan(pace.factor)
     end = played(wall, pace, 0.2 * STEP, 0.0, 2000)
@@ -46,7 +48,7 @@ def test_quick_steps_wait_for_the_wall() -> None:
 
 def test_slow_steps_never_wait_and_the_factor_says_so() -> None:
     wall = Wall()
-    pace = Pace(wall.now, wall.sleep)
+    pace = RealTimePacer(wall.now, wall.sleep)
     pace.begin(0.0)
     played(wall, pace, 2.0 * STEP, 0.0, 2000)
     assert wall.naps == 0
@@ -56,7 +58,7 @@ def test_slow_steps_never_wait_and_the_factor_says_so() -> None:
 def test_a_short_lag_is_made_up_for_and_a_long_one_is_not() -> None:
     for lag, lost in ((0.5 * BEHIND, 0.0), (20.0 * BEHIND, 20.0 * BEHIND)):
         wall = Wall()
-        pace = Pace(wall.now, wall.sleep)
+        pace = RealTimePacer(wall.now, wall.sleep)
         pace.begin(0.0)
         wall.time += lag
         end = played(wall, pace, 0.2 * STEP, 0.0, 2000)
@@ -65,7 +67,7 @@ def test_a_short_lag_is_made_up_for_and_a_long_one_is_not() -> None:
 
 def test_a_pause_is_not_made_up_for() -> None:
     wall = Wall()
-    pace = Pace(wall.now, wall.sleep)
+    pace = RealTimePacer(wall.now, wall.sleep)
     pace.begin(0.0)
     end = played(wall, pace, 0.2 * STEP, 0.0, 500)
     wall.time += 30.0

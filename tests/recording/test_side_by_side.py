@@ -13,7 +13,7 @@ from rerun.chunk import RrdReader
 from cc_mujoco.assets import scene_path
 from cc_mujoco.recording.rerun_file import write_recording
 from cc_mujoco.recording.side_by_side import (
-    Episode,
+    LabelledEpisode,
     common,
     draw_side_by_side,
     write_side_by_side,
@@ -26,7 +26,7 @@ def model() -> mujoco.MjModel:
 
 
 @pytest.fixture
-def episodes(make_log: Any, model: mujoco.MjModel) -> list[Episode]:
+def episodes(make_log: Any, model: mujoco.MjModel) -> list[LabelledEpisode]:
     one = make_log(rows=40, nq=model.nq, nodes=21)
     other = make_log(
         rows=40,
@@ -35,7 +35,10 @@ def episodes(make_log: Any, model: mujoco.MjModel) -> list[Episode]:
         joint_torque_nm=3.0 * one["joint_torque_nm"],
         tension_flexor_proximal_n=5.0 * one["tension_flexor_proximal_n"],
     )
-    return [Episode("design 3", one, model), Episode("design 14", other, model)]
+    return [
+        LabelledEpisode("design 3", one, model),
+        LabelledEpisode("design 14", other, model),
+    ]
 
 
 def entities(path: Path) -> dict[str, int]:
@@ -47,7 +50,7 @@ def entities(path: Path) -> dict[str, int]:
 
 
 def test_a_recording_of_two_holds_all_that_a_recording_of_each_has(
-    episodes: list[Episode], tmp_path: Path
+    episodes: list[LabelledEpisode], tmp_path: Path
 ) -> None:
     write_side_by_side(tmp_path / "both.rrd", episodes, "what they are")
     both = entities(tmp_path / "both.rrd")
@@ -69,7 +72,7 @@ def test_a_recording_of_two_holds_all_that_a_recording_of_each_has(
 
 
 def test_every_view_looks_at_what_is_logged(
-    episodes: list[Episode], tmp_path: Path
+    episodes: list[LabelledEpisode], tmp_path: Path
 ) -> None:
     path = tmp_path / "both.rrd"
     write_side_by_side(path, episodes, "what they are")
@@ -86,7 +89,9 @@ def test_every_view_looks_at_what_is_logged(
         assert any(p == origin or p.startswith(f"{origin}/") for p in logged), origin
 
 
-def test_columns_of_the_figure_have_the_same_axes(episodes: list[Episode]) -> None:
+def test_columns_of_the_figure_have_the_same_axes(
+    episodes: list[LabelledEpisode],
+) -> None:
     drawing = draw_side_by_side(episodes)
     axes = np.array(drawing.axes).reshape(3, 2)
     for one, other in axes:

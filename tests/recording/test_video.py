@@ -17,7 +17,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.errors import CableError
 from cc_mujoco.recording import stage, video
 from cc_mujoco.recording.episode import VIDEO
-from cc_mujoco.recording.stage import Stage
+from cc_mujoco.recording.stage import OffscreenRenderer
 from cc_mujoco.recording.strips import PLOTS, SCENE, Strips
 
 SECONDS = 0.2
@@ -126,7 +126,7 @@ def test_what_moves_stands_before_and_behind_what_does_not(make_log: Any) -> Non
     </worldbody></mujoco>"""
     model = mujoco.MjModel.from_xml_string(xml)
     poses = np.array([[-0.6], [0.6]])
-    with Stage(model, (), 1.0, poses, (120, 160)) as place:
+    with OffscreenRenderer(model, (), 1.0, poses, (120, 160)) as place:
         front, behind = (place.picture(pose, {}).astype(int) for pose in poses)
     middle = slice(50, 70), slice(70, 90)
     assert (front[middle][..., 1] > front[middle][..., 0]).all()
@@ -136,7 +136,7 @@ def test_what_moves_stands_before_and_behind_what_does_not(make_log: Any) -> Non
 @pytest.mark.usefixtures("gl")
 def test_a_cable_has_the_colour_of_its_tension(model: mujoco.MjModel) -> None:
     pose = model.qpos0
-    with Stage(model, ("flexor",), 50.0, pose[None], (180, 240)) as place:
+    with OffscreenRenderer(model, ("flexor",), 50.0, pose[None], (180, 240)) as place:
         shown = {
             name: place.picture(pose, {"flexor": np.full(21, tension)}).astype(int)
             for name, tension in (("high", 50.0), ("low", 1.0), ("slack", 0.0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cc_mujoco.estimation.samples import Track
+from cc_mujoco.estimation.samples import EstimateTrack
 from cc_mujoco.thesis.experiments import online_estimates as estimates
 from cc_mujoco.thesis.experiments import online_laws as laws
 from cc_mujoco.thesis.experiments import online_runs as runs
@@ -85,7 +85,7 @@ def test_verdict_on_the_law_follows_the_numbers(
     printed: float, summed: float, verdict: str
 ) -> None:
     left = dict(zip([*laws.LAWS, "ours"], [printed, 0.7, summed, 0.0], strict=True))
-    assert claim_law(laws.Laws(np.zeros(1), {}, left, -0.02)).verdict == verdict
+    assert claim_law(laws.PrintedLaws(np.zeros(1), {}, left, -0.02)).verdict == verdict
 
 
 def test_friction_that_grows_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,7 +106,7 @@ def test_stiffness_is_found_in_partial_motion_and_refused_in_mass_motion() -> No
     assert np.max(np.abs(error)) < 0.02
     assert found.refused == pytest.approx(1.0, abs=1e-12)
     assert abs(found.fooled - 1.0) > 0.2
-    kept = Track(found.truth, 0.01 * found.truth)
+    kept = EstimateTrack(found.truth, 0.01 * found.truth)
     assert claim_stiffness(found._replace(found=kept)).verdict == "agrees"
     fooled = found._replace(found=kept, refused=0.5)
     assert claim_stiffness(fooled).verdict == "in part"

@@ -13,7 +13,7 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.errors import CableError
 from cc_mujoco.figures import figure
-from cc_mujoco.thesis import Claim, Outcome, reproduce, runner
+from cc_mujoco.thesis import Claim, ExperimentOutcome, reproduce, runner
 
 CLAIM = Claim("Fig. 0", "two", "2.0 Nm", "agrees", "a | b")
 
@@ -26,7 +26,7 @@ class Experiments:
         self.failing = ""
 
     def module(self, name: str) -> Any:
-        def run(progress: Any) -> Outcome:
+        def run(progress: Any) -> ExperimentOutcome:
             if name == self.failing:
                 raise KeyboardInterrupt
             self.ran.append(name)
@@ -34,7 +34,7 @@ class Experiments:
             drawing = figure(2.0, 2.0)
             drawing.add_subplot().plot([0.0, 1.0])
             columns = {"torque_nm": np.arange(3.0), "loops": [1, 2, 3]}
-            return Outcome((CLAIM,), {"loop": drawing}, {"data": columns})
+            return ExperimentOutcome((CLAIM,), {"loop": drawing}, {"data": columns})
 
         return SimpleNamespace(run=run)
 

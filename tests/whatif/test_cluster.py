@@ -20,7 +20,7 @@ import pytest
 
 import cc_mujoco
 from cc_mujoco import cli
-from cc_mujoco.benchmark import Plan as Benchmark
+from cc_mujoco.benchmark import BenchmarkPlan as Benchmark
 from cc_mujoco.benchmark import run as play_all
 from cc_mujoco.whatif import Execution, carry_out, make_plan
 from cc_mujoco.whatif.plan import Plan

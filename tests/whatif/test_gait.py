@@ -17,7 +17,7 @@ from cc_mujoco.human import Assist, Body, Pace, Paced, Profile, Walk
 from cc_mujoco.human.body import LEG, MASS, SEGMENTS
 from cc_mujoco.human.gait import ANKLE_MOMENT
 from cc_mujoco.human.pace import FASTEST, MEASURED, SLOWEST
-from cc_mujoco.metrics import METRICS, Record
+from cc_mujoco.metrics import METRICS, ArrayLog
 from cc_mujoco.plant import Plant
 from cc_mujoco.recording import EpisodeLog
 from cc_mujoco.whatif import make_plan, optimise, study
@@ -31,7 +31,7 @@ PLAIN = ("rms_torque_error", "peak_tension", "reflected_torque")
 STRIDE = {"duration": 3.5, "threads": 1, "timestep": 1e-3, "controllers": ["none"]}
 
 
-def walked(speed: float, share: float, duration: float = 6.0) -> Record:
+def walked(speed: float, share: float, duration: float = 6.0) -> ArrayLog:
     """Return a walk in which the cables give a share of the ankle's moment."""
     pace = Pace(speed)
     motion = Walk.at(speed).sample(duration, 1e-3, np.random.default_rng(0))
@@ -45,15 +45,15 @@ def walked(speed: float, share: float, duration: float = 6.0) -> Record:
         "joint_velocity_rad_s": motion.velocity,
         "joint_torque_nm": share * own,
     }
-    return Record(columns)
+    return ArrayLog(columns)
 
 
 def strides_of(
-    log: Record | EpisodeLog, pace: Pace, moment: float = 1.0
+    log: ArrayLog | EpisodeLog, pace: Pace, moment: float = 1.0
 ) -> dict[str, float]:
     """Return all metrics of strides of an episode at this pace."""
     about = {"pace": pace, "ankle_moment": moment}
-    log = Record(log.columns, metadata=about)
+    log = ArrayLog(log.columns, metadata=about)
     return {name: METRICS[name].compute(log) for name in NAMES}
 
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from cc_mujoco.metrics import METRICS, Record
+from cc_mujoco.metrics import METRICS, ArrayLog
 from cc_mujoco.metrics.held import (
     CHIRP_HIGH,
     CHIRP_LOW,
@@ -20,16 +20,16 @@ from cc_mujoco.metrics.held import (
 )
 from cc_mujoco.whatif import study
 from cc_mujoco.whatif.metrics import USUAL
-from cc_mujoco.whatif.protocol import CHIRP_TIME, SWING_TIME, Chirp
+from cc_mujoco.whatif.protocol import CHIRP_TIME, SWING_TIME, ChirpTorque
 
 EPISODE = [n for n in USUAL if METRICS[n].test == "episode"]
 Array = NDArray[np.float64]
 DT = 1e-3
 
 
-def _answer(desired: Array, actual: Array) -> Record:
+def _answer(desired: Array, actual: Array) -> ArrayLog:
     time = np.arange(desired.size) * DT
-    return Record(
+    return ArrayLog(
         {"time_s": time, "desired_torque_nm": desired, "joint_torque_nm": actual}
     )
 
@@ -40,7 +40,7 @@ def bandwidth(desired: Array, actual: Array) -> float:
 
 def _chirp(bias: float = 0.0) -> Array:
     phase = np.arange(0.0, CHIRP_TIME + DT / 2, DT) / CHIRP_TIME
-    return np.asarray(Chirp(1.0, bias).torque(0.0 * phase, 0.0 * phase, phase))
+    return np.asarray(ChirpTorque(1.0, bias).torque(0.0 * phase, 0.0 * phase, phase))
 
 
 @pytest.mark.parametrize("corner", [5.0, 15.0, 30.0])
@@ -82,7 +82,7 @@ def test_backlash_is_the_play_of_a_gear(bias: float) -> None:
         output = min(max(output, angle - width / 2), angle + width / 2)
         found[i] = output
     torque = stiffness * found + bias
-    log = Record(
+    log = ArrayLog(
         {
             "time_s": phase,
             "motor_angle_rad": 2.0 * twist,
@@ -94,14 +94,14 @@ def test_backlash_is_the_play_of_a_gear(bias: float) -> None:
     )
     assert held_backlash(log) == pytest.approx(width, rel=0.01)
     columns = {**log.columns, "joint_torque_nm": 1e-3 * torque}
-    stuck = Record(columns, metadata=log.metadata)
+    stuck = ArrayLog(columns, metadata=log.metadata)
     assert math.isnan(held_backlash(stuck))
 
 
 def test_numbers_of_an_episode() -> None:
     time = np.arange(0.0, 1.0 + DT / 2, DT)
     tension = np.where(time < 0.25, 0.0, 10.0 + 5.0 * time)
-    log = Record(
+    log = ArrayLog(
         {
             "time_s": time,
             "motor_torque_nm": -2.0 * np.ones_like(time),

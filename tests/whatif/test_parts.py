@@ -13,7 +13,7 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.devices import DEVICES
 from cc_mujoco.errors import CableError
-from cc_mujoco.metrics import METRICS, Record
+from cc_mujoco.metrics import METRICS, ArrayLog
 from cc_mujoco.plant import MATERIALS, MOTORS, Plant
 from cc_mujoco.whatif import make_plan, optimise, study
 from cc_mujoco.whatif.costs import EXAMPLE, read_costs
@@ -52,7 +52,7 @@ def measured(
         "motor_torque_nm": torque,
         "motor_velocity_rad_s": np.full(torque.size, speed),
     }
-    log = Record(columns, metadata={"gearing": gear, **(sheet or SHEET)})
+    log = ArrayLog(columns, metadata={"gearing": gear, **(sheet or SHEET)})
     return {name: METRICS[name].compute(log) for name in MOTOR_METRICS}
 
 

@@ -16,7 +16,7 @@ from cc_mujoco.whatif.around import Around, Price
 from cc_mujoco.whatif.pareto import costs, read_limits, read_objectives
 from cc_mujoco.whatif.report import write_report
 from cc_mujoco.whatif.sections import (
-    Finding,
+    RankedStudy,
     confidence,
     controllers,
     failures,
@@ -34,7 +34,7 @@ def finding(
     limits: Sequence[str] = (),
     goals: Sequence[str] = GOALS,
     failed: Sequence[str | None] | None = None,
-) -> tuple[Finding, pa.Table]:
+) -> tuple[RankedStudy, pa.Table]:
     plan = make_plan("wrist", designs=[
         {"friction": 0.1 + 0.1 * (n % 4), "pretension": 10.0 + n}
         for n in range(len(errors))
@@ -50,14 +50,14 @@ def finding(
     )
     read, kept = read_objectives(goals), read_limits(limits)
     cost = costs(table, read, kept)
-    return Finding.of(plan, table, read, kept, cost, True), table
+    return RankedStudy.of(plan, table, read, kept, cost, True), table
 
 
 def said(page: str | None) -> str:
     return unescape(re.sub(r"<style>.*</style>|<[^>]+>", " ", page or "", flags=re.S))
 
 
-def written(folder: Path, found: Finding, table: pa.Table) -> str:
+def written(folder: Path, found: RankedStudy, table: pa.Table) -> str:
     write_report(folder, found.plan, table, found.goals, found.limits, "cc-mujoco <x>")
     return (folder / "report.html").read_text(encoding="utf-8")
 
@@ -175,7 +175,7 @@ def test_of_several_controllers_the_page_says_whose_ranks_are_alike() -> None:
         }
     )
     goals = read_objectives(GOALS[:1])
-    found = Finding.of(plan, table, goals, (), costs(table, goals), True)
+    found = RankedStudy.of(plan, table, goals, (), costs(table, goals), True)
     text = " ".join(said(controllers(found)).split())
     assert "none 1 of 4 4 -0.11" in text
     assert "pi 3 of 4 1 1.00" in text

@@ -24,7 +24,7 @@ from cc_mujoco.metrics import METRICS
 from cc_mujoco.plant import VARIABLES
 from cc_mujoco.recording import EpisodeLog
 from cc_mujoco.sensing import MEASURED
-from cc_mujoco.simulation.batched_controller import Laws
+from cc_mujoco.simulation.batched_controller import BatchedController
 from cc_mujoco.whatif import Execution, carry_out, make_plan, study
 from cc_mujoco.whatif.evaluate import evaluate
 from cc_mujoco.whatif.metrics import USUAL, lacking
@@ -404,7 +404,7 @@ def test_controllers_that_need_a_drive_each_get_one(
 
     monkeypatch.setitem(CONTROLLERS, "scalar", Scalar)
     drives = [Drive(5.0, -high, high, 1e-3) for high in (1.0, 4.0, 9.0)]
-    laws = Laws("scalar", drives)
+    laws = BatchedController("scalar", drives)
     seen = {name: np.ones(3) for name in MEASURED}
     assert laws.torque(seen).tolist() == [1.0, 2.0, 3.0]
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
-from cc_mujoco.diagnosis.data.findings import Finding, error, warning
+from cc_mujoco.diagnosis.data.findings import DataFinding, error, warning
 from cc_mujoco.diagnosis.data.smoothing import velocity
 from cc_mujoco.diagnosis.data.trials import FloatArray, Trial
 
@@ -177,7 +177,7 @@ def _nearest(match: FloatArray, expected: float, step: float) -> float | None:
     return (k - len(match) // 2 + offset) * step
 
 
-def check_alignment(trial: Trial, alone: bool = False) -> list[Finding]:
+def check_alignment(trial: Trial, alone: bool = False) -> list[DataFinding]:
     """Find clocks that drift apart, and delays that no rig has.
 
     Args:

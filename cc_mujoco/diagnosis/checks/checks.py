@@ -25,7 +25,7 @@ from cc_mujoco.diagnosis.checks.signs import (
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
-from cc_mujoco.diagnosis.data.findings import Finding, error, warning
+from cc_mujoco.diagnosis.data.findings import DataFinding, error, warning
 from cc_mujoco.diagnosis.data.reading import Recording
 from cc_mujoco.diagnosis.data.smoothing import velocity
 from cc_mujoco.diagnosis.data.trials import Facts, FloatArray, Trial
@@ -50,7 +50,7 @@ _CLOCK = re.compile(r"time|clock|stamp", re.I)
 
 def check_recording(
     recording: Recording, facts: Facts, file: DatasetFile
-) -> list[Finding]:
+) -> list[DataFinding]:
     """Run the checks of a recording."""
     return [
         *_locked(recording, facts),
@@ -62,7 +62,7 @@ def check_recording(
     ]
 
 
-def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[Finding]:
+def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[DataFinding]:
     """Run the checks of trials of one rig, of which one cable may be all that pulls.
 
     Where the cables were taken off, nothing relates one side to the other.
@@ -79,7 +79,7 @@ def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[Finding]:
     return findings
 
 
-def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[Finding]:
+def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[DataFinding]:
     """Compare the measured ratio of the angles with that of a scene.
 
     Args:
@@ -117,7 +117,7 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[Findi
     return [(error if impossible else warning)(told, trial.name)]
 
 
-def check_bench(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
+def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
     """Compare trials with a scene: the ratio of the angles, the size of the torques.
 
     A cable that winds up moves the joint less than its pulleys would: what counts is
@@ -143,7 +143,7 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
     return findings
 
 
-def _beyond(trial: Trial, bench: Bench) -> list[Finding]:
+def _beyond(trial: Trial, bench: Bench) -> list[DataFinding]:
     """Angles at which the lever or the path of a scene is not known."""
     if bench.lever is None and not bench.led:
         return []
@@ -161,9 +161,9 @@ def _beyond(trial: Trial, bench: Bench) -> list[Finding]:
     return [error(told, trial.name, channels.JOINT_ANGLE)]
 
 
-def _loads(trial: Trial, bench: Bench) -> list[Finding]:
+def _loads(trial: Trial, bench: Bench) -> list[DataFinding]:
     """Torques far beyond what the cables of a scene carry."""
-    findings: list[Finding] = []
+    findings: list[DataFinding] = []
     taut = trial.facts.pretension or bench.cables[0].pretension
     if taut == 0.0:  # nobody knows what to expect
         return findings
@@ -185,7 +185,7 @@ def _loads(trial: Trial, bench: Bench) -> list[Finding]:
     return findings
 
 
-def _locked(recording: Recording, facts: Facts) -> list[Finding]:
+def _locked(recording: Recording, facts: Facts) -> list[DataFinding]:
     """An angle that moves although it is said to have been held fast."""
     if not facts.locked:
         return []
@@ -200,7 +200,7 @@ def _locked(recording: Recording, facts: Facts) -> list[Finding]:
     return [error(told, recording.name, channel)]
 
 
-def _constants(recording: Recording, facts: Facts) -> list[Finding]:
+def _constants(recording: Recording, facts: Facts) -> list[DataFinding]:
     """Channels that never change."""
     findings = []
     for channel in recording.values:
@@ -220,7 +220,7 @@ def _constants(recording: Recording, facts: Facts) -> list[Finding]:
     return findings
 
 
-def _clipping(recording: Recording) -> list[Finding]:
+def _clipping(recording: Recording) -> list[DataFinding]:
     """Torques and tensions that stay at their extreme while elsewhere they scatter."""
     findings = []
     for channel, values in recording.values.items():
@@ -253,7 +253,7 @@ def _clipping(recording: Recording) -> list[Finding]:
     return findings
 
 
-def _degrees(recording: Recording, file: DatasetFile) -> list[Finding]:
+def _degrees(recording: Recording, file: DatasetFile) -> list[DataFinding]:
     """Angles too large for radians."""
     findings = []
     limits = {channels.JOINT_ANGLE: JOINT_TURNS, channels.MOTOR_ANGLE: MOTOR_TURNS}
@@ -276,7 +276,7 @@ def _degrees(recording: Recording, file: DatasetFile) -> list[Finding]:
     return findings
 
 
-def _turnovers(recording: Recording) -> list[Finding]:
+def _turnovers(recording: Recording) -> list[DataFinding]:
     """Angles of an encoder that begins anew after a full turn."""
     findings = []
     for channel in channels.ANGLES:
@@ -305,7 +305,7 @@ def _range(values: FloatArray) -> float:
     return float(high - low)
 
 
-def _second_clock(recording: Recording, file: DatasetFile) -> list[Finding]:
+def _second_clock(recording: Recording, file: DatasetFile) -> list[DataFinding]:
     """Times of one side or channel that nobody has declared."""
     declared = {file.source(channel).clock for channel in recording.values}
     used = {*declared, *recording.labels.values()}
@@ -320,7 +320,7 @@ def _second_clock(recording: Recording, file: DatasetFile) -> list[Finding]:
     ]
 
 
-def _motion(trial: Trial) -> list[Finding]:
+def _motion(trial: Trial) -> list[DataFinding]:
     """Trials in which nothing happens."""
     speed = np.abs(velocity(trial.motor_angle, trial.step, trial.segments))
     turn = np.abs(velocity(trial.joint_angle, trial.step, trial.segments))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.diagnosis.data.channels import MOTOR_ANGLE
-from cc_mujoco.diagnosis.data.findings import Finding, error
+from cc_mujoco.diagnosis.data.findings import DataFinding, error
 from cc_mujoco.diagnosis.data.trials import FloatArray, Trial
 from cc_mujoco.estimation.least_squares import autocorrelation
 
@@ -39,7 +39,7 @@ class Scatter(NamedTuple):
     trials: frozenset[str]
 
 
-def wrong_repeats(trials: Sequence[Trial]) -> list[Finding]:
+def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
     """Declared repeats whose motor moves otherwise, or that were set up otherwise."""
     found = [
         error(

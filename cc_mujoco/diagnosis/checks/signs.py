@@ -30,7 +30,7 @@ from cc_mujoco.diagnosis.data.channels import (
     TORQUE,
     unit_of,
 )
-from cc_mujoco.diagnosis.data.findings import Finding, error, warning
+from cc_mujoco.diagnosis.data.findings import DataFinding, error, warning
 from cc_mujoco.diagnosis.data.smoothing import velocity
 from cc_mujoco.diagnosis.data.trials import Trial
 
@@ -116,7 +116,7 @@ def _shared(trials: list[Trial]) -> tuple[float, float]:
     )
 
 
-def check_signs(group: Group) -> list[Finding]:
+def check_signs(group: Group) -> list[DataFinding]:
     """Find channels with inverted sign, and swapped sides."""
     trials, m = group
     follows, asks = _sign(m.follows, _FOLLOWS), _sign(m.asks, _ASKS)
@@ -217,7 +217,7 @@ def _ways(m: Mechanics, follows: float, asks: float) -> list[str]:
     ]
 
 
-def check_units(group: Group) -> list[Finding]:
+def check_units(group: Group) -> list[DataFinding]:
     """Find units that contradict each other, by virtual work."""
     trials, m = group
     if not (abs(m.follows) > _FOLLOWS and abs(m.asks) > _SURE):
@@ -247,7 +247,9 @@ def check_units(group: Group) -> list[Finding]:
     return [error(sentence, _name(trials))]
 
 
-def check_sizes(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Finding]:
+def check_sizes(
+    trials: Sequence[Trial], known: Sequence[Mechanics]
+) -> list[DataFinding]:
     """Find trials whose torques are hundreds of times those of the others.
 
     A free joint carries next to nothing, so a loaded trial may well leap over the
@@ -289,7 +291,9 @@ def _leap(sizes: NDArray[np.float64]) -> float:
     return float(ordered[above[-1]]) if len(above) else math.inf
 
 
-def check_ratios(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Finding]:
+def check_ratios(
+    trials: Sequence[Trial], known: Sequence[Mechanics]
+) -> list[DataFinding]:
     """Find trials whose angles have another ratio than those of the others."""
     certain = [
         (trial, m.ratio)

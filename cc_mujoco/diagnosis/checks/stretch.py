@@ -15,7 +15,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.channels import JOINT_ANGLE, MOTOR_ANGLE
-from cc_mujoco.diagnosis.data.findings import Finding, error, warning
+from cc_mujoco.diagnosis.data.findings import DataFinding, error, warning
 from cc_mujoco.diagnosis.data.smoothing import velocity
 from cc_mujoco.diagnosis.data.trials import Trial
 
@@ -24,7 +24,7 @@ _SURE = 0.6
 _FEWEST = 200
 
 
-def check_lead(trials: Sequence[Trial], bench: Bench) -> list[Finding]:
+def check_lead(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
     """Find angles that are those of the other side.
 
     Args:

@@ -19,8 +19,8 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.led import (
     OPEN,
+    CoupledScene,
     Leading,
-    Scene,
     courses,
     leading,
     require_led,
@@ -33,7 +33,7 @@ from cc_mujoco.engine import from_mjcf
 from cc_mujoco.engine.config import PLUGIN
 from cc_mujoco.errors import CableError
 from cc_mujoco.transmission import Cable, Driven, Transmission
-from cc_mujoco.transmission.led import Course, Led
+from cc_mujoco.transmission.led import CoupledCables, CoupledPath
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Bench:
         """Return whether the end of an open path is where the cable pulls the joint."""
         return self.led in OPEN and self.lever is not None
 
-    def courses(self, segments: int) -> tuple[Course, ...]:
+    def courses(self, segments: int) -> tuple[CoupledPath, ...]:
         """Paths of cables that the joint leads, in no fewer segments; none otherwise.
 
         A path in the open needs a segment at each bend, which those of the scene are.
@@ -89,7 +89,7 @@ class Bench:
         if not self.led:
             return ()
         sign = 1.0 if self.lever is None else self.lever.sign
-        scene = Scene(
+        scene = CoupledScene(
             str(self.path), self.sha256, self.names, self.joint, *self.span, sign
         )
         return courses(scene, max(segments, self.least_segments))
@@ -133,7 +133,7 @@ class Bench:
         """
         own = self.courses(max(cable.segments for cable in self.cables))
         if own:
-            drive = Led(self.cables, own, self.motor_radius)
+            drive = CoupledCables(self.cables, own, self.motor_radius)
             return drive.replay(dt, motor_angle=motor_angle, joint_angle=joint_angle)
         played = self.transmission.replay(
             dt, motor_angle=motor_angle, joint_angle=self.turned(joint_angle)

@@ -9,7 +9,7 @@ import numpy as np
 from cc_mujoco.diagnosis.data import channels
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
-from cc_mujoco.diagnosis.data.findings import Finding, doubt, error, warning
+from cc_mujoco.diagnosis.data.findings import DataFinding, doubt, error, warning
 from cc_mujoco.diagnosis.data.instruments import Instrument
 from cc_mujoco.diagnosis.data.trials import FloatArray, Trial
 from cc_mujoco.errors import CableError
@@ -24,7 +24,7 @@ _APART = 0.05
 
 def judged(
     torque: str, trials: Sequence[Trial], bench: Bench | None
-) -> tuple[Instrument | None, list[Finding]]:
+) -> tuple[Instrument | None, list[DataFinding]]:
     """Load cells of all cables at one end, or what is wrong with them."""
     cells = [at_end(torque, trial) for trial in trials]
     first = trials[0]
@@ -116,7 +116,9 @@ def at_end(torque: str, trial: Trial) -> list[str]:
     return [name for name in trial.tensions if is_end(name, ENDS[torque])]
 
 
-def beside(torque: str, trials: Sequence[Trial], bench: Bench | None) -> list[Finding]:
+def beside(
+    torque: str, trials: Sequence[Trial], bench: Bench | None
+) -> list[DataFinding]:
     """Return what cells say that nobody asks, as a torque sensor is at the same end."""
     having = [trial for trial in trials if at_end(torque, trial)]
     if not having:

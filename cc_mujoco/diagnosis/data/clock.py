@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cc_mujoco.diagnosis.data.channels import ANGLES, CLOCK, TEMPERATURE, TIME, VALID
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
 from cc_mujoco.diagnosis.data.digits import read_at, resolution
-from cc_mujoco.diagnosis.data.findings import Finding, error, warning
+from cc_mujoco.diagnosis.data.findings import DataFinding, error, warning
 from cc_mujoco.diagnosis.data.order import MANY_MISSING
 from cc_mujoco.diagnosis.data.reading import Recording
 from cc_mujoco.diagnosis.data.trials import Facts, FloatArray
@@ -35,7 +35,7 @@ _EVEN = 0.1  # share of a step by which times may be off an even grid
 
 
 @dataclass
-class Track:
+class SampledTrack:
     """Evenly sampled stretches of a recording.
 
     Attributes:
@@ -55,7 +55,7 @@ class Track:
 
 def lay_out(
     recording: Recording, facts: Facts, file: DatasetFile
-) -> tuple[Track | None, list[Finding]]:
+) -> tuple[SampledTrack | None, list[DataFinding]]:
     """Find the stretches of a recording that can be used.
 
     Args:
@@ -105,7 +105,7 @@ def lay_out(
         findings.append(error(f"{recording.path} {told}", name))
         return None, findings
     values.pop(VALID, None)
-    track, found = _even(recording, Track(time, values, segments, step, digits))
+    track, found = _even(recording, SampledTrack(time, values, segments, step, digits))
     return track, findings + found
 
 
@@ -130,7 +130,7 @@ def _other_unit(
 
 def _rate(
     recording: Recording, file: DatasetFile, step: float, lasts: float
-) -> tuple[float, list[Finding]]:
+) -> tuple[float, list[DataFinding]]:
     """Samples per second, and whether they are enough."""
     rate = 1.0 / step
     told = f"{recording.column(TIME)}: {rate:.4g} samples per second"
@@ -184,7 +184,7 @@ def _counts(
     time: FloatArray,
     values: dict[str, FloatArray],
     facts: Facts,
-) -> tuple[NDArray[np.bool_], list[Finding]]:
+) -> tuple[NDArray[np.bool_], list[DataFinding]]:
     """Return which samples count: none missing or masked, in declared stretches."""
     name = recording.name
     findings = []
@@ -231,7 +231,7 @@ def _counts(
 
 def _gaps(
     recording: Recording, time: FloatArray, step: float
-) -> tuple[NDArray[np.intp], list[Finding]]:
+) -> tuple[NDArray[np.intp], list[DataFinding]]:
     """Rows before which there is a gap; whether the rest comes in bunches."""
     name = recording.name
     change = np.diff(time)
@@ -276,7 +276,9 @@ def _runs(
     return tuple(slice(int(a), int(b)) for a, b in runs if b - a >= fewest)
 
 
-def _even(recording: Recording, track: Track) -> tuple[Track, list[Finding]]:
+def _even(
+    recording: Recording, track: SampledTrack
+) -> tuple[SampledTrack, list[DataFinding]]:
     """Return the same stretches, sampled evenly."""
     time, segments = track.time, track.segments
     spans = [
@@ -310,5 +312,5 @@ def _even(recording: Recording, track: Track) -> tuple[Track, list[Finding]]:
         f"{recording.column(TIME)} is off an even clock by up to {1e3 * off:.3g} ms; "
         f"the readings were interpolated at {1 / step:.5g} Hz."
     )
-    even = Track(np.concatenate(grids), values, parts, step, track.digits)
+    even = SampledTrack(np.concatenate(grids), values, parts, step, track.digits)
     return even, [warning(told, recording.name, TIME)]

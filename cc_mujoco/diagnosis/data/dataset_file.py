@@ -72,7 +72,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from cc_mujoco.diagnosis.data import channels
-from cc_mujoco.diagnosis.data.findings import Finding, warning
+from cc_mujoco.diagnosis.data.findings import DataFinding, warning
 from cc_mujoco.diagnosis.data.tables import ENDINGS
 from cc_mujoco.diagnosis.data.toml_table import Table, finite
 from cc_mujoco.diagnosis.data.trials import Constant, Facts, Locked, Split
@@ -236,7 +236,7 @@ class DatasetFile:
 
     def check_trials(
         self, names: Mapping[Path, str], others: Iterable[Path] = ()
-    ) -> list[Finding]:
+    ) -> list[DataFinding]:
         """Check that every table of `[trials]` means a file, and so does `repeat_of`.
 
         Args:
@@ -257,7 +257,7 @@ class DatasetFile:
             else {}
         )
         everything = {**unread, **names}
-        absent: list[Finding] = []
+        absent: list[DataFinding] = []
         for pattern, known in self.facts.items():
             where = f"{self.path}, [trials.{pattern!r}]"
             if not _any(everything, pattern):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 
-class Finding(NamedTuple):
+class DataFinding(NamedTuple):
     """Something about the data that its owner should know.
 
     Attributes:
@@ -23,21 +23,21 @@ class Finding(NamedTuple):
     channel: str = ""
 
 
-def error(statement: str, trial: str = "", channel: str = "") -> Finding:
+def error(statement: str, trial: str = "", channel: str = "") -> DataFinding:
     """A finding that must be put right first."""
-    return Finding("error", statement, trial, channel)
+    return DataFinding("error", statement, trial, channel)
 
 
-def warning(statement: str, trial: str = "", channel: str = "") -> Finding:
+def warning(statement: str, trial: str = "", channel: str = "") -> DataFinding:
     """A finding to know of."""
-    return Finding("warning", statement, trial, channel)
+    return DataFinding("warning", statement, trial, channel)
 
 
-def doubt(statement: str, trial: str = "", channel: str = "") -> Finding:
+def doubt(statement: str, trial: str = "", channel: str = "") -> DataFinding:
     """A finding that comes before what the data seem to say."""
-    return Finding("doubt", statement, trial, channel)
+    return DataFinding("doubt", statement, trial, channel)
 
 
-def errors(findings: list[Finding]) -> list[Finding]:
+def errors(findings: list[DataFinding]) -> list[DataFinding]:
     """Return those that must be put right first."""
     return [finding for finding in findings if finding.severity == "error"]

@@ -19,7 +19,7 @@ from cc_mujoco.engine.course import course_of, movers
 from cc_mujoco.errors import CableError
 from cc_mujoco.page import listed
 from cc_mujoco.transmission import Cable
-from cc_mujoco.transmission.led import Course
+from cc_mujoco.transmission.led import CoupledPath
 
 Leading = Literal["", "bent", "open", "mixed"]
 """What the joint moves of a cable: its end only, the bends of its conduit, or pieces in
@@ -75,7 +75,7 @@ def require_led(model: mujoco.MjModel, name: str, joint: str, where: str) -> Non
         )
 
 
-class Scene(NamedTuple):
+class CoupledScene(NamedTuple):
     """Scene whose paths are tabulated.
 
     Attributes:
@@ -98,7 +98,7 @@ class Scene(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def courses(scene: Scene, segments: int) -> tuple[Course, ...]:
+def courses(scene: CoupledScene, segments: int) -> tuple[CoupledPath, ...]:
     """Paths of the cables of a scene at the angles of the data."""
     spec = mujoco.MjSpec.from_file(scene.path)
     for name, cable in from_mjcf(spec).items():
@@ -110,7 +110,7 @@ def courses(scene: Scene, segments: int) -> tuple[Course, ...]:
     return tuple(found if scene.sign > 0.0 else map(_turned, found))
 
 
-def _turned(course: Course) -> Course:
+def _turned(course: CoupledPath) -> CoupledPath:
     """Return the same course over angles that count the other way."""
     return replace(
         course,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis.data.channels import TIME
-from cc_mujoco.diagnosis.data.findings import Finding, error, warning
+from cc_mujoco.diagnosis.data.findings import DataFinding, error, warning
 from cc_mujoco.diagnosis.data.reading import Recording
 from cc_mujoco.diagnosis.data.trials import FloatArray
 
@@ -24,7 +24,7 @@ _RUN = 20  # rows in order that are a recording of their own
 _TWICE = 1.5  # rows over those that a clock has time for
 
 
-def in_order(recording: Recording) -> tuple[Recording | None, list[Finding]]:
+def in_order(recording: Recording) -> tuple[Recording | None, list[DataFinding]]:
     """Bring the rows of every clock of a recording into order.
 
     Returns:
@@ -50,14 +50,14 @@ def in_order(recording: Recording) -> tuple[Recording | None, list[Finding]]:
 
 def _order(
     recording: Recording, channel: str, time: FloatArray
-) -> tuple[NDArray[np.intp] | slice | None, list[Finding]]:
+) -> tuple[NDArray[np.intp] | slice | None, list[DataFinding]]:
     """Rows of a clock by increasing time, or None where it cannot be trusted."""
     if (np.diff(time) > 0).all() and np.isfinite(time).all():
         return slice(None), []
     name, where = recording.name, recording.column(channel)
     if channel != TIME:
         where += ", its clock"
-    findings: list[Finding] = []
+    findings: list[DataFinding] = []
     rows = np.flatnonzero(~np.isnan(time))
     if lost := len(time) - len(rows):
         if lost > MANY_MISSING * len(time) or len(rows) < 2:

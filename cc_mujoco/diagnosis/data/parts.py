@@ -11,7 +11,7 @@ from cc_mujoco.errors import CableError
 
 
 @dataclass(frozen=True)
-class Part:
+class TrialFile:
     """One of the files of a trial.
 
     Attributes:
@@ -27,17 +27,17 @@ class Part:
 
 def together(
     files: Iterable[Path], file: DatasetFile
-) -> tuple[list[Path], dict[str, tuple[Part, ...]]]:
+) -> tuple[list[Path], dict[str, tuple[TrialFile, ...]]]:
     """Files that are trials by themselves, and trials in several files by name.
 
     Raises:
         CableError: a file of a trial was not given, or one belongs to two.
     """
     alone: list[Path] = []
-    found: dict[tuple[str, Path, str], dict[str, Part]] = {}
+    found: dict[tuple[str, Path, str], dict[str, TrialFile]] = {}
     for path in files:
         meant = [
-            ((pattern, *place), Part(key, path, part))
+            ((pattern, *place), TrialFile(key, path, part))
             for pattern, parts in file.files.items()
             for key, part in parts.items()
             if (place := part.stands_for(path)) is not None
@@ -51,7 +51,7 @@ def together(
             alone.append(path)
         for of, part in meant:
             found.setdefault(of, {})[part.key] = part
-    trials: dict[str, tuple[Part, ...]] = {}
+    trials: dict[str, tuple[TrialFile, ...]] = {}
     for (pattern, folder, star), given in found.items():
         name, where = pattern.replace("*", star), f"{file.path}, [files.{pattern!r}]"
         for key, wanted in file.files[pattern].items():

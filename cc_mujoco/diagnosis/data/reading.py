@@ -16,7 +16,7 @@ import numpy as np
 from cc_mujoco.diagnosis.data import channels, columns, tables
 from cc_mujoco.diagnosis.data.columns import DATASET_FILE
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, PartFile
-from cc_mujoco.diagnosis.data.parts import Part
+from cc_mujoco.diagnosis.data.parts import TrialFile
 from cc_mujoco.diagnosis.data.streams import Stream, joined, rows_of_topics
 from cc_mujoco.diagnosis.data.trials import FloatArray
 from cc_mujoco.errors import CableError
@@ -77,10 +77,10 @@ def read(path: Path, file: DatasetFile, name: str | None = None) -> Recording:
     Raises:
         CableError: the file cannot be read, lacks a column or holds text.
     """
-    return read_parts((Part("", path, PartFile("")),), file, name or path.stem)
+    return read_parts((TrialFile("", path, PartFile("")),), file, name or path.stem)
 
 
-def read_parts(parts: Sequence[Part], file: DatasetFile, name: str) -> Recording:
+def read_parts(parts: Sequence[TrialFile], file: DatasetFile, name: str) -> Recording:
     """Read the channels of a trial that is in one file or in several.
 
     Args:
@@ -160,7 +160,7 @@ class _Table:
         stamps: (rows,) [s], once they are read.
     """
 
-    part: Part
+    part: TrialFile
     names: list[str]
     time: str
     second: float
@@ -169,7 +169,7 @@ class _Table:
     stamps: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @classmethod
-    def of(cls, part: Part, file: DatasetFile) -> _Table:
+    def of(cls, part: TrialFile, file: DatasetFile) -> _Table:
         """A file of which the columns are known, and nothing is read."""
         names = tables.column_names(part.path)
         names += [stem for stem in columns.stamps(names) if stem not in names]

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cc_mujoco.diagnosis.data.clock import Track
-from cc_mujoco.diagnosis.data.findings import Finding, warning
+from cc_mujoco.diagnosis.data.clock import SampledTrack
+from cc_mujoco.diagnosis.data.findings import DataFinding, warning
 from cc_mujoco.diagnosis.data.trials import FloatArray
 
 MOST = 60_000
@@ -20,8 +20,8 @@ WINDOWS = 12
 
 
 def thinned(
-    track: Track, path: str, name: str, most: int = MOST
-) -> tuple[Track, list[Finding]]:
+    track: SampledTrack, path: str, name: str, most: int = MOST
+) -> tuple[SampledTrack, list[DataFinding]]:
     """Average neighbours, then keep evenly spread stretches, until few samples remain.
 
     Args:
@@ -50,11 +50,11 @@ def thinned(
     return track, [warning(sentence, name)]
 
 
-def _samples(track: Track) -> int:
+def _samples(track: SampledTrack) -> int:
     return sum(part.stop - part.start for part in track.segments)
 
 
-def _averaged(track: Track, block: int) -> Track:
+def _averaged(track: SampledTrack, block: int) -> SampledTrack:
     """Means of so many neighbours, never across the end of a segment."""
     counts = [(part.stop - part.start) // block for part in track.segments]
 
@@ -79,7 +79,7 @@ def _averaged(track: Track, block: int) -> Track:
     )
 
 
-def _windows(track: Track, length: int) -> Track:
+def _windows(track: SampledTrack, length: int) -> SampledTrack:
     """The first `length` samples of each of `WINDOWS` equal shares."""
     total = _samples(track)
     cuts = np.linspace(0, total, WINDOWS + 1).astype(int)[:-1]

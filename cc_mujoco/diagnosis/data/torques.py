@@ -14,7 +14,7 @@ import numpy as np
 from cc_mujoco.diagnosis.data import cells, channels
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.dataset_file import LOAD, DatasetFile
-from cc_mujoco.diagnosis.data.findings import Finding, error, errors, warning
+from cc_mujoco.diagnosis.data.findings import DataFinding, error, errors, warning
 from cc_mujoco.diagnosis.data.instruments import Instrument, Instruments
 from cc_mujoco.diagnosis.data.smoothing import velocity
 from cc_mujoco.diagnosis.data.trials import Constant, FloatArray, Noise, Trial
@@ -28,7 +28,7 @@ _WORDS: dict[Instrument, str] = {
 
 def completed(
     trials: Sequence[Trial], file: DatasetFile, bench: Bench | None
-) -> tuple[list[Trial], Instruments, list[Finding]]:
+) -> tuple[list[Trial], Instruments, list[DataFinding]]:
     """Give trials the torques that follow from something else.
 
     Args:
@@ -40,7 +40,7 @@ def completed(
         The trials, what their torques are known from, and what was noticed.
     """
     found: list[Instrument | None] = []
-    findings: list[Finding] = []
+    findings: list[DataFinding] = []
     made = list(trials)
     for torque in channels.TORQUES:
         instrument, told = _instrument(torque, trials, file, bench)
@@ -123,7 +123,7 @@ def derived_noise(
 
 def _instrument(
     torque: str, trials: Sequence[Trial], file: DatasetFile, bench: Bench | None
-) -> tuple[Instrument | None, list[Finding]]:
+) -> tuple[Instrument | None, list[DataFinding]]:
     """Return what a torque is known from in all trials."""
     if not file.source(torque).measured or not trials:
         if torque == channels.JOINT_TORQUE and _loaded(file):

@@ -13,7 +13,7 @@ from cc_mujoco.diagnosis.effects.effect import (
     ANTAGONIST,
     Effect,
     EffectParameter,
-    Rig,
+    RigGeometry,
     Torques,
     Values,
 )
@@ -33,7 +33,7 @@ __all__ = [
     "PLAY",
     "Effect",
     "EffectParameter",
-    "Rig",
+    "RigGeometry",
     "Torques",
     "Values",
     "acceleration",

@@ -7,7 +7,7 @@ from cc_mujoco.diagnosis.effects.effect import (
     PLUGIN,
     Effect,
     EffectParameter,
-    Rig,
+    RigGeometry,
     Values,
     limited,
     of_cable,
@@ -31,7 +31,9 @@ _FITTINGS = (
 """Compliances of where the cables are fastened, at the joint and at the motor."""
 
 
-def _wrap(given: tuple[Cable, ...], values: Values, rig: Rig) -> tuple[Cable, ...]:
+def _wrap(
+    given: tuple[Cable, ...], values: Values, rig: RigGeometry
+) -> tuple[Cable, ...]:
     # The distal end of the agonist moves by minus the joint's rim.
     growth = limited("wrap_growth", values["wrap_per_angle"] / rig.joint_radius)
     signs = (-1.0, 1.0)
@@ -41,7 +43,9 @@ def _wrap(given: tuple[Cable, ...], values: Values, rig: Rig) -> tuple[Cable, ..
     )
 
 
-def _stiffening(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+def _stiffening(
+    given: tuple[Cable, ...], values: Values, _: RigGeometry
+) -> tuple[Cable, ...]:
     # Strands bed in one by one, so two cables need not be alike. The baseline's
     # stiffness stays that of a cable in the scene's pretension, as far as it can.
     usual = values.get("pretension", given[0].pretension)
@@ -63,7 +67,9 @@ def _stiffening(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable
     return tuple(found)
 
 
-def _fitted(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+def _fitted(
+    given: tuple[Cable, ...], values: Values, _: RigGeometry
+) -> tuple[Cable, ...]:
     # Ends are fastened one by one.
     each = zip(_FITTINGS[0::2], _FITTINGS[1::2], strict=True)
     distal, proximal = ([values.get(name, 0.0) for name in names] for names in each)

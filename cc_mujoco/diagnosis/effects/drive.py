@@ -11,7 +11,7 @@ from cc_mujoco.diagnosis.effects.effect import (
     PLUGIN,
     Effect,
     EffectParameter,
-    Rig,
+    RigGeometry,
     Torques,
     Values,
 )
@@ -25,7 +25,9 @@ _ROUND = (-0.25, 0.25)
 _POSITIVE = (0.0, math.inf)
 
 
-def _eccentric(given: tuple[Cable, ...], values: Values, rig: Rig) -> tuple[Cable, ...]:
+def _eccentric(
+    given: tuple[Cable, ...], values: Values, rig: RigGeometry
+) -> tuple[Cable, ...]:
     def wave(name: str) -> tuple[float, float]:
         cosine, sine = values[f"{name}_cosine"], values[f"{name}_sine"]
         # A fit may try what no cable takes: more than the radius.

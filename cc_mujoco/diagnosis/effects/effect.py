@@ -101,7 +101,7 @@ class Torques:
         return replace(self, motor=self.motor + motor, joint=self.joint + joint)
 
 
-class Rig(NamedTuple):
+class RigGeometry(NamedTuple):
     """Properties of the rig that an effect may need."""
 
     motor_radius: float
@@ -144,7 +144,9 @@ class Effect:
     confounded_with: tuple[str, ...]
     mujoco: str
     source: str
-    cables: Callable[[tuple[Cable, ...], Values, Rig], tuple[Cable, ...]] | None = None
+    cables: (
+        Callable[[tuple[Cable, ...], Values, RigGeometry], tuple[Cable, ...]] | None
+    ) = None
     torques: Callable[[Torques, Values], Torques] | None = None
     sensor: bool = False
     generalises: tuple[str, ...] = ()
@@ -158,7 +160,9 @@ class Effect:
 def on_both(*names: str) -> Callable[..., tuple[Cable, ...]]:
     """Return the same parameters on every cable."""
 
-    def cables(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+    def cables(
+        given: tuple[Cable, ...], values: Values, _: RigGeometry
+    ) -> tuple[Cable, ...]:
         changes = {name: values[name] for name in names}
         return tuple(cable.replace(**changes) for cable in given)
 

@@ -6,7 +6,7 @@ from cc_mujoco.diagnosis.effects.effect import (
     PLUGIN,
     Effect,
     EffectParameter,
-    Rig,
+    RigGeometry,
     Values,
     limited,
     of_cable,
@@ -21,7 +21,9 @@ _TIGHT_END = 0.015
 """Friction of uneven bends and ends over the pretension."""
 
 
-def _stribeck(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+def _stribeck(
+    given: tuple[Cable, ...], values: Values, _: RigGeometry
+) -> tuple[Cable, ...]:
     # A contact has one slip that renews it: where it ages, that which ageing tells.
     return tuple(
         cable.replace(
@@ -35,7 +37,9 @@ def _stribeck(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, 
     )
 
 
-def _asymmetric(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable, ...]:
+def _asymmetric(
+    given: tuple[Cable, ...], values: Values, _: RigGeometry
+) -> tuple[Cable, ...]:
     # Liners wear one by one, so two cables need not be alike. The antagonist moves the
     # other way.
     each = (values["friction_asymmetry"], -values["asymmetry_antagonist"])
@@ -46,7 +50,7 @@ def _asymmetric(given: tuple[Cable, ...], values: Values, _: Rig) -> tuple[Cable
 
 
 def _tension_dependent(
-    given: tuple[Cable, ...], values: Values, _: Rig
+    given: tuple[Cable, ...], values: Values, _: RigGeometry
 ) -> tuple[Cable, ...]:
     # A cable refers to its own pretension, which may be that of one trial; the
     # baseline's friction stays that of a cable in the scene's.

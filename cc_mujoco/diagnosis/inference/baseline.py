@@ -19,7 +19,7 @@ from cc_mujoco.diagnosis.inference.folds import (
     interleaved_folds,
 )
 from cc_mujoco.diagnosis.inference.numerics import HARMLESS, changed
-from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.records import Filtering, Record
 from cc_mujoco.estimation.least_squares import Fit, Tuned
 
@@ -49,16 +49,16 @@ def plant_of(
     bench: Bench,
     records: tuple[Record, ...],
     given: Mapping[str, float] | None = None,
-) -> Plant:
+) -> SimulatedRig:
     """Return the plant to begin with.
 
     Args:
         dataset: of the records.
         bench: to start from.
         records: to explain.
-        given: values of the scene that the bench no longer has, see `Plant`.
+        given: values of the scene that the bench no longer has, see `SimulatedRig`.
     """
-    return Plant(
+    return SimulatedRig(
         bench,
         records,
         SEGMENTS,
@@ -69,7 +69,7 @@ def plant_of(
 
 
 def fit_baseline(
-    dataset: Dataset, plant: Plant, filtering: Filtering, seed: int
+    dataset: Dataset, plant: SimulatedRig, filtering: Filtering, seed: int
 ) -> BaselineFit:
     """Fit the baseline, simulated as finely as it needs to be."""
     records = plant.records

@@ -13,8 +13,8 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.inference.fitting import Problem, huber_residual
 from cc_mujoco.diagnosis.inference.folds import CrossValidation
-from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
-from cc_mujoco.diagnosis.inference.motions import DT, Motion, motions
+from cc_mujoco.diagnosis.inference.jacobian import TorqueDerivatives, jacobian
+from cc_mujoco.diagnosis.inference.motions import DT, CataloguedTrial, motions
 from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.inference.search import FORM, Thresholds, rivalry
 from cc_mujoco.diagnosis.verdict import NextExperiment
@@ -26,7 +26,7 @@ FOLLOWS = 0.9
 """Correlation with a motion from which on a trial is one of it."""
 
 
-def catalogue(problem: Problem) -> list[Motion]:
+def catalogue(problem: Problem) -> list[CataloguedTrial]:
     """Trials within the speeds and tensions of the data; one goes further."""
     records = problem.plant.records
     swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in records)
@@ -158,7 +158,7 @@ def _difference(
 
 
 def recorded(
-    every: Sequence[Motion], bench: Bench, records: Sequence[Record]
+    every: Sequence[CataloguedTrial], bench: Bench, records: Sequence[Record]
 ) -> set[str]:
     """Return the descriptions of motions of which the data have a trial.
 
@@ -188,7 +188,7 @@ def recorded(
     return found
 
 
-def _alike(motion: Motion, record: Record, pretension: float) -> bool:
+def _alike(motion: CataloguedTrial, record: Record, pretension: float) -> bool:
     """Return whether a record may be one of a motion.
 
     Args:
@@ -270,7 +270,7 @@ def _longer(
         plant=problem.plant.limited([*problem.plant.records, more]),
         floor=(*problem.floor, floor),
         noise=(*problem.noise, noise),
-        slopes=Slopes(),
+        slopes=TorqueDerivatives(),
     )
     off = np.hypot(huber_residual(np.repeat(error, times, axis=1)), noise / floor)
     return crossed._replace(problem=wider, errors=(*crossed.errors, off))
@@ -341,7 +341,7 @@ def left_after_fit(
         plant=problem.plant.limited([record]),
         noise=wide,
         floor=wide,
-        slopes=Slopes(),
+        slopes=TorqueDerivatives(),
     )
     every = [np.ones(record.counts.size, dtype=bool)]
     slopes = jacobian(new, x, every)[: apart.size]
@@ -362,7 +362,7 @@ def left_after_fit(
     return left
 
 
-def _record(problem: Problem, motion: Motion) -> Record:
+def _record(problem: Problem, motion: CataloguedTrial) -> Record:
     records = problem.plant.records
     base = next((each for each in records if not each.unhooked), records[0])
     size = min(motion.motor.size, motion.joint.size)

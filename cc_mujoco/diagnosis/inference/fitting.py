@@ -15,8 +15,12 @@ from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.effects import EffectParameter
-from cc_mujoco.diagnosis.inference.jacobian import HUBER_DELTA, Slopes, jacobian
-from cc_mujoco.diagnosis.inference.plant import Plant, plausible
+from cc_mujoco.diagnosis.inference.jacobian import (
+    HUBER_DELTA,
+    TorqueDerivatives,
+    jacobian,
+)
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig, plausible
 from cc_mujoco.estimation import least_squares
 from cc_mujoco.estimation.least_squares import Fit, Tuned, autocorrelation
 
@@ -32,7 +36,9 @@ _SETTLED = 5e-3
 """Cost that a fit may leave whose end is told: a tenth of a standard deviation."""
 
 
-def knob_as_tuned(parameter: EffectParameter, start: float, plant: Plant) -> Tuned:
+def knob_as_tuned(
+    parameter: EffectParameter, start: float, plant: SimulatedRig
+) -> Tuned:
     """A parameter of an effect as one of the fit.
 
     Half of the largest plausible size is its prior's deviation: where the data leave a
@@ -81,7 +87,7 @@ class Problem:
         slopes: derivatives of the plant's torques, shared with other noise.
     """
 
-    plant: Plant
+    plant: SimulatedRig
     tuned: tuple[Tuned, ...]
     effects: tuple[str, ...]
     noise: tuple[FloatArray, ...]
@@ -89,7 +95,9 @@ class Problem:
     weight: float = 1.0
     inflation: float = 1.0
     scatter: FloatArray | float = 0.0
-    slopes: Slopes = field(default_factory=Slopes, compare=False, repr=False)
+    slopes: TorqueDerivatives = field(
+        default_factory=TorqueDerivatives, compare=False, repr=False
+    )
 
     def inflate_noise(self, x: FloatArray, masks: Masks) -> Problem:
         """Return the same with its floor raised to where usual errors are not wild.
@@ -158,7 +166,7 @@ class Problem:
             self,
             tuned=(*self.tuned, *more),
             effects=(*self.effects, name),
-            slopes=Slopes(self.slopes),
+            slopes=TorqueDerivatives(self.slopes),
         )
 
     def placed(self, x: FloatArray, start: Mapping[str, float]) -> FloatArray:
@@ -177,7 +185,7 @@ class Problem:
             self,
             tuned=tuple(p for p in self.tuned if p.name not in gone),
             effects=tuple(e for e in self.effects if e != name),
-            slopes=Slopes(),
+            slopes=TorqueDerivatives(),
         )
 
     def errors(self, x: FloatArray, masks: Masks | None = None) -> list[FloatArray]:

@@ -25,7 +25,7 @@ from cc_mujoco.diagnosis.data.channels import (
     MOTOR_TORQUE,
 )
 from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
-from cc_mujoco.diagnosis.inference.plant import Plant, Values
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig, Values
 from cc_mujoco.diagnosis.inference.records import Filtering, Record
 from cc_mujoco.diagnosis.inference.rereading import drawn, likely, unsettled
 
@@ -56,7 +56,7 @@ class NoiseFloor(NamedTuple):
 
 def noise_floor(
     dataset: Dataset,
-    plant: Plant,
+    plant: SimulatedRig,
     filtering: Filtering,
     values: Values,
     effects: tuple[str, ...] = (),
@@ -108,7 +108,7 @@ def noise_floor(
 
 
 def _unexplained(
-    plant: Plant, clean: Sequence[FloatArray], noise: Sequence[FloatArray]
+    plant: SimulatedRig, clean: Sequence[FloatArray], noise: Sequence[FloatArray]
 ) -> FloatArray:
     """Variance of both torques between repetitions beyond that of noise (rows,).
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.channels import TORQUE
-from cc_mujoco.diagnosis.inference.plant import Plant, Values
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig, Values
 from cc_mujoco.diagnosis.wording import capital, channel, number
 from cc_mujoco.page import listed
 
@@ -30,7 +30,9 @@ PUSHES = 0.95
 _NONE: Values = {}
 
 
-def misread(plant: Plant, start: Plant | None = None, values: Values = _NONE) -> str:
+def misread(
+    plant: SimulatedRig, start: SimulatedRig | None = None, values: Values = _NONE
+) -> str:
     """Why the torques cannot be what they say by this scene; else empty.
 
     A generic scene may be off by any factor; only one that a unit makes is told, and
@@ -95,7 +97,7 @@ def _left(measured: Sequence[FloatArray], simulated: Sequence[FloatArray]) -> fl
 
 
 def _compared(
-    plant: Plant, played: Sequence[FloatArray], row: int
+    plant: SimulatedRig, played: Sequence[FloatArray], row: int
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Measured and simulated torque of every record that has samples to compare."""
     kept = [

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.evidence import Trace
+from cc_mujoco.diagnosis.evidence import TrialTrace
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.folds import BLOCK, Fold
 from cc_mujoco.diagnosis.verdict import Gap
@@ -124,11 +124,11 @@ def off(found: Mapping[str, Gap]) -> tuple[float, float]:
 
 def traces(
     problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
-) -> tuple[Trace, ...]:
+) -> tuple[TrialTrace, ...]:
     """Return the series that the report draws."""
     channels = problem.plant.instruments.channels
     return tuple(
-        Trace(
+        TrialTrace(
             record.trial,
             record.time,
             record.motor_angle,

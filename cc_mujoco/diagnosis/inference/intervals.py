@@ -12,7 +12,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.disagreement import disagreement, parts_of
 from cc_mujoco.diagnosis.inference.fitting import Masks, Problem
 from cc_mujoco.diagnosis.inference.form import controls_of, form_error
-from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
+from cc_mujoco.diagnosis.inference.jacobian import TorqueDerivatives, jacobian
 from cc_mujoco.diagnosis.inference.plausibility import amplitudes, shapes
 from cc_mujoco.estimation.least_squares import Estimate, covariance, estimate, untold
 
@@ -56,7 +56,7 @@ def spread(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
         x: where it was fitted to all data, see `fitting.settled`.
         masks: samples that took part.
     """
-    fresh = replace(problem, slopes=Slopes())
+    fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)
     residual = fresh.residual(x, masks)
     # The weights of the errors already count what is independent.

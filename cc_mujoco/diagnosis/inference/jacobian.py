@@ -73,10 +73,10 @@ class _Tangent:
         return True
 
 
-class Slopes:
+class TorqueDerivatives:
     """Derivatives of a model's torques, by record."""
 
-    def __init__(self, narrower: Slopes | None = None) -> None:
+    def __init__(self, narrower: TorqueDerivatives | None = None) -> None:
         """Start without any, or from those of the model with an effect less."""
         self._narrower = narrower
         self._kept: dict[Record, _Tangent] = {}

@@ -10,7 +10,7 @@ from cc_mujoco.diagnosis.inference.folds import CrossValidation, excess
 from cc_mujoco.diagnosis.inference.gap import off, overall
 from cc_mujoco.diagnosis.inference.plausibility import FITS_ONLY
 from cc_mujoco.diagnosis.inference.search import REACHED, Search, Thresholds
-from cc_mujoco.diagnosis.verdict import Found, Gap, Strayed, Verdict
+from cc_mujoco.diagnosis.verdict import FoundEffect, Gap, Strayed, Verdict
 from cc_mujoco.diagnosis.wording import capital, channel, number, share
 from cc_mujoco.page import listed
 
@@ -37,7 +37,7 @@ laid out otherwise than the scene's reach that without any effect."""
 _AS_MUCH = " The layout of a rig can make as much: take this for a hint."
 
 
-class Outcome(NamedTuple):
+class Judgement(NamedTuple):
     """Findings once all data have been fitted.
 
     Attributes:
@@ -47,7 +47,7 @@ class Outcome(NamedTuple):
         strayed: parameters tuned beyond what is known of them.
     """
 
-    effects: tuple[Found, ...]
+    effects: tuple[FoundEffect, ...]
     ties: tuple[tuple[str, ...], ...]
     gap: Mapping[str, Gap]
     strayed: tuple[Strayed, ...]
@@ -78,14 +78,18 @@ def refines(
     return mends or own[name] < max(OWN, left)
 
 
-def judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdict, str]:
+def judged(
+    found: Search, outcome: Judgement, limits: Thresholds
+) -> tuple[Verdict, str]:
     """The verdict in one word and in a few sentences."""
     kind, told = _judged(found, outcome, limits)
     also = " ".join(capital(each.statement) for each in outcome.strayed)
     return kind, f"{told} {also}".strip()
 
 
-def _judged(found: Search, outcome: Outcome, limits: Thresholds) -> tuple[Verdict, str]:
+def _judged(
+    found: Search, outcome: Judgement, limits: Thresholds
+) -> tuple[Verdict, str]:
     misfit, left = found.before.misfit, found.after.misfit
     if not outcome.effects:
         return _nothing(found.before, found, limits)
@@ -190,7 +194,7 @@ def _impossible(found: Search) -> str:
     return f"; {listed(said)}" if said else ""
 
 
-def _all(found: Found) -> list[str]:
+def _all(found: FoundEffect) -> list[str]:
     """Return the titles of an effect and of what the data do not tell from it."""
     return [EFFECTS[name].title for name in (found.id, *found.rivals)]
 

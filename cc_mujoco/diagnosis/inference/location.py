@@ -18,14 +18,18 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.evidence import Map, Model, Trace
+from cc_mujoco.diagnosis.evidence import Map, Model, TrialTrace
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.folds import BLOCK
 from cc_mujoco.diagnosis.inference.gap import traces
 from cc_mujoco.diagnosis.inference.periodicity import (
     FALSE_ALARMS as PERIODIC_BY_CHANCE,
 )
-from cc_mujoco.diagnosis.inference.periodicity import Line, Samples, strongest_line
+from cc_mujoco.diagnosis.inference.periodicity import (
+    PeriodicError,
+    Samples,
+    strongest_line,
+)
 from cc_mujoco.diagnosis.inference.residual_maps import ranked
 from cc_mujoco.diagnosis.inference.trial_trends import (
     FALSE_ALARMS as TREND_BY_CHANCE,
@@ -170,7 +174,7 @@ def _off(problem: Problem, played: Sequence[FloatArray]) -> dict[str, float]:
 
 
 def samples(
-    problem: Problem, seen: Sequence[Trace], name: str, model: Model = "before"
+    problem: Problem, seen: Sequence[TrialTrace], name: str, model: Model = "before"
 ) -> Samples:
     """Return errors of a channel, as many as its band needs.
 
@@ -290,7 +294,7 @@ def _floors(size: float) -> str:
     return number(size, 1.0 if size < 100.0 else math.nan)
 
 
-def _periodic(line: Line, name: str, which: str = "") -> _Structure:
+def _periodic(line: PeriodicError, name: str, which: str = "") -> _Structure:
     """Return a period in an error in words."""
     exactly = number(line.order, 2.0 * line.order_error)
     order = f"{round(line.order) if line.whole_order else exactly} per turn"

@@ -23,7 +23,7 @@ LOADED = 0.8
 
 
 @dataclass(frozen=True)
-class Motion:
+class CataloguedTrial:
     """A trial that most rigs can run.
 
     Attributes:
@@ -45,7 +45,7 @@ class Motion:
 
 def motions(
     bench: Bench, swing: float, rate: float, load: float | None = None
-) -> list[Motion]:
+) -> list[CataloguedTrial]:
     """Trials within these limits; one goes to twice the swing, one turns the rig.
 
     They go to and fro about `middle`.
@@ -103,7 +103,9 @@ def motions(
         stiffness = len(bench.cables) * cable.axial_stiffness / cable.length
         kept = 1.0 / (1.0 + load / (stiffness * bench.joint_radius**2))
         found = [
-            Motion(f"joint turning its load, {how}", each, free(kept * each), share)
+            CataloguedTrial(
+                f"joint turning its load, {how}", each, free(kept * each), share
+            )
             for how, each, share in (
                 ("triangles at five speeds", ladder, 1.0),
                 ("chirp from 0.1 to 3 Hz", chirp, 1.0),
@@ -114,41 +116,43 @@ def motions(
         ]
         return [_about(each, motor_middle, joint_middle) for each in found]
     found = [
-        Motion(
+        CataloguedTrial(
             "joint free, triangles at five speeds from 2 % to 100 % of the fastest",
             ladder,
             free(ladder),
         ),
-        Motion("joint free, chirp from 0.1 to 3 Hz", chirp, free(chirp)),
-        Motion("joint free, moves with rests of 1, 3, 8 and 22 s", dwell, free(dwell)),
-        Motion(
+        CataloguedTrial("joint free, chirp from 0.1 to 3 Hz", chirp, free(chirp)),
+        CataloguedTrial(
+            "joint free, moves with rests of 1, 3, 8 and 22 s", dwell, free(dwell)
+        ),
+        CataloguedTrial(
             "joint locked, slow triangles of the motor a few times its wind-up",
             taut(triangle(4.0 * wind, wind)),
             still,
         ),
-        Motion(
+        CataloguedTrial(
             "joint locked, small reversals of the motor within its wind-up",
             taut(small),
             still,
         ),
-        Motion(
+        CataloguedTrial(
             "motor locked, joint moved slowly to and fro by hand",
             still,
             triangle(4.0 * wind * ratio, wind),
         ),
-        Motion(
+        CataloguedTrial(
             "joint free, slow triangle over the whole range, pretension halved",
             sweep,
             free(sweep),
             0.5,
         ),
-        Motion(
+        CataloguedTrial(
             "joint free, slow triangle over twice the range, if the rig allows",
             triangle(2.0 * swing, rate * 0.2),
             free(triangle(2.0 * swing, rate * 0.2)),
             usual=False,
         ),
-        Motion(
+        CataloguedTrial(
             "joint free, slow triangle over the whole range, the rig turned by 90 "
             f"degrees about the joint's axis (`tilt = {QUARTER:.3f}`), if it "
             "allows",
@@ -156,18 +160,18 @@ def motions(
             free(sweep),
             tilt=QUARTER,
         ),
-        Motion(
+        CataloguedTrial(
             "joint locked, slow triangles, pretension halved",
             taut(triangle(4.0 * wind, wind)),
             still,
             0.5,
         ),
-        Motion(
+        CataloguedTrial(
             "joint against a spring, triangles at five speeds",
             ladder,
             free(give * ladder),
         ),
-        Motion(
+        CataloguedTrial(
             "joint against a spring, chirp from 0.1 to 3 Hz",
             chirp,
             free(give * chirp),
@@ -188,6 +192,6 @@ def middle(bench: Bench, swing: float) -> float:
     return min(max(0.0, float(low) + swing), float(high) - swing)
 
 
-def _about(motion: Motion, motor: float, joint: float) -> Motion:
+def _about(motion: CataloguedTrial, motor: float, joint: float) -> CataloguedTrial:
     """Return the same motion about these angles of motor and joint [rad]."""
     return replace(motion, motor=motor + motion.motor, joint=joint + motion.joint)

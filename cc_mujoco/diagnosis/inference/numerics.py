@@ -8,8 +8,8 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference.fitting import Problem, huber_residual
-from cc_mujoco.diagnosis.inference.jacobian import Slopes
-from cc_mujoco.diagnosis.inference.plant import Plant
+from cc_mujoco.diagnosis.inference.jacobian import TorqueDerivatives
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig
 
 HARMLESS = 0.35
 """RMS change by a finer simulation, over the noise floor, that is harmless."""
@@ -27,10 +27,10 @@ def refined(problem: Problem, x: FloatArray) -> Problem | None:
     change, finer = changed(problem, x)
     if change <= HARMLESS or finer is None:
         return None
-    return replace(problem, plant=finer, slopes=Slopes())
+    return replace(problem, plant=finer, slopes=TorqueDerivatives())
 
 
-def changed(problem: Problem, x: FloatArray) -> tuple[float, Plant | None]:
+def changed(problem: Problem, x: FloatArray) -> tuple[float, SimulatedRig | None]:
     """RMS change of the torques over the floor by a finer plant, and that plant.
 
     Segments or steps are halved, whichever changes more; the parameters stay, and

@@ -67,7 +67,7 @@ class Samples(NamedTuple):
     band: float
 
 
-class Line(NamedTuple):
+class PeriodicError(NamedTuple):
     """A period in an error.
 
     Attributes:
@@ -107,7 +107,7 @@ class _Candidate(NamedTuple):
     share: float
 
 
-def strongest_line(samples: Samples) -> Line | None:
+def strongest_line(samples: Samples) -> PeriodicError | None:
     """Return the period that takes most of an error; None where chance explains all.
 
     Args:
@@ -139,7 +139,7 @@ def strongest_line(samples: Samples) -> Line | None:
     apart = other.left - best.left
     sure = apart.sum() > DECIDED * np.std(apart) * math.sqrt(apart.size)
     order_error, amplitude = fit.details(best, angle)
-    return Line(
+    return PeriodicError(
         best.angle,
         best.order,
         order_error,

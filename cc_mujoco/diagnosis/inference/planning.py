@@ -24,8 +24,8 @@ from cc_mujoco.diagnosis.effects import EFFECTS, EffectParameter
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.jacobian import jacobian
 from cc_mujoco.diagnosis.inference.load import values_of
-from cc_mujoco.diagnosis.inference.motions import DT, Motion, motions
-from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.motions import DT, CataloguedTrial, motions
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.records import BAND, Record
 from cc_mujoco.diagnosis.inference.screen import amplitudes, screen
 from cc_mujoco.diagnosis.inference.sizes import plausible_size
@@ -77,7 +77,7 @@ class _Column(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plan:
+class TrialPlan:
     """Trials to record and what they would resolve.
 
     Attributes:
@@ -88,7 +88,7 @@ class Plan:
         sizes: the first amplitude of every effect.
     """
 
-    trials: tuple[Motion, ...]
+    trials: tuple[CataloguedTrial, ...]
     resolved: tuple[Resolved, ...]
     noise: Mapping[str, float]
     hidden: Mapping[str, str]
@@ -103,7 +103,7 @@ def planned(
     noise: Mapping[str, Noise],
     ids: Sequence[str] | None = None,
     instruments: Instruments = TORQUE_SENSORS,
-) -> Plan:
+) -> TrialPlan:
     """The fewest trials of the catalogue that leave no effect untestable or tied.
 
     Args:
@@ -121,7 +121,7 @@ def planned(
     every = [motion for motion in motions(bench, swing, rate, load) if motion.usual]
     rows = len(instruments.rows)
     records = tuple(_record(motion, bench, rows) for motion in every)
-    plant = Plant(bench, records, SEGMENTS, 1, instruments, constants)
+    plant = SimulatedRig(bench, records, SEGMENTS, 1, instruments, constants)
     records = _measured(plant)
     plant = plant.limited(records)
     free = tuned(bench, records, constants, instruments)
@@ -154,7 +154,7 @@ def planned(
     chosen = _chosen(grams, owners, len(free))
     together = np.sum([grams[k] for k in chosen], axis=0)
     resolved = _resolved(together, owners, len(free))
-    return Plan(
+    return TrialPlan(
         tuple(every[k] for k in chosen),
         tuple(sorted(resolved, key=lambda each: each.apart)),
         dict(zip(instruments.channels, sizes, strict=True)),
@@ -163,7 +163,7 @@ def planned(
     )
 
 
-def _measured(plant: Plant) -> tuple[Record, ...]:
+def _measured(plant: SimulatedRig) -> tuple[Record, ...]:
     """Records that hold what the scene says they will, for the scale of its tuning."""
     shown = plant.simulate({})
     return tuple(
@@ -172,7 +172,7 @@ def _measured(plant: Plant) -> tuple[Record, ...]:
     )
 
 
-def _record(motion: Motion, bench: Bench, rows: int) -> Record:
+def _record(motion: CataloguedTrial, bench: Bench, rows: int) -> Record:
     size = min(motion.motor.size, motion.joint.size)
     return Record(
         trial=motion.description,
@@ -194,7 +194,7 @@ def _record(motion: Motion, bench: Bench, rows: int) -> Record:
 
 
 def _floor(
-    plant: Plant,
+    plant: SimulatedRig,
     blank: Problem,
     record: Record,
     torque: FloatArray,

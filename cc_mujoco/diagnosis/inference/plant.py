@@ -23,7 +23,7 @@ from cc_mujoco.diagnosis.effects import (
     EFFECTS,
     JOINT_DELAY,
     EffectParameter,
-    Rig,
+    RigGeometry,
     Torques,
     acceleration,
 )
@@ -214,7 +214,7 @@ def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
 
 
 @dataclass(frozen=True)
-class Plant:
+class SimulatedRig:
     """Simulates records.
 
     Attributes:
@@ -311,7 +311,7 @@ class Plant:
             )
             for cable, side in zip(self.bench.cables, (balance, -balance), strict=False)
         )
-        rig = Rig(*self.radii(values), self.bench.exit_angle)
+        rig = RigGeometry(*self.radii(values), self.bench.exit_angle)
         values = {**_off(), **values}
         for name in effects:
             change = EFFECTS[name].cables
@@ -392,13 +392,13 @@ class Plant:
             record.dt, time, record.motor_angle, there, motor, joint, record.tilt
         )
 
-    def finer(self, segments: int = 1, substeps: int = 1) -> Plant:
+    def finer(self, segments: int = 1, substeps: int = 1) -> SimulatedRig:
         """Return the same with more segments or smaller steps, by these factors."""
         return replace(
             self, segments=self.segments * segments, substeps=self.substeps * substeps
         )
 
-    def limited(self, records: Sequence[Record]) -> Plant:
+    def limited(self, records: Sequence[Record]) -> SimulatedRig:
         """Return the same plant for other records."""
         return replace(self, records=tuple(records))
 
@@ -413,7 +413,7 @@ def _off() -> dict[str, float]:
     }
 
 
-def plausible(parameter: EffectParameter, plant: Plant) -> tuple[float, float]:
+def plausible(parameter: EffectParameter, plant: SimulatedRig) -> tuple[float, float]:
     """Least and largest value that a parameter of an effect can stand for."""
     low, high = parameter.plausible
     if not parameter.of:

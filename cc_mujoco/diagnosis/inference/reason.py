@@ -34,14 +34,14 @@ from cc_mujoco.diagnosis.inference.intervals import (
     spread,
     undetermined,
 )
-from cc_mujoco.diagnosis.inference.judgement import Outcome, judged, refines
+from cc_mujoco.diagnosis.inference.judgement import Judgement, judged, refines
 from cc_mujoco.diagnosis.inference.location import Fitted, Trials, located, ordinates
 from cc_mujoco.diagnosis.inference.numerics import HARMLESS
 from cc_mujoco.diagnosis.inference.per_trial import misfits, odd_trial, trial_errors
 from cc_mujoco.diagnosis.inference.plausibility import doubtful, ordinary
 from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.inference.residual_maps import maps
-from cc_mujoco.diagnosis.inference.result import Result
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult
 from cc_mujoco.diagnosis.inference.screen import Signature, signature_cosine
 from cc_mujoco.diagnosis.inference.search import (
     Round,
@@ -62,7 +62,7 @@ from cc_mujoco.diagnosis.inference.trial_trends import trial_constants
 from cc_mujoco.diagnosis.verdict import (
     Baseline,
     Diagnosis,
-    Found,
+    FoundEffect,
     Gap,
     RunnerUp,
 )
@@ -85,7 +85,7 @@ def reason(
     thresholds: Thresholds | None = None,
     seed: int = 0,
     progress: Progress = lambda share, doing: None,
-) -> Result:
+) -> DiagnosisResult:
     """Everything but files: from checked trials to a verdict.
 
     Args:
@@ -157,7 +157,7 @@ def _concluded(
     seed: int,
     progress: Progress,
     warmth: Mapping[str, float],
-) -> Result:
+) -> DiagnosisResult:
     agreed = agreement(
         baseline_fit,
         found,
@@ -187,7 +187,7 @@ def _concluded(
     shown_by = reach(problem, x, others, found.changes)
     hidden = confounded(shown_by)
     beyond = strayed(problem, x, estimated, hidden)
-    outcome = Outcome(effects, ties, model.held.gap, beyond)
+    outcome = Judgement(effects, ties, model.held.gap, beyond)
     kind, statement = judged(found, outcome, limits)
     # What is added where nothing explains the error only stands in for it.
     asked = (
@@ -227,7 +227,7 @@ def _concluded(
         hidden,
         off(model.held.gap)[1],
     )
-    return Result(diagnosis, evidence, problem, x, bench, baseline_fit)
+    return DiagnosisResult(diagnosis, evidence, problem, x, bench, baseline_fit)
 
 
 def _tied(
@@ -267,7 +267,7 @@ def _first(
     return found
 
 
-class Model(NamedTuple):
+class CheckedModel(NamedTuple):
     """Result of a search once it has been held against all data.
 
     Attributes:
@@ -285,7 +285,7 @@ class Model(NamedTuple):
 
 def _borne_out(
     baseline_fit: BaselineFit, found: Search, seed: int, progress: Progress
-) -> Model:
+) -> CheckedModel:
     """The model that was found, less effects that may as well not be there.
 
     That is, of which the interval contains 0. Where several stand in for each other,
@@ -307,14 +307,14 @@ def _borne_out(
             wide = spread(problem, x, counts)
             idle = doubtful(problem, x, *wide)
             if not idle:
-                return Model(problem, x, wide, held)
+                return CheckedModel(problem, x, wide, held)
         slimmer = [_less(problem, x, name, counts) for name in idle]
         problem, (start, _) = min(slimmer, key=lambda model: model[1].cost)
     problem = baseline_fit.problem
     x = settled(problem, baseline_fit.whole.x, counts).x
     held = holding.out(problem, x)
     assert held is not None
-    return Model(problem, x, spread(problem, x, counts), held)
+    return CheckedModel(problem, x, spread(problem, x, counts), held)
 
 
 def _less(
@@ -376,7 +376,7 @@ def isolability(signatures: Sequence[Signature]) -> Isolability:
     )
 
 
-def kept(found: Search, baseline_fit: BaselineFit, model: Model) -> Search:
+def kept(found: Search, baseline_fit: BaselineFit, model: CheckedModel) -> Search:
     """A search that ends with what is left of its model.
 
     Three effects may each be idle beside the two others: once one of them has gone, the
@@ -400,14 +400,14 @@ def _found(
     estimated: Mapping[str, Estimate],
     agreed: Mapping[str, float],
     groups: Mapping[str, tuple[str, ...]],
-) -> tuple[Found, ...]:
+) -> tuple[FoundEffect, ...]:
     sure = {step.added: step.confidence for step in found.rounds}
     shares = found.shares
     beyond = max(found.before.misfit**2 - 1.0, 0.0)
     own = {name: math.sqrt(max(shares[name], 0.0) * beyond) for name in problem.effects}
     left = found.after.misfit_by(found.before.problem.inflation)
     return tuple(
-        Found(
+        FoundEffect(
             name,
             {
                 parameter.name: estimated[parameter.name]
@@ -448,18 +448,20 @@ def _runner_ups(step: Round) -> tuple[RunnerUp, ...]:
 
 def unanswered(
     diagnosis: Diagnosis, bench: Bench, baseline_fit: BaselineFit | None = None
-) -> Result:
+) -> DiagnosisResult:
     """A diagnosis that got no further than what is wrong, without evidence."""
     nothing = Evidence((), (), Isolability((), np.zeros((0, 0)), np.zeros(0)))
-    return Result(diagnosis, nothing, None, np.zeros(0), bench, baseline_fit)
+    return DiagnosisResult(diagnosis, nothing, None, np.zeros(0), bench, baseline_fit)
 
 
-def _empty(bench: Bench, statement: str, notes: Sequence[str]) -> Result:
+def _empty(bench: Bench, statement: str, notes: Sequence[str]) -> DiagnosisResult:
     diagnosis = Diagnosis("fix-data", statement, problems=(statement, *notes))
     return unanswered(diagnosis, bench)
 
 
-def _numerics(bench: Bench, baseline_fit: BaselineFit, notes: Sequence[str]) -> Result:
+def _numerics(
+    bench: Bench, baseline_fit: BaselineFit, notes: Sequence[str]
+) -> DiagnosisResult:
     plant = baseline_fit.problem.plant
     statement = (
         f"A simulation with {2 * plant.segments} segments or {2 * plant.substeps} "

@@ -19,7 +19,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.data.lever import Lever
 from cc_mujoco.diagnosis.inference.records import LEAD, RAMP, Record
 from cc_mujoco.transmission import Cable, Driven, Transmission
-from cc_mujoco.transmission.led import Course, Led
+from cc_mujoco.transmission.led import CoupledCables, CoupledPath
 
 KEPT = 48
 """Replays of a record that are kept, those used last."""
@@ -49,7 +49,7 @@ class Setting(NamedTuple):
     offset: float
     substeps: int
     lever: Lever | None = None
-    courses: tuple[Course, ...] = ()
+    courses: tuple[CoupledPath, ...] = ()
     share: float = 1.0
 
     def following(self, joint: FloatArray) -> FloatArray:
@@ -124,7 +124,7 @@ def _through(
     """Both angles, of the joint itself, played through the cables."""
     proximal, distal = setting.motor_radius, setting.joint_radius
     if setting.courses:
-        drive = Led(setting.cables, setting.courses, proximal, setting.share)
+        drive = CoupledCables(setting.cables, setting.courses, proximal, setting.share)
         return drive.replay(dt, motor_angle=motor, joint_angle=joint)
     pulleys = Transmission(setting.cables, proximal, distal, backlash=setting.backlash)
     lever = setting.lever

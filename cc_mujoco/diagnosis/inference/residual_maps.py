@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.evidence import Map, Trace
+from cc_mujoco.diagnosis.evidence import Map, TrialTrace
 from cc_mujoco.diagnosis.verdict import Where
 from cc_mujoco.diagnosis.wording import number, share
 
@@ -23,7 +23,7 @@ SHIFTS = 30
 _WORDS = {"motor_torque_nm": "motor torque", "joint_torque_nm": "joint torque"}
 
 
-class Axis(NamedTuple):
+class ResidualAxis(NamedTuple):
     """A quantity along which the error may lie.
 
     Attributes:
@@ -37,11 +37,11 @@ class Axis(NamedTuple):
     values: tuple[FloatArray, ...]
 
 
-def axes(traces: Sequence[Trace]) -> tuple[Axis, ...]:
+def axes(traces: Sequence[TrialTrace]) -> tuple[ResidualAxis, ...]:
     """The axes that are tried."""
 
-    def of(name: str, unit: str, make: object) -> Axis:
-        return Axis(name, unit, tuple(make(trace) for trace in traces))  # type: ignore[operator]
+    def of(name: str, unit: str, make: object) -> ResidualAxis:
+        return ResidualAxis(name, unit, tuple(make(trace) for trace in traces))  # type: ignore[operator]
 
     return (
         of("motor speed", "rad/s", _speed),
@@ -60,23 +60,23 @@ def axes(traces: Sequence[Trace]) -> tuple[Axis, ...]:
     )
 
 
-def _speed(trace: Trace) -> FloatArray:
+def _speed(trace: TrialTrace) -> FloatArray:
     found: FloatArray = np.gradient(trace.motor_angle, trace.time)
     return found
 
 
-def _acceleration(trace: Trace) -> FloatArray:
+def _acceleration(trace: TrialTrace) -> FloatArray:
     found: FloatArray = np.gradient(_speed(trace), trace.time)
     return found
 
 
-def _joint_acceleration(trace: Trace) -> FloatArray:
+def _joint_acceleration(trace: TrialTrace) -> FloatArray:
     speed = np.gradient(trace.joint_angle, trace.time)
     found: FloatArray = np.gradient(speed, trace.time)
     return found
 
 
-def _travel(trace: Trace) -> FloatArray:
+def _travel(trace: TrialTrace) -> FloatArray:
     """Signed distance since the last reversal, small ones left out."""
     speed = _speed(trace)
     slow = 0.02 * float(np.max(np.abs(speed)) or 1.0)
@@ -90,7 +90,7 @@ def _travel(trace: Trace) -> FloatArray:
     return out
 
 
-def maps(traces: Sequence[Trace], seed: int = 0) -> tuple[Map, ...]:
+def maps(traces: Sequence[TrialTrace], seed: int = 0) -> tuple[Map, ...]:
     """Maps of all channels and axes, the most telling first."""
     random = np.random.default_rng(seed)
     found = [
@@ -103,7 +103,10 @@ def maps(traces: Sequence[Trace], seed: int = 0) -> tuple[Map, ...]:
 
 
 def _map(
-    traces: Sequence[Trace], axis: Axis, channel: str, random: np.random.Generator
+    traces: Sequence[TrialTrace],
+    axis: ResidualAxis,
+    channel: str,
+    random: np.random.Generator,
 ) -> Map | None:
     kept = [trace.counts > 0.0 for trace in traces]
     values = [v[k] for v, k in zip(axis.values, kept, strict=True)]

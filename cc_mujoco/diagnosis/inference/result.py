@@ -13,7 +13,7 @@ from cc_mujoco.diagnosis.verdict import Diagnosis
 
 
 @dataclass(frozen=True)
-class Result:
+class DiagnosisResult:
     """A diagnosis with everything that belongs to it.
 
     Attributes:

@@ -24,7 +24,7 @@ from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.plant import (
     FRICTION_MOST,
     STIFFEST,
-    Plant,
+    SimulatedRig,
     tuned,
 )
 from cc_mujoco.diagnosis.inference.records import Filtering, Record, prepare
@@ -337,7 +337,7 @@ def _problem(
 ) -> Problem:
     """Return the problem of fitting the baseline to records, roughly."""
     known, constants = dataset.instruments, dataset.constants
-    plant = Plant(
+    plant = SimulatedRig(
         bench, tuple(records), _SEGMENTS, instruments=known, constants=constants
     )
     whole = np.concatenate([record.measured for record in records], axis=1)

@@ -97,7 +97,7 @@ ZERO_REMEDY = (
 """What to do where the zero of a joint strayed that a cable pulls by a lever."""
 
 
-class Change(NamedTuple):
+class EffectChange(NamedTuple):
     """Torque changes due to plausible sizes of an effect.
 
     Attributes:
@@ -112,7 +112,7 @@ class Change(NamedTuple):
     made: FloatArray
 
 
-class Reach(NamedTuple):
+class Testability(NamedTuple):
     """Evidence in the data for effects that the accepted model has not.
 
     Attributes:
@@ -127,7 +127,7 @@ class Reach(NamedTuple):
     x: FloatArray
     slopes: FloatArray
     tangent: FloatArray
-    changes: tuple[Change, ...]
+    changes: tuple[EffectChange, ...]
 
     def left(self, change: FloatArray) -> FloatArray:
         """Compute what tuning leaves of changes (residuals, ...)."""
@@ -135,7 +135,9 @@ class Reach(NamedTuple):
         return found
 
 
-def reach(problem: Problem, x: FloatArray, ids: Sequence[str], known: Changes) -> Reach:
+def reach(
+    problem: Problem, x: FloatArray, ids: Sequence[str], known: Changes
+) -> Testability:
     """Compute what the data show of effects, by the accepted model and the noise.
 
     Args:
@@ -167,11 +169,11 @@ def reach(problem: Problem, x: FloatArray, ids: Sequence[str], known: Changes) -
         parameters = amplitudes(effect)
         plausible = {p.name: plausible_size(p, problem, x) for p in parameters}
         factors = np.array([plausible[p.name] / p.typical for p in parameters])
-        changes.append(Change(effect, plausible, columns * factors / scale))
-    return Reach(quiet, x, slopes, tangent, tuple(changes))
+        changes.append(EffectChange(effect, plausible, columns * factors / scale))
+    return Testability(quiet, x, slopes, tangent, tuple(changes))
 
 
-def confounded(shown: Reach) -> tuple[Confounded, ...]:
+def confounded(shown: Testability) -> tuple[Confounded, ...]:
     """List effects that would show but for the freedom of the model's parameters.
 
     Of an effect with several sizes it is the mixture that tuning hides best.
@@ -214,7 +216,7 @@ def _hidden(changes: FloatArray, tangent: FloatArray) -> FloatArray:
 
 
 def _confounded(
-    change: Change, mix: FloatArray, parameter: Tuned, shift: float, place: float
+    change: EffectChange, mix: FloatArray, parameter: Tuned, shift: float, place: float
 ) -> Confounded:
     first = amplitudes(change.effect)[int(np.argmax(np.abs(mix)))]
     size = change.sizes[first.name]
@@ -301,7 +303,9 @@ def _far(parameter: Tuned, place: float, given: float) -> float:
     return abs(math.log(parameter.value(place) / given)) / parameter.scale
 
 
-def untestable(shown: Reach, hidden: Sequence[Confounded]) -> tuple[NotTestable, ...]:
+def untestable(
+    shown: Testability, hidden: Sequence[Confounded]
+) -> tuple[NotTestable, ...]:
     """List effects that would not show at a plausible size, whatever hides them."""
     confused = {each.id: each for each in hidden}
     able = shown.problem.plant.library

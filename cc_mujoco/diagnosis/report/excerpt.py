@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.evidence import Evidence, Trace
+from cc_mujoco.diagnosis.evidence import Evidence, TrialTrace
 
 LONGEST = 6.0
 """Length of an excerpt, if the trial is as long [s]."""
@@ -22,7 +22,7 @@ class Excerpt(NamedTuple):
         error: RMS error of the baseline in it, over that of all trials [1].
     """
 
-    trace: Trace
+    trace: TrialTrace
     part: slice
     error: float
 
@@ -91,7 +91,7 @@ def _mean(values: FloatArray) -> float:
     return float(values.mean()) if len(values) else 0.0
 
 
-def _square(trace: Trace, channel: str) -> FloatArray:
+def _square(trace: TrialTrace, channel: str) -> FloatArray:
     """Squared error of the baseline; 0 where there are no data or none that count."""
     error = trace.error(channel) * (trace.counts > 0)
     return np.nan_to_num(error) ** 2

@@ -27,7 +27,7 @@ from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
 from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.plant import CLOCKS
 from cc_mujoco.diagnosis.inference.replays import shifted
-from cc_mujoco.diagnosis.inference.result import Result
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult
 from cc_mujoco.diagnosis.report.drawings import STEMS
 from cc_mujoco.diagnosis.report.report import write_report
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS, has, why_not
@@ -102,7 +102,7 @@ def prepare() -> None:
 
 
 def write(
-    result: Result, dataset: Dataset, out: Path, command: str, seed: int
+    result: DiagnosisResult, dataset: Dataset, out: Path, command: str, seed: int
 ) -> Diagnosis:
     """Write everything to a folder and return the diagnosis with its provenance."""
     from cc_mujoco.diagnosis.report.recording import write_recording
@@ -132,7 +132,7 @@ def write(
 
 
 def provenance(
-    result: Result, dataset: Dataset, out: Path, command: str, seed: int
+    result: DiagnosisResult, dataset: Dataset, out: Path, command: str, seed: int
 ) -> Mapping[str, Any]:
     """Return the provenance; relative paths are from `folder`, seen from `out`."""
     return {
@@ -156,7 +156,7 @@ def provenance(
     }
 
 
-def scene(result: Result, path: Path) -> list[str]:
+def scene(result: DiagnosisResult, path: Path) -> list[str]:
     """Write the scene with the effects; compare its rollout with the replay."""
     problem = result.problem
     assert problem is not None
@@ -207,13 +207,13 @@ def _at_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> None
         spring["joint_stiffness_moment"] -= spring["joint_stiffness"] * offset
 
 
-def _writable(result: Result) -> list[str]:
+def _writable(result: DiagnosisResult) -> list[str]:
     """Effects that the scene can have."""
     assert result.problem is not None
     return [name for name in result.problem.effects if has(result.bench, name)]
 
 
-def compared(result: Result, path: Path) -> tuple[tuple[str, float], float]:
+def compared(result: DiagnosisResult, path: Path) -> tuple[tuple[str, float], float]:
     """RMS difference of scene and replay on the first seconds of a record [Nm]."""
     problem = result.problem
     assert problem is not None

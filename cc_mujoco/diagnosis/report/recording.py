@@ -18,7 +18,7 @@ import rerun.blueprint as rrb
 
 from cc_mujoco import markdown
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.diagnosis.evidence import Evidence, Map, Trace
+from cc_mujoco.diagnosis.evidence import Evidence, Map, TrialTrace
 from cc_mujoco.diagnosis.report.excerpt import changed, worst
 from cc_mujoco.diagnosis.report.isolability import confounded_pairs, invisible
 from cc_mujoco.diagnosis.wording import (
@@ -88,7 +88,7 @@ def recording_id(evidence: Evidence) -> str:
     return digest.hexdigest()[:32]
 
 
-def _log_trace(rec: rr.RecordingStream, trace: Trace, both: bool) -> None:
+def _log_trace(rec: rr.RecordingStream, trace: TrialTrace, both: bool) -> None:
     """Log measured and simulated torques, their differences, and both angles."""
     index = [rr.TimeColumn(TIMELINE, duration=trace.time)]
 
@@ -171,7 +171,7 @@ def _blueprint(evidence: Evidence) -> rrb.Blueprint:
     )
 
 
-def _trial_tab(trace: Trace) -> rrb.Vertical:
+def _trial_tab(trace: TrialTrace) -> rrb.Vertical:
     def view(part: str, name: str, *lines: FloatArray) -> rrb.TimeSeriesView:
         origin = rr.new_entity_path(["trials", trace.trial, part])
         return plot(origin, name, trace.time, lines, room=LEGEND)

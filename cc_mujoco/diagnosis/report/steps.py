@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cc_mujoco.diagnosis.verdict import Diagnosis, Found
+from cc_mujoco.diagnosis.verdict import Diagnosis, FoundEffect
 from cc_mujoco.diagnosis.wording import (
     NO_SCENE,
     NOT_IN_SCENE,
@@ -72,7 +72,7 @@ def _fix(diagnosis: Diagnosis, names: Names) -> list[Html]:
     return [*(_step("Put right", each) for each in first), _step("Then", _again(""))]
 
 
-def _sure(found: Found, names: Names) -> str:
+def _sure(found: FoundEffect, names: Names) -> str:
     # Of several sizes those count that are not 0.
     surely = {n: e for n, e in found.parameters.items() if not e.holds(0.0)}
     sizes = [

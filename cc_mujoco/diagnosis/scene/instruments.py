@@ -47,7 +47,7 @@ class Measured(NamedTuple):
     joint_torque: float
 
 
-class Part(NamedTuple):
+class SensorShare(NamedTuple):
     """One sensor's share of a torque.
 
     Attributes:
@@ -144,7 +144,7 @@ def instrument(spec: mujoco.MjSpec, bench: Bench) -> None:
     ):
         actuators = [_ends(spec, cable)[end] for cable in bench.names]
         ends = [
-            Part(force_sensor(spec, actuator), sign * radius)
+            SensorShare(force_sensor(spec, actuator), sign * radius)
             for actuator, sign in zip(actuators, signs, strict=False)
         ]
         others = [
@@ -177,18 +177,18 @@ def word(name: str) -> str:
     return "_".join(name.split())
 
 
-def parts(spec: mujoco.MjSpec, channel: str) -> list[Part]:
+def parts(spec: mujoco.MjSpec, channel: str) -> list[SensorShare]:
     """Return what a torque is the sum of; nothing where the scene does not say."""
     found = spec.tuple(channel)
     if found is None:
         return []
     return [
-        Part(str(name), float(weight))
+        SensorShare(str(name), float(weight))
         for name, weight in zip(found.objname, found.objprm, strict=True)
     ]
 
 
-def set_parts(spec: mujoco.MjSpec, channel: str, wanted: list[Part]) -> None:
+def set_parts(spec: mujoco.MjSpec, channel: str, wanted: list[SensorShare]) -> None:
     """Say what a torque is the sum of."""
     found = spec.tuple(channel)
     if found is None:
@@ -200,7 +200,7 @@ def set_parts(spec: mujoco.MjSpec, channel: str, wanted: list[Part]) -> None:
 
 def add_part(spec: mujoco.MjSpec, channel: str, sensor: str, weight: float) -> None:
     """Add a sensor to a torque."""
-    set_parts(spec, channel, [*parts(spec, channel), Part(sensor, weight)])
+    set_parts(spec, channel, [*parts(spec, channel), SensorShare(sensor, weight)])
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from cc_mujoco.diagnosis.scene.mechanical import Values
 
 
 @dataclass(frozen=True)
-class Realisation:
+class _Realisation:
     """Realisation of one effect in MuJoCo.
 
     Attributes:
@@ -40,62 +40,62 @@ class Realisation:
     pulley: bool = True
 
 
-REALISATIONS: dict[str, Realisation] = {
-    "angle_offset": Realisation(
+REALISATIONS: dict[str, _Realisation] = {
+    "angle_offset": _Realisation(
         ("joint_angle_offset",),
         "`ref` of the joint: where it is when the cables are at rest",
         sensing.angle_offset,
         pulley=False,
     ),
-    "backlash": Realisation(
+    "backlash": _Realisation(
         ("backlash",),
         "the cables' pulley turns on a hinge of its own and takes the joint along "
         "through a fixed tendon with two limits; the pulley has the least inertia that "
         "the time step allows",
         mechanical.backlash,
     ),
-    "motor_cogging": Realisation(
+    "motor_cogging": _Realisation(
         ("cogging_cosine", "cogging_sine", "cogging_order"),
         "the cogging torque of MuJoCo's DC motor, as an actuator without input",
         mechanical.cogging,
         pulley=False,
     ),
-    "joint_gravity": Realisation(
+    "joint_gravity": _Realisation(
         ("gravity_sine", "gravity_cosine"),
         "the same with one period per turn: independent of the joint's axis in space "
         "and of the mass of the scene, as the rig stands that is not turned",
         mechanical.gravity,
         pulley=False,
     ),
-    "joint_stiffness": Realisation(
+    "joint_stiffness": _Realisation(
         ("joint_stiffness", "joint_stiffness_moment"),
         "stiffness of the joint, about where it rests",
         mechanical.stiffness,
         pulley=False,
     ),
-    "joint_inertia": Realisation(
+    "joint_inertia": _Realisation(
         ("joint_inertia",),
         "armature of the joint; a weightless body that rides along shows it",
         mechanical.joint_inertia,
         pulley=False,
     ),
-    "motor_inertia": Realisation(
+    "motor_inertia": _Realisation(
         ("motor_inertia",),
         "armature of the motor; a weightless body that rides along shows it",
         mechanical.motor_inertia,
         pulley=False,
     ),
-    "torque_sensor_gain": Realisation(
+    "torque_sensor_gain": _Realisation(
         ("motor_torque_gain", "joint_torque_gain"),
         "weights of the sums that are the torques",
         sensing.gain,
     ),
-    "torque_offset": Realisation(
+    "torque_offset": _Realisation(
         ("motor_torque_offset", "joint_torque_offset"),
         "a constant in the sums that are the torques",
         sensing.torque_offset,
     ),
-    "torque_sensor_offset": Realisation(
+    "torque_sensor_offset": _Realisation(
         (
             "motor_torque_bias",
             "joint_torque_bias",
@@ -105,7 +105,7 @@ REALISATIONS: dict[str, Realisation] = {
         "a constant and a clock in the sums that are the torques",
         sensing.bias,
     ),
-    "sensor_delay": Realisation(
+    "sensor_delay": _Realisation(
         ("joint_delay", "motor_torque_delay", "joint_torque_delay"),
         "MuJoCo's own delay of sensors, linear between steps; where a torque comes "
         "early, the angles and the other torque are delayed instead",

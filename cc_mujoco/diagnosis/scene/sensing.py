@@ -14,7 +14,7 @@ from cc_mujoco.diagnosis.scene.instruments import (
     JOINT_TORQUE,
     MOTOR_ANGLE,
     MOTOR_TORQUE,
-    Part,
+    SensorShare,
     add_part,
     parts,
     set_parts,
@@ -50,7 +50,7 @@ def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         (JOINT_TORQUE, "joint_torque_gain"),
     ):
         gain = 1.0 + values[name]
-        scaled = [Part(p.sensor, gain * p.weight) for p in parts(spec, channel)]
+        scaled = [SensorShare(p.sensor, gain * p.weight) for p in parts(spec, channel)]
         set_parts(spec, channel, scaled)
 
 
@@ -95,7 +95,7 @@ def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
                 objname=source.objname,
             )
             _late(spec, copy, own + common)
-            delayed.append(Part(copy.name, part.weight))
+            delayed.append(SensorShare(copy.name, part.weight))
         set_parts(spec, channel, delayed)
 
 

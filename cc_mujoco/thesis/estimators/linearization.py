@@ -43,7 +43,7 @@ def sigma_points(mean: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.concatenate([mean[None], mean + reach, mean - reach])
 
 
-class Line(NamedTuple):
+class Linearization(NamedTuple):
     """A function near a normal distribution: y = slope x + offset + residual.
 
     Attributes:
@@ -57,7 +57,7 @@ class Line(NamedTuple):
     root: FloatArray
 
 
-def linearized(points: FloatArray, said: FloatArray) -> Line:
+def linearized(points: FloatArray, said: FloatArray) -> Linearization:
     """Statistical linearization of a function by its values at sigma points.
 
     Args:
@@ -72,10 +72,12 @@ def linearized(points: FloatArray, said: FloatArray) -> Line:
     covariance = (weight * apart.T) @ apart
     slope = cross @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True)
     root = np.sqrt(weight) * (spoken - apart @ slope.T).T
-    return Line(slope, middle - slope @ mean, root)
+    return Linearization(slope, middle - slope @ mean, root)
 
 
-def kalman_gain(line: Line, covariance: FloatArray, variance: FloatArray) -> FloatArray:
+def kalman_gain(
+    line: Linearization, covariance: FloatArray, variance: FloatArray
+) -> FloatArray:
     """Gain of a measurement that is this line and noise, (p, k).
 
     By Woodbury's identity, so that no matrix of the size of the measurement is solved.

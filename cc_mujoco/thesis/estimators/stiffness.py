@@ -36,7 +36,12 @@ from numpy.typing import ArrayLike
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
-from cc_mujoco.estimation.samples import Track, checked_noise, checked_sample, rows
+from cc_mujoco.estimation.samples import (
+    EstimateTrack,
+    checked_noise,
+    checked_sample,
+    rows,
+)
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission.conduit import node_places
 from cc_mujoco.transmission.parameter import Term
@@ -185,7 +190,7 @@ class StiffnessEstimator:
 
     def over(
         self, u_proximal: ArrayLike, reading: ArrayLike, direction: ArrayLike
-    ) -> Track:
+    ) -> EstimateTrack:
         """Run over a recording, from the present estimate on.
 
         Args:
@@ -202,7 +207,7 @@ class StiffnessEstimator:
                 u_proximal=u_proximal, reading=reading, direction=direction
             )
         ]
-        return Track(*np.reshape(found, (-1, 2)).T)
+        return EstimateTrack(*np.reshape(found, (-1, 2)).T)
 
 
 def _has_stiffness(term: Term) -> bool:

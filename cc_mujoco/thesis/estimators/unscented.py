@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.samples import Track, rows
+from cc_mujoco.estimation.samples import EstimateTrack, rows
 from cc_mujoco.thesis.estimators.history import History
 from cc_mujoco.thesis.estimators.linearization import (
     kalman_gain,
@@ -165,7 +165,7 @@ class UnscentedEstimator:
             self._fresh = 0
         return self.value
 
-    def over(self, recording: Mapping[str, ArrayLike]) -> Track:
+    def over(self, recording: Mapping[str, ArrayLike]) -> EstimateTrack:
         """Run over a recording of inputs and outputs by name, (samples,) each.
 
         Returns:
@@ -179,7 +179,7 @@ class UnscentedEstimator:
             value = self.update(**dict(zip(recording, map(float, row), strict=True)))
             found.append((list(value.values()), list(self.deviation.values())))
         track = np.reshape(found, (-1, 2, len(self.names)))
-        return Track(track[:, 0], track[:, 1])
+        return EstimateTrack(track[:, 0], track[:, 1])
 
     def _assimilate(self) -> None:
         """One cycle of the filter over the samples of a window."""

@@ -31,7 +31,7 @@ from cc_mujoco.thesis.estimators.directions import (
 )
 from cc_mujoco.thesis.estimators.extrapolation import CONDITIONS, Moment
 from cc_mujoco.thesis.estimators.observer import CableObserver
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress, Verdict
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress, Verdict
 from cc_mujoco.thesis.rig import PRINTED
 from cc_mujoco.transmission import Cable, replay
 from cc_mujoco.transmission.segments import Mesh
@@ -55,7 +55,7 @@ LAST_MOVING = (6, 7, 9, 7, 0, 0, 0)
 """Values of footnote 4."""
 
 
-class Votes(NamedTuple):
+class _Votes(NamedTuple):
     """Many noisy instants of one movement condition.
 
     Attributes:
@@ -82,7 +82,7 @@ class Votes(NamedTuple):
         return differs
 
 
-def votes(cable: Cable, condition: str, samples: int, noise: float = NOISE) -> Votes:
+def votes(cable: Cable, condition: str, samples: int, noise: float = NOISE) -> _Votes:
     """Let a sensor at each node solve the cable, from the true state before."""
     mesh, nodes = Mesh.of(cable), np.arange(SEGMENTS + 1)
     moment = Moment.of(mesh, CONDITIONS[condition](SEGMENTS), TENSION, MOTION)
@@ -100,7 +100,7 @@ def votes(cable: Cable, condition: str, samples: int, noise: float = NOISE) -> V
         for part in np.array_split(reading, -(-samples // CHUNK))
     ]
     own = OwnSolutions(*(np.concatenate(values) for values in zip(*parts, strict=True)))
-    return Votes(moment, reading, own)
+    return _Votes(moment, reading, own)
 
 
 def sides(values: FloatArray) -> tuple[float, float]:
@@ -155,7 +155,7 @@ def bias(cable: Cable, condition: str, samples: int, noise: float) -> Bias:
     )
 
 
-class Run(NamedTuple):
+class _Run(NamedTuple):
     """A motion with rests and reversals at both ends, estimated in several ways.
 
     Attributes:
@@ -182,7 +182,7 @@ def observed(agility: float) -> str:
     return f"kernel as observer, {agility:g} N per s"
 
 
-def in_time(seconds: float = 6.0) -> Run:
+def in_time(seconds: float = 6.0) -> _Run:
     """Motor and wearer pull and let go, with rests; the encoder is exact."""
     time = np.arange(0.0, seconds, DT)
     knots = [0.0, 1.0, 1.5, 2.5, 3.0, 4.0, 4.5, 5.5, 6.0]
@@ -226,10 +226,10 @@ def in_time(seconds: float = 6.0) -> Run:
     output["directions known"] = found[:, -1]
     everywhere["directions known"] = _rms(found - true.tension)
     right["directions known"] = 1.0
-    return Run(time, true.tension[:, -1], output, everywhere, right)
+    return _Run(time, true.tension[:, -1], output, everywhere, right)
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Figs. 3.7, 3.8, and the consensus."""
     found = {name: votes(CABLE, name, 2000) for name in CONDITIONS}
     progress(0.2)
@@ -326,7 +326,7 @@ def run(progress: Progress) -> Outcome:
         f"{name.replace(',', '').replace(' ', '_')}_n": values
         for name, values in series.output.items()
     }
-    return Outcome(claims, figures, tables)
+    return ExperimentOutcome(claims, figures, tables)
 
 
 def _replaces(vote: float, at_once: float) -> Verdict:
@@ -340,7 +340,7 @@ def _rms(error: FloatArray) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def _excess(found: Votes) -> tuple[float, float]:
+def _excess(found: _Votes) -> tuple[float, float]:
     """RMS error before and after the sensors per that of noise carried truly."""
     nodes = np.arange(SEGMENTS + 1)
     gain = gains(Mesh.of(CABLE), found.moment.pattern, nodes, through_rest=True)
@@ -349,11 +349,11 @@ def _excess(found: Votes) -> tuple[float, float]:
     return float(np.sqrt(have[0] / truly[0])), float(np.sqrt(have[1] / truly[1]))
 
 
-def _wrong_after(found: Votes) -> float:
+def _wrong_after(found: _Votes) -> float:
     return sides(np.mean(found.wrong, axis=0))[1]
 
 
-def _reading_low(found: Votes) -> float:
+def _reading_low(found: _Votes) -> float:
     """Share of sensors with a wrong direction that read below the truth."""
     mistaken = np.any(found.wrong, axis=2)
     return float(np.mean((found.reading < found.moment.tension)[mistaken]))
@@ -363,7 +363,7 @@ def _agree(direction: list[NDArray[Any]], true: NDArray[np.int8]) -> float:
     return float(np.mean(np.array(direction) == true))
 
 
-def _draw_example(found: dict[str, Votes]) -> Figure:
+def _draw_example(found: dict[str, _Votes]) -> Figure:
     """Fig. 3.7: some of the worst solutions of two conditions."""
     drawing = figure(11.0, 4.2)
     nodes = np.arange(SEGMENTS + 1) + 1
@@ -385,7 +385,7 @@ def _draw_example(found: dict[str, Votes]) -> Figure:
     return drawing
 
 
-def _draw_matrices(found: dict[str, Votes]) -> Figure:
+def _draw_matrices(found: dict[str, _Votes]) -> Figure:
     from matplotlib.colors import LogNorm
 
     drawing = figure(11.0, 9.0)
@@ -423,7 +423,7 @@ def _moving(name: str) -> str:
     return name if name.endswith("ing") else f"moving {name}"
 
 
-def _draw_run(series: Run) -> Figure:
+def _draw_run(series: _Run) -> Figure:
     drawing = figure(11.0, 6.5)
     top, bottom = drawing.subplots(2, 1, sharex=True)
     shown = {

@@ -15,7 +15,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.figures import BLUE, DASH, GREY, ORANGE, figure
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis.rig import LENGTH, MOTOR_RADIUS, RECONCILED, drive, loops
 from cc_mujoco.transmission import Cable, Conduit, Section
 
@@ -28,7 +28,7 @@ GAIN, INTEGRAL, DAMPING = 2.0, 20.0, 0.01
 """Gains of the follower [Nm/rad, Nm/(rad s), Nm s/rad]; not printed."""
 
 
-class Shared(NamedTuple):
+class _Shared(NamedTuple):
     """Efforts at both sides, at the handle's scale.
 
     Attributes:
@@ -54,13 +54,13 @@ def handle_angle(duration: float = DURATION) -> FloatArray:
     return angle
 
 
-def share_efforts(cable: Cable, motor_angle: FloatArray, angle: FloatArray) -> Shared:
+def share_efforts(cable: Cable, motor_angle: FloatArray, angle: FloatArray) -> _Shared:
     """Play both angles through the pull-pull transmission."""
     transmission = drive(cable)
     found = transmission.replay(DT, motor_angle=motor_angle, joint_angle=angle)
     motor, handle = transmission.ratio * found.motor_torque, -found.joint_torque
     efforts = np.sum(np.abs(motor)), np.sum(np.abs(handle))
-    return Shared(
+    return _Shared(
         motor,
         handle,
         float(efforts[0] / sum(efforts)),
@@ -92,7 +92,7 @@ def follow(cable: Cable, angle: FloatArray) -> FloatArray:
     return reached
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Play the ideal and the real follower."""
     angle = handle_angle()
     ratio = drive(CABLE).ratio
@@ -163,4 +163,4 @@ def run(progress: Progress) -> Outcome:
     for name, found in (("ideal", ideal), ("real", real)):
         table[f"{name}_motor_torque_scaled_nm"] = found.motor[::20]
         table[f"{name}_handle_torque_nm"] = found.handle[::20]
-    return Outcome(claims, {"follower": drawing}, {"follower": table})
+    return ExperimentOutcome(claims, {"follower": drawing}, {"follower": table})

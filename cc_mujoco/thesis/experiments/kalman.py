@@ -15,7 +15,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.figures import BLUE, COLORS, GREY, ORANGE, figure
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis.rig import PRINTED
 from cc_mujoco.thesis.solver import Constraint, sign_patterns, solve
 from cc_mujoco.transmission.segments import Mesh
@@ -141,7 +141,7 @@ def filter_error(printed: str = "", steps: int = 20_000) -> tuple[float, float]:
     return float(np.mean(np.square(errors))), believed
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Compute both Jacobians, the toy of Fig. 3.1 and the printed filter."""
     matrix = transition_matrix()
     velocity = np.linspace(-0.05, 0.05, 20_001)
@@ -239,7 +239,9 @@ def run(progress: Progress) -> Outcome:
     for (k, mean), curve in curves.items():
         table[f"{'mean' if mean else 'proximal'}_k{k:.0f}"] = curve[::20]
     toy = {"noise": levels, "changes": counts}
-    return Outcome(claims, {"kalman": drawing}, {"jacobian": table, "toy": toy})
+    return ExperimentOutcome(
+        claims, {"kalman": drawing}, {"jacobian": table, "toy": toy}
+    )
 
 
 def _draw_jacobian(

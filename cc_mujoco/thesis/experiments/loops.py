@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.figures import COLORS, DASH, GREEN, GREY, ORANGE, figure, mark
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis.rig import (
     HANDLE_RADIUS,
     MOTOR_RADIUS,
@@ -20,7 +20,7 @@ from cc_mujoco.thesis.rig import (
 LOOPS = (1, 2, 3)
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Play one to three loops at constant pretension."""
     found: dict[int, Blocked] = {}
     for number in LOOPS:
@@ -105,4 +105,6 @@ def run(progress: Progress) -> Outcome:
         "backlash_nm": backlash,
         "expected_backlash_nm": expected,
     }
-    return Outcome(claims, {"loops": drawing}, {"torque": table, "summary": summary})
+    return ExperimentOutcome(
+        claims, {"loops": drawing}, {"torque": table, "summary": summary}
+    )

@@ -14,7 +14,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, figure
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis.rig import (
     DT,
     MOTOR_RADIUS,
@@ -38,7 +38,7 @@ PLAUSIBLE = 0.2
 """Least efficiency taken for plausible: Fig. 2.8 speaks of output amplified by 5."""
 
 
-class Scan(NamedTuple):
+class _Scan(NamedTuple):
     """Experiment 1 with one parameter of Table 2.2 changed.
 
     Attributes:
@@ -61,17 +61,17 @@ def simulated_onset(cable: Cable) -> float:
     return float(torque[np.argmax(np.abs(found.joint_torque) > 1e-3)])
 
 
-def scan(name: str, values: FloatArray) -> Scan:
+def scan(name: str, values: FloatArray) -> _Scan:
     """Experiment 1 with `name` of Table 2.2 set to each value."""
     rows = [blocked(COULOMB.replace(**{name: float(value)})) for value in values]
-    return Scan(
+    return _Scan(
         values,
         np.array([row.efficiency for row in rows]),
         np.array([row.backlash for row in rows]),
     )
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Prove that Table 2.2 is silent at 0.125 Nm, and vary one parameter at a time."""
     needed, simulated = onset(COULOMB), simulated_onset(COULOMB.replace(segments=200))
     agonist = COULOMB.pretension * math.expm1(COULOMB.friction * COULOMB.wrap)
@@ -121,10 +121,10 @@ def run(progress: Progress) -> Outcome:
         "friction": friction._asdict(),
         "pretension": pretension._asdict(),
     }
-    return Outcome(claims, {"magnitudes": drawing}, tables)
+    return ExperimentOutcome(claims, {"magnitudes": drawing}, tables)
 
 
-def _draw(axes: Axes, found: Scan, label: str, printed: float) -> None:
+def _draw(axes: Axes, found: _Scan, label: str, printed: float) -> None:
     axes.semilogx(found.value, 100.0 * found.efficiency, "o-", color=BLUE, markersize=4)
     axes.axvline(printed, color=ORANGE, linewidth=0.9)
     axes.annotate("printed ", (printed, 90.0), color=ORANGE, ha="right", size=8)

@@ -34,7 +34,7 @@ from cc_mujoco.thesis.estimators.noise import (
     trend_model,
 )
 from cc_mujoco.thesis.estimators.sensor_noise import SensorNoise
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress, at_least
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress, at_least
 from cc_mujoco.thesis.rig import PRINTED
 from cc_mujoco.transmission import Replay, replay
 from cc_mujoco.transmission.segments import Mesh
@@ -234,7 +234,7 @@ def combined(samples: int = 2000, seed: int = 42) -> dict[str, FloatArray]:
     return {name: np.array(values) for name, values in rows.items()}
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Statistics, drifting sensors, weights."""
     found = statistics()
     progress(0.4)
@@ -327,7 +327,7 @@ def run(progress: Progress) -> Outcome:
     weights |= {
         f"{k.replace(',', '').replace(' ', '_')}_n": v for k, v in weighted.items()
     }
-    return Outcome(
+    return ExperimentOutcome(
         claims,
         {"noise": drawing},
         {"convergence": lengths, "drift": followed_, "weights": weights},

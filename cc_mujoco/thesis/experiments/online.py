@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray
-from cc_mujoco.estimation.samples import Track
+from cc_mujoco.estimation.samples import EstimateTrack
 from cc_mujoco.thesis.experiments import online_figures as draw
 from cc_mujoco.thesis.experiments.online_estimates import (
     BEND_MEMORY,
@@ -23,7 +23,12 @@ from cc_mujoco.thesis.experiments.online_estimates import (
     unscented,
     wearing,
 )
-from cc_mujoco.thesis.experiments.online_laws import Laws, Slopes, laws, slopes
+from cc_mujoco.thesis.experiments.online_laws import (
+    MassMotion,
+    PrintedLaws,
+    laws,
+    slopes,
+)
 from cc_mujoco.thesis.experiments.online_runs import (
     CABLE,
     DT,
@@ -35,10 +40,10 @@ from cc_mujoco.thesis.experiments.online_runs import (
     Truth,
     following,
 )
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Fig. 3.9 and the estimators of 3.2.3."""
     instant = slopes()
     printed = laws()
@@ -67,10 +72,10 @@ def run(progress: Progress) -> Outcome:
         "bend_and_stiffness": draw.bend_and_stiffness(bend, soft),
     }
     tables = _tables(instant, printed, truth, by_slope, by_ends)
-    return Outcome(claims, figures, tables | _more_tables(bend, soft))
+    return ExperimentOutcome(claims, figures, tables | _more_tables(bend, soft))
 
 
-def _claim_slopes(found: Slopes) -> Claim:
+def _claim_slopes(found: MassMotion) -> Claim:
     ratio = found.ratio
     grows = bool(np.all(np.diff(ratio) > 0.0)) and ratio[0] < 0.9 and ratio[-1] > 1.1
     told = ", ".join(f"{r:.2f} (x{m:g})" for r, m in zip(ratio, MODELS, strict=True))
@@ -84,7 +89,7 @@ def _claim_slopes(found: Slopes) -> Claim:
     )
 
 
-def claim_law(found: Laws) -> Claim:
+def claim_law(found: PrintedLaws) -> Claim:
     """Judge whether the update law of the thesis works, as printed or mended."""
     left = found.left
     printed, signed, summed, ours = left
@@ -148,7 +153,11 @@ def claim_stiffness(found: Softening) -> Claim:
 
 
 def _tables(
-    instant: Slopes, printed: Laws, truth: Truth, one: Track, ends: Track
+    instant: MassMotion,
+    printed: PrintedLaws,
+    truth: Truth,
+    one: EstimateTrack,
+    ends: EstimateTrack,
 ) -> dict[str, dict[str, FloatArray]]:
     lines = {
         "node": np.arange(1.0, 12.0),

@@ -8,7 +8,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.estimation.friction import FrictionEstimator
-from cc_mujoco.estimation.samples import Track
+from cc_mujoco.estimation.samples import EstimateTrack
 from cc_mujoco.thesis.estimators.bend import Bend, BendEstimator
 from cc_mujoco.thesis.estimators.stiffness import StiffnessEstimator
 from cc_mujoco.thesis.estimators.unscented import UnscentedEstimator
@@ -39,7 +39,7 @@ def wearing(duration: float = DURATION, seed: int = 41) -> Truth:
     return simulate(CABLE, strokes(duration), seed, factor=drift(duration, REST, WEAR))
 
 
-def recursive(truth: Truth) -> Track:
+def recursive(truth: Truth) -> EstimateTrack:
     """Friction by least squares from the sensors along the cable."""
     rate = (WEAR - 1.0) * CABLE.friction * DT / (truth.time[-1] - REST)
     estimator = FrictionEstimator(
@@ -48,7 +48,7 @@ def recursive(truth: Truth) -> Track:
     return estimator.over(truth.reading, truth.direction)
 
 
-def unscented(truth: Truth) -> Track:
+def unscented(truth: Truth) -> EstimateTrack:
     """Friction, stiffness and pretension from the ends alone, all guessed wrong."""
     guess = CABLE.replace(
         friction=START * CABLE.friction,
@@ -139,7 +139,7 @@ class Softening(NamedTuple):
 
     time: FloatArray
     truth: FloatArray
-    found: Track
+    found: EstimateTrack
     before: float
     fooled: float
     refused: float

@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from cc_mujoco.estimation.samples import Track
+    from cc_mujoco.estimation.samples import EstimateTrack
     from cc_mujoco.thesis.experiments.online_estimates import Bends, Softening
-    from cc_mujoco.thesis.experiments.online_laws import Laws, Slopes
+    from cc_mujoco.thesis.experiments.online_laws import MassMotion, PrintedLaws
     from cc_mujoco.thesis.experiments.online_runs import Truth
 
 
-def slopes(instant: Slopes, printed: Laws) -> Figure:
+def slopes(instant: MassMotion, printed: PrintedLaws) -> Figure:
     """Fig. 3.9, and the laws that use it."""
     drawing = figure(11.0, 4.4)
     left, right = drawing.subplots(1, 2)
@@ -56,7 +56,9 @@ def slopes(instant: Slopes, printed: Laws) -> Figure:
     return drawing
 
 
-def tracking(truth: Truth, friction: FloatArray, one: Track, ends: Track) -> Figure:
+def tracking(
+    truth: Truth, friction: FloatArray, one: EstimateTrack, ends: EstimateTrack
+) -> Figure:
     """Friction that grows, and who follows."""
     drawing = figure(11.0, 4.4)
     left, right = drawing.subplots(1, 2)

@@ -28,7 +28,7 @@ GAINS = np.geomspace(1e-5, 1e-1, 13)
 """Gains of the printed law [1/N]."""
 
 
-class Slopes(NamedTuple):
+class MassMotion(NamedTuple):
     """Fig. 3.9: one instant of mass motion towards the motor.
 
     Attributes:
@@ -46,7 +46,7 @@ class Slopes(NamedTuple):
     exact: float
 
 
-def slopes(seed: int = 39) -> Slopes:
+def slopes(seed: int = 39) -> MassMotion:
     """Carry readings along the cable by models of wrong friction."""
     truth = simulate(CABLE, strokes(2.0), seed)
     row = round(0.8 / DT)
@@ -61,7 +61,7 @@ def slopes(seed: int = 39) -> Slopes:
     told = np.array(models)
     apart = np.mean(told[:, :, 0] - told[:, :, -1], axis=1)
     straight = -10.0 * float(np.polyfit(nodes, clean, 1)[0])
-    return Slopes(
+    return MassMotion(
         reading,
         line,
         told,
@@ -70,7 +70,7 @@ def slopes(seed: int = 39) -> Slopes:
     )
 
 
-class Laws(NamedTuple):
+class PrintedLaws(NamedTuple):
     """The printed law and what it takes to make it work, each at its best gain.
 
     Attributes:
@@ -93,7 +93,7 @@ LAWS: dict[str, dict[str, bool]] = {
 }
 
 
-def laws(duration: float = REST, seed: int = 40) -> Laws:
+def laws(duration: float = REST, seed: int = 40) -> PrintedLaws:
     """Run the printed law with the gain that serves it best."""
     truth = simulate(CABLE, strokes(duration), seed)
     late = truth.time >= duration - 8.0
@@ -118,7 +118,7 @@ def laws(duration: float = REST, seed: int = 40) -> Laws:
     tracks["least squares"] = ours.over(truth.reading, truth.direction).value
     error = tracks["least squares"][late] / CABLE.friction - 1.0
     left["least squares"] = float(np.sqrt(np.mean(error**2))) / (START - 1.0)
-    return Laws(truth.time, tracks, left, bias())
+    return PrintedLaws(truth.time, tracks, left, bias())
 
 
 def bias() -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.estimation.calibration import Calibration, Measurement, calibrate
 from cc_mujoco.figures import BLUE, GREY, ORANGE, figure
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis.rig import LENGTH, MOTOR_RADIUS, RECONCILED, STIFFNESS, drive
 from cc_mujoco.transmission import Cable
 
@@ -87,7 +87,7 @@ def valley(
     return found
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Fit, determine what cannot be known, and count how often the intervals hold."""
     trial = blocked_trial(CABLE, 1)
     naive = by_slope(trial)
@@ -203,7 +203,7 @@ def run(progress: Progress) -> Outcome:
         "misfit_taut": maps[0].ravel(),
         "misfit_slack": maps[1].ravel(),
     }
-    return Outcome(claims, {"parameters": drawing}, {"valley": table})
+    return ExperimentOutcome(claims, {"parameters": drawing}, {"valley": table})
 
 
 def _static_fit(segments: int) -> float:

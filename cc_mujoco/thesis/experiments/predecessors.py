@@ -15,16 +15,16 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, figure
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress, Verdict
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress, Verdict
 from cc_mujoco.thesis.predecessors import (
     Answer,
     BristleChain,
     Distributed,
     LuGreChain,
     LumpedMasses,
-    Model,
     ModifiedBoucWen,
     PassiveDistributed,
+    PublishedModel,
     StaticCapstan,
 )
 from cc_mujoco.thesis.predecessors.capabilities import (
@@ -32,7 +32,7 @@ from cc_mujoco.thesis.predecessors.capabilities import (
     DT,
     QUESTIONS,
     SPRING,
-    Finding,
+    Capability,
     ask,
     onset,
 )
@@ -44,7 +44,7 @@ FINE = 200
 """Segments of the model that the others are compared with."""
 
 
-class Judged(NamedTuple):
+class _Judged(NamedTuple):
     """One model: what it can show, how far off it is, what it costs.
 
     Attributes:
@@ -57,8 +57,8 @@ class Judged(NamedTuple):
         cost: time of a step, in units of ours with the same spring.
     """
 
-    model: Model
-    findings: dict[str, Finding]
+    model: PublishedModel
+    findings: dict[str, Capability]
     answer: Answer
     moving: float
     starting: float
@@ -74,7 +74,7 @@ def motion() -> FloatArray:
     return pull
 
 
-def models(proximal: FloatArray, recorded: Answer) -> list[Model]:
+def models(proximal: FloatArray, recorded: Answer) -> list[PublishedModel]:
     """Every model, ours last; Do's fitted to the first two seconds of a recording."""
     first = slice(0, round(2.0 / DT))
     seen = Answer(*(part[first] for part in recorded))
@@ -89,13 +89,15 @@ def models(proximal: FloatArray, recorded: Answer) -> list[Model]:
     ]
 
 
-def judge(model: Model, proximal: FloatArray, truth: Answer, unit: float) -> Judged:
+def judge(
+    model: PublishedModel, proximal: FloatArray, truth: Answer, unit: float
+) -> _Judged:
     """Test, compare and time one model; `unit` is the time of our step [s]."""
     answer = model.replay(DT, proximal, SPRING)
     distal = answer.tension_distal - truth.tension_distal
     lost = answer.tension_proximal - truth.tension_proximal - distal
     moves = np.abs(np.gradient(truth.u_distal)) > 1e-9
-    return Judged(
+    return _Judged(
         model,
         ask(model),
         answer,
@@ -110,7 +112,7 @@ def _rms(error: FloatArray) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def cost(model: Model, proximal: FloatArray) -> float:
+def cost(model: PublishedModel, proximal: FloatArray) -> float:
     """Time of one step, best of five, compiled beforehand [s]."""
     best = np.inf
     for _ in range(5):
@@ -120,7 +122,7 @@ def cost(model: Model, proximal: FloatArray) -> float:
     return best / proximal.size
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Test every model."""
     proximal = motion()
     truth = Distributed(CABLE.replace(segments=FINE)).replay(DT, proximal, SPRING)
@@ -135,14 +137,14 @@ def run(progress: Progress) -> Outcome:
     by_type = {type(judged.model): judged for judged in found}
     tables = {"capabilities": _table(found), "motion": _motion(proximal, truth, found)}
     figures = {"capabilities": _draw_table(found), "motion": _draw_motion(found, truth)}
-    return Outcome(_claims(by_type), figures, tables)
+    return ExperimentOutcome(_claims(by_type), figures, tables)
 
 
-def _able(judged: Judged, *questions: str) -> bool:
+def _able(judged: _Judged, *questions: str) -> bool:
     return all(judged.findings[question].able for question in questions)
 
 
-def _claims(found: dict[type[Model], Judged]) -> tuple[Claim, ...]:
+def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Claim, ...]:
     ours, before = found[Distributed], found[PassiveDistributed]
     everything = _able(ours, *QUESTIONS)
     same = np.max(
@@ -177,7 +179,7 @@ def _claims(found: dict[type[Model], Judged]) -> tuple[Claim, ...]:
     )
 
 
-def _bidirectional(found: dict[type[Model], Judged]) -> bool:
+def _bidirectional(found: dict[type[PublishedModel], _Judged]) -> bool:
     return any(
         _able(judged, "motion from both ends")
         for kind, judged in found.items()
@@ -185,7 +187,7 @@ def _bidirectional(found: dict[type[Model], Judged]) -> bool:
     )
 
 
-def _claim_capstan(judged: Judged) -> Claim:
+def _claim_capstan(judged: _Judged) -> Claim:
     lacks = not _able(judged, "partial motion")
     return Claim(
         "1.5",
@@ -197,7 +199,7 @@ def _claim_capstan(judged: Judged) -> Claim:
     )
 
 
-def _claim_kaneko(judged: Judged) -> Claim:
+def _claim_kaneko(judged: _Judged) -> Claim:
     lacking = [
         "partial motion",
         "changing curvature",
@@ -215,7 +217,7 @@ def _claim_kaneko(judged: Judged) -> Claim:
     )
 
 
-def _claim_palli(dahl: Judged, lugre: Judged) -> Claim:
+def _claim_palli(dahl: _Judged, lugre: _Judged) -> Claim:
     shows = _able(dahl, "partial motion") and _able(lugre, "partial motion")
     lacks = not _able(dahl, "slack") and not _able(dahl, "changing curvature")
     return Claim(
@@ -229,7 +231,7 @@ def _claim_palli(dahl: Judged, lugre: Judged) -> Claim:
     )
 
 
-def _claim_do(judged: Judged) -> Claim:
+def _claim_do(judged: _Judged) -> Claim:
     moving, starting = judged.friction
     lacks = not _able(judged, "partial motion")
     good: Verdict = "agrees" if moving < 0.5 * starting else "in part"
@@ -245,7 +247,7 @@ def _claim_do(judged: Judged) -> Claim:
     )
 
 
-def _claim_cost(found: dict[type[Model], Judged]) -> Claim:
+def _claim_cost(found: dict[type[PublishedModel], _Judged]) -> Claim:
     told = ", ".join(
         f"{kind.name.partition(',')[0]} {judged.cost:.2g}"
         for kind, judged in found.items()
@@ -262,7 +264,7 @@ def _claim_cost(found: dict[type[Model], Judged]) -> Claim:
     )
 
 
-def _table(found: list[Judged]) -> dict[str, Any]:
+def _table(found: list[_Judged]) -> dict[str, Any]:
     columns: dict[str, Any] = {"model": [judged.model.name for judged in found]}
     for question in QUESTIONS:
         name = question.replace(" ", "_").replace("-", "_")
@@ -274,7 +276,9 @@ def _table(found: list[Judged]) -> dict[str, Any]:
     return columns
 
 
-def _motion(proximal: FloatArray, truth: Answer, found: list[Judged]) -> dict[str, Any]:
+def _motion(
+    proximal: FloatArray, truth: Answer, found: list[_Judged]
+) -> dict[str, Any]:
     every = slice(None, None, 10)
     columns = {
         "time_s": (np.arange(proximal.size) * DT)[every],
@@ -288,7 +292,7 @@ def _motion(proximal: FloatArray, truth: Answer, found: list[Judged]) -> dict[st
     return columns
 
 
-def _draw_table(found: list[Judged]) -> Figure:
+def _draw_table(found: list[_Judged]) -> Figure:
     heads = [*QUESTIONS, "error in motion", "in partial motion", "cost of a step"]
     drawing = figure(10.0, 3.6)
     axes = drawing.add_subplot()
@@ -317,7 +321,7 @@ def _draw_table(found: list[Judged]) -> Figure:
     return drawing
 
 
-def _draw_motion(found: list[Judged], truth: Answer) -> Figure:
+def _draw_motion(found: list[_Judged], truth: Answer) -> Figure:
     drawing = figure(10.0, 5.2)
     panels = np.ravel(drawing.subplots(2, 4, sharex=True, sharey=True))
     for axes, judged in zip(panels, found, strict=False):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.figures import COLORS, DASH, GREY, figure
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis.rig import (
     HANDLE_RADIUS,
     MOTOR_RADIUS,
@@ -23,7 +23,7 @@ PRETENSIONS = (5.0, 10.0, 15.0, 20.0)
 """Pretensions [N]."""
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Play the four pretensions."""
     found: dict[float, Blocked] = {}
     for place, tension in enumerate(PRETENSIONS):
@@ -104,6 +104,6 @@ def run(progress: Progress) -> Outcome:
         "backlash_nm": np.array(backlash),
         "friction_work_j": np.array([row.friction_work for row in rows]),
     }
-    return Outcome(
+    return ExperimentOutcome(
         claims, {"pretension": drawing}, {"torque": table, "summary": summary}
     )

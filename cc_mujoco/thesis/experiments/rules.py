@@ -13,7 +13,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.figures import BLUE, GREEN, ORANGE, PINK, figure, mark
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis.rig import PRINTED
 from cc_mujoco.thesis.solver import (
     Constraint,
@@ -40,7 +40,7 @@ SAMPLES = 400
 DT = 1e-3
 
 
-class Opposed(NamedTuple):
+class _Opposed(NamedTuple):
     """Both ends pulled outwards and let go, errors in percent of the largest tension.
 
     Attributes:
@@ -62,7 +62,7 @@ def apart_and_back(samples: int) -> tuple[FloatArray, FloatArray]:
     return -0.013 * pull, 0.018 * pull
 
 
-def opposed(segments: tuple[int, ...] = SEGMENTS, samples: int = SAMPLES) -> Opposed:
+def opposed(segments: tuple[int, ...] = SEGMENTS, samples: int = SAMPLES) -> _Opposed:
     """Measure how the rounding of the null point to a node shows (2.1.2, 2.3.2)."""
     proximal, distal = apart_and_back(samples)
     fine = replay(
@@ -84,7 +84,7 @@ def opposed(segments: tuple[int, ...] = SEGMENTS, samples: int = SAMPLES) -> Opp
                 -np.sum(work[work < 0.0]) / np.sum(np.abs(work)),
             )
         )
-    return Opposed(*np.array(rows).T)
+    return _Opposed(*np.array(rows).T)
 
 
 def friction_work(tension: FloatArray, displacement: FloatArray) -> FloatArray:
@@ -201,7 +201,7 @@ def distal_rule_as_printed(pulls: FloatArray) -> int:
     return int(np.count_nonzero(1.0 >= pulls * np.exp(angle)))
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Play every doubtful case."""
     null = opposed()
     progress(0.6)
@@ -290,7 +290,7 @@ def run(progress: Progress) -> Outcome:
     for name in ("contradicted", "fed"):
         table[f"opposed_{name}_percent"] = 100.0 * getattr(null, name)
     table |= {f"static_{k}_n": v for k, v in static._asdict().items()}
-    return Outcome(claims, {"rules": drawing}, {"rules": table})
+    return ExperimentOutcome(claims, {"rules": drawing}, {"rules": table})
 
 
 def _rms(values: FloatArray) -> float:
@@ -321,7 +321,7 @@ def _draw_motion(axes: Axes, theirs: FloatArray, exact: FloatArray) -> None:
     axes.legend(loc="upper right")
 
 
-def _draw_errors(axes: Axes, null: Opposed) -> None:
+def _draw_errors(axes: Axes, null: _Opposed) -> None:
     axes.loglog(SEGMENTS, null.thesis_solver, "o-", color=BLUE, label="thesis's rules")
     axes.loglog(SEGMENTS, null.kernel, "o-", color=GREEN, label="our kernel")
     mark(axes.xaxis, SEGMENTS)
@@ -333,7 +333,7 @@ def _draw_errors(axes: Axes, null: Opposed) -> None:
     axes.legend()
 
 
-def _draw_share(axes: Axes, null: Opposed) -> None:
+def _draw_share(axes: Axes, null: _Opposed) -> None:
     at = np.arange(len(SEGMENTS))
     axes.bar(at - 0.2, 100.0 * null.contradicted, 0.4, color=ORANGE)
     axes.bar(at + 0.2, 100.0 * null.fed, 0.4, color=PINK)

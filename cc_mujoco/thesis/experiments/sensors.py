@@ -16,7 +16,7 @@ from cc_mujoco.compiled import FloatArray
 from cc_mujoco.estimation.fusion import TensionFusion, Weights, fuse, gains
 from cc_mujoco.figures import BLACK, BLUE, COLORS, GREEN, GREY, ORANGE, figure
 from cc_mujoco.sensing import Sensors
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis.rig import PRINTED, RECONCILED
 from cc_mujoco.transmission import Cable, replay
 from cc_mujoco.transmission.segments import Mesh
@@ -97,7 +97,7 @@ def excess_of_mean(cable: Cable) -> float:
     return float(mean / fuse(zero, gain, spread).deviation[-1])
 
 
-class Run(NamedTuple):
+class _Run(NamedTuple):
     """The output tension ramped up and down, with rests (Fig. 3.6).
 
     Attributes:
@@ -117,7 +117,7 @@ class Run(NamedTuple):
     scaled: FloatArray
 
 
-def ramps(seed: int = 36) -> Run:
+def ramps(seed: int = 36) -> _Run:
     """Output locked, the motor end pulled and let go twice."""
     time = np.arange(0.0, 12.0, DT)
     knots = np.array([0.0, 2.0, 3.0, 5.0, 6.0])
@@ -136,7 +136,7 @@ def ramps(seed: int = 36) -> Run:
     mean = thesis.over(reading, true.direction)
     moving = true.direction[:, -1] != 0
     error = mean.tension[:, -1] - true.tension[:, -1]
-    return Run(
+    return _Run(
         time,
         true.tension[:, -1],
         mean.tension[:, -1],
@@ -160,14 +160,14 @@ def ljung_box(series: FloatArray, lags: int = LAGS) -> float:
     return float(chi2.sf(count * (count + 2.0) * total, lags))
 
 
-def rest_drift(run: Run) -> float:
+def rest_drift(run: _Run) -> float:
     """Largest change of the mean's error from one sample at rest to the next [N]."""
     error = run.mean - run.truth
     still = ~run.moving[1:]
     return float(np.max(np.abs(np.diff(error)[still])))
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Figs. 3.4, 3.5 and 3.6."""
     grid = error_grid()
     progress(0.6)
@@ -250,7 +250,7 @@ def run(progress: Progress) -> Outcome:
         "weighted_n": series.best,
         "moving": series.moving,
     }
-    return Outcome(
+    return ExperimentOutcome(
         claims,
         {"sensors": sizes, "ramps": times},
         {"instant": instant, "number_and_noise": columns, "ramps": table},
@@ -261,7 +261,7 @@ def _same_mesh(cable: Cable) -> Cable:
     return cable.replace(segments=SEGMENTS)
 
 
-def _rms_at_rest(run: Run, estimate: FloatArray) -> float:
+def _rms_at_rest(run: _Run, estimate: FloatArray) -> float:
     still = ~run.moving & (run.time > run.time[np.argmax(run.moving)])
     return float(np.sqrt(np.mean((estimate - run.truth)[still] ** 2)))
 
@@ -315,7 +315,7 @@ def _draw_grid(axes: Axes, grid: Grid) -> None:
     )
 
 
-def _draw_run(axes: Axes, run: Run, span: tuple[float, float]) -> None:
+def _draw_run(axes: Axes, run: _Run, span: tuple[float, float]) -> None:
     seen = (run.time >= span[0]) & (run.time <= span[1])
     time = run.time[seen]
     axes.plot(time, run.mean[seen], color=BLUE, linewidth=0.8, label="mean of 11")

@@ -14,7 +14,7 @@ import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
 from cc_mujoco.figures import BLUE, GREEN, GREY, ORANGE, figure
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress, at_least
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress, at_least
 from cc_mujoco.thesis.rig import PRINTED
 from cc_mujoco.thesis.solver import (
     Constraint,
@@ -98,7 +98,7 @@ def costs(segments: int, steps: int = 60, general_steps: int = 6) -> Costs:
     return Costs(ours, enumeration, general, failed / general_steps, apart)
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Time the solvers over the number of segments."""
     costs(2, steps=5, general_steps=2)  # compiles and warms up
     rows = []
@@ -108,7 +108,7 @@ def run(progress: Progress) -> Outcome:
     columns = {
         name: np.array([getattr(row, name) for row in rows]) for name in Costs._fields
     }
-    return Outcome(
+    return ExperimentOutcome(
         _claims(dict(zip(SEGMENTS, rows, strict=True))),
         {"solution_time": _draw(columns)},
         {

@@ -26,7 +26,7 @@ from cc_mujoco.control import (
 from cc_mujoco.figures import COLORS, DASH, GREY, figure
 from cc_mujoco.thesis.experiments.tracking import GROWTH, PERIOD, cable
 from cc_mujoco.thesis.inertia_free import InertiaFree
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,7 +55,7 @@ def motion() -> tuple[FloatArray, FloatArray]:
     return time, np.interp(time, [0.0, LEG, 2.0 * LEG], [0.0, REACH, 0.0])
 
 
-class Rendered(NamedTuple):
+class _Rendered(NamedTuple):
     """Spring as rendered by a controller.
 
     Attributes:
@@ -74,7 +74,7 @@ class Rendered(NamedTuple):
     delay: float
 
 
-def render(device: Drive, law: Controller) -> Rendered:
+def render(device: Drive, law: Controller) -> _Rendered:
     """Play the simulation with one controller."""
     time, angle = motion()
     wanted = -STIFFNESS * angle
@@ -85,7 +85,7 @@ def render(device: Drive, law: Controller) -> Rendered:
     lasting = PERIOD * (open_[-1] + 1) if open_.size else 0.0
     moving = (time % LEG) >= 2.0
     rate = STIFFNESS * REACH / LEG * PERIOD
-    return Rendered(
+    return _Rendered(
         torque,
         float(np.sqrt(np.mean(error[moving] ** 2))),
         float(np.max(np.abs(back))),
@@ -94,7 +94,7 @@ def render(device: Drive, law: Controller) -> Rendered:
     )
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Play the four controllers."""
     device = drive()
     laws: dict[str, Controller] = {
@@ -105,7 +105,7 @@ def run(progress: Progress) -> Outcome:
             device, settling=0.0
         ),
     }
-    found: dict[str, Rendered] = {}
+    found: dict[str, _Rendered] = {}
     for place, (name, law) in enumerate(laws.items()):
         found[name] = render(device, law)
         progress((place + 1) / len(laws))
@@ -113,7 +113,7 @@ def run(progress: Progress) -> Outcome:
     table = {"time_s": time[::10], "angle_rad": angle[::10]}
     for stem, row in zip(STEMS, found.values(), strict=True):
         table[f"torque_{stem}_nm"] = row.torque[::10]
-    return Outcome(
+    return ExperimentOutcome(
         _claims(*found.values()),
         {"spring": _draw(time, angle, found)},
         {"spring": table},
@@ -121,7 +121,7 @@ def run(progress: Progress) -> Outcome:
 
 
 def _claims(
-    free: Rendered, both: Rendered, model: Rendered, stiction: Rendered
+    free: _Rendered, both: _Rendered, model: _Rendered, stiction: _Rendered
 ) -> tuple[Claim, ...]:
     degrees = [float(np.degrees(row.lost)) for row in (free, model, stiction, both)]
     return (
@@ -164,7 +164,7 @@ def _claims(
     )
 
 
-def _draw(time: FloatArray, angle: FloatArray, found: dict[str, Rendered]) -> Figure:
+def _draw(time: FloatArray, angle: FloatArray, found: dict[str, _Rendered]) -> Figure:
     drawing = figure(11.0, 7.0)
     over_time, loop, turn, error = drawing.subplots(2, 2).flat
     wanted = -STIFFNESS * angle

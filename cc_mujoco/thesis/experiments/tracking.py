@@ -26,7 +26,7 @@ from cc_mujoco.control import (
 from cc_mujoco.figures import COLORS, DASH, GREY, figure
 from cc_mujoco.metrics.signals import lag
 from cc_mujoco.thesis.inertia_free import InertiaFree
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress, Verdict
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress, Verdict
 from cc_mujoco.thesis.rig import PRINTED
 from cc_mujoco.transmission import Cable, Section
 
@@ -89,7 +89,7 @@ def desired() -> tuple[FloatArray, FloatArray]:
     return time, 10.0 + time + 2.0 * np.sin(2.0 * time)
 
 
-class Tracked(NamedTuple):
+class _Tracked(NamedTuple):
     """Tracking by a scheme; errors are shares of the desired tension.
 
     Attributes:
@@ -107,7 +107,7 @@ class Tracked(NamedTuple):
     delay: float
 
 
-def track(device: Drive, law: Controller) -> Tracked:
+def track(device: Drive, law: Controller) -> _Tracked:
     """Play the simulation with one scheme."""
     time, wanted = desired()
     log = InertiaFree(device).run(law, SPEED * time, wanted)
@@ -120,7 +120,7 @@ def track(device: Drive, law: Controller) -> Tracked:
         rest: FloatArray = signal[late] - line(time[late])
         return rest
 
-    return Tracked(
+    return _Tracked(
         tension,
         float(np.sqrt(np.mean(share[begun] ** 2))),
         float(np.max(np.abs(share[begun]))),
@@ -129,9 +129,9 @@ def track(device: Drive, law: Controller) -> Tracked:
     )
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Play all schemes, with the friction implied and with that of Table 2.2."""
-    found: dict[str, dict[str, Tracked]] = {}
+    found: dict[str, dict[str, _Tracked]] = {}
     growths = {"implied": GROWTH, "table": math.exp(PRINTED.friction * PRINTED.wrap)}
     done = 0
     for case, growth in growths.items():
@@ -162,10 +162,10 @@ def run(progress: Progress) -> Outcome:
         )
     figures = {"tracking": _draw(time, wanted, implied)}
     claims = _claims(implied, hard)
-    return Outcome(claims, figures, {"tension": table, "summary": summary})
+    return ExperimentOutcome(claims, figures, {"tension": table, "summary": summary})
 
 
-def _claims(rows: dict[str, Tracked], hard: dict[str, Tracked]) -> tuple[Claim, ...]:
+def _claims(rows: dict[str, _Tracked], hard: dict[str, _Tracked]) -> tuple[Claim, ...]:
     none, alone, both, model, off, cosine = rows.values()
     ratio = both.error / off.error
     hard_ratio = (
@@ -248,7 +248,7 @@ def _graded(ratio: float, agrees: float, partly: float) -> Verdict:
     return "in part" if ratio >= partly else "disagrees"
 
 
-def _draw(time: FloatArray, wanted: FloatArray, rows: dict[str, Tracked]) -> Figure:
+def _draw(time: FloatArray, wanted: FloatArray, rows: dict[str, _Tracked]) -> Figure:
     drawing = figure(11.0, 6.4)
     grid = drawing.add_gridspec(2, 2)
     whole = drawing.add_subplot(grid[0, 0])

@@ -21,7 +21,7 @@ from cc_mujoco.estimation.calibration import Calibration, Measurement, calibrate
 from cc_mujoco.figures import BLUE, DASH, GREEN, GREY, ORANGE, figure
 from cc_mujoco.human import task, trajectory
 from cc_mujoco.metrics.signals import lag
-from cc_mujoco.thesis.outcome import Claim, Outcome, Progress
+from cc_mujoco.thesis.outcome import Claim, ExperimentOutcome, Progress
 from cc_mujoco.thesis.rig import RECONCILED, drive, loops
 from cc_mujoco.transmission import Cable
 
@@ -47,7 +47,7 @@ MOTOR_COUNT, HANDLE_COUNT = 2.0 * math.pi / 2000.0, 2.0 * math.pi / 10_000.0
 """Counts of the encoders (2.4.1) [rad]."""
 
 
-class Recording(NamedTuple):
+class _Columns(NamedTuple):
     """Columns of the rig, (samples,) each.
 
     Attributes:
@@ -67,14 +67,14 @@ class Recording(NamedTuple):
     motor_angle: FloatArray
 
 
-def record(cable: Cable, duration: float = DURATION) -> Recording:
+def record(cable: Cable, duration: float = DURATION) -> _Columns:
     """Let a wearer sweep through the tunnel on a rig with this cable."""
     rng = np.random.default_rng(24)
     motion = trajectory("sweep").sample(duration, DT, rng)
     torque = task("tunnel").torque(motion.angle, motion.velocity, motion.phase)
     found = drive(cable).replay(DT, motor_torque=torque, joint_angle=motion.angle)
     cell = found.joint_torque + CELL * rng.standard_normal(motion.angle.size)
-    return Recording(
+    return _Columns(
         motion.time,
         torque,
         # Counts make steps of velocity, which a model with viscous friction feels.
@@ -108,7 +108,7 @@ class Residual(NamedTuple):
         return 1.0 - rms(self.after) / rms(self.before)
 
 
-def residual(recording: Recording, cable: Cable = COULOMB) -> Residual:
+def residual(recording: _Columns, cable: Cable = COULOMB) -> Residual:
     """Play the recorded inputs through a model (2.4.4)."""
     model = drive(cable).replay(
         DT, motor_torque=recording.motor_torque, joint_angle=recording.handle_angle
@@ -120,7 +120,7 @@ def residual(recording: Recording, cable: Cable = COULOMB) -> Residual:
     return Residual(model.joint_torque, model.motor_angle, before, after, slope)
 
 
-def refit(recording: Recording, free: tuple[str, ...], start: Cable) -> Calibration:
+def refit(recording: _Columns, free: tuple[str, ...], start: Cable) -> Calibration:
     """Fit terms inside the model instead of to its residual, on the first 6 s."""
     part = slice(0, round(6.0 / DT))
     trial = Measurement(
@@ -151,7 +151,7 @@ def binned(
     return np.array(mean), np.array(size)
 
 
-def run(progress: Progress) -> Outcome:
+def run(progress: Progress) -> ExperimentOutcome:
     """Record, compare, bin by velocity, then mend the model itself."""
     recording = record(RIG)
     found = residual(recording)
@@ -238,14 +238,16 @@ def run(progress: Progress) -> Outcome:
     _draw_time(axes[0, 1], recording, found)
     _draw_bins(axes[1, 0], recording, found)
     _draw_scan(axes[1, 1], np.array(scan))
-    table = dict(zip(Recording._fields, (c[::5] for c in recording), strict=True))
+    table = dict(zip(_Columns._fields, (c[::5] for c in recording), strict=True))
     table |= {"model_torque": found.torque[::5], "residual": found.before[::5]}
     names = ("stribeck_friction", "rms_nm", "rms_without_linear_nm", "removed")
     columns = dict(zip(names, np.array(scan).T, strict=True))
-    return Outcome(claims, {"tunnel": drawing}, {"recording": table, "scan": columns})
+    return ExperimentOutcome(
+        claims, {"tunnel": drawing}, {"recording": table, "scan": columns}
+    )
 
 
-def _draw_tunnel(axes: Axes, recording: Recording, found: Residual) -> None:
+def _draw_tunnel(axes: Axes, recording: _Columns, found: Residual) -> None:
     degrees = np.degrees(recording.handle_angle)
     ratio = drive(COULOMB).ratio
     late = recording.time > 6.0
@@ -270,7 +272,7 @@ def _draw_tunnel(axes: Axes, recording: Recording, found: Residual) -> None:
     axes.legend()
 
 
-def _draw_time(axes: Axes, recording: Recording, found: Residual) -> None:
+def _draw_time(axes: Axes, recording: _Columns, found: Residual) -> None:
     shown = (recording.time > 6.0) & (recording.time < 12.0)
     time = recording.time[shown]
     axes.plot(time, recording.handle_torque[shown], color=BLUE, label="rig")
@@ -281,7 +283,7 @@ def _draw_time(axes: Axes, recording: Recording, found: Residual) -> None:
     axes.legend()
 
 
-def _draw_bins(axes: Axes, recording: Recording, found: Residual) -> None:
+def _draw_bins(axes: Axes, recording: _Columns, found: Residual) -> None:
     velocity = recording.handle_velocity
     edges = np.linspace(-1.5, 1.5, 26)
     centres = 0.5 * (edges[1:] + edges[:-1])

@@ -10,7 +10,13 @@ from cc_mujoco.thesis.predecessors.bristle import Bristle, BristleChain, LuGreCh
 from cc_mujoco.thesis.predecessors.capstan import StaticCapstan
 from cc_mujoco.thesis.predecessors.distributed import Distributed
 from cc_mujoco.thesis.predecessors.lumped import LumpedMasses
-from cc_mujoco.thesis.predecessors.model import Answer, Locked, Model, Moved, Spring
+from cc_mujoco.thesis.predecessors.model import (
+    Answer,
+    EndSpring,
+    Locked,
+    Moved,
+    PublishedModel,
+)
 from cc_mujoco.thesis.predecessors.passive import PassiveDistributed
 
 __all__ = [
@@ -18,14 +24,14 @@ __all__ = [
     "Bristle",
     "BristleChain",
     "Distributed",
+    "EndSpring",
     "Hysteresis",
     "Locked",
     "LuGreChain",
     "LumpedMasses",
-    "Model",
     "ModifiedBoucWen",
     "Moved",
     "PassiveDistributed",
-    "Spring",
+    "PublishedModel",
     "StaticCapstan",
 ]

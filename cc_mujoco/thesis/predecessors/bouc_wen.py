@@ -19,7 +19,13 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.thesis.predecessors.model import Answer, Asked, Model, Motion, Spring
+from cc_mujoco.thesis.predecessors.model import (
+    Answer,
+    Asked,
+    EndSpring,
+    PublishedModel,
+    ReplayedMotion,
+)
 from cc_mujoco.transmission import Cable
 
 _STEP = 0.05
@@ -50,7 +56,7 @@ class Hysteresis(NamedTuple):
     exponent: float = 1.0
 
 
-class ModifiedBoucWen(Model):
+class ModifiedBoucWen(PublishedModel):
     """One hysteresis curve between motor and output tension."""
 
     name: ClassVar[str] = "Do, modified Bouc-Wen"
@@ -72,7 +78,7 @@ class ModifiedBoucWen(Model):
         cable: Cable,
         dt: float,
         u_proximal: ArrayLike,
-        environment: Spring,
+        environment: EndSpring,
         answer: Answer,
     ) -> ModifiedBoucWen:
         """Fit the parameters to a recording, n = 1 (least squares).
@@ -113,8 +119,8 @@ class ModifiedBoucWen(Model):
             cable, Hysteresis(position, state, viscous, offset, rho, sigma, lead)
         )
 
-    def answer(self, motion: Motion) -> Answer:
-        """See `Model.answer`; friction is added to the spring's force."""
+    def answer(self, motion: ReplayedMotion) -> Answer:
+        """See `PublishedModel.answer`; friction is added to the spring's force."""
         proximal, has = motion.proximal, self.hysteresis
         position, state, speed = _parts(
             -proximal, motion.dt, has.rho, has.sigma, has.lead, has.exponent

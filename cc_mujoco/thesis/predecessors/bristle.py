@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.thesis.predecessors.model import Answer, Model, Motion
+from cc_mujoco.thesis.predecessors.model import Answer, PublishedModel, ReplayedMotion
 from cc_mujoco.transmission import Cable
 from cc_mujoco.transmission.conduit import node_lengths, packed
 from cc_mujoco.transmission.kernel import segment_angles
@@ -55,7 +55,7 @@ DAHL = Bristle()
 LUGRE = Bristle(excess=0.2, damping=1e-3)
 
 
-class BristleChain(Model):
+class BristleChain(PublishedModel):
     """Chain of springs with Dahl or LuGre friction at its nodes."""
 
     name: ClassVar[str] = "Palli and Melchiorri, Dahl"
@@ -65,8 +65,8 @@ class BristleChain(Model):
         super().__init__(cable)
         self.bristle = bristle
 
-    def answer(self, motion: Motion) -> Answer:
-        """See `Model.answer`; does not know slack."""
+    def answer(self, motion: ReplayedMotion) -> Answer:
+        """See `PublishedModel.answer`; does not know slack."""
         cable = self.cable
         n = cable.segments
         segment = segment_angles(packed(cable), n)

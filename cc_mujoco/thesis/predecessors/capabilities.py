@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.errors import CableError
-from cc_mujoco.thesis.predecessors.model import Answer, Model, Moved, Spring
+from cc_mujoco.thesis.predecessors.model import Answer, EndSpring, Moved, PublishedModel
 from cc_mujoco.transmission import Cable, Section
 
 DT = 1e-3
@@ -31,7 +31,7 @@ CABLE = Cable(
     conduit=(Section(2.0, 0.4),),
     segments=20,
 )
-SPRING = Spring(500.0)
+SPRING = EndSpring(500.0)
 RIGHT = 0.05
 """Largest relative error of an answer that counts as right."""
 
@@ -42,7 +42,7 @@ _REPEATS = 1e-5
 """Difference of tension with which a cycle counts as repeated [N]."""
 
 
-class Finding(NamedTuple):
+class Capability(NamedTuple):
     """Answer to one question.
 
     Attributes:
@@ -86,17 +86,17 @@ def ramp(*corners: float, steps: int = 400) -> FloatArray:
     return np.concatenate([[0.0], *pieces])
 
 
-def partial_motion(model: Model) -> Finding:
+def partial_motion(model: PublishedModel) -> Capability:
     """Half of the pull that reaches the output must not be felt there, twice must."""
     reach = onset(model.cable)
     answer = model.replay(DT, ramp(-0.5 * reach, -2.0 * reach), SPRING)
     distal = answer.tension_distal - model.cable.pretension
     early = distal[400] / distal[-1]
     told = f"a quarter of a pull moves the output by {early:.0%}, right is 0%"
-    return Finding(bool(abs(early) < RIGHT and distal[-1] > 0.1), told)
+    return Capability(bool(abs(early) < RIGHT and distal[-1] > 0.1), told)
 
 
-def both_ends(model: Model) -> Finding:
+def both_ends(model: PublishedModel) -> Capability:
     """Two fronts that have not met know nothing of each other."""
     cable = model.cable
     reach = onset(cable)
@@ -105,7 +105,7 @@ def both_ends(model: Model) -> Finding:
     return _compare(answer, [raised(cable, pull) for pull in pulls], cable)
 
 
-def other_environment(model: Model) -> Finding:
+def other_environment(model: PublishedModel) -> Capability:
     """Check that only the output feels a wearer's motion at first; the motor rests."""
     cable = model.cable
     pull = 0.5 * onset(cable)
@@ -113,15 +113,15 @@ def other_environment(model: Model) -> Finding:
     return _compare(answer, [cable.pretension, raised(cable, pull)], cable)
 
 
-def _compare(answer: Answer, right: list[float], cable: Cable) -> Finding:
+def _compare(answer: Answer, right: list[float], cable: Cable) -> Capability:
     got = [float(answer.tension_proximal[-1]), float(answer.tension_distal[-1])]
     scale = max(right) - cable.pretension
     wrong = max(abs(g - r) for g, r in zip(got, right, strict=True)) / scale
     told = "{:.1f} and {:.1f} N at the ends, right is {:.1f} and {:.1f} N"
-    return Finding(wrong < RIGHT, told.format(*got, *right))
+    return Capability(wrong < RIGHT, told.format(*got, *right))
 
 
-def slack(model: Model) -> Finding:
+def slack(model: PublishedModel) -> Capability:
     """Check that a cable pushed in beyond all stretch has no tension, and no less."""
     cable = model.cable
     give = cable.pretension * cable.length / cable.axial_stiffness
@@ -130,10 +130,12 @@ def slack(model: Model) -> Finding:
     )
     least = min(answer.tension_proximal.min(), answer.tension_distal.min())
     last = max(abs(answer.tension_proximal[-1]), abs(answer.tension_distal[-1]))
-    return Finding(bool(least > -1e-9 and last < 1e-6), f"least tension {least:.1f} N")
+    return Capability(
+        bool(least > -1e-9 and last < 1e-6), f"least tension {least:.1f} N"
+    )
 
 
-def uneven_pretension(model: Model) -> Finding:
+def uneven_pretension(model: PublishedModel) -> Capability:
     """Check that a cable tensioned by pulling keeps that profile, felt at once."""
     cable = model.cable
     angle = cable.friction * cable.wrap
@@ -146,10 +148,10 @@ def uneven_pretension(model: Model) -> Finding:
     right = np.allclose(start, profile[[0, -1]], rtol=RIGHT)
     told = f"ratio of the tensions {ratio:.2f} in the next pull, right is {{:.2f}}"
     able = right and abs(ratio / math.exp(angle) - 1.0) < RIGHT
-    return Finding(bool(able), told.format(math.exp(angle)))
+    return Capability(bool(able), told.format(math.exp(angle)))
 
 
-def changing_bends(model: Model) -> Finding:
+def changing_bends(model: PublishedModel) -> Capability:
     """Check that opening bends under a pulled cable lower its friction, so it slips."""
     cable = model.cable
     pull = ramp(-2.0 * onset(cable), -2.0 * onset(cable))
@@ -158,10 +160,10 @@ def changing_bends(model: Model) -> Finding:
     ratio = answer.tension_proximal[-1] / answer.tension_distal[-1]
     most = math.exp(0.2 * cable.friction * cable.wrap)
     told = f"ratio of the tensions {ratio:.2f}, friction holds {most:.2f}"
-    return Finding(bool(1.0 / (1.0 + RIGHT) < ratio < most * (1.0 + RIGHT)), told)
+    return Capability(bool(1.0 / (1.0 + RIGHT) < ratio < most * (1.0 + RIGHT)), told)
 
 
-def no_energy(model: Model) -> Finding:
+def no_energy(model: PublishedModel) -> Capability:
     """Check that friction takes energy and gives none in a cycle that became periodic.
 
     Cycles that still creep after the last round prove nothing: the cable may hold less
@@ -179,7 +181,7 @@ def no_energy(model: Model) -> Finding:
     told = f"keeps {worst:.1%} of the work of the motor at least"
     if worst < -_ROUNDING:
         told = f"gives back up to {-worst:.0%} more than it got"
-    return Finding(worst > -_ROUNDING, told)
+    return Capability(worst > -_ROUNDING, told)
 
 
 def _loss(answer: Answer, proximal: FloatArray, period: int) -> float:
@@ -200,7 +202,7 @@ def _between(values: FloatArray) -> FloatArray:
     return mean
 
 
-QUESTIONS: dict[str, Callable[[Model], Finding]] = {
+QUESTIONS: dict[str, Callable[[PublishedModel], Capability]] = {
     "partial motion": partial_motion,
     "motion from both ends": both_ends,
     "slack": slack,
@@ -211,12 +213,12 @@ QUESTIONS: dict[str, Callable[[Model], Finding]] = {
 }
 
 
-def ask(model: Model) -> dict[str, Finding]:
+def ask(model: PublishedModel) -> dict[str, Capability]:
     """Pose every question to a model; what it refuses it is not able to show."""
     found = {}
     for name, question in QUESTIONS.items():
         try:
             found[name] = question(model)
         except CableError as refusal:
-            found[name] = Finding(False, str(refusal).partition(": ")[2])
+            found[name] = Capability(False, str(refusal).partition(": ")[2])
     return found

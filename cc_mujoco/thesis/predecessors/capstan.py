@@ -12,10 +12,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from cc_mujoco.thesis.predecessors.model import Answer, Asked, Model, Motion
+from cc_mujoco.thesis.predecessors.model import (
+    Answer,
+    Asked,
+    PublishedModel,
+    ReplayedMotion,
+)
 
 
-class StaticCapstan(Model):
+class StaticCapstan(PublishedModel):
     """Elastic tendon with the tension ratio of Euler's belt equation."""
 
     name: ClassVar[str] = "static capstan ratio"
@@ -23,8 +28,8 @@ class StaticCapstan(Model):
         "a tension profile": "it has one tension, not many"
     }
 
-    def answer(self, motion: Motion) -> Answer:
-        """See `Model.answer`; the whole cable slips or rests."""
+    def answer(self, motion: ReplayedMotion) -> Answer:
+        """See `PublishedModel.answer`; the whole cable slips or rests."""
         proximal, moved, stiffness = motion.proximal, motion.moved, motion.stiffness
         cable = self.cable
         wrap = cable.friction * cable.wrap * motion.factor

@@ -7,18 +7,18 @@ from typing import ClassVar
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.thesis.predecessors.model import Answer, Model, Motion
+from cc_mujoco.thesis.predecessors.model import Answer, PublishedModel, ReplayedMotion
 from cc_mujoco.transmission import kernel, rest_state, stepper
 from cc_mujoco.transmission.packing import tensions
 
 
-class Distributed(Model):
+class Distributed(PublishedModel):
     """Distributed Coulomb friction, motion entering from both ends."""
 
     name: ClassVar[str] = "this package"
 
-    def answer(self, motion: Motion) -> Answer:
-        """See `Model.answer`."""
+    def answer(self, motion: ReplayedMotion) -> Answer:
+        """See `PublishedModel.answer`."""
         cable = self.cable
         return Answer(
             *_play(

@@ -17,11 +17,16 @@ from typing import ClassVar
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.thesis.predecessors.model import Answer, Asked, Model, Motion
+from cc_mujoco.thesis.predecessors.model import (
+    Answer,
+    Asked,
+    PublishedModel,
+    ReplayedMotion,
+)
 from cc_mujoco.transmission import Cable
 
 
-class LumpedMasses(Model):
+class LumpedMasses(PublishedModel):
     """Mass-spring-damper chain with direction-dependent apparent stiffness."""
 
     name: ClassVar[str] = "Kaneko, lumped masses"
@@ -44,8 +49,8 @@ class LumpedMasses(Model):
         super().__init__(cable)
         self.masses, self.line_density = masses, line_density
 
-    def answer(self, motion: Motion) -> Answer:
-        """See `Model.answer`; a chain for either way of moving."""
+    def answer(self, motion: ReplayedMotion) -> Answer:
+        """See `PublishedModel.answer`; a chain for either way of moving."""
         proximal, stiffness = motion.proximal, motion.stiffness
         steps, gains = zip(
             *(self._system(motion.dt, sign, stiffness) for sign in (-1.0, 1.0)),

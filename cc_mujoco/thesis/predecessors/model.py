@@ -30,7 +30,7 @@ class Locked:
 
 
 @dataclass(frozen=True)
-class Spring:
+class EndSpring:
     """A spring pulls the distal end, which rests at the preload.
 
     Attributes:
@@ -51,7 +51,7 @@ class Moved:
     displacement: FloatArray
 
 
-Environment = Locked | Spring | Moved
+Environment = Locked | EndSpring | Moved
 
 
 class Answer(NamedTuple):
@@ -74,7 +74,7 @@ Asked = Literal[
 """Requests that not every model can fulfil."""
 
 
-class Motion(NamedTuple):
+class ReplayedMotion(NamedTuple):
     """A motion that a model is to answer, checked and with its defaults.
 
     Attributes:
@@ -94,7 +94,7 @@ class Motion(NamedTuple):
     factor: FloatArray
 
 
-class Model(ABC):
+class PublishedModel(ABC):
     """A model of one cable; subclasses are one published model each.
 
     Attributes:
@@ -144,16 +144,18 @@ class Model(ABC):
         stiffness, moved = springs(environment, proximal.size)
         start = profile(self.cable, initial_tension)
         factor = scales(wrap_scale, proximal.size)
-        return self.answer(Motion(dt, proximal, moved, stiffness, start, factor))
+        return self.answer(
+            ReplayedMotion(dt, proximal, moved, stiffness, start, factor)
+        )
 
     @abstractmethod
-    def answer(self, motion: Motion) -> Answer:
+    def answer(self, motion: ReplayedMotion) -> Answer:
         """Answer a motion with nothing in it that the model refuses."""
 
 
 def springs(environment: Environment, samples: int) -> tuple[float, FloatArray]:
     """Stiffness of the environment, infinite where it is no spring, and its motion."""
-    if isinstance(environment, Spring):
+    if isinstance(environment, EndSpring):
         if not environment.stiffness > 0.0:
             raise CableError(
                 f"spring stiffness is {environment.stiffness!r} N/m; "

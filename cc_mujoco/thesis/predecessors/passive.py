@@ -16,12 +16,17 @@ from typing import ClassVar
 import numpy as np
 
 from cc_mujoco.compiled import FloatArray, compiled
-from cc_mujoco.thesis.predecessors.model import Answer, Asked, Model, Motion
+from cc_mujoco.thesis.predecessors.model import (
+    Answer,
+    Asked,
+    PublishedModel,
+    ReplayedMotion,
+)
 from cc_mujoco.transmission.conduit import node_lengths, packed
 from cc_mujoco.transmission.kernel import segment_angles
 
 
-class PassiveDistributed(Model):
+class PassiveDistributed(PublishedModel):
     """Distributed Coulomb friction, motion entering from the motor only."""
 
     name: ClassVar[str] = "Agrawal, one-directional"
@@ -29,8 +34,8 @@ class PassiveDistributed(Model):
         "a moved output": "its tension must be a function of its place"
     }
 
-    def answer(self, motion: Motion) -> Answer:
-        """See `Model.answer`."""
+    def answer(self, motion: ReplayedMotion) -> Answer:
+        """See `PublishedModel.answer`."""
         cable = self.cable
         n = cable.segments
         angle = np.zeros(n + 1)

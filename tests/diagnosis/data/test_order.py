@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cc_mujoco.diagnosis.data.channels import DRIVE, TIME
-from cc_mujoco.diagnosis.data.clock import Track, lay_out
+from cc_mujoco.diagnosis.data.clock import SampledTrack, lay_out
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile
-from cc_mujoco.diagnosis.data.findings import Finding, errors
+from cc_mujoco.diagnosis.data.findings import DataFinding, errors
 from cc_mujoco.diagnosis.data.order import in_order
 from cc_mujoco.diagnosis.data.reading import Recording
 from cc_mujoco.diagnosis.data.trials import Facts, FloatArray
@@ -34,7 +34,7 @@ def recorded(time: FloatArray, values: FloatArray | None = None) -> Recording:
     )
 
 
-def read_out(recording: Recording) -> tuple[Track | None, list[Finding]]:
+def read_out(recording: Recording) -> tuple[SampledTrack | None, list[DataFinding]]:
     ordered, findings = in_order(recording)
     if ordered is None:
         return None, findings
@@ -49,7 +49,7 @@ def jittered(seed: int, jitter: float, rows: int = 400) -> FloatArray:
     return np.round((np.arange(rows) + off) * 1024.0) / 1024.0 * STEP
 
 
-def told(findings: list[Finding]) -> str:
+def told(findings: list[DataFinding]) -> str:
     return " ".join(finding.statement for finding in findings)
 
 

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cc_mujoco.diagnosis.data.clock import Track, lay_out
+from cc_mujoco.diagnosis.data.clock import SampledTrack, lay_out
 from cc_mujoco.diagnosis.data.dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.diagnosis.data.order import in_order
 from cc_mujoco.diagnosis.data.reading import Recording, read
@@ -34,7 +34,7 @@ def sampled(names: tuple[str, ...], time: FloatArray) -> Table:
     return {"time_s": time} | {name: smooth(name, time) for name in names}
 
 
-def laid(recorded: Recording, file: DatasetFile) -> Track:
+def laid(recorded: Recording, file: DatasetFile) -> SampledTrack:
     ordered, _ = in_order(recorded)
     assert ordered is not None
     track, findings = lay_out(ordered, Facts(), file)
@@ -42,7 +42,7 @@ def laid(recorded: Recording, file: DatasetFile) -> Track:
     return track
 
 
-def true(track: Track, within: float) -> None:
+def true(track: SampledTrack, within: float) -> None:
     """All channels are at one time what they were."""
     for part in track.segments:
         for name in (*MOTOR, *JOINT):

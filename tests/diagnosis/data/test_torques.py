@@ -11,7 +11,7 @@ import pytest
 
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.channels import ANGLES, TORQUES
-from cc_mujoco.diagnosis.data.findings import Finding
+from cc_mujoco.diagnosis.data.findings import DataFinding
 from cc_mujoco.diagnosis.data.instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.intake import load
@@ -44,7 +44,7 @@ def read(folder: Path, columns: Columns, toml: str = "", scene: bool = True) -> 
 
 def findings_of(
     folder: Path, columns: Columns, toml: str = "", scene: bool = True
-) -> tuple[Dataset, list[Finding]]:
+) -> tuple[Dataset, list[DataFinding]]:
     pq.write_table(pa.table(columns), folder / "run.parquet")
     (folder / "dataset.toml").write_text(toml)
     return load(folder, folder / "dataset.toml", BENCH if scene else None)

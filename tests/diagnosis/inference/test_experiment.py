@@ -18,7 +18,7 @@ from cc_mujoco.diagnosis.inference.experiment import (
 )
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.folds import CrossValidation
-from cc_mujoco.diagnosis.inference.motions import DT, Motion
+from cc_mujoco.diagnosis.inference.motions import DT, CataloguedTrial
 from cc_mujoco.diagnosis.inference.records import Record, prepare
 from cc_mujoco.diagnosis.inference.search import Thresholds
 from cc_mujoco.estimation.least_squares import Fit
@@ -82,7 +82,7 @@ def tie(
     return Rivals(ids, before, (crossed(*one), crossed(*other)), True)
 
 
-def as_recorded(motion: Motion, like: Record) -> Record:
+def as_recorded(motion: CataloguedTrial, like: Record) -> Record:
     """A motion as a trial of the data, at their rate and a little off."""
     size = int(motion.motor.size * DT / like.dt)
     time = like.dt * np.arange(size)

@@ -16,7 +16,7 @@ from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.floor import noise_floor
 from cc_mujoco.diagnosis.inference.folds import CrossValidation, excess
-from cc_mujoco.diagnosis.inference.plant import Plant
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig
 from cc_mujoco.diagnosis.inference.records import Record, prepare
 from cc_mujoco.diagnosis.inference.rereading import drawn, likely
 from cc_mujoco.transmission import Transmission
@@ -91,7 +91,7 @@ def off(motion: tuple[Array, Array], digit: float, seed: int) -> tuple[float, fl
     """Squares of what readings are off by, and of the floor, as errors count."""
     data = dataset(*motion, digit, seed)
     records, filtering = prepare(data, BENCH)
-    plant = Plant(BENCH, records, SEGMENTS)
+    plant = SimulatedRig(BENCH, records, SEGMENTS)
     floor = noise_floor(data, plant, filtering, {}, seed=seed)
     (played,) = plant.simulate({})
     error = records[0].measured - played
@@ -195,7 +195,12 @@ def test_what_repetitions_differ_by_is_not_in_the_noise_of_the_sensors() -> None
     """A wrong model makes some of it, which would hide that it is wrong."""
     flat = (np.full((2, 5), 0.5),)
     problem = Problem(
-        Plant(BENCH, (), SEGMENTS), (), (), flat, flat, scatter=np.array([[0.3], [0.4]])
+        SimulatedRig(BENCH, (), SEGMENTS),
+        (),
+        (),
+        flat,
+        flat,
+        scatter=np.array([[0.3], [0.4]]),
     )
     np.testing.assert_allclose(problem.sensed[0][:, 0], [0.4, 0.3])
 
@@ -217,7 +222,7 @@ def test_repetitions_differ_by_no_more_than_their_readings_do(apart: float) -> N
     )
     data = replace(data, trials=(one, again))
     records, filtering = prepare(data, BENCH)
-    floor = noise_floor(data, Plant(BENCH, records, SEGMENTS), filtering, {})
+    floor = noise_floor(data, SimulatedRig(BENCH, records, SEGMENTS), filtering, {})
     assert float(floor.scatter[1, 0]) <= 0.5 * apart
     assert apart == 0.0 or float(floor.scatter[1, 0]) > 0.2 * apart
 
@@ -228,6 +233,6 @@ def test_repetitions_that_do_not_count_say_nothing_of_noise() -> None:
     again = replace(one, name="two", path="two.csv", facts=Facts(repeat_of="one"))
     records, filtering = prepare(replace(data, trials=(one, again)), BENCH)
     idle = [replace(r, counts=np.zeros(r.counts.size, dtype=bool)) for r in records]
-    floor = noise_floor(data, Plant(BENCH, tuple(idle), SEGMENTS), filtering, {})
+    floor = noise_floor(data, SimulatedRig(BENCH, tuple(idle), SEGMENTS), filtering, {})
     assert not floor.scatter.any()
     assert all(np.isfinite(noise).all() for noise in floor.noise)

@@ -20,7 +20,7 @@ from cc_mujoco.diagnosis.inference.library import library
 from cc_mujoco.diagnosis.inference.load import load_noise, load_torque
 from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.result import Result
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult
 from cc_mujoco.diagnosis.report.output import compared, scene
 from cc_mujoco.diagnosis.scene.repair import repaired, write
 from cc_mujoco.diagnosis.verdict import Diagnosis
@@ -52,7 +52,7 @@ def named(found: Diagnosis) -> list[str]:
     return [effect.id for effect in found.effects]
 
 
-def judged(kind: str, effects: Hidden, bench: Bench = BENCH) -> Result:
+def judged(kind: str, effects: Hidden, bench: Bench = BENCH) -> DiagnosisResult:
     data = told_by(kind, effects, bench, changes=TUNED)
     return reason(data, bench, ids=FEW)
 
@@ -353,7 +353,7 @@ def test_angles_beyond_the_lever_are_told() -> None:
     assert "declare offset and sign of [columns.joint_angle_rad]" in wrong.statement
 
 
-def _written(result: Result, path: Path) -> tuple[tuple[str, float], float]:
+def _written(result: DiagnosisResult, path: Path) -> tuple[tuple[str, float], float]:
     """What `compared` says of the repaired scene."""
     scene(result, path)
     return compared(result, path)

@@ -17,7 +17,7 @@ from cc_mujoco.diagnosis.inference import fitting
 from cc_mujoco.diagnosis.inference.disagreement import disagreement, parts_of
 from cc_mujoco.diagnosis.inference.form import form_error
 from cc_mujoco.diagnosis.inference.intervals import Spread, estimates, narrowest, spread
-from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.inference.testable import strayed
 from cc_mujoco.diagnosis.wording import interval
@@ -140,7 +140,7 @@ def test_a_spread_has_all_that_noise_makes_and_a_t_for_every_parameter() -> None
     records, _ = prepare(dataset(duration=1.5), BENCH)
     floor = tuple(np.full(record.measured.shape, 0.05) for record in records)
     free = tuned(BENCH, records, {})
-    problem = fitting.Problem(Plant(BENCH, records, 4), free, (), floor, floor)
+    problem = fitting.Problem(SimulatedRig(BENCH, records, 4), free, (), floor, floor)
     counts = [record.counts for record in records]
     x = fitting.settled(problem, np.zeros(len(free)), counts).x
     noise, whole = narrowest(problem, x, counts), spread(problem, x, counts)
@@ -160,7 +160,7 @@ def test_an_interval_over_many_powers_of_ten_is_not_determined(
 ) -> None:
     records, _ = prepare(dataset(duration=1.5), BENCH)
     free = tuned(BENCH, records, {})
-    problem = fitting.Problem(Plant(BENCH, records, 4), free, (), (), ())
+    problem = fitting.Problem(SimulatedRig(BENCH, records, 4), free, (), (), ())
     place = [parameter.name for parameter in free].index("axial_stiffness")
     variance, x = 1e-6 * np.eye(len(free)), np.zeros(len(free))
     variance[place, place], x[place] = deviation**2, 3.0

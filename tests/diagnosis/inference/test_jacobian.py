@@ -13,8 +13,8 @@ from scipy.optimize import least_squares
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference import replays as replays_of
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
-from cc_mujoco.diagnosis.inference.jacobian import Slopes, jacobian
-from cc_mujoco.diagnosis.inference.plant import OFFSETS, Plant, tuned
+from cc_mujoco.diagnosis.inference.jacobian import TorqueDerivatives, jacobian
+from cc_mujoco.diagnosis.inference.plant import OFFSETS, SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.records import Record, prepare
 from cc_mujoco.estimation.least_squares import Tuned
 from diagnosis.recorded import BENCH, dataset
@@ -32,7 +32,7 @@ def records() -> None:
     FREE[:] = tuned(BENCH, RECORDS, {})
 
 
-def problem(plant: Plant, floor: float = 0.05) -> Problem:
+def problem(plant: SimulatedRig, floor: float = 0.05) -> Problem:
     flat = tuple(np.full(r.measured.shape, floor) for r in RECORDS)
     return Problem(plant, tuple(FREE), (), flat, flat, 0.2)
 
@@ -64,7 +64,7 @@ def differenced(one: Problem, x: FloatArray, index: int) -> FloatArray:
 
 
 def test_derivatives_are_differences_of_the_residual() -> None:
-    one = problem(Plant(BENCH, tuple(RECORDS), 8))
+    one = problem(SimulatedRig(BENCH, tuple(RECORDS), 8))
     x = np.zeros(len(FREE))
     found = jacobian(one, x, COUNTS)
     for index, parameter in enumerate(FREE):
@@ -76,7 +76,7 @@ def test_derivatives_are_differences_of_the_residual() -> None:
 
 def test_derivatives_follow_simulations_elsewhere() -> None:
     """Without a difference more, the change from place to place is what was seen."""
-    one = problem(Plant(BENCH, tuple(RECORDS), 8), 5.0)  # no error is large
+    one = problem(SimulatedRig(BENCH, tuple(RECORDS), 8), 5.0)  # no error is large
     x = np.zeros(len(FREE))
     stale = jacobian(one, x, COUNTS)
     there = x.copy()
@@ -89,14 +89,14 @@ def test_derivatives_follow_simulations_elsewhere() -> None:
 def test_derivatives_are_taken_anew_where_they_fail(
     replays: list[replays_of.Setting],
 ) -> None:
-    one = problem(Plant(BENCH, tuple(RECORDS), 8))
+    one = problem(SimulatedRig(BENCH, tuple(RECORDS), 8))
     x = np.zeros(len(FREE))
     jacobian(one, x, COUNTS)
     x[0] = 1.5
     replays.clear()
     jacobian(one, x, COUNTS)
     assert len(replays) > len(FREE)
-    fresh = replace(one, slopes=Slopes())
+    fresh = replace(one, slopes=TorqueDerivatives())
     index = one.names.index("axial_stiffness")
     wanted = jacobian(fresh, x, COUNTS)[:, index]
     assert apart(jacobian(one, x, COUNTS)[:, index], wanted) < 0.3
@@ -105,7 +105,7 @@ def test_derivatives_are_taken_anew_where_they_fail(
 def test_a_wider_model_begins_with_derivatives_of_the_narrower(
     replays: list[replays_of.Setting],
 ) -> None:
-    one = problem(Plant(BENCH, tuple(RECORDS), 8))
+    one = problem(SimulatedRig(BENCH, tuple(RECORDS), 8))
     x = np.zeros(len(FREE))
     narrow = jacobian(one, x, COUNTS)
     replays.clear()
@@ -125,7 +125,9 @@ def test_a_wider_model_begins_with_derivatives_of_the_narrower(
 def test_what_only_a_torque_sensor_shows_needs_no_replay(
     replays: list[replays_of.Setting],
 ) -> None:
-    jacobian(problem(Plant(BENCH, tuple(RECORDS), 8)), np.zeros(len(FREE)), COUNTS)
+    jacobian(
+        problem(SimulatedRig(BENCH, tuple(RECORDS), 8)), np.zeros(len(FREE)), COUNTS
+    )
     sensors = sum("torque" in parameter.name for parameter in FREE)
     assert sensors == 4
     assert len(replays) == len(RECORDS) * (1 + len(FREE) - sensors)
@@ -134,7 +136,7 @@ def test_what_only_a_torque_sensor_shows_needs_no_replay(
 def test_replays_that_are_shared_are_those_that_are_taken_anew(
     replays: list[replays_of.Setting],
 ) -> None:
-    plant = Plant(BENCH, tuple(RECORDS), 8)
+    plant = SimulatedRig(BENCH, tuple(RECORDS), 8)
     values = problem(plant).values(np.full(len(FREE), 0.01))
     effects = ("viscous_friction", "joint_gravity")
     values |= {"viscous_friction": 9.0, "gravity_sine": 0.1, "gravity_cosine": 0.2}
@@ -152,7 +154,7 @@ def test_replays_that_are_shared_are_those_that_are_taken_anew(
 def test_fits_of_one_neighbourhood_share_their_derivatives(
     replays: list[replays_of.Setting],
 ) -> None:
-    one = problem(Plant(BENCH, tuple(RECORDS), 8))
+    one = problem(SimulatedRig(BENCH, tuple(RECORDS), 8))
     first = fit(one, np.zeros(len(FREE)), COUNTS)
     alone = len(replays)
     again = fit(one, first.x, COUNTS)
@@ -161,12 +163,12 @@ def test_fits_of_one_neighbourhood_share_their_derivatives(
 
 
 def test_a_fit_ends_where_plain_least_squares_does() -> None:
-    one = problem(Plant(BENCH, tuple(RECORDS), 8), 5.0)
+    one = problem(SimulatedRig(BENCH, tuple(RECORDS), 8), 5.0)
     low, high = (np.array([getattr(p, side) for p in FREE]) for side in ("low", "high"))
     plain = least_squares(
         lambda x: one.residual(x, COUNTS),
         np.zeros(len(FREE)),
-        jac=lambda x: jacobian(replace(one, slopes=Slopes()), x, COUNTS),
+        jac=lambda x: jacobian(replace(one, slopes=TorqueDerivatives()), x, COUNTS),
         bounds=(low - 1e-9, high + 1e-9),
         x_scale="jac",
         max_nfev=12,

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from cc_mujoco.diagnosis.inference import judgement
-from cc_mujoco.diagnosis.inference.judgement import OWN, Outcome, judged, refines
+from cc_mujoco.diagnosis.inference.judgement import OWN, Judgement, judged, refines
 from cc_mujoco.diagnosis.inference.search import Round, Thresholds
-from cc_mujoco.diagnosis.verdict import Found, Gap, Strayed
+from cc_mujoco.diagnosis.verdict import FoundEffect, Gap, Strayed
 from cc_mujoco.estimation.least_squares import Estimate
 
 GAP = {"motor_torque_nm": Gap(0.05, 0.04, 0.02, 0.43, (0.3, 0.5))}
@@ -38,11 +38,11 @@ def outcome(
     ties: tuple[tuple[str, ...], ...] = (),
     strayed: tuple[Strayed, ...] = (),
     refining: tuple[str, ...] = (),
-) -> Outcome:
+) -> Judgement:
     """Effects that were found."""
-    found = [Found(name, {}, 1.0) for name in names]
-    found += [Found(name, {}, 1.0, 0.02, True) for name in refining]
-    return Outcome(tuple(found), ties, gap, strayed)
+    found = [FoundEffect(name, {}, 1.0) for name in names]
+    found += [FoundEffect(name, {}, 1.0, 0.02, True) for name in refining]
+    return Judgement(tuple(found), ties, gap, strayed)
 
 
 @pytest.mark.parametrize(
@@ -181,21 +181,23 @@ def test_a_second_effect_that_is_large_by_itself_is_a_finding(
 
 
 def test_a_refinement_tells_what_it_cannot_be_told_from() -> None:
-    little = Found("joint_gravity", {}, 1.0, 0.02, True, rivals=("joint_stiffness",))
-    found = Outcome((Found("backlash", {}, 1.0), little), (), CLOSED, ())
+    little = FoundEffect(
+        "joint_gravity", {}, 1.0, 0.02, True, rivals=("joint_stiffness",)
+    )
+    found = Judgement((FoundEffect("backlash", {}, 1.0), little), (), CLOSED, ())
     said, statement = judged(search(3.0, 1.0), found, Thresholds())
     assert said == "named"
     assert "ravity on the joint or a spring on the joint refines" in statement
 
 
 def test_what_any_rig_may_have_is_told_but_not_called_missing() -> None:
-    usual = Found("end_compliance", {}, 1.0, ordinary=True)
-    alone = Outcome((usual,), (), CLOSED, ())
+    usual = FoundEffect("end_compliance", {}, 1.0, ordinary=True)
+    alone = Judgement((usual,), (), CLOSED, ())
     said, statement = judged(search(1.4, 1.1), alone, Thresholds())
     assert said == "none" and "Nothing is missing" in statement
     assert "the model is 1.10 times the noise floor off" in statement
     assert "no larger than uneven bends and loose ends" in statement
-    beside = Outcome((Found("backlash", {}, 1.0), usual), (), CLOSED, ())
+    beside = Judgement((FoundEffect("backlash", {}, 1.0), usual), (), CLOSED, ())
     said, statement = judged(search(3.0, 1.0), beside, Thresholds())
     assert said == "named"
     assert "end fitting" not in statement.partition(". ")[0]

@@ -11,7 +11,11 @@ import math
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis.inference.periodicity import Line, Samples, strongest_line
+from cc_mujoco.diagnosis.inference.periodicity import (
+    PeriodicError,
+    Samples,
+    strongest_line,
+)
 
 DT = 0.016
 BAND = 25.0
@@ -112,7 +116,9 @@ def drawn_ripple(seed: int) -> tuple[float, float, str, bool]:
     return float(random.uniform(12.0, 25.0)), size, name, bool(random.integers(2))
 
 
-def right(line: Line | None, samples: Samples, order: float, name: str) -> bool:
+def right(
+    line: PeriodicError | None, samples: Samples, order: float, name: str
+) -> bool:
     """Whether a line has the order and the angle of a ripple."""
     if line is None or line.angle != name:
         return False

@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 from cc_mujoco.diagnosis.effects import EFFECTS, GAIN, PLAY
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.intervals import Spread, estimates
-from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.plausibility import (
     doubtful,
     implausible,
@@ -27,7 +27,7 @@ def baseline() -> Problem:
     records, _ = prepare(dataset(duration=1.5), BENCH)
     floor = tuple(np.ones(record.measured.shape) for record in records)
     free = tuned(BENCH, records, {})
-    return Problem(Plant(BENCH, records, 4), free, (), floor, floor)
+    return Problem(SimulatedRig(BENCH, records, 4), free, (), floor, floor)
 
 
 def place(problem: Problem, **values: float) -> np.ndarray:

@@ -14,7 +14,7 @@ from cc_mujoco.diagnosis.checks.repeatability import scatter
 from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.floor import noise_floor
-from cc_mujoco.diagnosis.inference.plant import CLOCKS, Plant, tuned
+from cc_mujoco.diagnosis.inference.plant import CLOCKS, SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.records import play_filter, prepare
 from cc_mujoco.transmission import Transmission
 from diagnosis.recorded import BENCH
@@ -112,7 +112,7 @@ def fitted(
 ) -> tuple[dict[str, float], Problem, np.ndarray]:
     """Parameters that fit a recording, all others as in the scene, and the model."""
     records, filtering = prepare(data, BENCH)
-    plant = Plant(BENCH, records, SEGMENTS)
+    plant = SimulatedRig(BENCH, records, SEGMENTS)
     free = tuple(
         p._replace(prior=math.inf) for p in tuned(BENCH, records, {}) if p.name in names
     )
@@ -156,7 +156,7 @@ def test_a_servo_that_repeats_badly_raises_no_floor() -> None:
     for trials in (first.trials, (*first.trials, again)):
         data = replace(first, trials=trials)
         records, filtering = prepare(data, BENCH)
-        floor = noise_floor(data, Plant(BENCH, records, SEGMENTS), filtering, {})
+        floor = noise_floor(data, SimulatedRig(BENCH, records, SEGMENTS), filtering, {})
         floors[len(trials)] = np.sqrt(np.mean(floor.noise[0] ** 2, axis=1))
     both = (*first.trials, again)
     raw = scatter(both, ("motor_torque_nm", "joint_torque_nm")).deviation
@@ -183,7 +183,7 @@ def test_only_what_noise_does_not_explain_raises_the_floor() -> None:
         )
         trials = (moves, replace(moves, name="too"), rests, again)
         records, filtering = prepare(replace(data, trials=trials), BENCH)
-        plant = Plant(BENCH, records, SEGMENTS)
+        plant = SimulatedRig(BENCH, records, SEGMENTS)
         floor = noise_floor(replace(data, trials=trials), plant, filtering, {})
         floors.append(np.sqrt(np.mean(floor.noise[0] ** 2, axis=1)))
     alone, repeated, scattered = floors

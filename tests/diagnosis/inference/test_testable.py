@@ -10,7 +10,7 @@ from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
 from cc_mujoco.diagnosis.inference.intervals import Spread, estimates
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.result import Result
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult
 from cc_mujoco.diagnosis.inference.screen import Changes
 from cc_mujoco.diagnosis.inference.testable import (
     REMEDY,
@@ -27,13 +27,15 @@ IDS = ("load_independent_friction", "joint_gravity")
 
 
 @pytest.fixture(scope="module")
-def swallowed() -> Result:
+def swallowed() -> DiagnosisResult:
     """Friction that needs no tension, on motions at one pretension."""
     data = dataset({IDS[0]: HIDDEN}, 2.5, seed=3, chosen=(0, 2))
     return reason(data, BENCH, ids=IDS)
 
 
-def test_what_the_baseline_swallows_is_told_with_its_size(swallowed: Result) -> None:
+def test_what_the_baseline_swallows_is_told_with_its_size(
+    swallowed: DiagnosisResult,
+) -> None:
     found = swallowed.diagnosis
     assert found.verdict == "none"
     (away,) = found.strayed

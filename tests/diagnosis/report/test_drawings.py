@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cc_mujoco.diagnosis.evidence import Evidence, Isolability, Trace
+from cc_mujoco.diagnosis.evidence import Evidence, Isolability, TrialTrace
 from cc_mujoco.diagnosis.report.drawings import STEMS, draw, draw_excerpt, shown_maps
 from cc_mujoco.diagnosis.report.excerpt import LONGEST, changed, ordinary, worst
 from cc_mujoco.diagnosis.report.isolability import (
@@ -144,7 +144,7 @@ def test_readings_that_are_missing_do_not_count_and_leave_a_break() -> None:
     found = worst(Evidence((replace(hit, measured=lost),), (), isolability()))
     assert found is not None and np.isfinite(found.error)
     kept = (hit.time < 15) | (hit.time > 16)
-    cut = Trace(
+    cut = TrialTrace(
         "cut",
         hit.time[kept],
         hit.motor_angle[kept],

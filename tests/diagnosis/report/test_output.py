@@ -12,12 +12,12 @@ import pytest
 from cc_mujoco.diagnosis.diagnose import diagnose
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect
 from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.result import Result
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult
 from cc_mujoco.diagnosis.report.output import scene
 from cc_mujoco.diagnosis.report.steps import steps
 from cc_mujoco.diagnosis.scene.realisation import why_not
 from cc_mujoco.diagnosis.scene.repair import added
-from cc_mujoco.diagnosis.verdict import Found
+from cc_mujoco.diagnosis.verdict import FoundEffect
 from cc_mujoco.diagnosis.wording import NOT_IN_SCENE, Names
 from cc_mujoco.errors import CableError
 from diagnosis.recorded import BENCH, dataset
@@ -31,7 +31,7 @@ RIPPLE = replace(
 
 
 @cache
-def _nothing() -> Result:
+def _nothing() -> DiagnosisResult:
     """A diagnosis in which nothing is missing."""
     data = dataset(duration=1.0, seed=3, chosen=(0, 2))
     return reason(data, BENCH, ids=("motor_inertia",))
@@ -61,7 +61,7 @@ def test_an_effect_without_realisation_is_stated_wherever_it_lacks(
     named = replace(
         result.diagnosis,
         verdict="named",
-        effects=(Found(effect.id, {}, 1.0),),
+        effects=(FoundEffect(effect.id, {}, 1.0),),
         problems=tuple(told),
     )
     assert told[0] in str(steps(named, Names()))

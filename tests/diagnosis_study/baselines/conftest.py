@@ -11,7 +11,7 @@ from baselines.signals import Signals, observed
 from cc_mujoco.diagnosis.inference.baseline import BaselineFit
 from cc_mujoco.diagnosis.inference.fitting import Problem, fit
 from cc_mujoco.diagnosis.inference.folds import CrossValidation
-from cc_mujoco.diagnosis.inference.plant import Plant, tuned
+from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.records import Record
 from diagnosis.recorded import BENCH, motions
 
@@ -97,7 +97,7 @@ def baseline_fit() -> Callable[..., BaselineFit]:
 def _tuning(hidden: dict[str, dict[str, float]]) -> BaselineFit:
     motor, joint = (angle - angle[0] for angle in motions(4.0, 0)[2])
     blank = record(motor, joint, np.zeros((2, motor.size)), run_in=100)
-    plant = Plant(BENCH, (blank,), 4)
+    plant = SimulatedRig(BENCH, (blank,), 4)
     values = {
         name: value
         for parameters in hidden.values()

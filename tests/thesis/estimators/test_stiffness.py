@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation.samples import Track
+from cc_mujoco.estimation.samples import EstimateTrack
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.thesis.estimators.stiffness import StiffnessEstimator
 from estimation.runs import CABLE, Run, drifting, played, pulls, rms, strokes
@@ -23,7 +23,7 @@ def run() -> Run:
 
 def over(
     estimator: StiffnessEstimator, run: Run, seed: int, noise: float = 1.0
-) -> Track:
+) -> EstimateTrack:
     random = np.random.default_rng(seed)
     reading = run.tension + noise * random.normal(size=run.tension.shape)
     return estimator.over(run.proximal, reading, run.direction)

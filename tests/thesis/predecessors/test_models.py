@@ -15,13 +15,13 @@ from cc_mujoco.thesis.predecessors import (
     Bristle,
     BristleChain,
     Distributed,
+    EndSpring,
     Hysteresis,
     Locked,
     LumpedMasses,
     ModifiedBoucWen,
     Moved,
     PassiveDistributed,
-    Spring,
     StaticCapstan,
 )
 from cc_mujoco.transmission import Cable, Section, replay
@@ -51,7 +51,7 @@ def test_ours_is_the_kernel_with_a_locked_or_moved_output():
 
 @pytest.mark.parametrize("stiffness", [20.0, 500.0, 20000.0])
 def test_our_cable_and_its_spring_are_in_balance(stiffness):
-    answer = Distributed(CABLE).replay(DT, STROKE, Spring(stiffness))
+    answer = Distributed(CABLE).replay(DT, STROKE, EndSpring(stiffness))
     spring = CABLE.pretension - stiffness * answer.u_distal
     assert answer.tension_distal == pytest.approx(spring, abs=1e-8)
 
@@ -65,7 +65,7 @@ def test_our_cable_and_its_spring_are_in_balance(stiffness):
 def test_one_direction_is_enough_where_only_the_motor_moves(seed, stiffness, curvature):
     proximal = np.random.default_rng(seed).normal(0.0, 3e-4, 400).cumsum()
     proximal -= proximal[0]
-    environment = Locked() if math.isinf(stiffness) else Spring(stiffness)
+    environment = Locked() if math.isinf(stiffness) else EndSpring(stiffness)
     cable = CABLE.replace(conduit=(Section(2.0, 1.0 / curvature),), segments=60)
     before = PassiveDistributed(cable).replay(DT, proximal, environment)
     ours = Distributed(cable).replay(DT, proximal, environment)
@@ -103,11 +103,11 @@ def test_bristles_follow_the_dahl_equation(exponent):
 
 
 def test_shorter_bristles_come_closer_to_coulomb_friction():
-    ours = Distributed(CABLE).replay(DT, STROKE, Spring(500.0))
+    ours = Distributed(CABLE).replay(DT, STROKE, EndSpring(500.0))
     errors = []
     for length in (4e-4, 1e-4, 2.5e-5):
         chain = BristleChain(CABLE, Bristle(length=length))
-        answer = chain.replay(DT, STROKE, Spring(500.0))
+        answer = chain.replay(DT, STROKE, EndSpring(500.0))
         errors.append(np.max(np.abs(answer.tension_distal - ours.tension_distal)))
     assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]
 
@@ -133,7 +133,7 @@ def test_lumped_masses_carry_waves_at_the_speed_of_sound():
 
 
 def test_static_capstan_has_the_belt_ratio_in_both_directions():
-    answer = StaticCapstan(CABLE).replay(DT, STROKE, Spring(500.0))
+    answer = StaticCapstan(CABLE).replay(DT, STROKE, EndSpring(500.0))
     ratio = answer.tension_proximal / answer.tension_distal
     moving = np.abs(np.gradient(STROKE)) > 1e-7
     assert np.abs(np.log(ratio[moving][1:])) == pytest.approx(1.0, rel=1e-9)
@@ -144,7 +144,7 @@ def test_static_capstan_has_the_belt_ratio_in_both_directions():
 def test_hysteresis_is_that_of_equation_1_4():
     shape = Hysteresis(0.0, 1.0, 0.0, 0.0, rho=300.0, sigma=1.7, lead=1e-3)
     model = ModifiedBoucWen(CABLE, shape)
-    answer = model.replay(DT, STROKE, Spring(500.0))
+    answer = model.replay(DT, STROKE, EndSpring(500.0))
     zeta = answer.tension_proximal - answer.tension_distal
     x = -STROKE
 
@@ -167,9 +167,9 @@ def test_a_fit_finds_the_hysteresis_that_made_a_recording():
     truth = ModifiedBoucWen(
         CABLE, Hysteresis(800.0, 4.0, 30.0, 0.5, rho=600.0, sigma=1.3, lead=1e-3)
     )
-    seen = truth.replay(DT, STROKE, Spring(500.0))
-    found = ModifiedBoucWen.fitted(CABLE, DT, STROKE, Spring(500.0), seen)
-    again = found.replay(DT, STROKE, Spring(500.0))
+    seen = truth.replay(DT, STROKE, EndSpring(500.0))
+    found = ModifiedBoucWen.fitted(CABLE, DT, STROKE, EndSpring(500.0), seen)
+    again = found.replay(DT, STROKE, EndSpring(500.0))
     error = again.tension_proximal - seen.tension_proximal
     assert np.sqrt(np.mean(error**2)) < 0.05
 
@@ -185,7 +185,7 @@ def test_a_fit_finds_the_hysteresis_that_made_a_recording():
         (ModifiedBoucWen(CABLE, Hysteresis(*([1.0] * 7))), Locked(), {}),
         (Distributed(CABLE), Moved(STROKE[:5]), {}),
         (BristleChain(CABLE), Locked(), {"initial_tension": [10.0]}),
-        (Distributed(CABLE), Spring(0.0), {}),
+        (Distributed(CABLE), EndSpring(0.0), {}),
         (Distributed(CABLE), Locked(), {"wrap_scale": [1.0, 0.5]}),
         (Distributed(CABLE), Locked(), {"wrap_scale": -np.ones(TIME.size)}),
     ],

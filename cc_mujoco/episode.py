@@ -100,7 +100,7 @@ def run(
         if step < plant.steps:
             if not shape and not np.isfinite(torque):
                 at = no_torque(called(), step * controller.drive.period)
-                raise CableError(f"{at}; it must be a number in Nm.")
+                raise CableError(f"{at}; it must be a number in N m.")
             columns = plant.advance(torque)
 
 

@@ -306,8 +306,8 @@ class WornDevice:
         ends = (asked.min(), asked.max(), least, most)
         low, high, weakest, strongest = (f"{round(end, 3) + 0.0:.4g}" for end in ends)
         return (
-            f"the task asks for {low} to {high} Nm at joint {self.setup.joint!r}, "
-            f"where the motor gives {weakest} to {strongest} Nm even without friction."
+            f"the task asks for {low} to {high} N m at joint {self.setup.joint!r}, "
+            f"where the motor gives {weakest} to {strongest} N m even without friction."
         )
 
 

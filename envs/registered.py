@@ -23,24 +23,25 @@ class WristHandle(ExoEnv):
 
     ## Action space
 
-    `Box(-1, 1, (1,), float32)`: torque of the motor; 1 is 1 Nm at its pulley, 5.2 Nm at
-    the wrist if there were no friction. Positive pulls the wrist into flexion. Values
-    outside are clipped. `unwrapped.action(torque)` makes the action of a torque in Nm.
+    `Box(-1, 1, (1,), float32)`: torque of the motor; 1 is 1 N m at its pulley, 5.2 N m
+    at the wrist if there were no friction. Positive pulls the wrist into flexion.
+    Values outside are clipped. `unwrapped.action(torque)` makes the action of a torque
+    in N m.
 
     ## Observation space
 
     That of `ExoEnv`, with 6 numbers in a frame. What counts as 1:
-    0.02 rad of twist, 2 rad/s, 0.5 rad of flexion, 1 Nm. Where the
+    0.02 rad of twist, 2 rad/s, 0.5 rad of flexion, 1 N m. Where the
     wearer aims is for the wearer to know; it is in `info` only.
 
     ## Reward
 
-    That of `ExoEnv`; an error of 1 Nm costs 1 per second.
+    That of `ExoEnv`; an error of 1 N m costs 1 per second.
 
     ## Arguments
 
     Those of `ExoEnv`: `trajectory` is `"sweep"` and `task` `"tunnel"` by default,
-    `wearer` 50 Nm/rad and 0.8 Nm s/rad. Named trajectories are scaled down to 1 rad.
+    `wearer` 50 N m/rad and 0.8 N m s/rad. Named trajectories are scaled down to 1 rad.
 
     ## Version history
 
@@ -69,27 +70,27 @@ class AnkleExo(ExoEnv):
 
     ## Action space
 
-    `Box(-1, 1, (1,), float32)`: torque of the motor; 1 is 50 Nm at its drum, 240 Nm of
-    plantarflexion at the ankle if there were no friction. Positive winds the cable,
+    `Box(-1, 1, (1,), float32)`: torque of the motor; 1 is 50 N m at its drum, 240 N m
+    of plantarflexion at the ankle if there were no friction. Positive winds the cable,
     negative pays it out until the drum is at its stop. Values outside are clipped.
-    `unwrapped.action(torque)` makes the action of a torque in Nm.
+    `unwrapped.action(torque)` makes the action of a torque in N m.
 
     ## Observation space
 
     That of `ExoEnv`, with 8 numbers in a frame. What counts as 1:
-    0.2 rad of twist, 2 rad/s, 0.2 rad of dorsiflexion, 5 Nm of error and 10 Nm of
+    0.2 rad of twist, 2 rad/s, 0.2 rad of dorsiflexion, 5 N m of error and 10 N m of
     desired torque (plantarflexion negative). The phase is 0 at heel strike; of a
     trajectory other than `walk` it is that of its own period. Where the
     wearer aims is for the wearer to know; it is in `info` only.
 
     ## Reward
 
-    That of `ExoEnv`; an error of 5 Nm costs 1 per second.
+    That of `ExoEnv`; an error of 5 N m costs 1 per second.
 
     ## Arguments
 
     Those of `ExoEnv`: `trajectory` is `"walk"` and `task` `"assist"` by default,
-    `wearer` (of the ankle) 2 kNm/rad and 20 Nm s/rad. Named trajectories are scaled
+    `wearer` (of the ankle) 2 kN m/rad and 20 N m s/rad. Named trajectories are scaled
     down to 0.3 rad. Hip and knee rest at 0 unless the trajectory moves them.
 
     ## Version history
@@ -117,30 +118,30 @@ class TendonFinger(ExoEnv):
     motor has paid out enough. The wearer moves the finger along a trajectory, as a
     spring and a damper pulling it there, against a weak spring that curls it. The
     device should hold a torque at the knuckle, whichever way the tendon slides: by
-    default 0.15 Nm, 2.7 N at a fingertip 55 mm away.
+    default 0.15 N m, 2.7 N at a fingertip 55 mm away.
 
     ## Action space
 
-    `Box(-1, 1, (1,), float32)`: torque of the motor; 1 is 0.4 Nm at its drum, 0.6 Nm of
-    extension at the finger if there were no friction. Positive winds the tendon,
+    `Box(-1, 1, (1,), float32)`: torque of the motor; 1 is 0.4 N m at its drum, 0.6 N m
+    of extension at the finger if there were no friction. Positive winds the tendon,
     negative pays it out until the drum is at its stop. Values outside are clipped.
-    `unwrapped.action(torque)` makes the action of a torque in Nm.
+    `unwrapped.action(torque)` makes the action of a torque in N m.
 
     ## Observation space
 
     That of `ExoEnv`, with 6 numbers in a frame. What counts as 1:
-    0.05 rad of twist, 2 rad/s, 0.5 rad of flexion (0 half flexed), 0.1 Nm (extension
+    0.05 rad of twist, 2 rad/s, 0.5 rad of flexion (0 half flexed), 0.1 N m (extension
     negative). Where the
     wearer aims is for the wearer to know; it is in `info` only.
 
     ## Reward
 
-    That of `ExoEnv`; an error of 0.1 Nm costs 1 per second.
+    That of `ExoEnv`; an error of 0.1 N m costs 1 per second.
 
     ## Arguments
 
     Those of `ExoEnv`: `trajectory` is `"sine"` and `task` `"hold"` by default, `wearer`
-    2 Nm/rad and 0.02 Nm s/rad. Named trajectories are scaled down to 0.6 rad.
+    2 N m/rad and 0.02 N m s/rad. Named trajectories are scaled down to 0.6 rad.
 
     ## Version history
 
@@ -166,7 +167,7 @@ class HipKneeExosuit(ExoEnv):
     brace and ends at the shin. It bends the hip and straightens the knee, each with the
     tension of the piece that passes it, and only pulls. A second motor at the belt
     pulls a lever at the heel through the cable `heel`, in a conduit as far as the
-    shank; it follows the gait by itself, with up to 8 Nm at push-off, and is not an
+    shank; it follows the gait by itself, with up to 8 N m at push-off, and is not an
     action. The wearer moves hip, knee and ankle along a gait cycle, as springs and
     dampers pulling the joints to it. The device should make the wearer feel the task at
     the hip: by default, help with the swing of the leg. What it does at the knee comes
@@ -174,28 +175,28 @@ class HipKneeExosuit(ExoEnv):
 
     ## Action space
 
-    `Box(-1, 1, (1,), float32)`: torque of the motor of the thigh's cable; 1 is 6 Nm at
-    its drum, 40 Nm of flexion at the hip. Positive winds the cable, negative pays it
+    `Box(-1, 1, (1,), float32)`: torque of the motor of the thigh's cable; 1 is 6 N m at
+    its drum, 40 N m of flexion at the hip. Positive winds the cable, negative pays it
     out until the drum is at its stop. Values outside are clipped.
-    `unwrapped.action(torque)` makes the action of a torque in Nm.
+    `unwrapped.action(torque)` makes the action of a torque in N m.
 
     ## Observation space
 
     That of `ExoEnv`, with 8 numbers in a frame. What counts as 1:
-    0.5 rad of twist, 2 rad/s, 0.5 rad of hip flexion, 1 Nm of error and 5 Nm of
+    0.5 rad of twist, 2 rad/s, 0.5 rad of hip flexion, 1 N m of error and 5 N m of
     desired torque. The phase is 0 at heel strike; of a
     trajectory other than `walk` it is that of its own period. Where the
     wearer aims is for the wearer to know; it is in `info` only.
 
     ## Reward
 
-    That of `ExoEnv`; an error of 1 Nm costs 1 per second.
+    That of `ExoEnv`; an error of 1 N m costs 1 per second.
 
     ## Arguments
 
     Those of `ExoEnv`: `trajectory` is `"walk"` and `task` `"swing"` by default,
-    `wearer` (of the hip) 6 kNm/rad and 200 Nm s/rad. Named trajectories are scaled down
-    to 0.5 rad. Knee and ankle rest at 0 unless the trajectory moves them.
+    `wearer` (of the hip) 6 kN m/rad and 200 N m s/rad. Named trajectories are scaled
+    down to 0.5 rad. Knee and ankle rest at 0 unless the trajectory moves them.
 
     ## Version history
 

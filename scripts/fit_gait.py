@@ -29,7 +29,7 @@ ankle turns from about zero, in swing, to the dorsiflexion moment of loading."""
 JOINTS = ("ankle", "knee", "hip")
 TABLE = Path(__file__).parents[1] / "cc_mujoco" / "human" / "gait_table.py"
 DECIMALS = 6
-UNITS = {"assistance_root": "1", "ankle_moment": "Nm"}
+UNITS = {"assistance_root": "1", "ankle_moment": "N m"}
 """Units of series that are no angles."""
 
 HEAD = '''\
@@ -100,7 +100,7 @@ def fit(folder: Path) -> tuple[float, dict[str, Array], dict[str, float]]:
 
     Returns:
         Period [s]; coefficients by name, shape (HARMONICS + 1, 2), rounded as they are
-        written, in rad and Nm; RMS errors by name, of angles in degrees.
+        written, in rad and N m; RMS errors by name, of angles in degrees.
     """
     walk = read(folder / "ankle_walk_tidy.csv")
     time, angles = walk["t_s"], [walk[f"{joint}_r_deg"] for joint in JOINTS]
@@ -129,7 +129,7 @@ def fit(folder: Path) -> tuple[float, dict[str, Array], dict[str, float]]:
 def summary(errors: dict[str, float]) -> str:
     """Return the errors as one line."""
     angles = ", ".join(f"{joint} {errors[joint]:.2f}" for joint in JOINTS)
-    moment = f"moment of the ankle {errors['ankle_moment']:.2f} Nm"
+    moment = f"moment of the ankle {errors['ankle_moment']:.2f} N m"
     assistance = f"assistance {errors['assistance']:.4f} of its peak"
     return f"{angles} degrees;\n{moment}; {assistance}"
 

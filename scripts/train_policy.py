@@ -156,7 +156,7 @@ DEVIATIONS = {
 }  # fmt: skip
 """Logarithms of the standard deviation of actions that PPO begins with. It shrinks by
 half in a training as long as these, and what it makes of torque at the joint must be of
-the size of the errors that matter: an action of 1 is 5 Nm at the wrist and 240 Nm at
+the size of the errors that matter: an action of 1 is 5 N m at the wrist and 240 N m at
 the ankle."""
 TAUT = {"ankle": 0.02, "exosuit": 0.06}
 """Action that PPO begins with where a drum pays out many turns: a cable that hangs

@@ -107,8 +107,8 @@ def test_a_task_beyond_the_motor_is_played_with_a_warning(
     beyond = ["1", "--task", "assist", "--out", str(tmp_path / "a")]
     assert cli.main([*words, *beyond]) == 0
     (warning,) = capsys.readouterr().err.splitlines()
-    assert warning.startswith("warning: assist: the task asks for -28.81 to 0 Nm ")
-    assert warning.endswith("the motor gives -5.2 to 5.2 Nm even without friction.")
+    assert warning.startswith("warning: assist: the task asks for -28.81 to 0 N m ")
+    assert warning.endswith("the motor gives -5.2 to 5.2 N m even without friction.")
     within = ["0.1", "--task", "spring", "--out", str(tmp_path / "b")]
     assert cli.main([*words, *within]) == 0
     assert capsys.readouterr().err == ""

@@ -88,6 +88,6 @@ class Export:
         raise CableError(
             f"controller {self.controller!r} is not passive on {self.scene!r}: in "
             f"simulation it puts {1e3 * found.energy:.3g} mJ into a wearer who holds "
-            f"still ({limb.stiffness:.2g} Nm/rad, {limb.damping:.2g} Nm s/rad), more "
+            f"still ({limb.stiffness:.2g} N m/rad, {limb.damping:.2g} N m s/rad), more "
             f"than {1e3 * found.allowed:.3g}; --allow-active writes it nevertheless."
         )

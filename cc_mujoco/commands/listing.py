@@ -51,7 +51,7 @@ class Listing:
                 for name, material in MATERIALS.items()
             },
             "motors of what-ifs": {
-                name: f"{motor.continuous_torque:g} Nm for ever, {motor.mass:g} kg; "
+                name: f"{motor.continuous_torque:g} N m for ever, {motor.mass:g} kg; "
                 f"{motor.source}"
                 for name, motor in MOTORS.items()
             },

@@ -3,7 +3,7 @@
     controller = CONTROLLERS["pi"](env.unwrapped.drive)
     controller.reset()
     observation, info = env.reset(seed=0)
-    torque = controller.torque(info)                       # Nm at the motor pulley
+    torque = controller.torque(info)                       # N m at the motor pulley
     env.step(env.unwrapped.action(torque))
 
 Controllers work on numbers and, for many environments at once, on arrays; both give

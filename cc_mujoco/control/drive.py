@@ -92,8 +92,8 @@ class Drive:
             )
         if not self.low < self.high:
             raise CableError(
-                f"Drive.low must be below Drive.high = {self.high!r} Nm, "
-                f"not {self.low!r} Nm."
+                f"Drive.low must be below Drive.high = {self.high!r} N m, "
+                f"not {self.low!r} N m."
             )
         if not (math.isfinite(self.period) and self.period > 0.0):
             raise CableError(
@@ -107,12 +107,12 @@ class Drive:
             )
         if not self.torque_rate > 0.0:
             raise CableError(
-                "Drive.torque_rate must be above 0 Nm/s, or math.inf for no limit, "
+                "Drive.torque_rate must be above 0 N m/s, or math.inf for no limit, "
                 f"not {self.torque_rate!r}."
             )
         if not self.safe_torque > 0.0:
             raise CableError(
-                f"Drive.safe_torque must be above 0 Nm, not {self.safe_torque!r}."
+                f"Drive.safe_torque must be above 0 N m, not {self.safe_torque!r}."
             )
         shapes = {
             tuple((s.proximal, s.distal, s.cable.segments) for s in row)

@@ -60,7 +60,7 @@ class External(Controller):
         given = np.asarray(torque)
         if given.dtype.kind not in "fiu":
             raise CableError(
-                f"controller {self.name!r} gave {torque!r}; it must be a torque in Nm."
+                f"controller {self.name!r} gave {torque!r}; it must be a torque in N m."
             )
         # Infinite is a division by zero, not the wish for all that the motor has.
         return self.limited(np.where(np.isfinite(given), given, np.nan)[()])

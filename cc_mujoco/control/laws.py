@@ -49,10 +49,13 @@ class FeedbackGains:
         meaning="joint torque per motor torque without friction, signed, not 0",
     )
     low: float = parameter(
-        unit="Nm", bounds=(-1e9, 1e9), default=-1.0, meaning="least torque of the motor"
+        unit="N m",
+        bounds=(-1e9, 1e9),
+        default=-1.0,
+        meaning="least torque of the motor",
     )
     high: float = parameter(
-        unit="Nm",
+        unit="N m",
         bounds=(-1e9, 1e9),
         default=1.0,
         meaning="greatest torque of the motor, above `low`",
@@ -95,13 +98,13 @@ class FeedbackGains:
         meaning="time by which the motion of the joint is looked ahead",
     )
     tolerance: float = parameter(
-        unit="Nm",
+        unit="N m",
         bounds=(0.0, 1e6),
         default=0.0,
         meaning="torque at the joint below which the sense does not turn",
     )
     safe_torque: float = parameter(
-        unit="Nm",
+        unit="N m",
         bounds=(0.0, guard.UNLIMITED),
         default=guard.UNLIMITED,
         low_open=True,
@@ -114,7 +117,7 @@ class FeedbackGains:
         meaning="of the motor with its pulley; 0 is not known",
     )
     stiffness: float = parameter(
-        unit="Nm/rad",
+        unit="N m/rad",
         bounds=(0.0, 1e12),
         default=0.0,
         meaning="of all cables at the joint, for the guard; 0 is not known",

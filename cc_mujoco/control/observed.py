@@ -1,6 +1,6 @@
 """Observation of a device's environment: the one definition that all share.
 
-    sight = Sight(observed, 1)            # of one device; many are rows
+    sight = ObservationHistory(observed, 1)   # of one device; many are rows
     sight.begin(measured)                 # (1, k), what is measured at the start
     sight.observation()                   # (1, size) of float32, about 1
     sight.act(share)                      # (1,), the action that follows
@@ -86,7 +86,7 @@ class Observed:
         if not isinstance(self.memory, bool):
             raise CableError(f"memory must be True or False, not {self.memory!r}.")
         parameter(self, "period", 1e-7, 1e3, "s")
-        parameter(self, "torque", 1e-9, 1e9, "Nm")
+        parameter(self, "torque", 1e-9, 1e9, "N m")
         if len(self.columns) < 6 or len(self.columns) != len(self.units):
             raise CableError(
                 "Observed needs a unit for each column, and at least six columns."

@@ -60,7 +60,7 @@ class StictionCompensation(ModelBased):
         self.preview = preview
         self.tolerance = 0.01 * most if tolerance is None else tolerance
         number("preview", self.preview, 0.0, 10.0, "s")
-        number("tolerance", self.tolerance, 0.0, 1e6, "Nm")
+        number("tolerance", self.tolerance, 0.0, 1e6, "N m")
 
     @property
     def gains(self) -> laws.FeedbackGains:

@@ -29,7 +29,7 @@ class Tuning:
         meaning="of the motor with its pulley",
     )  # fmt: skip
     damping: float = parameter(
-        unit="Nm s/rad", bounds=(0.0, 1e6), default=0.0,
+        unit="N m s/rad", bounds=(0.0, 1e6), default=0.0,
         meaning="of the motor's bearings",
     )  # fmt: skip
     ratio: float = parameter(
@@ -37,10 +37,13 @@ class Tuning:
         meaning="joint torque per motor torque without friction, signed, not 0",
     )  # fmt: skip
     low: float = parameter(
-        unit="Nm", bounds=(-1e9, 1e9), default=-1.0, meaning="least torque of the motor"
+        unit="N m",
+        bounds=(-1e9, 1e9),
+        default=-1.0,
+        meaning="least torque of the motor",
     )
     high: float = parameter(
-        unit="Nm", bounds=(-1e9, 1e9), default=1.0,
+        unit="N m", bounds=(-1e9, 1e9), default=1.0,
         meaning="greatest torque of the motor, above `low`",
     )  # fmt: skip
     span: float = parameter(
@@ -48,15 +51,15 @@ class Tuning:
         meaning="time between two knots of the plan",
     )  # fmt: skip
     tolerance: float = parameter(
-        unit="Nm", bounds=(0.0, 1e6), default=0.0,
+        unit="N m", bounds=(0.0, 1e6), default=0.0,
         meaning="of the torque that a knot of the plan makes",
     )  # fmt: skip
     turning: float = parameter(
-        unit="Nm^2", bounds=(0.0, 1e12), default=0.0,
+        unit="N m^2", bounds=(0.0, 1e12), default=0.0,
         meaning="mean squared error that turning the motor must save",
     )  # fmt: skip
     noise: float = parameter(
-        unit="Nm", bounds=(0.0, 1e6), default=0.0, low_open=True,
+        unit="N m", bounds=(0.0, 1e6), default=0.0, low_open=True,
         meaning="measured torque that is one for sure",
     )  # fmt: skip
     belief: float = parameter(
@@ -72,7 +75,7 @@ class Tuning:
         meaning="rate at which the bias of the torque sensor is learned",
     )  # fmt: skip
     least: float = parameter(
-        unit="Nm", bounds=(0.0, 1e9), default=0.05, low_open=True,
+        unit="N m", bounds=(0.0, 1e9), default=0.05, low_open=True,
         meaning="motor torque of friction below which little is learned",
     )  # fmt: skip
     spend: float = parameter(
@@ -84,7 +87,7 @@ class Tuning:
         meaning="velocity of the joint below which that takes longer",
     )  # fmt: skip
     damper: float = parameter(
-        unit="Nm s/rad", bounds=(0.0, 1e6), default=0.0, meaning="strongest damper"
+        unit="N m s/rad", bounds=(0.0, 1e6), default=0.0, meaning="strongest damper"
     )
     rotor_0: float = parameter(
         unit="1", bounds=(0.0, 1.0), default=0.5,
@@ -112,7 +115,7 @@ class Tuning:
         meaning="share of the account of energy that a step forgets",
     )  # fmt: skip
     yielding: float = parameter(
-        unit="rad/(Nm s)", bounds=(0.0, 1e9), default=0.0,
+        unit="rad/(N m s)", bounds=(0.0, 1e9), default=0.0,
         meaning="velocity that the joint gains per torque that it lacks",
     )  # fmt: skip
     late: float = parameter(
@@ -124,12 +127,12 @@ class Tuning:
         meaning="time constant of the motor's torque behind its command",
     )  # fmt: skip
     rate: float = parameter(
-        unit="Nm/s", bounds=(0.0, math.inf), default=math.inf, low_open=True,
+        unit="N m/s", bounds=(0.0, math.inf), default=math.inf, low_open=True,
         meaning="fastest change of the command; infinite where there is no limit",
     )  # fmt: skip
 
     safe_torque: float = parameter(
-        unit="Nm", bounds=(0.0, guard.UNLIMITED), default=guard.UNLIMITED,
+        unit="N m", bounds=(0.0, guard.UNLIMITED), default=guard.UNLIMITED,
         low_open=True, meaning="most that the cables may put into the joint",
     )  # fmt: skip
 

@@ -224,7 +224,7 @@ def page(
 ) -> str:
     """The plan in words and tables."""
     known = [
-        f"the {side}'s torque from {instrument}, {number(found.noise[channel])} Nm of "
+        f"the {side}'s torque from {instrument}, {number(found.noise[channel])} N m of "
         "noise"
         if instrument
         else f"the {side}'s torque not at all"

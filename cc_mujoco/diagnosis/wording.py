@@ -15,7 +15,7 @@ from cc_mujoco.diagnosis.verdict import Diagnosis, Gap
 from cc_mujoco.estimation.least_squares import Estimate
 from cc_mujoco.page import listed
 
-TORQUE_UNIT = "Nm"
+TORQUE_UNIT = "N m"
 SIGN = (
     "Errors are measured minus simulated: positive where the rig shows more torque "
     "than the simulation."

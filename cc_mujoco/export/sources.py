@@ -94,7 +94,7 @@ int cc_controller_set_parameters(cc_controller *controller, const double *parame
 /* Forget the past: the next step begins an episode, at rest in the pretension. */
 void cc_controller_reset(cc_controller *controller);
 
-/* Motor torque [Nm] until the next reading, within CC_LOW and CC_HIGH. It is not a
+/* Motor torque [N m] until the next reading, within CC_LOW and CC_HIGH. It is not a
  * number where a reading that the controller uses is none, infinite or beyond
  * {entries.MOST:g} of its unit; then the state stays as it was, and what the motor does
  * is yours to decide. */

@@ -64,19 +64,19 @@ class TorqueTable:
         low, high = drive.reach
         if abs(most) > limits.joint_torque:
             raise CableError(
-                f"[task] asks for {most:g} Nm at the joint, beyond [limits] "
-                f"joint_torque = {limits.joint_torque:g} Nm."
+                f"[task] asks for {most:g} N m at the joint, beyond [limits] "
+                f"joint_torque = {limits.joint_torque:g} N m."
             )
         if abs(most) > max(-low, high):
             raise CableError(
-                f"[task] asks for {most:g} Nm at the joint, and [limits] torque = "
-                f"{limits.torque:g} Nm at the motor gives at most {max(-low, high):g}; "
-                "ask for less, or raise the limit."
+                f"[task] asks for {most:g} N m at the joint, and [limits] torque = "
+                f"{limits.torque:g} N m at the motor gives at most {max(-low, high):g}"
+                "; ask for less, or raise the limit."
             )
         if drive.one_way and most and not np.any(self.torques * drive.ratio > 0.0):
             raise CableError(
-                f"[task] asks for {most:g} Nm at the joint, and one cable only pulls: "
-                f"{low + 0.0:g} to {high + 0.0:g} Nm."
+                f"[task] asks for {most:g} N m at the joint, and one cable only pulls: "
+                f"{low + 0.0:g} to {high + 0.0:g} N m."
             )
 
 

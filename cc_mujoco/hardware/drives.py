@@ -86,7 +86,7 @@ def require_told(scene: str, limits: Limits) -> None:
 
 
 def bench_drive(path: Path, period: float) -> Drive:
-    """Return the drive of a scene: one cable or a pair on pulleys, torques up to 1 Nm.
+    """Return the drive of a scene: one cable or a pair on pulleys, torques up to 1 N m.
 
     Args:
         path: Of the scene.

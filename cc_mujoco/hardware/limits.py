@@ -50,7 +50,7 @@ class Limits:
                 f"not {self.joint_range!r}; {high:g} degrees are "
                 f"{math.radians(high):.3g} rad."
             )
-        for name, unit in (("joint_torque", "Nm"), ("tension", "N")):
+        for name, unit in (("joint_torque", "N m"), ("tension", "N")):
             if not getattr(self, name) > 0.0:
                 raise CableError(
                     f"Limits.{name} must be above 0 {unit}, not "
@@ -70,8 +70,8 @@ class Limits:
             least = self.torque / self.torque_rate
             raise CableError(
                 f"stop_time = {self.stop_time:g} s is too short for a torque of "
-                f"{self.torque:g} Nm that may change by {self.torque_rate:g} Nm/s; it "
-                f"must be at least {math.ceil(least / period - 1e-9) * period:g} s."
+                f"{self.torque:g} N m that may change by {self.torque_rate:g} N m/s; "
+                f"it must be at least {math.ceil(least / period - 1e-9) * period:g} s."
             )
         return steps
 
@@ -120,7 +120,7 @@ class Limiter:
             CableError: It is not.
         """
         if not math.isfinite(wish):
-            raise CableError(f"the controller asked for {wish!r} Nm.")
+            raise CableError(f"the controller asked for {wish!r} N m.")
         self._cycles += 1
         self._down = 0.0
         return self._towards(self.share * wish)

@@ -306,7 +306,7 @@ class Loop:
         except Exception as error:
             raise Ending(f"the controller failed: {_told(error)}") from error
         if not math.isfinite(wish):
-            raise Ending(f"the controller asked for {wish} Nm.")
+            raise Ending(f"the controller asked for {wish} N m.")
         return desired, wish
 
     def _asked_to_stop(self) -> None:

@@ -39,9 +39,9 @@ class Stiffness:
 
     def __post_init__(self) -> None:
         """Refuse what pushes away from the course."""
-        parameter(self, "stiffness", 1e-9, 1e9, "Nm/rad")
-        parameter(self, "damping", 0.0, 1e9, "Nm s/rad")
-        parameter(self, "integral", 0.0, 1e12, "Nm/(rad s)")
+        parameter(self, "stiffness", 1e-9, 1e9, "N m/rad")
+        parameter(self, "damping", 0.0, 1e9, "N m s/rad")
+        parameter(self, "integral", 0.0, 1e12, "N m/(rad s)")
 
     @classmethod
     def of(cls, drive: Drive) -> Stiffness:

@@ -14,11 +14,11 @@ address = "192.168.7.2:5005"    # of a rig behind UDP
 # class = "my_rig:Rig"          # or of your own, made with the other keys
 
 [limits]                        # the first four must be given
-torque = 2.0                    # Nm, of the motor
-torque_rate = 40.0              # Nm/s
+torque = 2.0                    # N m, of the motor
+torque_rate = 40.0              # N m/s
 motor_speed = 30.0              # rad/s
 joint_range = [-1.0, 1.0]       # rad
-joint_torque = 8.0              # Nm; no limit unless given
+joint_torque = 8.0              # N m; no limit unless given
 tension = 200.0                 # N, by the scene's model; no limit unless given
 soft_start = 1.0                # s
 stop_time = 0.1                 # s
@@ -32,16 +32,16 @@ frozen_angle = 0.2              # rad
 twist = 0.5                     # rad
 
 [task]                          # desired torque at the joint, one of
-torque = 0.5                    # Nm, constant
+torque = 0.5                    # N m, constant
 # csv = "torque.csv"            # columns time_s and torque_nm, linear between
 # name = "spring"               # of the joint's motion, as in `cc-mujoco play`
 # trajectory = "sine"           # its course in time, of this amplitude
-# amplitude = 0.5               # Nm
+# amplitude = 0.5               # N m
 
 [servo]                         # of the trials of a plan; by the motor's inertia
-# stiffness = 50.0              # Nm/rad, unless given, see `Stiffness`
-# damping = 0.15                # Nm s/rad
-# integral = 4000.0             # Nm/(rad s)
+# stiffness = 50.0              # N m/rad, unless given, see `Stiffness`
+# damping = 0.15                # N m s/rad
+# integral = 4000.0             # N m/(rad s)
 """
 
 from __future__ import annotations
@@ -253,7 +253,7 @@ def _task(table: Table) -> Table:
         raise CableError(f"{table.where} needs one of {', '.join(_TASKS)}.")
     if ("amplitude" in table.content) != (given == ["trajectory"]):
         raise CableError(
-            f"{table.where}: `amplitude`, in Nm, belongs to `trajectory` and to "
+            f"{table.where}: `amplitude`, in N m, belongs to `trajectory` and to "
             "nothing else."
         )
     return table

@@ -83,8 +83,9 @@ class TorqueSensor:
         if self._equal < self._readings or swing < self._swing:
             return None
         return (
-            f"the torque sensor is dead: {self._equal + 1} readings of {torque:.4g} Nm "
-            f"while the angles of motor and joint changed the torque by {swing:.3g} Nm."
+            f"the torque sensor is dead: {self._equal + 1} readings of {torque:.4g} "
+            "N m while the angles of motor and joint changed the torque by "
+            f"{swing:.3g} N m."
         )
 
     def _reversed(self, torque: float, predicted: float) -> str | None:

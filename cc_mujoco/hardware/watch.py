@@ -201,7 +201,7 @@ class Watch:
             )
         for name, unit, limit in (
             ("motor_velocity", "rad/s", limits.motor_speed),
-            ("joint_torque", "Nm", limits.joint_torque),
+            ("joint_torque", "N m", limits.joint_torque),
         ):
             value = getattr(found, name)
             if abs(value) > limit:
@@ -226,7 +226,7 @@ class Watch:
         ):
             return (
                 f"the sensors are frozen: {self._equal} equal readings while the "
-                f"torque changed by {apart:.3g} Nm."
+                f"torque changed by {apart:.3g} N m."
             )
         return self._one_frozen(found, last)
 

@@ -7,7 +7,7 @@ ankle assistance of Quinlivan et al. 2017 (Science Robotics 2(2), eaah4416), dig
 by the same repository; the series is that of its square root.
 
 RMS errors of the fit: ankle 0.22, knee 0.12, hip 0.12 degrees;
-moment of the ankle 0.90 Nm; assistance 0.0051 of its peak.
+moment of the ankle 0.90 N m; assistance 0.0051 of its peak.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ HIP = (  # rad
     (-0.000256, -6.1e-05),
     (-0.003751, 0.000734),
 )
-ANKLE_MOMENT = (  # Nm
+ANKLE_MOMENT = (  # N m
     (-35.659764, 0.0),
     (55.697461, -20.030938),
     (-21.740388, 12.625651),

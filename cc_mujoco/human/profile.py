@@ -51,7 +51,7 @@ class Profile(Task):
     def __post_init__(self) -> None:
         """Refuse numbers that are no profile, with what would be one."""
         parameter(self, "toe_off", 1.0, 100.0, "% of the stride")
-        parameter(self, "peak_torque", 0.0, MOST, "Nm")
+        parameter(self, "peak_torque", 0.0, MOST, "N m")
         parameter(self, "onset", 0.0, 100.0, "% of the stride")
         parameter(self, "peak_time", 0.0, 100.0, "% of the stride")
         parameter(self, "fall", 0.1, 100.0, "% of the stride")

@@ -63,8 +63,8 @@ class Tunnel(Task):
     def __post_init__(self) -> None:
         """Refuse parameters that are not numbers or are negative."""
         parameter(self, "half_width", 0.0, 10.0, "rad")
-        parameter(self, "stiffness", 0.0, 1e6, "Nm/rad")
-        parameter(self, "limit", 0.0, 1e6, "Nm")
+        parameter(self, "stiffness", 0.0, 1e6, "N m/rad")
+        parameter(self, "limit", 0.0, 1e6, "N m")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Torque of the walls [Nm]; see `Task.torque`."""
@@ -80,7 +80,7 @@ class Spring(Task):
 
     def __post_init__(self) -> None:
         """Refuse parameters that are not numbers or are negative."""
-        parameter(self, "stiffness", 0.0, 1e6, "Nm/rad")
+        parameter(self, "stiffness", 0.0, 1e6, "N m/rad")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Torque of the spring [Nm]; see `Task.torque`."""
@@ -113,7 +113,7 @@ class Assist(Task):
 
     def __post_init__(self) -> None:
         """Refuse parameters that are not numbers or are negative."""
-        parameter(self, "peak", 0.0, 1e6, "Nm")
+        parameter(self, "peak", 0.0, 1e6, "N m")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Torque of the assistance [Nm]; see `Task.torque`."""
@@ -139,7 +139,7 @@ class Swing(Task):
 
     def __post_init__(self) -> None:
         """Refuse parameters that are not numbers or describe no pulse."""
-        parameter(self, "peak", 0.0, 1e6, "Nm")
+        parameter(self, "peak", 0.0, 1e6, "N m")
         parameter(self, "middle", 0.0, 1.0, "")
         parameter(self, "half_width", 0.01, 0.5, "")
 
@@ -160,7 +160,7 @@ class Hold(Task):
 
     def __post_init__(self) -> None:
         """Refuse parameters that are not numbers."""
-        parameter(self, "pull", -1e6, 1e6, "Nm")
+        parameter(self, "pull", -1e6, 1e6, "N m")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Return the torque to hold [Nm]; see `Task.torque`."""

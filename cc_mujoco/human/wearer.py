@@ -3,7 +3,7 @@
     >>> from cc_mujoco.human import Wearer
     >>> wearer = Wearer(stiffness=200.0, damping=2.0)
     >>> wearer.gains()
-    Gains(gain=200.0, bias=(0.0, -200.0, -2.0))
+    ActuatorGains(gain=200.0, bias=(0.0, -200.0, -2.0))
     >>> wearer.command(angle=0.1, velocity=2.5)
     0.125
 
@@ -49,8 +49,8 @@ class Wearer:
 
     def __post_init__(self) -> None:
         """Refuse an impedance that is not one."""
-        parameter(self, "stiffness", 1e-6, 1e15, "Nm/rad")
-        parameter(self, "damping", 0.0, 1e15, "Nm s/rad")
+        parameter(self, "stiffness", 1e-6, 1e15, "N m/rad")
+        parameter(self, "damping", 0.0, 1e15, "N m s/rad")
 
     @classmethod
     def ideal(cls, inertia: float, timestep: float) -> Wearer:

@@ -104,7 +104,7 @@ VARIABLES: dict[str, Parameter] = OF_CABLES | {
             0,
             1e3,
         ),
-        Parameter("motor_torque", "Nm", "largest torque of the motor", 0, 1e6, True),
+        Parameter("motor_torque", "N m", "largest torque of the motor", 0, 1e6, True),
         Parameter(
             "rotor_inertia",
             "kg m^2",
@@ -138,18 +138,20 @@ VARIABLES: dict[str, Parameter] = OF_CABLES | {
             True,
         ),
         Parameter(
-            "torque_constant", "Nm/A", "of the motor, before its gear", 0, 1e3, True
+            "torque_constant", "N m/A", "of the motor, before its gear", 0, 1e3, True
         ),
         Parameter(
             "continuous_torque",
-            "Nm",
+            "N m",
             "that the motor can give for ever, before its gear",
             0,
             1e6,
             True,
         ),
         Parameter("motor_mass", "kg", "of the motor", 0, 1e4),
-        Parameter("motor_damping", "Nm s/rad", "viscous friction of the motor", 0, 1e3),
+        Parameter(
+            "motor_damping", "N m s/rad", "viscous friction of the motor", 0, 1e3
+        ),
         Parameter(
             "gait_speed",
             "m/s",
@@ -200,7 +202,7 @@ VARIABLES: dict[str, Parameter] = OF_CABLES | {
         ),
         Parameter(
             "peak_torque",
-            "Nm",
+            "N m",
             f"largest help of the ankle, {Profile.peak_torque:g} by default",
             0,
             PEAK,

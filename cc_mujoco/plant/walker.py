@@ -79,8 +79,8 @@ def require_possible(device: Setup, design: Mapping[str, Value]) -> None:
     profile = profile_of(design)
     if profile is not None and profile.peak_torque > device.safe_torque:
         raise CableError(
-            f"`peak_torque` is {profile.peak_torque:g} Nm; it must be at most the "
-            f"{device.safe_torque:g} Nm that the cables may put into joint "
+            f"`peak_torque` is {profile.peak_torque:g} N m; it must be at most the "
+            f"{device.safe_torque:g} N m that the cables may put into joint "
             f"{device.joint!r}."
         )
 

@@ -46,7 +46,7 @@ def state(
         ("controller", controller),
         ("friction", _times(knobs.friction)),
         ("pretension", laid),
-        ("joint torque", f"{torque:.2f} of {desired:.2f} Nm"),
+        ("joint torque", f"{torque:.2f} of {desired:.2f} N m"),
         *((cable, _tensions(columns, cable)) for cable in cables),
         ("brightest", f"{highest:g} N; grey is slack"),
     )

@@ -1,6 +1,6 @@
 """Simulated time that goes with the clock on the wall.
 
-pace = Pace()
+pace = RealTimePacer()
 pace.begin(0.0)
 pace.keep(time)                    # returns when the wall is there, too
 pace.factor                        # 1 in real time, less where that is too fast

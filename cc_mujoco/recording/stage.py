@@ -1,6 +1,6 @@
 """Pictures of a device at work, its cables coloured by the tension inside.
 
-    with Stage(model, log.cables, 80.0, log["qpos"][::100]) as stage:
+    with OffscreenRenderer(model, log.cables, 80.0, log["qpos"][::100]) as stage:
         picture = stage.picture(qpos, tensions)
 
 Software draws OpenGL slowly where no graphics card does it, shadows above all. So what

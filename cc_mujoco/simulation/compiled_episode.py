@@ -116,10 +116,10 @@ RECORD = np.dtype(
         for name in (
             "motor_gear",
             "motor_scale",  # control of the motor at its largest torque
-            "torque_limit",  # largest torque of the motor [Nm]
+            "torque_limit",  # largest torque of the motor [N m]
             "winding_arm",  # arm of the winding in the neutral pose [m/rad]
             "least_leverage",
-            "cable_stiffness",  # of all cables at the joint [Nm/rad]
+            "cable_stiffness",  # of all cables at the joint [N m/rad]
         )
     ]
 )

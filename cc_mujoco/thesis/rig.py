@@ -3,7 +3,7 @@
 `PRINTED` is Table 2.2. It cannot have produced Experiment 1 (`magnitudes` shows why),
 so the experiments run on `RECONCILED`, which differs from it in friction alone: 0.015
 is the largest round value with which a conduit of three loops at the printed pretension
-still moves the output within the printed 0.125 Nm. Static friction is off there, since
+still moves the output within the printed 0.125 N m. Static friction is off there, since
 by (2.17) its effect is one of the mesh.
 """
 

@@ -1,6 +1,6 @@
 """Cables whose path one joint moves: bends that change, and pieces that lie open.
 
-    drive = Led((cable,), (course,), motor_radius=0.008)
+    drive = CoupledCables((cable,), (course,), motor_radius=0.008)
     drive.replay(dt, motor_angle=motor, joint_angle=joint).joint_torque
 
 What the path does is a table over the angle of the joint; the cable is that of the

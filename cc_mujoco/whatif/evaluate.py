@@ -346,7 +346,7 @@ def _unsafe(played: Rollout, index: int, safe: float) -> str:
     first = unsafe_from(torque, safe, float(time[1] - time[0]))
     if first is None:
         return ""
-    return f"the joint torque exceeds the safe {safe:g} Nm at {time[first]:.3f} s"
+    return f"the joint torque exceeds the safe {safe:g} N m at {time[first]:.3f} s"
 
 
 def _within(tick: Tick, start: float, part: float) -> Callable[[float], None]:

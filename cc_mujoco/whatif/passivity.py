@@ -54,10 +54,10 @@ that is added there [kg m^2], by device.
 Stiffness: from a limb that hangs loose to one that is braced as hard as can be, meant
 to be wider than what was measured. Wrist: at rest, D. Formica et al., J. Neurophysiol.
 108, 2012, and while it grips, V. Falzarano et al., Front. Hum. Neurosci. 15, 2021.
-Ankle: 1.1 to 5.4 Nm/rad and 0.016 to 0.080 Nm s/rad a kilogram of the body in stance,
+Ankle: 1.1 to 5.4 N m/rad and 0.016 to 0.080 N m s/rad a kilogram of the body in stance,
 E. Ficanha et al., J. Medical Devices 12, 2018, far less in swing, H. Lee, E. Rouse, H.
-Krebs, IEEE J. Transl. Eng. Health Med. 4, 2016. Hip: 34 to 66 Nm/rad and 1.9 to 4.6
-Nm s/rad in swing, H. van der Kooij et al., IEEE TNSRE 30, 2022, and more when told to
+Krebs, IEEE J. Transl. Eng. Health Med. 4, 2016. Hip: 34 to 66 N m/rad and 1.9 to 4.6
+N m s/rad in swing, H. van der Kooij et al., IEEE TNSRE 30, 2022, and more when told to
 hold still, B. Koopman et al., IEEE Trans. Robotics 32, 2016. Finger: A. Hajian, R.
 Howe, J. Biomech. Eng. 119, 1997.
 

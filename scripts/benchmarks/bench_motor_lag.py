@@ -3,7 +3,7 @@
     python scripts/benchmarks/bench_motor_lag.py --lags 0 1 3 5 --seeds 2
 
 The bench is the rig of `play_rig.py`, in simulated time, with the `rig.toml` of the
-hardware page: a hand swings the joint while 0.5 Nm are asked for. Wrist and ankle are
+hardware page: a hand swings the joint while 0.5 N m are asked for. Wrist and ankle are
 the environments, 2 s of their own task and motion with their own sensors, whose motor
 is a filter of first order. A controller either knows the lag (`Drive.motor_lag`) or
 takes it for 0. Errors are RMS, of the torque that the joint truly got.
@@ -203,7 +203,7 @@ def main() -> None:
                     rows.append(row(scene, law, 1e-3 * lag, known, seeds))
                     print(*rows[-1], flush=True)
     head = (
-        "scene", "controller", "lag [ms]", "lag believed", "RMS error [Nm]",
+        "scene", "controller", "lag [ms]", "lag believed", "RMS error [N m]",
         "cycles at the rate limit",
     )  # fmt: skip
     print(f"\nseeds {seeds.start} to {seeds.stop - 1}\n\n{table(head, rows)}")

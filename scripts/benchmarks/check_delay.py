@@ -72,8 +72,8 @@ def main() -> None:
             "controller",
             "delay [steps]",
             "friction believed",
-            "RMS error [Nm]",
-            "in swing [Nm]",
+            "RMS error [N m]",
+            "in swing [N m]",
             "failed",
             "less than `pi`",
         )

@@ -236,7 +236,7 @@ def main() -> None:
         print(*row(tried), sep=" | ", flush=True)
     print()
     print(table(HEAD, [row(done[number]) for number in pieces], (3, 5, 6)))
-    print("\nWearers: stiffness [Nm/rad], damping [Nm s/rad], inertia added [kg m2].")
+    print("\nWearers: stiffness [N m/rad], damping [N m s/rad], inertia added [kg m2].")
     if given.out:
         given.out.parent.mkdir(parents=True, exist_ok=True)
         tried = [one for number in pieces for one in done[number]]

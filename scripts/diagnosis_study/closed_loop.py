@@ -290,14 +290,14 @@ def told(records: list[Mapping[str, Any]], floors: Floors) -> str:
                 )
             )
     head = (
-        "hidden", "R", "seed", "verdict", "controller", "error [mNm] (better by)",
+        "hidden", "R", "seed", "verdict", "controller", "error [mN m] (better by)",
         "floor", "beyond the floor", "error between turns",
     )  # fmt: skip
     return table(head, rows)
 
 
 def _fall(old: float, new: float) -> str:
-    """Two errors [Nm] in mNm, and how often the second goes into the first."""
+    """Two errors [Nm] in mN m, and how often the second goes into the first."""
     better = f" ({old / new:.1f})" if new else ""
     return f"{1e3 * old:.0f} to {1e3 * new:.0f}{better}"
 

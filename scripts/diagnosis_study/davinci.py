@@ -141,7 +141,7 @@ def main() -> None:
         )
         for name, each in kept["carried over"].items()
     ]
-    print(table(("model of, on", "motor torque [mNm]", "joint torque [mNm]"), rows))
+    print(table(("model of, on", "motor torque [mN m]", "joint torque [mN m]"), rows))
 
 
 if __name__ == "__main__":

@@ -265,8 +265,8 @@ def told(records: list[Mapping[str, Any]]) -> str:
             rows.append((*cells, str(lost)))
     return table(
         (
-            "changes", "controller has", "RMS [mNm]", "over fixed (95 %)",
-            "median [mNm]", "over fixed (95 %)", "not finished",
+            "changes", "controller has", "RMS [mN m]", "over fixed (95 %)",
+            "median [mN m]", "over fixed (95 %)", "not finished",
         ),
         rows,
     )  # fmt: skip

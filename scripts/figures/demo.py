@@ -69,7 +69,7 @@ def episode(law: str, duration: float) -> tuple[EpisodeLog, mujoco.MjModel]:
         duration=duration,
         disable_env_checker=True,
     )
-    about = {"trajectory": "sweep", "task": "spring of 2.5 Nm/rad", "controller": law}
+    about = {"trajectory": "sweep", "task": "spring of 2.5 N m/rad", "controller": law}
     drive = env.unwrapped.drive
     log: EpisodeLog = play(env, controller(law, drive), seed=0, about=about)
     env.close()
@@ -99,7 +99,7 @@ def words(found: dict[str, Played]) -> list[str]:
     return [
         f"The wearer sweeps the handle over {np.ptp(none.joint):.2f} rad, "
         f"{travel:.2g} rad in all; the device should feel like a spring, with up to "
-        f"{np.abs(best.desired).max():.2f} Nm.",
+        f"{np.abs(best.desired).max():.2f} N m.",
         f"Of {best.proximal[moment]:.0f} N that the motor pulls at most, "
         f"{best.distal[moment]:.0f} N come out of the conduit: {1.0 - kept:.0%} are "
         "lost on the way.",

@@ -72,7 +72,7 @@ def table(torques: NDArray[np.float64]) -> str:
     return markdown.table(
         (
             "joint",
-            "largest torque [Nm]",
+            "largest torque [N m]",
             "off by, were all tension the winch's",
             "off by, were it the shin's",
         ),

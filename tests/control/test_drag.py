@@ -67,14 +67,14 @@ def test_a_cable_is_paid_out_to_the_nearest_torque_that_can_be_reached(
 def test_a_drag_that_is_known_leaves_no_more_than_it_has_to(
     scene: str, term: str, most: float
 ) -> None:
-    """The motor stood still, and a walking ankle was pulled with 90 Nm."""
+    """The motor stood still, and a walking ankle was pulled with 90 N m."""
     (row,) = play(scene, "predictive", designs(scene, [term], [0.02]), True, 1.7)
     assert row.passed
     assert row.rms_error < most
 
 
 def test_a_drag_that_is_not_known_is_not_paid_out_for_without_an_end() -> None:
-    """It was: the error was 3.9 Nm, and 2.9 of a controller that knows the seals."""
+    """It was: the error was 3.9 N m, and 2.9 of a controller that knows the seals."""
     cases = designs("ankle", ["seals"], [1.0])
     (row,) = play("ankle", "predictive", cases, False, 2.2)
     assert row.passed
@@ -82,7 +82,7 @@ def test_a_drag_that_is_not_known_is_not_paid_out_for_without_an_end() -> None:
 
 
 def test_a_drag_is_added_to_what_is_fed_forward_and_not_multiplied() -> None:
-    """As part of the gain it pulled the ankle with 44 Nm, where 30 were desired."""
+    """As part of the gain it pulled the ankle with 44 N m, where 30 were desired."""
     (row,) = play("ankle", "model", designs("ankle", ["seals"], [1.0]), True, 1.3)
     assert row.passed
 

@@ -225,7 +225,7 @@ def test_no_wrong_friction_is_unsafe(scene: str, name: str) -> None:
 
 
 def test_a_safe_torque_is_above_zero() -> None:
-    with pytest.raises(CableError, match="safe_torque must be above 0 Nm, not -1"):
+    with pytest.raises(CableError, match="safe_torque must be above 0 N m, not -1"):
         drive(True, -1.0)
 
 

@@ -178,7 +178,7 @@ def test_fused_feedback_needs_no_joint_torque_sensor() -> None:
     usual = InertiaFree(drive).run(ProportionalIntegral(drive), angle, -angle)
     late = slice(1000, None)
     found, known = log["joint_torque_nm"][late], usual["joint_torque_nm"][late]
-    # A single sensor on each of two pulleys of 0.1 m has an error of 0.042 Nm.
+    # A single sensor on each of two pulleys of 0.1 m has an error of 0.042 N m.
     assert np.sqrt(np.mean((found - known) ** 2)) < 0.035
     broken = Sensed(FusedFeedback(drive), device, 0.3).law
     with pytest.raises(CableError, match="tension sensors"):

@@ -198,7 +198,7 @@ def test_a_biased_sensor_pays_out_no_slack() -> None:
 
 @pytest.mark.parametrize("bias", [-2.0, pytest.param(2.0, marks=pytest.mark.study)])
 def test_a_bias_is_told_from_friction_by_what_the_motor_feels(bias: float) -> None:
-    """The error of whoever believes the sensor is its bias, 2 Nm."""
+    """The error of whoever believes the sensor is its bias, 2 N m."""
     quiet = Sensing(torque_noise=0.3, tension_noise=3.0)
     plain = ANKLE["ordinary-exact"]
     walking = dataclasses.replace(plain, duration=6.0, delay=(1, 1), noise=0.0)

@@ -54,7 +54,7 @@ _BASELINE = Baseline(
     {
         "friction_times_wrap": Estimate(0.5123, "1", (0.4951, 0.5295)),
         "stiffness": Estimate(4123.4, "N/m", (3990.0, 4260.0)),
-        "motor_torque_offset": Estimate(-3.24e-5, "Nm", (-3.8e-5, -2.6e-5)),
+        "motor_torque_offset": Estimate(-3.24e-5, "N m", (-3.8e-5, -2.6e-5)),
         "time_offset": Estimate(0.0012, "s", (float("nan"), float("nan"))),
     },
     ("Friction and wrap enter only as their product.",),
@@ -129,7 +129,7 @@ _QUESTION = (
 _EXPERIMENT = NextExperiment(
     "Move the joint slowly, at 0.05 rad/s, for one minute, with and without 2 kg.",
     ("stribeck_friction", "presliding"),
-    "0.12 Nm RMS of joint torque, four times the noise.",
+    "0.12 N m RMS of joint torque, four times the noise.",
 )
 
 DIAGNOSES = {
@@ -197,7 +197,7 @@ DIAGNOSES = {
     "fix-numerics": Diagnosis(
         "fix-numerics",
         "The simulation changes by more than the noise when its step is halved.",
-        problems=("Halving the time step moves the joint torque by 0.08 Nm RMS.",),
+        problems=("Halving the time step moves the joint torque by 0.08 N m RMS.",),
         provenance=_PROVENANCE,
     ),
 }

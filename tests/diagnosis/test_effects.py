@@ -97,7 +97,7 @@ def test_an_effect_that_is_registered_late_is_looked_for(
         id="joint_drag",
         parameters=(
             EffectParameter(
-                Parameter("joint_drag", "Nm s/rad", low=0.0, high=10.0), 0.01
+                Parameter("joint_drag", "N m s/rad", low=0.0, high=10.0), 0.01
             ),
         ),
         starts=({"joint_drag": 0.01},),

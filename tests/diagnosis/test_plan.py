@@ -168,7 +168,7 @@ def test_instruments_are_expected_by_what_is_declared(
     ("text", "unseen", "said"),
     [
         (NO_JOINT, {"joint_gravity", "joint_stiffness"}, "joint's torque not at all"),
-        (CELLS, set(), "motor's torque from load cells, 0.00707 Nm of noise"),
+        (CELLS, set(), "motor's torque from load cells, 0.00707 N m of noise"),
         (f"[rig]\nload_stiffness = 4.0\n{NO_JOINT}", set(), "from known load"),
     ],
 )

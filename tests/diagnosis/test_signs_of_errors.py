@@ -73,7 +73,7 @@ def test_the_report_says_which_way_an_error_lies(side: float) -> None:
     fast = np.nanargmax(speed.centre)
     assert speed.before[fast] == pytest.approx(side * MORE)
     statement = sentence(speed)
-    assert f"measured minus simulated is {min(0.0, side) * MORE:+.3g} Nm" in statement
-    assert f"and {max(0.0, side) * MORE:+.3g} Nm" in statement
+    assert f"measured minus simulated is {min(0.0, side) * MORE:+.3g} N m" in statement
+    assert f"and {max(0.0, side) * MORE:+.3g} N m" in statement
     nothing = Isolability((), np.zeros((0, 0)), np.zeros(0))
     assert SIGN in str(sections.maps(Evidence((trace,), drawn, nothing)))

@@ -44,7 +44,7 @@ def test_headlines_name_what_is_missing() -> None:
 
 def test_a_gap_that_widens_or_was_never_there_is_said_so() -> None:
     worse = Gap(0.1, 0.2, 0.05, -4.0, (-5.0, -3.0))
-    assert "rises from 0.100 Nm to 0.200 Nm" in gap_sentence("motor_torque_nm", worse)
+    assert "rises from 0.100 N m to 0.200 N m" in gap_sentence("motor_torque_nm", worse)
     below = Gap(0.04, 0.039, 0.05, float("nan"), (float("nan"), float("nan")))
     assert "there is no gap above it" in gap_sentence("motor_torque_nm", below)
     lost = Gap(float("nan"), float("nan"), 0.05, float("nan"), (0.0, 0.0))
@@ -53,7 +53,8 @@ def test_a_gap_that_widens_or_was_never_there_is_said_so() -> None:
     )
     same = Gap(0.1, 0.1, 0.05, 0.0, (0.0, 0.0))
     assert gap_sentence("motor_torque_nm", same) == (
-        "Motor torque: the weighted RMS error is 0.100 Nm; the noise floor is 0.050 Nm."
+        "Motor torque: the weighted RMS error is 0.100 N m; the noise floor is "
+        "0.050 N m."
     )
 
 

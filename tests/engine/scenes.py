@@ -97,7 +97,7 @@ def build(xml: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def excitation(steps: int, seed: int = 0) -> np.ndarray:
-    """Motor torque over time: a random walk between -1 and 1 Nm."""
+    """Motor torque over time: a random walk between -1 and 1 N m."""
     rng = np.random.default_rng(seed)
     return np.sin(np.cumsum(rng.normal(scale=0.05, size=steps)))
 

@@ -201,7 +201,7 @@ def test_rewards_are_the_documented_sum_per_second(
     for device in DEVICES.values():
         scale = device.torque_scale
         assert (
-            f"an error of {scale:g} Nm costs 1 per second"
+            f"an error of {scale:g} N m costs 1 per second"
             in getattr(envs, device.environment.split("/")[1].split("-")[0]).__doc__
         )
         env = gymnasium.make(
@@ -591,10 +591,10 @@ def test_an_action_that_is_no_number_is_refused(name: str) -> None:
     [
         (WristHandle, "spring", ""),
         (WristHandle, "transparent", ""),
-        (WristHandle, "assist", r"-30 to 0 Nm at joint 'wrist', .* -5.2 to 5.2 Nm"),
-        (WristHandle, Spring(50.0), "-20 to 20 Nm"),
+        (WristHandle, "assist", r"-30 to 0 N m at joint 'wrist', .* -5.2 to 5.2 N m"),
+        (WristHandle, Spring(50.0), "-20 to 20 N m"),
         (AnkleExo, "assist", ""),
-        (AnkleExo, "spring", r"-0.3 to 0.3 Nm at joint 'ankle', .* -240 to 0 Nm"),
+        (AnkleExo, "spring", r"-0.3 to 0.3 N m at joint 'ankle', .* -240 to 0 N m"),
     ],
 )
 def test_a_task_beyond_the_motor_is_told_with_both_torques(

@@ -76,7 +76,7 @@ def test_a_run_reaches_its_end_and_goes_down() -> None:
     require_stopped(played, "0.5 s are over", 0)
     assert played.outcome.cycles == 250
     assert (played.outcome.missed, played.outcome.without_reading) == (0, 0)
-    # 2 Nm at the joint are 1 Nm of the motor.
+    # 2 N m at the joint are 1 N m of the motor.
     assert max(played.rig.written) == pytest.approx(1.0)
     assert len(played.rows.rows) >= 250
 
@@ -153,7 +153,7 @@ def test_the_share_of_the_controller_grows_from_zero() -> None:
 def test_a_controller_that_gives_no_number_ends_the_run(bad: float) -> None:
     calls = iter(range(10**6))
     played = play(law_of(lambda _: 1.0 if next(calls) < 120 else bad))
-    require_stopped(played, "asked for nan Nm")
+    require_stopped(played, "asked for nan N m")
 
 
 def test_a_controller_that_raises_ends_the_run() -> None:
@@ -181,7 +181,7 @@ def test_a_reading_that_is_no_number_ends_the_run(name: str, bad: float) -> None
         ({"joint_angle": 1.01}, "joint is at 1.01 rad, outside its range"),
         ({"joint_angle": -1.01}, "joint is at -1.01 rad, outside its range"),
         ({"motor_velocity": -31.0}, "motor_velocity is -31 rad/s, beyond its limit"),
-        ({"joint_torque": 9.0}, "joint_torque is 9 Nm, beyond its limit of 8"),
+        ({"joint_torque": 9.0}, "joint_torque is 9 N m, beyond its limit of 8"),
         ({"status": Status.FAULT}, "reports a fault"),
         ({"status": Status.STOPPED | Status.ENABLED}, "stopped at its own side"),
     ],

@@ -135,11 +135,16 @@ def test_a_task_that_cannot_be_is_said(task: str, why: str, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("asked", "ratio", "one_way", "why"),
     [
-        ((0.0, 5.0), 2.0, False, "asks for 5 Nm .* torque = 1 Nm .* gives at most 2;"),
-        ((0.0, -5.0), -2.0, False, "asks for -5 Nm"),
-        ((0.0, 1.8), 2.0, False, r"beyond \[limits\] joint_torque = 1.5 Nm"),
-        ((-1.0, -0.5), 2.0, True, "one cable only pulls: 0 to 2 Nm"),
-        ((1.0,), -2.0, True, "one cable only pulls: -2 to 0 Nm"),
+        (
+            (0.0, 5.0),
+            2.0,
+            False,
+            "asks for 5 N m .* torque = 1 N m .* gives at most 2;",
+        ),
+        ((0.0, -5.0), -2.0, False, "asks for -5 N m"),
+        ((0.0, 1.8), 2.0, False, r"beyond \[limits\] joint_torque = 1.5 N m"),
+        ((-1.0, -0.5), 2.0, True, "one cable only pulls: 0 to 2 N m"),
+        ((1.0,), -2.0, True, "one cable only pulls: -2 to 0 N m"),
         ((-1.5, 1.5), 2.0, False, ""),
         ((-1.0, 1.0), -2.0, True, ""),
         ((0.0,), 2.0, True, ""),

@@ -132,8 +132,11 @@ def test_ideal_source_is_the_limit_of_stiff_wearers() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((0.0, 1.0), "Wearer.stiffness must be a number in [1e-06, 1e+15] Nm/rad"),
-        ((1.0, -1.0), "Wearer.damping must be a number in [0, 1e+15] Nm s/rad, not -1"),
+        ((0.0, 1.0), "Wearer.stiffness must be a number in [1e-06, 1e+15] N m/rad"),
+        (
+            (1.0, -1.0),
+            "Wearer.damping must be a number in [0, 1e+15] N m s/rad, not -1",
+        ),
         ((float("nan"), 1.0), "Wearer.stiffness must be a number"),
         ((1.0, float("inf")), "Wearer.damping must be a number"),
     ],

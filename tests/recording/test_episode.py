@@ -62,7 +62,7 @@ def test_columns_belong_together(env: Any) -> None:
 
 
 def listener(env: Any, seen: list[dict[str, Any]]) -> External:
-    """A controller that asks for 0.3 Nm and notes all that it is told."""
+    """A controller that asks for 0.3 N m and notes all that it is told."""
 
     def torque(told: dict[str, Any]) -> float:
         seen.append(told)

@@ -119,7 +119,7 @@ def test_the_screen_says_what_runs(knobs: Knobs) -> None:
     assert said["time"] == "1.3 s, 1.00 of real time"
     assert said["controller"] == "pi"
     assert said["friction"] == said["pretension"] == "as in the scene"
-    assert said["joint torque"] == "1.00 of 2.00 Nm"
+    assert said["joint torque"] == "1.00 of 2.00 N m"
     assert said["heel"] == "12.0 N at the motor, 3.0 N at the joint"
     assert said["brightest"].startswith("50 N")
     assert told(knobs, factor=math.nan)["time"] == "1.3 s"

@@ -37,7 +37,7 @@ def same(row: str, claim: Claim) -> bool:
 def test_every_claim_gets_its_row_under_its_experiment_and_is_counted() -> None:
     claims = {
         name: [
-            Claim(f"Fig. {k}", name, f"{k} Nm", "agrees" if k else "misprint", "so")
+            Claim(f"Fig. {k}", name, f"{k} N m", "agrees" if k else "misprint", "so")
             for k in range(place % 3 + 1)
         ]
         for place, name in enumerate(EXPERIMENTS)
@@ -62,7 +62,7 @@ def test_claims_are_those_of_a_run(name: str) -> None:
 
 
 def test_a_changed_number_or_verdict_is_noticed() -> None:
-    claim = Claim("Fig. 0", "two", "2.0 Nm", "agrees", "so")
+    claim = Claim("Fig. 0", "two", "2.0 N m", "agrees", "so")
     row = table([claim]).splitlines()[-1]
     assert same(row, claim)
     assert not same(row.replace("2.0", "2.3"), claim)

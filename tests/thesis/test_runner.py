@@ -15,7 +15,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.figures import figure
 from cc_mujoco.thesis import Claim, ExperimentOutcome, reproduce, runner
 
-CLAIM = Claim("Fig. 0", "two", "2.0 Nm", "agrees", "a | b")
+CLAIM = Claim("Fig. 0", "two", "2.0 N m", "agrees", "a | b")
 
 
 class Experiments:
@@ -63,7 +63,7 @@ def test_an_experiment_leaves_figure_data_and_claims(
     csv = (tmp_path / "loops" / "data.csv").read_text().splitlines()
     assert csv == ['"torque_nm","loops"', "0,1", "1,2", "2,3"]
     summary = (tmp_path / "summary.md").read_text()
-    assert "| Fig. 0 | two | 2.0 Nm | agrees | a \\| b |" in summary
+    assert "| Fig. 0 | two | 2.0 N m | agrees | a \\| b |" in summary
 
 
 def test_experiments_run_in_the_order_of_the_thesis_once_each(
@@ -129,7 +129,7 @@ def test_command_prints_a_line_for_every_claim_and_resumes(
     assert lines[:4] == [
         "1 of 2 experiments kept; --again runs them anew.",
         "pretension  (done before)",
-        "  agrees     Fig. 0: 2.0 Nm",
+        "  agrees     Fig. 0: 2.0 N m",
         "loops",
     ]
     assert str(tmp_path / "summary.md") in lines[-1]
@@ -140,6 +140,7 @@ def test_every_experiment_has_a_module_and_every_module_is_an_experiment() -> No
     modules = {
         path.stem
         for path in folder.glob("*.py")
-        if "def run(progress: Progress) -> Outcome:" in path.read_text(encoding="utf-8")
+        if "def run(progress: Progress) -> ExperimentOutcome:"
+        in path.read_text(encoding="utf-8")
     }
     assert modules == set(runner.EXPERIMENTS)

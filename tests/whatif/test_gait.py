@@ -218,7 +218,7 @@ def test_strides_are_measured_only_where_they_are_asked_for() -> None:
         ("ankle", {"fall": "12"}, {"across": {"gait_speed": "0.8,1.6"}},
          "in case gait_speed=1.6, the torque ends at .* `fall` must be at most 9.8"),
         ("ankle", {"onset": "60"}, {}, "`onset` must be 0.1 % or more before"),
-        ("ankle", {"peak_torque": "80"}, {}, "must be at most the 60 Nm that"),
+        ("ankle", {"peak_torque": "80"}, {}, "must be at most the 60 N m that"),
         ("ankle", {"gait_speed": "1"}, {"across": {"gait_speed": "1.2"}},
          "'gait_speed' is both varied and crossed"),
         ("exosuit", {"friction": "0.1"}, {"metrics": ["wearer_work"]},

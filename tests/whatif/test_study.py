@@ -532,7 +532,7 @@ def test_a_design_that_pulls_harder_than_is_safe_has_failed(drag: float) -> None
                      metrics=("rms_torque_error",))  # fmt: skip
     (result,) = evaluate(plan.protocol, plan.designs)
     if drag:
-        assert result.failed.startswith("the joint torque exceeds the safe 60 Nm at ")
+        assert result.failed.startswith("the joint torque exceeds the safe 60 N m at ")
     else:
         assert result.failed == ""
     assert math.isnan(result.metrics["rms_torque_error"]) == bool(result.failed)

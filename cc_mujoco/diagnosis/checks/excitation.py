@@ -185,7 +185,7 @@ def _torques(dataset: Dataset, channel: str) -> tuple[float, float] | None:
 
 
 def _torque(ends: tuple[float, float] | None) -> str:
-    return f"{ends[0]:.3g} to {ends[1]:.3g} Nm" if ends else "not measured"
+    return f"{ends[0]:.3g} to {ends[1]:.3g} N m" if ends else "not measured"
 
 
 def _revolutions(angle: FloatArray) -> float:

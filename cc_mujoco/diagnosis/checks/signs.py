@@ -276,7 +276,7 @@ def check_sizes(
             trial = trials[k]
             usual = float(sizes[channel][sizes[channel] <= leaps[channel]].max())
             told = (
-                f"{trial.column(channel)} is {sizes[channel][k]:.3g} Nm RMS, but at "
+                f"{trial.column(channel)} is {sizes[channel][k]:.3g} N m RMS, but at "
                 f"most {usual:.3g} in other trials; perhaps it is in mNm: call it "
                 f"{channel.removesuffix('_nm')}_mnm there."
             )

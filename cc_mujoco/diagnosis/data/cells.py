@@ -141,7 +141,7 @@ def beside(
     offset = 0.0 if abs(offset) < 1e-9 * size else offset
     told += (
         f", and the load cells contradict it: on their pulley they make {gain:.3g} "
-        f"times its torque and {offset:+.2g} Nm ({apart:.2g} Nm RMS apart, of "
+        f"times its torque and {offset:+.2g} N m ({apart:.2g} N m RMS apart, of "
         f"{size:.2g}); check signs, offsets and units of both, and the pulley's radius."
     )
     return [doubt(told, channel=torque)]

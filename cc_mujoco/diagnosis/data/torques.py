@@ -139,7 +139,7 @@ def _instrument(
             return "motor current", []
         told = (
             f"{trials[0].column(channels.MOTOR_CURRENT)} is a torque only by the "
-            "motor's torque constant; declare [rig] torque_constant in Nm/A."
+            "motor's torque constant; declare [rig] torque_constant in N m/A."
         )
         return None, [error(told, trials[0].name, channels.MOTOR_CURRENT)]
     if not motor and _loaded(file):

@@ -180,7 +180,7 @@ DRIVE = (
             EffectParameter(
                 Parameter(
                     "cogging_cosine",
-                    "Nm",
+                    "N m",
                     "torque ripple of the motor, cosine",
                     -100.0,
                     100.0,
@@ -190,7 +190,7 @@ DRIVE = (
             EffectParameter(
                 Parameter(
                     "cogging_sine",
-                    "Nm",
+                    "N m",
                     "torque ripple of the motor, sine",
                     -100.0,
                     100.0,
@@ -228,7 +228,7 @@ DRIVE = (
             EffectParameter(
                 Parameter(
                     "gravity_sine",
-                    "Nm",
+                    "N m",
                     "moment of gravity at the joint, sine of its angle",
                     -1e3,
                     1e3,
@@ -238,7 +238,7 @@ DRIVE = (
             EffectParameter(
                 Parameter(
                     "gravity_cosine",
-                    "Nm",
+                    "N m",
                     "moment of gravity at the joint, cosine of its angle",
                     -1e3,
                     1e3,
@@ -266,7 +266,7 @@ DRIVE = (
             EffectParameter(
                 Parameter(
                     "joint_stiffness",
-                    "Nm/rad",
+                    "N m/rad",
                     "stiffness of a spring on the joint",
                     -1e4,
                     1e4,
@@ -277,7 +277,7 @@ DRIVE = (
             EffectParameter(
                 Parameter(
                     "joint_stiffness_moment",
-                    "Nm",
+                    "N m",
                     "moment of that spring where the joint is at 0",
                     -1e3,
                     1e3,

@@ -87,7 +87,7 @@ SENSORS = (
             EffectParameter(
                 Parameter(
                     "motor_torque_bias",
-                    "Nm",
+                    "N m",
                     "offset of the motor torque sensor",
                     -1e3,
                     1e3,
@@ -99,7 +99,7 @@ SENSORS = (
             EffectParameter(
                 Parameter(
                     "joint_torque_bias",
-                    "Nm",
+                    "N m",
                     "offset of the joint torque sensor",
                     -1e3,
                     1e3,
@@ -111,7 +111,7 @@ SENSORS = (
             EffectParameter(
                 Parameter(
                     "motor_torque_drift",
-                    "Nm/s",
+                    "N m/s",
                     "rate at which that of the motor torque sensor grows",
                     -10.0,
                     10.0,
@@ -121,7 +121,7 @@ SENSORS = (
             EffectParameter(
                 Parameter(
                     "joint_torque_drift",
-                    "Nm/s",
+                    "N m/s",
                     "rate at which that of the joint torque sensor grows",
                     -10.0,
                     10.0,

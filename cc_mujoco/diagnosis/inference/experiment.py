@@ -150,10 +150,10 @@ def _difference(
     most = int(np.argmax(np.abs(left[row])))
     channel = problem.plant.instruments.channels[row]
     return (
-        f"{channel} differs by {sizes[row] * noise[row, 0]:.3g} Nm RMS even when all "
+        f"{channel} differs by {sizes[row] * noise[row, 0]:.3g} N m RMS even when all "
         f"else is tuned, {number(sizes[row])} times the noise; at {most * DT:.1f} s "
-        f"{EFFECTS[ids[0]].title} gives {shown[0][row, most]:.3g} Nm and "
-        f"{EFFECTS[ids[1]].title} {shown[1][row, most]:.3g} Nm"
+        f"{EFFECTS[ids[0]].title} gives {shown[0][row, most]:.3g} N m and "
+        f"{EFFECTS[ids[1]].title} {shown[1][row, most]:.3g} N m"
     )
 
 

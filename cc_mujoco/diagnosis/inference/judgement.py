@@ -209,7 +209,7 @@ def _gap(found: Mapping[str, Gap]) -> str:
         [
             f"the {channel(name)} "
             f"{'falls' if g.rmse_after <= g.rmse_before else 'rises'} from "
-            f"{number(g.rmse_before)} to {number(g.rmse_after)} Nm (noise floor "
+            f"{number(g.rmse_before)} to {number(g.rmse_after)} N m (noise floor "
             f"{number(g.noise_floor)})"
             for name, g in found.items()
         ]

@@ -23,10 +23,10 @@ REST_KNOWN = 0.01
 _PARAMETERS = {
     parameter.name: parameter
     for parameter in (
-        Parameter("load_stiffness", "Nm/rad", "stiffness of the spring", scale="log"),
+        Parameter("load_stiffness", "N m/rad", "stiffness of the spring", scale="log"),
         Parameter("load_inertia", "kg m^2", "inertia of the load", scale="log"),
-        Parameter("load_damping", "Nm s/rad", "viscous damping", scale="log"),
-        Parameter("load_weight", "Nm", "largest moment of the weight", scale="log"),
+        Parameter("load_damping", "N m s/rad", "viscous damping", scale="log"),
+        Parameter("load_weight", "N m", "largest moment of the weight", scale="log"),
         Parameter("load_rest_angle", "rad", "joint angle where the spring rests"),
     )
 }

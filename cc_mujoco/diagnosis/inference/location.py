@@ -303,7 +303,7 @@ def _periodic(line: PeriodicError, name: str, which: str = "") -> _Structure:
     elif line.by_torque:
         size = f"proportional to the torque ({number(100.0 * line.amplitude)} % of it)"
     else:
-        size = f"the same at every torque ({number(line.amplitude)} Nm)"
+        size = f"the same at every torque ({number(line.amplitude)} N m)"
     short = (
         f"it is periodic in the {line.angle}, {order}, with an amplitude that is {size}"
     )
@@ -337,10 +337,10 @@ def _constants(seen: Mapping[str, Samples]) -> list[_Structure]:
         scatter = float(np.std(means, ddof=1)) / math.sqrt(means.size)
         if abs(mean) < SURELY * scatter:
             continue
-        sizes[name] = f"{channel(name)} {mean:+.3g} Nm"
+        sizes[name] = f"{channel(name)} {mean:+.3g} N m"
         text = (
             f"{share(takes)} of the squared {channel(name)} error is a constant, "
-            f"measured minus simulated {mean:+.3g} Nm (standard error "
+            f"measured minus simulated {mean:+.3g} N m (standard error "
             f"{number(scatter)})."
         )
         found.append(Where(name, "all data", takes, text))

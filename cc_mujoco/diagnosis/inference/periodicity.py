@@ -74,7 +74,7 @@ class PeriodicError(NamedTuple):
         angle: in which it is periodic.
         order: periods per turn.
         order_error: standard error of the order.
-        amplitude: in Nm, or in Nm per Nm of torque where `by_torque`.
+        amplitude: in N m, or in N m per N m of torque where `by_torque`.
         by_torque: whether the amplitude is proportional to the torque; None where these
             data do not tell.
         share: of the squared error that it takes on samples it was not fitted to.

@@ -77,8 +77,8 @@ BASELINE: dict[str, Parameter] = {
             for p in PARAMETERS
             if p.name in ("friction", "axial_stiffness", "pretension")
         ),
-        Parameter(OFFSETS[0], "Nm", "reading of the motor torque sensor at no torque"),
-        Parameter(OFFSETS[1], "Nm", "reading of the joint torque sensor at no torque"),
+        Parameter(OFFSETS[0], "N m", "reading of the motor torque sensor at no torque"),
+        Parameter(OFFSETS[1], "N m", "reading of the joint torque sensor at no torque"),
         Parameter("joint_angle_offset", "rad", "joint angle where the motor is at 0"),
         Parameter(CLOCKS[0], "s", "lead of the joint's angle over the motor's"),
         Parameter(LATE[0], "s", "delay of the motor torque sensor"),
@@ -86,9 +86,9 @@ BASELINE: dict[str, Parameter] = {
         Parameter("friction_balance", "1", "difference of two cables' friction"),
         Parameter("motor_radius", "m", "radius of the motor pulley", scale="log"),
         Parameter("joint_radius", "m", "radius of the joint pulley", scale="log"),
-        Parameter("motor_friction", "Nm", "dry friction of the motor"),
-        Parameter("motor_damping", "Nm s/rad", "viscous friction of the motor"),
-        Parameter("torque_constant", "Nm/A", "torque per current", scale="log"),
+        Parameter("motor_friction", "N m", "dry friction of the motor"),
+        Parameter("motor_damping", "N m s/rad", "viscous friction of the motor"),
+        Parameter("torque_constant", "N m/A", "torque per current", scale="log"),
     )
 }
 """Parameters of the baseline by name; their bounds depend on the data, see `tuned`."""

@@ -51,7 +51,7 @@ def axes(traces: Sequence[TrialTrace]) -> tuple[ResidualAxis, ...]:
         of("motor angle", "rad", lambda t: t.motor_angle),
         of("joint angle", "rad", lambda t: t.joint_angle),
         *(
-            of(_WORDS[name], "Nm", lambda t, name=name: t.measured[name])
+            of(_WORDS[name], "N m", lambda t, name=name: t.measured[name])
             for name in list(traces[0].measured)[-1:]
         ),
         of("direction of motion", "1", lambda t: np.sign(_speed(t))),
@@ -206,7 +206,7 @@ def sentence(drawn: Map) -> str:
     unit = "" if drawn.unit == "1" else f" {drawn.unit}"
     step = float(np.ptp(centre)) / BINS
     first, last = (
-        f"{error[k]:+.3g} Nm at {number(place[k], step)}{unit}" for k in (low, high)
+        f"{error[k]:+.3g} N m at {number(place[k], step)}{unit}" for k in (low, high)
     )
     return (
         f"{share(drawn.share)} of the squared {_WORDS[drawn.channel]} error lies along "

@@ -16,7 +16,7 @@ TENSION, RADIUS, LENGTH, STIFFNESS = 80.0, 0.05, 2.0, 5e4
 _OF_STRETCH = ("bristle_length",)
 _OF_STRAIN = ("bedding_strain", "bedding_strain_antagonist")
 _AT_MOTOR = ("motor_", "cogging_", "eccentricity_", "ovality_")
-_TORQUES = ("Nm", "Nm/s", "Nm/rad", "kg m^2")
+_TORQUES = ("N m", "N m/s", "N m/rad", "kg m^2")
 
 
 def plausible_size(

@@ -188,7 +188,8 @@ def scene(result: DiagnosisResult, path: Path) -> list[str]:
     return [
         *said,
         f"scene.xml, played by MuJoCo along the first seconds of {apart[0]}, differs "
-        f"from the replay by {apart[1]:.2g} Nm RMS, with torques of {size:.2g} Nm RMS.",
+        f"from the replay by {apart[1]:.2g} N m RMS, with torques of {size:.2g} N m "
+        "RMS.",
     ]
 
 

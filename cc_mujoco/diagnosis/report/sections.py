@@ -106,7 +106,7 @@ def trials(diagnosis: Diagnosis) -> Html | None:
         )
         for each in ranked
     ]
-    torques = [f"{channel(name)} [Nm]" for name in diagnosis.trials[0].rmse_before]
+    torques = [f"{channel(name)} [N m]" for name in diagnosis.trials[0].rmse_before]
     key = (
         "Trials are predicted by parameters that were fitted to others, or where they "
         "are few to other parts of them. First all torques over the noise floor, then "

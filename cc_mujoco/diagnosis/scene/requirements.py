@@ -126,7 +126,7 @@ def _played(scene: mujoco.MjSpec | Path, step: float, bench: Bench) -> None:
             sums = "" if bench.lever else f", and other parts of the <tuple> {side}"
             raise CableError(
                 f"scene {bench.path}: played by MuJoCo, {side}_torque_nm differs from "
-                f"what its cables do alone by {apart:.2g} Nm, with torques of "
-                f"{most:.2g} Nm; take out of the scene whatever changes the cables' "
+                f"what its cables do alone by {apart:.2g} N m, with torques of "
+                f"{most:.2g} N m; take out of the scene whatever changes the cables' "
                 f"forces{sums and sums + '_torque_nm'}"
             )

@@ -112,7 +112,7 @@ def run(progress: Progress) -> ExperimentOutcome:
             f"motor's share {ideal.share:.1%}, profiles {ideal.apart:.1%} RMS apart",
             "agrees" if abs(ideal.share - 0.5) < 0.005 > ideal.apart else "disagrees",
             "exact by symmetry for a uniform bend: each side gives r T0 mu L/R, "
-            f"{peak * 1e3:.0f} mNm at the motor",
+            f"{peak * 1e3:.0f} mN m at the motor",
         ),
         Claim(
             "2.4.5",
@@ -152,7 +152,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         axes.plot(time, found.handle, color=BLUE, label="wearer")
         label = "motor, times the ratio"
         axes.plot(time, found.motor, color=ORANGE, dashes=DASH, label=label)
-        axes.set(title=title, ylabel="torque [Nm]")
+        axes.set(title=title, ylabel="torque [N m]")
         axes.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=2)
     panels[2].set_xlabel("time [s]")
     table = {

@@ -39,7 +39,7 @@ def run(progress: Progress) -> ExperimentOutcome:
             "more loops: backlash widens, efficiency falls",
             "1 to 3 loops: loop at the motor "
             + ", ".join(f"{width:.3f}" for width in backlash)
-            + " Nm wide, efficiency "
+            + " N m wide, efficiency "
             + ", ".join(f"{value:.0%}" for value in efficiency),
             "agrees"
             if all(np.diff(backlash) > 0) and all(np.diff(efficiency) < 0)
@@ -49,7 +49,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         ),
         Claim(
             "2.4.3",
-            "modelled peak within 0.03 Nm, backlash within 0.02 Nm of measured",
+            "modelled peak within 0.03 N m, backlash within 0.02 N m of measured",
             "no measured values are printed",
             "cannot",
             "the figure is not in the text",
@@ -76,8 +76,8 @@ def run(progress: Progress) -> ExperimentOutcome:
     )
     loop.set(
         title="Output locked: more loops, wider loop",
-        xlabel="motor torque [Nm]",
-        ylabel="output torque [Nm]",
+        xlabel="motor torque [N m]",
+        ylabel="output torque [N m]",
     )
     loop.legend()
     many = np.linspace(0.0, 3.2, 50)[1:]
@@ -87,7 +87,7 @@ def run(progress: Progress) -> ExperimentOutcome:
     chart.set(
         title="Backlash and efficiency against loops",
         xlabel="loops of the conduit",
-        ylabel="width of the loop at the motor [Nm]",
+        ylabel="width of the loop at the motor [N m]",
         ylim=(0.0, 0.3),
     )
     mark(chart.xaxis, LOOPS)

@@ -1,6 +1,6 @@
 """Table 2.2 against Experiment 1, and the single change that would reconcile them.
 
-With Table 2.2 the 0.125 Nm of Experiment 1 never reach the output. Less friction alone
+With Table 2.2 the 0.125 N m of Experiment 1 never reach the output. Less friction alone
 mends that; less pretension alone does so in part, because one cable then goes slack and
 the capstan ratio of the other, e^-1.5, bounds the efficiency.
 """
@@ -72,7 +72,7 @@ def scan(name: str, values: FloatArray) -> _Scan:
 
 
 def run(progress: Progress) -> ExperimentOutcome:
-    """Prove that Table 2.2 is silent at 0.125 Nm, and vary one parameter at a time."""
+    """Prove that Table 2.2 is silent at 0.125 N m, and vary one parameter at a time."""
     needed, simulated = onset(COULOMB), simulated_onset(COULOMB.replace(segments=200))
     agonist = COULOMB.pretension * math.expm1(COULOMB.friction * COULOMB.wrap)
     output = np.max(np.abs(blocked(PRINTED).joint_torque))
@@ -88,16 +88,16 @@ def run(progress: Progress) -> ExperimentOutcome:
     claims = (
         Claim(
             "Table 2.2, 2.4.3",
-            "mu_d 0.21 (mu_s 0.63), T0 10 N: 0.125 Nm move the output",
+            "mu_d 0.21 (mu_s 0.63), T0 10 N: 0.125 N m move the output",
             f"mu_d L/R = {COULOMB.friction * COULOMB.wrap:.2f}: the output feels "
-            f"nothing below {needed:.2f} Nm ({simulated:.2f} simulated); at 0.125 Nm "
-            f"its torque changes by {output:.1g} Nm",
+            f"nothing below {needed:.2f} N m ({simulated:.2f} simulated); at 0.125 N m "
+            f"its torque changes by {output:.1g} N m",
             "disagrees" if needed > PEAK else "agrees",
             f"the tightening cable alone would have to pass {agonist:.0f} N at the "
-            f"motor, {agonist * MOTOR_RADIUS:.2f} Nm; no pretension gives more than "
+            f"motor, {agonist * MOTOR_RADIUS:.2f} N m; no pretension gives more than "
             f"{best:.0%} efficiency, mu_d below {most:.2g} more than {PLAUSIBLE:.0%}; "
             f"experiments 1 to 3 use {RECONCILED.friction:g}, with which three loops "
-            f"move, too ({onset(three):.2f} Nm): ours, not printed",
+            f"move, too ({onset(three):.2f} N m): ours, not printed",
         ),
         Claim(
             "Table 2.2, (2.8)",
@@ -130,6 +130,6 @@ def _draw(axes: Axes, found: _Scan, label: str, printed: float) -> None:
     axes.annotate("printed ", (printed, 90.0), color=ORANGE, ha="right", size=8)
     axes.set(
         xlabel=label,
-        ylabel="peak output at 0.125 Nm [% of ideal]",
+        ylabel="peak output at 0.125 N m [% of ideal]",
         ylim=(-2.0, 100.0),
     )

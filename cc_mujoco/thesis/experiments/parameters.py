@@ -1,7 +1,7 @@
 """Parameter estimation of 2.4.2 as a workflow: stiffness, friction, what stays unknown.
 
 A simulated rig stands for the real one: `rig.RECONCILED`, motor encoder of 2000
-counts, load cell with noise of its resolution of 0.5 mNm, sampled at 200 Hz. The fit
+counts, load cell with noise of its resolution of 0.5 mN m, sampled at 200 Hz. The fit
 starts from wrong values and sees nothing but the trials.
 """
 
@@ -175,7 +175,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         label="slope alone",
     )
     loop.set(
-        title="Output blocked", xlabel="motor angle [deg]", ylabel="motor torque [Nm]"
+        title="Output blocked", xlabel="motor angle [deg]", ylabel="motor torque [N m]"
     )
     loop.legend()
     for axes, values, title in zip(

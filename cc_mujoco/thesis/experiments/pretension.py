@@ -41,7 +41,7 @@ def run(progress: Progress) -> ExperimentOutcome:
             "2.4.3, Fig. 2.9",
             "more pretension: more friction, less efficiency",
             f"{PRETENSIONS[0]:.0f} to {PRETENSIONS[-1]:.0f} N: loop at the motor "
-            f"{backlash[0]:.3f} to {backlash[-1]:.3f} Nm wide, efficiency "
+            f"{backlash[0]:.3f} to {backlash[-1]:.3f} N m wide, efficiency "
             f"{efficiency[0]:.0%} to {efficiency[-1]:.0%}",
             "agrees" if falls and widens else "disagrees",
             f"loop width grows in proportion, within {np.ptp(share) / share[0]:.0%}; "
@@ -52,13 +52,13 @@ def run(progress: Progress) -> ExperimentOutcome:
             "output amplified by the ratio, a factor of around 5",
             f"ideal {HANDLE_RADIUS / MOTOR_RADIUS:.1f}; peak output "
             + ", ".join(f"{np.max(row.joint_torque):.2f}" for row in rows)
-            + f" Nm of {HANDLE_RADIUS / MOTOR_RADIUS * PEAK:.2f}",
+            + f" N m of {HANDLE_RADIUS / MOTOR_RADIUS * PEAK:.2f}",
             "agrees",
             "ratio of the radii of Table 2.2; friction takes the rest",
         ),
         Claim(
             "2.4.3",
-            "modelled peak output within 0.02 Nm of measured",
+            "modelled peak output within 0.02 N m of measured",
             "no measured values are printed",
             "cannot",
             "the figure is not in the text",
@@ -85,14 +85,14 @@ def run(progress: Progress) -> ExperimentOutcome:
     series.set(
         title="Output locked: torque on the lock",
         xlabel="time [s]",
-        ylabel="output torque [Nm]",
+        ylabel="output torque [N m]",
     )
     series.legend(ncols=2, loc="upper right")
     series.set_ylim(-0.75, 1.15)
     loop.set(
         title="Higher pretension, wider loop",
-        xlabel="motor torque [Nm]",
-        ylabel="output torque [Nm]",
+        xlabel="motor torque [N m]",
+        ylabel="output torque [N m]",
     )
     loop.legend()
     table = {"time_s": time[::10], "motor_torque_nm": torque[::10]}

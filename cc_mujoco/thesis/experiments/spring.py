@@ -1,4 +1,4 @@
-"""Simulation 2 (4.3.2): two cables render a spring of 1 Nm/rad.
+"""Simulation 2 (4.3.2): two cables render a spring of 1 N m/rad.
 
 Pulleys, motion, stiffness and gains are those printed. Friction is not; the cables are
 those of Simulation 1 (`tracking`). The model-free controller of the figures, with its
@@ -129,17 +129,17 @@ def _claims(
             "4.3.2, Fig. 4.7",
             "model-free lags during the entire motion; with the model no lag, no "
             "steady state error",
-            f"RMS error in motion {1e3 * free.moving:.1f} mNm without, "
-            f"{1e3 * model.moving:.1f} mNm with the model; "
+            f"RMS error in motion {1e3 * free.moving:.1f} mN m without, "
+            f"{1e3 * model.moving:.1f} mN m with the model; "
             f"that is {1e3 * free.delay:.0f} and {1e3 * model.delay:.0f} ms behind",
             "agrees" if model.moving < 0.3 * free.moving else "disagrees",
             "feedback alone, later than 2 s after a change of direction; with "
-            f"feed-forward it is {1e3 * both.moving:.1f} mNm",
+            f"feed-forward it is {1e3 * both.moving:.1f} mN m",
         ),
         Claim(
             "4.3.2, Fig. 4.7",
             "comparable at the change of direction, without stiction compensation",
-            f"largest error {free.peak:.2f} and {model.peak:.2f} Nm",
+            f"largest error {free.peak:.2f} and {model.peak:.2f} N m",
             "agrees" if 0.5 < model.peak / free.peak < 2.0 else "disagrees",
             "until all of a cable has turned the model has no more to say",
         ),
@@ -147,7 +147,7 @@ def _claims(
             "4.3.2, Fig. 4.8",
             "with the model: spring almost perfect in motion, small backlash at "
             "reversal; without: backlash through the entire motion",
-            f"error below {1e3 * CLOSE:.0f} mNm after {degrees[1]:.2f} deg with, "
+            f"error below {1e3 * CLOSE:.0f} mN m after {degrees[1]:.2f} deg with, "
             f"{degrees[0]:.1f} deg without",
             "agrees" if degrees[1] < 5.0 < degrees[0] else "disagrees",
             f"of {np.degrees(REACH):.0f} deg; the offset of feedback alone stays, with "
@@ -156,8 +156,8 @@ def _claims(
         Claim(
             "4.1, Listing 4.1",
             "stiction compensation: partial motion is crossed at once (not shown)",
-            f"error below {1e3 * CLOSE:.0f} mNm after {degrees[2]:.2f} deg, at most "
-            f"{stiction.peak:.2f} Nm",
+            f"error below {1e3 * CLOSE:.0f} mN m after {degrees[2]:.2f} deg, at most "
+            f"{stiction.peak:.2f} N m",
             "agrees" if degrees[2] < 0.5 * degrees[1] else "disagrees",
             "one sample passes before the reversal is noticed",
         ),
@@ -178,8 +178,8 @@ def _draw(time: FloatArray, angle: FloatArray, found: dict[str, _Rendered]) -> F
     loop.plot(angle, wanted, color=GREY, dashes=DASH)
     turn.plot(time[around], wanted[around], color=GREY, dashes=DASH)
     over_time.legend(loc="lower left")
-    over_time.set(title="Torque at the joint", xlabel="time [s]", ylabel="torque [Nm]")
-    loop.set(title="Torque against angle", xlabel="angle [rad]", ylabel="torque [Nm]")
-    turn.set(title="The reversal", xlabel="time [s]", ylabel="torque [Nm]")
-    error.set(title="Error", xlabel="time [s]", ylabel="torque [Nm]", ylim=(-0.2, 0.2))
+    over_time.set(title="Torque at the joint", xlabel="time [s]", ylabel="torque [N m]")
+    loop.set(title="Torque against angle", xlabel="angle [rad]", ylabel="torque [N m]")
+    turn.set(title="The reversal", xlabel="time [s]", ylabel="torque [N m]")
+    error.set(title="Error", xlabel="time [s]", ylabel="torque [N m]", ylim=(-0.2, 0.2))
     return drawing

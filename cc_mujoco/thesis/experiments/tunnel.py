@@ -186,8 +186,8 @@ def run(progress: Progress) -> ExperimentOutcome:
     claims = (
         Claim(
             "2.4.4, Fig. 2.13",
-            "RMS error 0.27 Nm; a viscous term takes a third of it, to 0.19 Nm",
-            f"{rms(found.before):.2f} to {rms(found.after):.2f} Nm, "
+            "RMS error 0.27 N m; a viscous term takes a third of it, to 0.19 N m",
+            f"{rms(found.before):.2f} to {rms(found.after):.2f} N m, "
             f"{found.removed:.0%} less",
             "in part" if 0.25 < found.removed < 0.42 else "disagrees",
             "the rig's viscous and Stribeck friction were chosen to give these numbers "
@@ -197,7 +197,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         Claim(
             "2.4.4, Fig. 2.13",
             "what remains resembles Stribeck friction",
-            f"remaining error in motion {slow:.2f} Nm RMS below 0.3 rad/s, {fast:.2f} "
+            f"remaining error in motion {slow:.2f} N m RMS below 0.3 rad/s, {fast:.2f} "
             "above 0.8",
             "in part" if slow > 1.5 * fast else "disagrees",
             "largest where the handle is slow, but the rig has Stribeck friction "
@@ -206,8 +206,8 @@ def run(progress: Progress) -> ExperimentOutcome:
         Claim(
             "2.4.4, 2.4.6",
             "a better friction model is needed for use in a controller",
-            f"refitted with a viscous term {by_viscous:.2f} Nm, with Stribeck as well "
-            f"{by_full:.3f} Nm RMS",
+            f"refitted with a viscous term {by_viscous:.2f} N m, with Stribeck as well "
+            f"{by_full:.3f} N m RMS",
             "cannot",
             f"`calibrate` finds our own constants again (viscous "
             f"{full['viscous_friction'].value:.1f} of {VISCOUS:g} N s/m^2, Stribeck "
@@ -224,10 +224,10 @@ def run(progress: Progress) -> ExperimentOutcome:
         ),
         Claim(
             "(2.29), 2.4.4",
-            "walls of 0.5 Nm/rad from 0.05 rad, at most 0.2 Nm; sweeps beyond 20 deg",
-            f"0.2 Nm is reached at 0.45 rad; the wearer sweeps to "
+            "walls of 0.5 N m/rad from 0.05 rad, at most 0.2 N m; sweeps beyond 20 deg",
+            f"0.2 N m is reached at 0.45 rad; the wearer sweeps to "
             f"{np.degrees(np.max(recording.handle_angle)):.1f} deg, "
-            f"{np.max(recording.motor_torque):.3f} Nm",
+            f"{np.max(recording.motor_torque):.3f} N m",
             "agrees",
             "rendered at the motor's pulley, so the handle feels up to 5.2 times that",
         ),
@@ -267,7 +267,7 @@ def _draw_tunnel(axes: Axes, recording: _Columns, found: Residual) -> None:
     axes.set(
         title="The tunnel as designed and as rendered",
         xlabel="handle angle [deg]",
-        ylabel="handle torque [Nm]",
+        ylabel="handle torque [N m]",
     )
     axes.legend()
 
@@ -279,7 +279,9 @@ def _draw_time(axes: Axes, recording: _Columns, found: Residual) -> None:
     axes.plot(
         time, found.torque[shown], color=ORANGE, dashes=DASH, label="Coulomb model"
     )
-    axes.set(title="The same over time", xlabel="time [s]", ylabel="handle torque [Nm]")
+    axes.set(
+        title="The same over time", xlabel="time [s]", ylabel="handle torque [N m]"
+    )
     axes.legend()
 
 
@@ -300,7 +302,7 @@ def _draw_bins(axes: Axes, recording: _Columns, found: Residual) -> None:
     axes.set(
         title="Residual of the Coulomb model against velocity",
         xlabel="handle velocity [rad/s]",
-        ylabel="measured less modelled torque [Nm]",
+        ylabel="measured less modelled torque [N m]",
     )
     axes.legend()
 
@@ -308,13 +310,13 @@ def _draw_bins(axes: Axes, recording: _Columns, found: Residual) -> None:
 def _draw_scan(axes: Axes, scan: FloatArray) -> None:
     axes.plot(scan[:, 0], scan[:, 1], "o-", color=BLUE, label="Coulomb model")
     axes.plot(scan[:, 0], scan[:, 2], "o-", color=ORANGE, label="less the linear term")
-    for level, text in ((0.27, "printed 0.27 Nm"), (0.19, "printed 0.19 Nm")):
+    for level, text in ((0.27, "printed 0.27 N m"), (0.19, "printed 0.19 N m")):
         axes.axhline(level, color=GREY, linewidth=0.9, linestyle="--")
         axes.annotate(text, (0.02, level + 0.004), size=8, color=GREY)
     axes.set(
         title="How much Stribeck friction the rig must hide",
         xlabel="Stribeck friction of the rig [1]",
-        ylabel="RMS error [Nm]",
+        ylabel="RMS error [N m]",
         ylim=(0.0, None),
     )
     axes.legend(loc="lower right")

@@ -1,8 +1,8 @@
 """Cable models that came before, and ours, behind one interface.
 
-from cc_mujoco.thesis.predecessors import BristleChain, Spring
+from cc_mujoco.thesis.predecessors import BristleChain, EndSpring
 
-answer = BristleChain(cable).replay(1e-3, u_proximal, Spring(500.0))
+answer = BristleChain(cable).replay(1e-3, u_proximal, EndSpring(500.0))
 """
 
 from cc_mujoco.thesis.predecessors.bouc_wen import Hysteresis, ModifiedBoucWen

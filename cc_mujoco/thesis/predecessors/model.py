@@ -1,7 +1,7 @@
 """Interface of a cable model here: a recorded motion in, both end tensions out.
 
     model = Distributed(cable)                     # ours, or one of those before
-    answer = model.replay(1e-3, u_proximal, Spring(stiffness=500.0, preload=10.0))
+    answer = model.replay(1e-3, u_proximal, EndSpring(stiffness=500.0, preload=10.0))
     answer.tension_proximal, answer.tension_distal
 
 Every model is made from the same `Cable`. Displacements are positive towards distal and

@@ -148,7 +148,7 @@ NAMED: dict[str, Effect] = {
     "friction_drift": Effect("change when warm", "1", 0.09, 0.9, _signed("heating")),
     "backlash": Effect("gap", "rad", 1.5e-3, 0.1, _field("backlash")),
     "pulley_eccentricity": Effect("first harmonic", "1", 0.013, 0.15, _eccentricity),
-    "motor_cogging": Effect("amplitude", "Nm", 0.07, 1.5, _cogging),
+    "motor_cogging": Effect("amplitude", "N m", 0.07, 1.5, _cogging),
     "cable_stiffening": Effect(
         "change of stiffness, slack to taut", "1", 0.19, 0.85, _field("stiffening")
     ),
@@ -156,8 +156,8 @@ NAMED: dict[str, Effect] = {
         "compliance at the ends of one cable", "m/N", 1.1e-05, 2e-4,
         _field("end_compliance"),
     ),
-    "joint_gravity": Effect("unbalance m g l", "Nm", 0.125, 6.0, _gravity),
-    "joint_stiffness": Effect("stiffness", "Nm/rad", 0.12, 8.0, _joint_stiffness),
+    "joint_gravity": Effect("unbalance m g l", "N m", 0.125, 6.0, _gravity),
+    "joint_stiffness": Effect("stiffness", "N m/rad", 0.12, 8.0, _joint_stiffness),
     "joint_inertia": Effect(
         "extra inertia", "kg m^2", 3e-4, 0.06, _field("extra_joint_inertia")
     ),
@@ -165,7 +165,7 @@ NAMED: dict[str, Effect] = {
         "inertia behind the sensor", "kg m^2", 3.2e-3, 0.06, _field("motor_inertia")
     ),
     "torque_sensor_gain": Effect("excess gain", "1", 0.037, 0.5, _gain),
-    "torque_sensor_offset": Effect("offset", "Nm", 0.14, 3.0, _offset),
+    "torque_sensor_offset": Effect("offset", "N m", 0.14, 3.0, _offset),
     "sensor_delay": Effect("delay", "s", 0.003, 0.06, _delay),
 }  # fmt: skip
 """Effects that a library can be expected to know."""
@@ -218,16 +218,16 @@ def _second_axis(truth: Truth, amount: float, rng: Generator) -> Truth:
 
 UNKNOWN: dict[str, Effect] = {
     "unknown_liner_bumps": Effect("excess of friction", "1", 0.065, 6.0, _bumps),
-    "unknown_gear_mesh": Effect("ripple torque at the joint", "Nm", 0.073, 1.5, _mesh),
-    "unknown_end_stop": Effect("stiffness of the bumper", "Nm/rad", 0.4, 60.0, _stop),
+    "unknown_gear_mesh": Effect("ripple torque at the joint", "N m", 0.073, 1.5, _mesh),
+    "unknown_end_stop": Effect("stiffness of the bumper", "N m/rad", 0.4, 60.0, _stop),
     "unknown_grip_slip": Effect(
-        "slip speed per excess torque", "rad/(Nm s)", 0.0005, 0.3, _field("grip_slip")
+        "slip speed per excess torque", "rad/(N m s)", 0.0005, 0.3, _field("grip_slip")
     ),
-    "unknown_sensor_hysteresis": Effect("half width", "Nm", 0.14, 2.0, _hysteresis),
-    "unknown_load_delay": Effect("lag per torque", "s/Nm", 0.004, 0.04, _load_delay),
-    "unknown_reflex": Effect("torque per speed", "Nm s/rad", 0.12, 4.0, _reflex),
-    "unknown_temperature": Effect("zero drift", "Nm", 0.12, 2.0, _temperature),
-    "unknown_second_axis": Effect("cross-talk", "Nm", 0.13, 2.0, _second_axis),
+    "unknown_sensor_hysteresis": Effect("half width", "N m", 0.14, 2.0, _hysteresis),
+    "unknown_load_delay": Effect("lag per torque", "s/N m", 0.004, 0.04, _load_delay),
+    "unknown_reflex": Effect("torque per speed", "N m s/rad", 0.12, 4.0, _reflex),
+    "unknown_temperature": Effect("zero drift", "N m", 0.12, 2.0, _temperature),
+    "unknown_second_axis": Effect("cross-talk", "N m", 0.13, 2.0, _second_axis),
 }
 """Effects that no library is expected to know."""
 

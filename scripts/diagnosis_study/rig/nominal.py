@@ -3,8 +3,8 @@
 The bench: two Bowden cables in pull-pull between a motor pulley and a joint pulley of
 the same radius, so that cable travel of one turn at either end can be compared by eye.
 Two metres of conduit bend through half a turn in all, mu times wrap is 0.38. A 1.5 mm
-steel strand with its conduit gives EA = 50 kN, hence 25 N/mm per cable and 125 Nm/rad
-between the pulleys: at 80 N of pretension friction (about 2 Nm) winds the pair up by
+steel strand with its conduit gives EA = 50 kN, hence 25 N/mm per cable and 125 N m/rad
+between the pulleys: at 80 N of pretension friction (about 2 N m) winds the pair up by
 15 mrad, two hundred counts of the encoders, while the lowest mode of the handle stays
 at 40 Hz, within what 500 Hz sampling shows.
 

@@ -33,15 +33,15 @@ def test_a_size_scales_with_what_it_is_compared_with(parameter: Any) -> None:
     grown = size(parameter, 1.0, **force) / parameter.typical
     # Of a rig twice as strong and as stiff all forces and torques double.
     expected = {
-        "Nm": 2, "Nm/s": 2, "Nm/rad": 2, "kg m^2": 2, "N": 2, "N/m": 2,
+        "N m": 2, "N m/s": 2, "N m/rad": 2, "kg m^2": 2, "N": 2, "N/m": 2,
         "N s/m^2": 2, "m/N": 0.5, "1/J": 0.5,
     }  # fmt: skip
     assert grown == pytest.approx(expected.get(parameter.unit, 1.0))
     wide = size(parameter, 3.0) / parameter.typical
     arms = {
-        "Nm": 3,
-        "Nm/s": 3,
-        "Nm/rad": 3,
+        "N m": 3,
+        "N m/s": 3,
+        "N m/rad": 3,
         "kg m^2": 3,
         "N s/m^2": 1 / 3,
         "1/J": 1 / 3,

@@ -124,7 +124,7 @@ def test_what_people_wrote_is_escaped(tmp_path: Path) -> None:
 def test_every_number_of_the_diagnosis_is_said(named: tuple[Path, Page]) -> None:
     text = named[1].text
     for said in (
-        "falls from 0.083 Nm to 0.031 Nm; the noise floor is 0.027 Nm; 96 %",
+        "falls from 0.083 N m to 0.031 N m; the noise floor is 0.027 N m; 96 %",
         "95 % interval 98 % to 99.7 %",
         "in 98 % of resamplings",
         "62 % of the error of the joint torque follows the joint speed.",
@@ -153,7 +153,7 @@ def test_tie_says_first_what_to_run(tmp_path: Path) -> None:
     page = written(tmp_path, DIAGNOSES["tie"], NOTHING)
     assert page.headings[1] == "What to run next"
     assert "It separates Stribeck friction and presliding." in page.text
-    assert "0.12 Nm RMS of joint torque, four times the noise." in page.text
+    assert "0.12 N m RMS of joint torque, four times the noise." in page.text
 
 
 @pytest.mark.parametrize("verdict", ["named", "tie", "none", "unknown"])

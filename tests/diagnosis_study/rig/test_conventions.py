@@ -51,7 +51,7 @@ def test_torques_are_those_of_the_tensions(session: Data) -> None:
 
 
 def test_joint_torque_bends_a_spring_at_the_joint(session: Data) -> None:
-    """The ladder works against 6 Nm/rad: torque put into the joint goes there."""
+    """The ladder works against 6 N m/rad: torque put into the joint goes there."""
     columns = session[0]
     slope = np.polyfit(columns["joint_angle_rad"], columns["joint_torque_nm"], 1)[0]
     assert slope == pytest.approx(6.0, rel=0.03)

@@ -79,7 +79,7 @@ def test_label_says_what_is_hidden(two: Path) -> None:
     effect, other = label["effects"]
     assert (effect["id"], other["id"]) == ("joint_gravity", "torque_sensor_gain")
     assert other["strength"]["refit"] == pytest.approx(3, rel=0.1)
-    assert effect["unit"] == "Nm"
+    assert effect["unit"] == "N m"
     assert effect["strength"]["refit"] == pytest.approx(3, rel=0.1)
     assert effect["details"]["gravity"] == effect["amount"]
     assert label["rig"]["seed"] == label["seed"] == 4

@@ -87,7 +87,7 @@ NAMED: dict[str, Effect] = {
         _plant("offcentre", offcentre_phase=_TURN, oval_phase=_TURN),
     ),
     "motor_cogging": Effect(
-        "amplitude", "Nm", 0.07, 1.5,
+        "amplitude", "N m", 0.07, 1.5,
         _plant("slots", slots_order=(8.0, 21.0), slots_phase=_TURN),
     ),
     "cable_stiffening": Effect(
@@ -99,10 +99,10 @@ NAMED: dict[str, Effect] = {
         _plant("ferrule"),
     ),
     "joint_gravity": Effect(
-        "unbalance m g l", "Nm", 0.125, 6.0, _plant("weight", weight_phase=(-0.5, 0.5))
+        "unbalance m g l", "N m", 0.125, 6.0, _plant("weight", weight_phase=(-0.5, 0.5))
     ),
     "joint_stiffness": Effect(
-        "stiffness at rest", "Nm/rad", 0.13, 8.0, _plant("band", band_rest=(-0.2, 0.2))
+        "stiffness at rest", "N m/rad", 0.13, 8.0, _plant("band", band_rest=(-0.2, 0.2))
     ),
     "joint_inertia": Effect("extra inertia", "kg m^2", 3e-4, 0.06, _plant("disc")),
     "motor_inertia": Effect(
@@ -112,7 +112,7 @@ NAMED: dict[str, Effect] = {
         "excess gain one way", "1", 0.045, 0.5, _chain("gain", signed=True)
     ),
     "torque_sensor_offset": Effect(
-        "offset", "Nm", 0.14, 3.0, _chain("offset", signed=True)
+        "offset", "N m", 0.14, 3.0, _chain("offset", signed=True)
     ),
     "sensor_delay": Effect("group delay", "s", 0.003, 0.06, _chain("delay")),
     "grease_drag": Effect(
@@ -128,15 +128,15 @@ UNKNOWN: dict[str, Effect] = {
         _plant("worn", worn_pitch=(0.008, 0.03), worn_phase=_TURN),
     ),
     "unknown_felt": Effect(
-        "stiffness within its play", "Nm/rad", 1.0, 40.0,
+        "stiffness within its play", "N m/rad", 1.0, 40.0,
         _plant("felt", felt_play=(0.08, 0.2)),
     ),
     "unknown_putty": Effect(
-        "stiffness at first", "Nm/rad", 0.3, 20.0,
+        "stiffness at first", "N m/rad", 0.3, 20.0,
         _plant("putty", putty_time=(0.2, 0.8)),
     ),
     "unknown_cubic_sensor": Effect(
-        "what is lacking at 5 Nm", "Nm", 0.3, 2.5, _chain("cubic", signed=True)
+        "what is lacking at 5 N m", "N m", 0.3, 2.5, _chain("cubic", signed=True)
     ),
     "unknown_pressed_sensor": Effect(
         "torque per mean pull", "m", 5e-3, 0.05, _chain("pressed", signed=True)

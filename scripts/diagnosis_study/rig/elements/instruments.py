@@ -52,7 +52,7 @@ class Chain(NamedTuple):
     delay: float = 0.0
     """Group delay of a Bessel filter of both channels of the joint [s]."""
     cubic: float = 0.0
-    """What the joint's torque sensor lacks at 5 Nm, by the cube of torque [Nm]."""
+    """What the joint's torque sensor lacks at 5 N m, by the cube of torque [Nm]."""
     pressed: float = 0.0
     """Torque that the mean pull of both cables fakes at the joint, over its arm."""
 

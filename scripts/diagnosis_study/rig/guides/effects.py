@@ -83,7 +83,7 @@ NAMED: dict[str, Effect] = {
         _more("offcentre", offcentre_phase=_TURN),
     ),
     "motor_cogging": Effect(
-        "amplitude", "Nm", 0.07, 1.5,
+        "amplitude", "N m", 0.07, 1.5,
         _more("detent", detent_order=(9.0, 23.0), detent_phase=_TURN),
     ),
     "cable_stiffening": Effect(
@@ -94,11 +94,11 @@ NAMED: dict[str, Effect] = {
         _field("anchor"),
     ),
     "joint_gravity": Effect(
-        "unbalance m g l", "Nm", 0.125, 6.0,
+        "unbalance m g l", "N m", 0.125, 6.0,
         _more("unbalance", unbalance_phase=(-0.5, 0.5)),
     ),
     "joint_stiffness": Effect(
-        "stiffness", "Nm/rad", 0.12, 8.0, _more("strap", strap_rest=(-0.2, 0.2))
+        "stiffness", "N m/rad", 0.12, 8.0, _more("strap", strap_rest=(-0.2, 0.2))
     ),
     "joint_inertia": Effect("extra inertia", "kg m^2", 3e-4, 0.06, _field("flywheel")),
     "motor_inertia": Effect(
@@ -123,7 +123,7 @@ UNKNOWN: dict[str, Effect] = {
         _more("snapping", snap_tension=(95.0, 115.0)),
     ),
     "unknown_bearing": Effect(
-        "friction of the joint's bearing", "Nm", 0.1, 3.0, _field("bearing")
+        "friction of the joint's bearing", "N m", 0.1, 3.0, _field("bearing")
     ),
 }  # fmt: skip
 """Effects that no library is expected to know."""

@@ -19,7 +19,7 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.findings import DataFinding, errors
 from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.inference.reason import Progress, reason, unanswered
-from cc_mujoco.diagnosis.inference.result import DiagnosisResult
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult, Settings
 from cc_mujoco.diagnosis.intake import load
 from cc_mujoco.diagnosis.report.output import prepare, require_ours, write
 from cc_mujoco.diagnosis.scene.repair import added
@@ -107,8 +107,8 @@ def inferred(
         diagnosis = Diagnosis("fix-data", statement, problems=tuple(notes or said))
         return unanswered(diagnosis, bench), dataset
     with plain_algebra():
-        result = reason(dataset, bench, notes, seed=seed, progress=progress)
-    return _asked(result, findings), dataset
+        result = reason(dataset, bench, Settings(seed=seed), progress)
+    return _noted(result, findings), dataset
 
 
 def _paths(
@@ -132,8 +132,11 @@ def _paths(
     return paths
 
 
-def _asked(result: DiagnosisResult, findings: Sequence[DataFinding]) -> DiagnosisResult:
-    """With what the owner of the data should settle first."""
+def _noted(result: DiagnosisResult, findings: Sequence[DataFinding]) -> DiagnosisResult:
+    """Return a result that also lists what was found about the data."""
     doubts = [found.statement for found in findings if found.severity == "doubt"]
     question = " ".join([*doubts, result.diagnosis.question]).strip()
-    return replace(result, diagnosis=replace(result.diagnosis, question=question))
+    notes = (finding.statement for finding in findings)
+    problems = (*result.diagnosis.problems, *notes)
+    diagnosis = replace(result.diagnosis, question=question, problems=problems)
+    return replace(result, diagnosis=diagnosis)

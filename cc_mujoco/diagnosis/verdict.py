@@ -7,7 +7,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any, Literal
 
 from cc_mujoco.estimation.least_squares import Estimate
@@ -20,36 +20,34 @@ Verdict = Literal["named", "none", "unknown", "tie", "fix-data", "fix-numerics"]
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """An effect that was named.
-
-    Attributes:
-        id: of the library.
-        parameters: fitted values by name.
-        confidence: share of block bootstraps of the held-out data in which this effect
-            is the best of all candidates, 0 to 1.
-        share: of the baseline's gap on held-out data, what opens again where this
-            effect is taken out and all else is refitted.
-        refinement: whether that is so little that it may only mend the form of another
-            effect: it is in the model, but not called missing.
-        agreement: share of the parts of the data that name it as well, where the model
-            stays off and they were asked.
-        disputed: whether these are too few to call it missing.
-        ordinary: whether it is no larger than any rig may have without being told: it
-            is in the model, but not called missing.
-        own: RMS error over the noise floor that opens again without it.
-        rivals: ids that the data do not tell from it.
-    """
+    """An effect that was named."""
 
     id: str
+    """Name of the effect in the library."""
     parameters: Mapping[str, Estimate]
+    """Fitted values by name."""
     confidence: float
+    """Share of block bootstraps of the held-out data in which this effect is the best
+    of all candidates, 0 to 1."""
+    _: KW_ONLY
     share: float = 1.0
+    """Share of the baseline's gap on held-out data that opens again if this effect is
+    taken out and all else is refitted."""
     refinement: bool = False
+    """True if that is so little that it may only mend the form of another effect: it is
+    in the model, but not called missing."""
     agreement: float = 1.0
+    """Share of the parts of the data that name it as well, where the model stays off
+    and they were asked."""
     disputed: bool = False
+    """True if these are too few to call it missing."""
     ordinary: bool = False
+    """True if it is no larger than any rig may have undeclared: it is in the model, but
+    not called missing."""
     own: float = math.nan
+    """RMS error over the noise floor that opens again without it."""
     rivals: tuple[str, ...] = ()
+    """Effects that the data cannot distinguish from it."""
 
     @property
     def missing(self) -> bool:
@@ -215,46 +213,43 @@ class RunnerUp:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything that `verdict.json` holds, and the evidence of the report.
-
-    Attributes:
-        verdict: in one word.
-        statement: the same in one or two sentences.
-        effects: named ones, in the order in which they were added.
-        ties: groups of ids that these data cannot tell apart.
-        not_testable: effects that these data cannot show.
-        next_experiment: what would separate the tie, or None.
-        where: ranked.
-        gap: by channel.
-        baseline: parameters.
-        provenance: hashes, versions, seed, command.
-        runner_ups: candidates of every round, first to last.
-        problems: sentences about the data or the numerics.
-        trials: errors of every trial.
-        question: about a trial that contradicts the others, or empty.
-        strayed: parameters that had to be tuned beyond what is known of them.
-        confounded: effects that tuning would hide.
-        remaining: RMS error of the repaired model on held-out data, over the noise
-            floor.
-    """
+    """Everything that `verdict.json` holds, field by field."""
 
     verdict: Verdict
+    """Verdict in one word."""
     statement: str
+    """The same in one or two sentences."""
+    _: KW_ONLY
     effects: tuple[FoundEffect, ...] = ()
+    """Effects that were named, in the order in which they were added."""
     ties: tuple[tuple[str, ...], ...] = ()
+    """Groups of effects that these data cannot distinguish."""
     not_testable: tuple[NotTestable, ...] = ()
+    """Effects that these data cannot show."""
     next_experiment: NextExperiment | None = None
+    """Experiment that would separate the first tie, or None."""
     where: tuple[Where, ...] = ()
+    """Locations of the error, the largest share first."""
     gap: Mapping[str, Gap] = field(default_factory=dict)
+    """Error on held-out data by channel."""
     baseline: Baseline = field(default_factory=lambda: Baseline({}, ()))
+    """Parameters of the model without any effect."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    """Hashes of the inputs, versions, seed and command."""
     runner_ups: tuple[tuple[RunnerUp, ...], ...] = ()
+    """Candidates of every round of the search, first to last."""
     problems: tuple[str, ...] = ()
+    """Sentences about the data or the numerics."""
     trials: tuple[TrialError, ...] = ()
+    """Errors of every trial."""
     question: str = ""
+    """Question about a trial that contradicts the others, or empty."""
     strayed: tuple[Strayed, ...] = ()
+    """Parameters that had to be tuned beyond what is known of them."""
     confounded: tuple[Confounded, ...] = ()
+    """Effects that tuning would hide."""
     remaining: float = math.nan
+    """RMS error of the repaired model on held-out data, over the noise floor."""
 
     @property
     def missing(self) -> tuple[FoundEffect, ...]:

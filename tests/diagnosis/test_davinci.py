@@ -10,6 +10,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.findings import errors
 from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.result import Settings
 from cc_mujoco.diagnosis.intake import load
 from shared_folder import SHARED
 
@@ -35,7 +36,7 @@ def test_compliance_and_friction_without_load_close_the_gap_on_other_loads(
     files = sorted(tmp_path.iterdir())
     dataset, findings = load(files, STUDY / "davinci.toml")
     assert not errors(findings)
-    found = reason(dataset, Bench.of(scene_path("bench")), ids=SUSPECTS).diagnosis
+    found = reason(dataset, Bench.of(scene_path("bench")), Settings(SUSPECTS)).diagnosis
     named = [effect.id for effect in found.effects]
     assert named[0] == "end_compliance"
     assert "viscous_friction" not in named

@@ -16,6 +16,7 @@ from cc_mujoco.diagnosis.inference.fitting import knob_as_tuned
 from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.result import Settings
 from cc_mujoco.diagnosis.scene.realisation import REALISATIONS
 from cc_mujoco.transmission import TERMS, Cable, Parameter
 from diagnosis.recorded import BENCH, dataset
@@ -110,7 +111,9 @@ def test_an_effect_that_is_registered_late_is_looked_for(
     later = replace(plant)
     assert later.library.effects["joint_drag"] == drag
     later.simulate({}, ("joint_drag",))
-    found = reason(dataset({"joint_drag": {"joint_drag": 0.3}}, 2.0), BENCH, ids=DRAG)
+    found = reason(
+        dataset({"joint_drag": {"joint_drag": 0.3}}, 2.0), BENCH, Settings(DRAG)
+    )
     assert [effect.id for effect in found.diagnosis.effects] == ["joint_drag"]
 
 

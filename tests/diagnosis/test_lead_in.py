@@ -13,6 +13,7 @@ from cc_mujoco.diagnosis.effects import EFFECTS, RigGeometry
 from cc_mujoco.diagnosis.inference.plant import SimulatedRig
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.result import Settings
 from cc_mujoco.diagnosis.report.output import compared, scene
 from diagnosis.recorded import BENCH, dataset
 
@@ -78,7 +79,7 @@ def test_the_repaired_scene_plays_what_the_replay_plays(tmp_path: Path) -> None:
     result = reason(
         dataset({"joint_gravity": {"gravity_sine": 0.4, "gravity_cosine": 0.1}}),
         BENCH,
-        ids=("joint_gravity", "motor_inertia"),
+        Settings(("joint_gravity", "motor_inertia")),
     )
     scene(result, tmp_path / "scene.xml")
     (_, apart), size = compared(result, tmp_path / "scene.xml")

@@ -275,13 +275,13 @@ class SimulatedRig:
         return Setting(
             self.cables(values, effects, pretension),
             *radii,
-            values.get("backlash", 0.0) if "backlash" in effects else 0.0,
-            values.get("clock_offset", 0.0) + values.get(JOINT_DELAY, 0.0),
-            values.get("joint_angle_offset", 0.0),
-            self.substeps,
-            self.bench.lever,
-            self.bench.courses(self.segments),
-            radii[1] / self.bench.drawn_radius if self.bench.led else 1.0,
+            backlash=values.get("backlash", 0.0) if "backlash" in effects else 0.0,
+            late=values.get("clock_offset", 0.0) + values.get(JOINT_DELAY, 0.0),
+            offset=values.get("joint_angle_offset", 0.0),
+            substeps=self.substeps,
+            lever=self.bench.lever,
+            courses=self.bench.courses(self.segments),
+            share=radii[1] / self.bench.drawn_radius if self.bench.led else 1.0,
         )
 
     def cables(

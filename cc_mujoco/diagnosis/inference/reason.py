@@ -41,12 +41,11 @@ from cc_mujoco.diagnosis.inference.per_trial import misfits, odd_trial, trial_er
 from cc_mujoco.diagnosis.inference.plausibility import doubtful, ordinary
 from cc_mujoco.diagnosis.inference.records import Record
 from cc_mujoco.diagnosis.inference.residual_maps import maps
-from cc_mujoco.diagnosis.inference.result import DiagnosisResult
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult, Settings
 from cc_mujoco.diagnosis.inference.screen import Signature, signature_cosine
 from cc_mujoco.diagnosis.inference.search import (
     Round,
     Search,
-    Thresholds,
     resemble,
     search,
     shares_of,
@@ -79,40 +78,33 @@ LEAST = 100
 def reason(
     dataset: Dataset,
     bench: Bench,
-    notes: Sequence[str] = (),
-    *,
-    ids: Sequence[str] | None = None,
-    thresholds: Thresholds | None = None,
-    seed: int = 0,
+    settings: Settings = Settings(),  # noqa: B008
     progress: Progress = lambda share, doing: None,
 ) -> DiagnosisResult:
-    """Everything but files: from checked trials to a verdict.
+    """Return the verdict on checked trials, without any file.
 
     Args:
-        dataset: of `intake.load`, without anything to fix.
-        bench: of the scene.
-        notes: sentences about the data, passed on.
-        ids: effects to consider; default all.
-        thresholds: of decisions.
-        seed: of bootstraps and noise draws.
+        dataset: trials of `intake.load`, without anything to fix.
+        bench: rig as the scene has it.
+        settings: choices besides data and scene.
         progress: called with the share done and what is being done.
     """
-    limits = thresholds or Thresholds()
+    limits, seed = settings.thresholds, settings.seed
     bench = bench.known(dataset.constants)
     start, records, filtering = prepared(dataset, bench)
     if useless := _insufficient_excitation(records):
-        return _empty(bench, useless, notes)
+        return _empty(bench, useless)
     plant = plant_of(dataset, start.bench, records, start.given)
     # Without a pretension a scene foretells nothing.
     given = bench if bench.cables[0].pretension > 0.0 else start.bench
     if wrong := misread(replace(plant, bench=given), plant, start.values):
-        return _empty(bench, wrong, notes)
+        return _empty(bench, wrong)
     progress(0.02, "fitting the baseline")
     baseline_fit = fit_baseline(dataset, plant, filtering, seed)
     if baseline_fit.change > HARMLESS:
-        return _numerics(bench, baseline_fit, notes)
+        return _numerics(bench, baseline_fit)
     able = baseline_fit.problem.plant.library.effects
-    names = tuple(name for name in ids or EFFECTS if name in able)
+    names = tuple(name for name in settings.ids or EFFECTS if name in able)
 
     def told(share: float, doing: str) -> None:
         progress(0.2 + 0.5 * share, doing)
@@ -125,7 +117,7 @@ def reason(
         for trial in dataset.trials
         if trial.temperature is not None and np.any(np.isfinite(trial.temperature))
     }
-    return _concluded(baseline_fit, found, bench, limits, notes, seed, progress, warmth)
+    return _concluded(baseline_fit, found, bench, settings, progress, warmth)
 
 
 def _insufficient_excitation(records: Sequence[Record]) -> str:
@@ -152,12 +144,11 @@ def _concluded(
     baseline_fit: BaselineFit,
     found: Search,
     bench: Bench,
-    limits: Thresholds,
-    notes: Sequence[str],
-    seed: int,
+    settings: Settings,
     progress: Progress,
     warmth: Mapping[str, float],
 ) -> DiagnosisResult:
+    limits, seed = settings.thresholds, settings.seed
     agreed = agreement(
         baseline_fit,
         found,
@@ -203,29 +194,27 @@ def _concluded(
     diagnosis = Diagnosis(
         kind,
         statement,
-        effects,
-        ties,
-        untestable(shown_by, hidden),
-        propose(_rivals(found, ties[0]), limits) if ties else None,
-        located(
+        effects=effects,
+        ties=ties,
+        not_testable=untestable(shown_by, hidden),
+        next_experiment=propose(_rivals(found, ties[0]), limits) if ties else None,
+        where=located(
             Fitted(baseline_fit.problem, baseline_fit.whole.x),
             Fitted(problem, x),
             drawn,
             Trials(constants, along),
         ),
-        model.held.gap,
-        Baseline(
+        gap=model.held.gap,
+        baseline=Baseline(
             {p.name: estimated[p.name] for p in baseline_fit.problem.tuned},
             undetermined(baseline_fit.problem, baseline_fit.whole.x, counts),
         ),
-        {},
-        tuple(_runner_ups(step) for step in found.rounds),
-        tuple(notes),
-        trial_errors(baseline_fit.problem, model.held.before, model.held.after),
-        odd.question if odd else "",
-        beyond,
-        hidden,
-        off(model.held.gap)[1],
+        runner_ups=tuple(_runner_ups(step) for step in found.rounds),
+        trials=trial_errors(baseline_fit.problem, model.held.before, model.held.after),
+        question=odd.question if odd else "",
+        strayed=beyond,
+        confounded=hidden,
+        remaining=off(model.held.gap)[1],
     )
     return DiagnosisResult(diagnosis, evidence, problem, x, bench, baseline_fit)
 
@@ -414,13 +403,13 @@ def _found(
                 for parameter in problem.plant.library.effects[name].parameters
             },
             sure.get(name, 0.0),
-            shares[name],
-            refines(name, shares, own, left),
-            agreed.get(name, 1.0),
-            agreed.get(name, 1.0) < AGREED,
-            ordinary(problem, x, name),
-            own[name],
-            tuple(rival for rival in groups.get(name, ()) if rival != name),
+            share=shares[name],
+            refinement=refines(name, shares, own, left),
+            agreement=agreed.get(name, 1.0),
+            disputed=agreed.get(name, 1.0) < AGREED,
+            ordinary=ordinary(problem, x, name),
+            own=own[name],
+            rivals=tuple(rival for rival in groups.get(name, ()) if rival != name),
         )
         for name in problem.effects
     )
@@ -454,14 +443,12 @@ def unanswered(
     return DiagnosisResult(diagnosis, nothing, None, np.zeros(0), bench, baseline_fit)
 
 
-def _empty(bench: Bench, statement: str, notes: Sequence[str]) -> DiagnosisResult:
-    diagnosis = Diagnosis("fix-data", statement, problems=(statement, *notes))
+def _empty(bench: Bench, statement: str) -> DiagnosisResult:
+    diagnosis = Diagnosis("fix-data", statement, problems=(statement,))
     return unanswered(diagnosis, bench)
 
 
-def _numerics(
-    bench: Bench, baseline_fit: BaselineFit, notes: Sequence[str]
-) -> DiagnosisResult:
+def _numerics(bench: Bench, baseline_fit: BaselineFit) -> DiagnosisResult:
     plant = baseline_fit.problem.plant
     statement = (
         f"A simulation with {2 * plant.segments} segments or {2 * plant.substeps} "
@@ -470,5 +457,5 @@ def _numerics(
         f"than {HARMLESS:g}: what would be named could be the numerics. Record faster "
         f"than {1.0 / plant.records[0].dt:.0f} Hz, or reduce the wrap."
     )
-    diagnosis = Diagnosis("fix-numerics", statement, problems=(statement, *notes))
+    diagnosis = Diagnosis("fix-numerics", statement, problems=(statement,))
     return unanswered(diagnosis, bench, baseline_fit)

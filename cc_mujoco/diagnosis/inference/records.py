@@ -56,45 +56,44 @@ SHORTEST = 50
 """Least samples of a stretch that is used."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
     """One stretch of one trial; arrays have one entry per compared sample.
 
     A record is equal to itself only, so that what is made of it can be kept.
-
-    Attributes:
-        trial: name of the trial.
-        dt: time between samples [s].
-        step: time between samples as recorded [s].
-        time: as recorded [s].
-        motor_angle: [rad].
-        joint_angle: [rad].
-        read: (2, samples) motor's and joint's angle before they were stilled [rad].
-        measured: (rows, samples) motor and joint torque, those that are known [Nm].
-        band: to which the torques are low-passed [Hz].
-        counts: whether a sample counts.
-        pretension: of this trial if known [N], else None; 0 without the cables.
-        start: time since the trial began at the first sample [s].
-        split: what `dataset.toml` reserves the trial for, else None.
-        group: of trials that repeat each other; they are never on both sides.
-        tilt: angle by which the rig was turned about the joint's axis [rad].
     """
 
     trial: str
+    """Name of the trial."""
     dt: float
+    """Time between samples [s]."""
     step: float
+    """Time between samples as recorded [s]."""
     time: FloatArray
+    """Time of every sample as recorded [s]."""
     motor_angle: FloatArray
+    """Angle of the motor, without what noise moves [rad]."""
     joint_angle: FloatArray
+    """Angle of the joint, without what noise moves [rad]."""
     read: FloatArray
+    """Angles (2, samples) of motor and joint with what noise moves [rad]."""
     measured: FloatArray
+    """Torques (rows, samples) of motor and joint, those that are known [Nm]."""
     band: float
+    """Cut-off of the low-pass of the torques [Hz]."""
     counts: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    """True where a sample counts."""
     pretension: float | None
+    """Pretension of the trial if known [N], else None; 0 without the cables."""
     start: float
+    """Time from the beginning of the trial to the first sample [s]."""
     split: str | None
+    """Purpose that `dataset.toml` reserves the trial for, else None."""
     group: str
+    """Name of the trials that repeat each other; they are never on both sides of a
+    division."""
     tilt: float = 0.0
+    """Angle by which the rig was turned about the joint's axis [rad]."""
 
     @property
     def unhooked(self) -> bool:
@@ -206,21 +205,21 @@ def _record(
     counts[:edge] = False
     counts[-edge:] = False
     return Record(
-        trial.name,
-        dt,
-        trial.step,
-        time,
-        smooth[0],
-        smooth[1],
-        read,
-        measured,
-        band,
-        counts,
-        trial.facts.pretension,
-        float(time[0] - trial.time[0]),
-        trial.facts.split,
-        trial.facts.repeat_of or trial.name,
-        tilt,
+        trial=trial.name,
+        dt=dt,
+        step=trial.step,
+        time=time,
+        motor_angle=smooth[0],
+        joint_angle=smooth[1],
+        read=read,
+        measured=measured,
+        band=band,
+        counts=counts,
+        pretension=trial.facts.pretension,
+        start=float(time[0] - trial.time[0]),
+        split=trial.facts.split,
+        group=trial.facts.repeat_of or trial.name,
+        tilt=tilt,
     )
 
 

@@ -147,11 +147,11 @@ def _map(
         axis.name,
         axis.unit,
         centre,
-        _means(own, count),
-        _means(rest, count),
-        1.96 * np.std(np.nan_to_num(np.array(means)), axis=0),
-        max(_share(own, count, square), 0.0),
-        max(float(np.quantile(shares, 0.95)), 0.0),
+        before=_means(own, count),
+        after=_means(rest, count),
+        band=1.96 * np.std(np.nan_to_num(np.array(means)), axis=0),
+        share=max(_share(own, count, square), 0.0),
+        chance=max(float(np.quantile(shares, 0.95)), 0.0),
     )
 
 

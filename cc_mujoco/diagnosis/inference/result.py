@@ -1,7 +1,8 @@
-"""A diagnosis with everything that belongs to it."""
+"""Settings that a diagnosis is made with, and everything that it results in."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cc_mujoco.compiled import FloatArray
@@ -9,25 +10,35 @@ from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.evidence import Evidence
 from cc_mujoco.diagnosis.inference.baseline import BaselineFit
 from cc_mujoco.diagnosis.inference.fitting import Problem
+from cc_mujoco.diagnosis.inference.search import Thresholds
 from cc_mujoco.diagnosis.verdict import Diagnosis
 
 
 @dataclass(frozen=True)
-class DiagnosisResult:
-    """A diagnosis with everything that belongs to it.
+class Settings:
+    """Choices that a diagnosis is made with, besides data and scene."""
 
-    Attributes:
-        diagnosis: what is said.
-        evidence: what is drawn.
-        problem: the final model, or None where there is none.
-        x: its parameters.
-        bench: of the scene.
-        baseline_fit: the baseline, or None where there is none.
-    """
+    ids: Sequence[str] | None = None
+    """Effects to consider; all of the library by default."""
+    thresholds: Thresholds = Thresholds()  # noqa: RUF009
+    """Thresholds of the decisions."""
+    seed: int = 0
+    """Seed of bootstraps and noise draws."""
+
+
+@dataclass(frozen=True)
+class DiagnosisResult:
+    """A diagnosis with everything that belongs to it."""
 
     diagnosis: Diagnosis
+    """Verdict, in numbers and sentences."""
     evidence: Evidence
+    """Signals and maps that the report draws."""
     problem: Problem | None
+    """Final model, or None where there is none."""
     x: FloatArray
+    """Parameters of the final model."""
     bench: Bench
+    """Rig as the scene has it."""
     baseline_fit: BaselineFit | None = None
+    """Fit of the baseline, or None where there is none."""

@@ -10,6 +10,7 @@ from cc_mujoco.diagnosis.data.trials import Dataset
 from cc_mujoco.diagnosis.inference.agreement import counted, parted
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.result import Settings
 from diagnosis.recorded import BENCH, dataset
 
 IDS = ("viscous_friction", "joint_gravity")
@@ -34,14 +35,14 @@ def rig(
 
 
 def test_parts_that_contradict_each_other_name_nothing() -> None:
-    found = reason(rig({IDS[1]: PULL}, {IDS[0]: DRAG}), BENCH, ids=IDS).diagnosis
+    found = reason(rig({IDS[1]: PULL}, {IDS[0]: DRAG}), BENCH, Settings(IDS)).diagnosis
     assert found.verdict == "unknown", found.statement
     assert found.missing == ()
 
 
 def test_what_every_part_shows_is_named_and_what_half_of_them_show_is_not() -> None:
     found = reason(
-        rig({IDS[1]: PULL, IDS[0]: DRAG}, {IDS[1]: PULL}), BENCH, ids=IDS
+        rig({IDS[1]: PULL, IDS[0]: DRAG}, {IDS[1]: PULL}), BENCH, Settings(IDS)
     ).diagnosis
     agreed = {each.id: each.agreement for each in found.effects}
     assert agreed["joint_gravity"] == 1.0

@@ -13,6 +13,7 @@ import pytest
 from cc_mujoco.diagnosis.data.bench import Bench
 from cc_mujoco.diagnosis.data.trials import Dataset, Trial
 from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.result import Settings
 from cc_mujoco.diagnosis.verdict import Diagnosis
 from diagnosis.recorded import BENCH, NOISE, dataset
 
@@ -34,7 +35,7 @@ def read_as(data: Dataset, motor: float = 1.0, joint: float = 1.0) -> Diagnosis:
         )
         for each in data.trials
     )
-    return reason(replace(data, trials=trials), BENCH, ids=IDS).diagnosis
+    return reason(replace(data, trials=trials), BENCH, Settings(IDS)).diagnosis
 
 
 @pytest.mark.parametrize(
@@ -86,7 +87,9 @@ def test_a_lone_cable_never_pushes(tmp_path: Path, motor: float, joint: float) -
                   (slice(0, now.size),), 0.004, path="t.csv")  # fmt: skip
     path = tmp_path / "scene.xml"
     path.write_text(text, encoding="utf-8")
-    found = reason(Dataset((trial,), noise=NOISE), Bench.of(path), ids=IDS).diagnosis
+    found = reason(
+        Dataset((trial,), noise=NOISE), Bench.of(path), Settings(IDS)
+    ).diagnosis
     assert (found.verdict == "fix-data") == (motor < 0 or joint < 0)
     assert ("motor torque is the negative" in found.statement) == (motor < 0)
     assert ("joint torque is the negative" in found.statement) == (joint < 0)

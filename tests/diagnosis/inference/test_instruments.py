@@ -20,7 +20,7 @@ from cc_mujoco.diagnosis.inference.library import library
 from cc_mujoco.diagnosis.inference.load import load_noise, load_torque
 from cc_mujoco.diagnosis.inference.passing import low_passed
 from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.result import DiagnosisResult
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult, Settings
 from cc_mujoco.diagnosis.report.output import compared, scene
 from cc_mujoco.diagnosis.scene.repair import repaired, write
 from cc_mujoco.diagnosis.verdict import Diagnosis
@@ -54,15 +54,15 @@ def named(found: Diagnosis) -> list[str]:
 
 def judged(kind: str, effects: Hidden, bench: Bench = BENCH) -> DiagnosisResult:
     data = told_by(kind, effects, bench, changes=TUNED)
-    return reason(data, bench, ids=FEW)
+    return reason(data, bench, Settings(FEW))
 
 
 def test_a_rotor_that_is_declared_is_no_inertia_that_is_missing() -> None:
     """A torque that a motor was told turns its rotor, too."""
     data = dataset({"motor_inertia": {"motor_inertia": 3e-3}}, 1.6, 3)
-    assert named(reason(data, BENCH, ids=FEW).diagnosis) == ["motor_inertia"]
+    assert named(reason(data, BENCH, Settings(FEW)).diagnosis) == ["motor_inertia"]
     told = replace(data, constants={"rotor_inertia": Constant(3e-3)})
-    assert reason(told, BENCH, ids=FEW).diagnosis.verdict == "none"
+    assert reason(told, BENCH, Settings(FEW)).diagnosis.verdict == "none"
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_friction_of_the_motor_hides_friction_that_needs_no_tension() -> None:
     }
     data = told_by("current", seals, duration=2.5, changes=TUNED)
     ids = ("viscous_friction", "load_independent_friction")
-    found = reason(data, BENCH, ids=ids).diagnosis
+    found = reason(data, BENCH, Settings(ids)).diagnosis
     assert (found.verdict, named(found)) == ("none", []), found.statement
     told = found.baseline.parameters["motor_friction"].value
     assert told == pytest.approx(FRICTION + 2 * 4.0 * BENCH.motor_radius, rel=0.1)
@@ -139,7 +139,7 @@ def test_a_known_load_stands_in_for_the_joint_s_sensor(
 ) -> None:
     data = loaded({**TUNED, **changes}, share * SPRING)
     ids = ("viscous_friction", "joint_stiffness", "end_compliance")
-    found = reason(data, BENCH, ids=ids).diagnosis
+    found = reason(data, BENCH, Settings(ids)).diagnosis
     assert (found.verdict, named(found)) == ("named", [name]), found.statement
     assert found.effects[0].parameters[name].value == pytest.approx(value, rel=0.1)
 
@@ -223,7 +223,7 @@ def test_a_cable_to_a_lever_is_diagnosed(effects: Hidden, name: str) -> None:
     changes = {"friction": 0.11, "axial_stiffness": 55e3}
     data = walked(effects, 2.4, changes)
     ids = ("end_compliance", "viscous_friction")
-    found = reason(data, ANKLE, ids=ids).diagnosis
+    found = reason(data, ANKLE, Settings(ids)).diagnosis
     assert named(found) == [name] * bool(name), found.statement
     assert found.verdict == ("named" if name else "none")
     for key, value in changes.items():
@@ -242,11 +242,11 @@ def test_a_zero_of_the_joint_by_which_a_lever_has_another_arm_is_told() -> None:
             for trial in data.trials
         ),
     )
-    (away,) = reason(turned, ANKLE, ids=("viscous_friction",)).diagnosis.strayed
+    (away,) = reason(turned, ANKLE, Settings(("viscous_friction",))).diagnosis.strayed
     assert away.parameter == "joint_angle_offset" and away.given == 0.0
     assert away.tuned.value == pytest.approx(0.15, abs=0.02)
     assert "the arm of the cable hangs on that angle" in away.statement
-    assert reason(data, ANKLE, ids=("viscous_friction",)).diagnosis.strayed == ()
+    assert reason(data, ANKLE, Settings(("viscous_friction",))).diagnosis.strayed == ()
 
 
 @pytest.mark.parametrize(
@@ -270,7 +270,7 @@ def test_what_acts_at_a_joint_acts_by_its_angle_not_by_its_encoder(
                 trial, joint_angle=angle - 0.15, joint_torque=trial.joint_torque - taken
             )
         )
-    result = reason(replace(data, trials=tuple(trials)), ANKLE, ids=(name,))
+    result = reason(replace(data, trials=tuple(trials)), ANKLE, Settings((name,)))
     (found,) = result.diagnosis.effects
     for key, size in sizes.items():
         assert found.parameters[key].value == pytest.approx(size, abs=0.4)
@@ -292,7 +292,7 @@ def test_a_scene_with_pulleys_has_weights_where_the_encoder_saw_them(
         trials.append(
             replace(trial, joint_angle=read, joint_torque=trial.joint_torque - taken)
         )
-    result = reason(replace(data, trials=tuple(trials)), BENCH, ids=(name,))
+    result = reason(replace(data, trials=tuple(trials)), BENCH, Settings((name,)))
     assert [found.id for found in result.diagnosis.effects] == [name]
     (_, apart), size = _written(result, tmp_path / "scene.xml")
     assert apart < 2e-2 * size

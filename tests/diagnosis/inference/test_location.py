@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.result import Settings
 from cc_mujoco.diagnosis.report.steps import steps
 from cc_mujoco.diagnosis.verdict import Diagnosis
 from cc_mujoco.diagnosis.wording import MEANING, Names, tried
@@ -26,7 +27,7 @@ def rippled(side: str, by_torque: bool) -> Diagnosis:
         phase = 16.0 * getattr(trial, f"{side}_angle") + 0.4
         more = 0.2 * (torque if by_torque else 1.0) * np.cos(phase)
         trials.append(replace(trial, **{f"{side}_torque": torque + more}))
-    return reason(replace(data, trials=tuple(trials)), BENCH, ids=IDS).diagnosis
+    return reason(replace(data, trials=tuple(trials)), BENCH, Settings(IDS)).diagnosis
 
 
 @pytest.mark.parametrize(("side", "by_torque"), [("motor", True), ("joint", False)])
@@ -47,7 +48,7 @@ def test_the_first_sentence_names_torque_period_and_amplitude(
 
 def test_friction_that_falls_from_trial_to_trial_is_the_first_sentence() -> None:
     data = day([1.3, 1.15, 1.0, 0.85, 0.7])
-    found = reason(data, BENCH, ids=IDS).diagnosis
+    found = reason(data, BENCH, Settings(IDS)).diagnosis
     assert found.verdict == "unknown", found.statement
     first, second = found.where[:2]
     assert "The error is in both torques" in first.statement
@@ -61,7 +62,7 @@ def test_an_offset_beyond_what_is_tuned_is_told_as_a_constant() -> None:
         replace(trial, joint_torque=np.asarray(trial.joint_torque) + 2.0)
         for trial in data.trials
     )
-    found = reason(replace(data, trials=trials), BENCH, ids=IDS).diagnosis
+    found = reason(replace(data, trials=trials), BENCH, Settings(IDS)).diagnosis
     first, second = found.where[:2]
     assert "it is nearly constant, measured minus simulated motor" in first.statement
     assert "and joint torque +" in first.statement
@@ -70,7 +71,7 @@ def test_an_offset_beyond_what_is_tuned_is_told_as_a_constant() -> None:
 
 def test_nothing_is_claimed_of_a_rig_that_is_as_its_scene() -> None:
     found = reason(
-        dataset(duration=1.0, seed=3, chosen=(0, 2)), BENCH, ids=IDS
+        dataset(duration=1.0, seed=3, chosen=(0, 2)), BENCH, Settings(IDS)
     ).diagnosis
     assert found.verdict == "none"
     assert "No torque is far off" in found.where[0].statement

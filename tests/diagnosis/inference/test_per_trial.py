@@ -19,6 +19,7 @@ from cc_mujoco.diagnosis.inference.per_trial import (
 )
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.result import Settings
 from diagnosis.recorded import BENCH, dataset
 
 USUAL = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
@@ -168,7 +169,7 @@ def test_errors_per_trial_add_up_to_those_of_all(alike: BaselineFit) -> None:
 
 def test_an_undeclared_pretension_is_unknown_with_a_question() -> None:
     data = recorded(2, {"pretension": 40.0})
-    found = reason(data, BENCH, ids=("motor_inertia",)).diagnosis
+    found = reason(data, BENCH, Settings(("motor_inertia",))).diagnosis
     assert found.verdict == "unknown"
     assert "Trial run_2 is off by" in found.question
     worst = max(found.trials, key=lambda each: each.misfit_after)

@@ -15,6 +15,7 @@ from cc_mujoco.diagnosis.data.trials import Facts
 from cc_mujoco.diagnosis.inference.folds import trial_folds as held_out
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
+from cc_mujoco.diagnosis.inference.result import Settings
 from cc_mujoco.diagnosis.verdict import SCHEMA, Gap
 from diagnosis.recorded import BENCH, dataset
 
@@ -23,7 +24,7 @@ TUNED = {"friction": 0.13, "axial_stiffness": 47e3, "pretension": 82.0}
 
 
 def test_nothing_is_named_where_nothing_is_missing() -> None:
-    result = reason(dataset(changes=TUNED, duration=2.5), BENCH, ids=FEW)
+    result = reason(dataset(changes=TUNED, duration=2.5), BENCH, Settings(FEW))
     found = result.diagnosis
     assert found.verdict == "none"
     assert found.effects == ()
@@ -48,7 +49,7 @@ def test_the_missing_effect_is_named_and_the_gap_closes(
     name: str, values: dict[str, float]
 ) -> None:
     data = dataset({name: values}, 2.5, seed=3, changes=TUNED)
-    result = reason(data, BENCH, ids=FEW)
+    result = reason(data, BENCH, Settings(FEW))
     found = result.diagnosis
     assert found.verdict == "named", found.statement
     assert [effect.id for effect in found.effects] == [name]
@@ -77,7 +78,7 @@ def test_a_law_is_no_rival_of_its_special_case_and_is_named_where_that_fails(
 ) -> None:
     data = dataset({name: values}, 1.4, seed=3, changes=TUNED)
     ids = ("viscous_friction", "grease_drag")
-    found = reason(data, BENCH, ids=ids).diagnosis
+    found = reason(data, BENCH, Settings(ids)).diagnosis
     assert found.verdict == "named", found.statement
     assert [effect.id for effect in found.effects] == [name]
 
@@ -89,7 +90,9 @@ def test_an_effect_outside_the_library_is_unknown() -> None:
         torque = trial.joint_torque + 0.3 * np.sin(9.0 * trial.joint_angle) ** 3
         trials.append(type(trial)(**{**trial.__dict__, "joint_torque": torque}))
     changed = type(data)(**{**data.__dict__, "trials": tuple(trials)})
-    found = reason(changed, BENCH, ids=("viscous_friction", "motor_inertia")).diagnosis
+    found = reason(
+        changed, BENCH, Settings(("viscous_friction", "motor_inertia"))
+    ).diagnosis
     assert found.verdict == "unknown", found.statement
     assert found.where
     assert found.where[0].channel == "joint_torque_nm"

@@ -13,6 +13,7 @@ from scipy.optimize import lsq_linear
 
 from cc_mujoco.diagnosis.inference import search
 from cc_mujoco.diagnosis.inference.reason import reason
+from cc_mujoco.diagnosis.inference.result import Settings
 from cc_mujoco.diagnosis.inference.screen import within
 from cc_mujoco.diagnosis.inference.search import FORM, Thresholds, parted_by_form
 from diagnosis.recorded import BENCH, dataset
@@ -44,7 +45,7 @@ def test_a_soft_fastening_of_one_cable_is_found_at_the_end_where_it_is(
     spring: str,
 ) -> None:
     data = dataset({"end_compliance": {spring: 3e-5}}, 3.0, seed=1)
-    found = reason(data, BENCH, ids=SOFT).diagnosis
+    found = reason(data, BENCH, Settings(SOFT)).diagnosis
     assert found.verdict == "named", found.statement
     assert [effect.id for effect in found.missing] == ["end_compliance"]
     parameters = found.missing[0].parameters
@@ -58,7 +59,7 @@ def test_a_spring_that_softens_is_in_a_tie_with_gravity() -> None:
         replace(t, joint_torque=t.joint_torque - 2.0 * np.sin(t.joint_angle))
         for t in data.trials
     )
-    found = reason(replace(data, trials=soft), BENCH, ids=SPRINGY).diagnosis
+    found = reason(replace(data, trials=soft), BENCH, Settings(SPRINGY)).diagnosis
     assert found.verdict == "tie", found.statement
     assert found.ties == (("joint_gravity", "joint_stiffness"),)
     assert not {"joint_gravity", "joint_stiffness"} & {n.id for n in found.not_testable}
@@ -80,7 +81,7 @@ def test_a_trial_with_the_rig_turned_tells_a_weight_from_a_spring_that_softens(
         )
         for t, tilt in zip(data.trials, tilts, strict=True)
     )
-    found = reason(replace(data, trials=pulled), BENCH, ids=SPRINGY).diagnosis
+    found = reason(replace(data, trials=pulled), BENCH, Settings(SPRINGY)).diagnosis
     assert found.verdict == "named", found.statement
     assert [effect.id for effect in found.missing] == [name]
 
@@ -93,7 +94,7 @@ def test_a_spring_is_named_wherever_it_rests(rest: float) -> None:
         for t in data.trials
     )
     ids = (*SPRINGY, "torque_sensor_offset")
-    found = reason(replace(data, trials=pulled), BENCH, ids=ids).diagnosis
+    found = reason(replace(data, trials=pulled), BENCH, Settings(ids)).diagnosis
     assert found.verdict in ("named", "tie"), found.statement
     (spring,) = found.missing
     assert spring.id == "joint_stiffness"

@@ -18,6 +18,7 @@ from cc_mujoco.diagnosis.inference.foretold import misread
 from cc_mujoco.diagnosis.inference.intervals import estimates, spread
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import wind_up
+from cc_mujoco.diagnosis.inference.result import Settings
 from cc_mujoco.diagnosis.inference.starting import prepared
 from cc_mujoco.estimation.least_squares import Estimate
 from diagnosis.recorded import BENCH, dataset
@@ -116,7 +117,7 @@ def test_every_start_ends_at_the_same_rig(
     ],
 )
 def test_a_bad_start_changes_no_verdict_and_is_told(values: dict[str, float]) -> None:
-    found = reason(DATA, scene(**values), ids=("viscous_friction",)).diagnosis
+    found = reason(DATA, scene(**values), Settings(("viscous_friction",))).diagnosis
     assert found.verdict == "none", found.statement
     (name,) = values
     (told,) = [each for each in found.strayed if each.parameter == name]

@@ -10,7 +10,7 @@ from cc_mujoco.diagnosis.inference.baseline import fit_baseline, plant_of
 from cc_mujoco.diagnosis.inference.intervals import Spread, estimates
 from cc_mujoco.diagnosis.inference.reason import reason
 from cc_mujoco.diagnosis.inference.records import prepare
-from cc_mujoco.diagnosis.inference.result import DiagnosisResult
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult, Settings
 from cc_mujoco.diagnosis.inference.screen import Changes
 from cc_mujoco.diagnosis.inference.testable import (
     REMEDY,
@@ -30,7 +30,7 @@ IDS = ("load_independent_friction", "joint_gravity")
 def swallowed() -> DiagnosisResult:
     """Friction that needs no tension, on motions at one pretension."""
     data = dataset({IDS[0]: HIDDEN}, 2.5, seed=3, chosen=(0, 2))
-    return reason(data, BENCH, ids=IDS)
+    return reason(data, BENCH, Settings(IDS))
 
 
 def test_what_the_baseline_swallows_is_told_with_its_size(
@@ -53,7 +53,7 @@ def test_what_the_baseline_swallows_is_told_with_its_size(
 
 def test_cables_of_different_friction_are_told() -> None:
     data = dataset(duration=2.5, seed=3, chosen=(0, 2), balance=0.125)
-    found = reason(data, BENCH, ids=IDS[1:]).diagnosis
+    found = reason(data, BENCH, Settings(IDS[1:])).diagnosis
     assert found.verdict == "none"
     (away,) = found.strayed
     assert away.parameter == "friction_balance"
@@ -63,12 +63,12 @@ def test_cables_of_different_friction_are_told() -> None:
 
 def test_nothing_runs_away_on_a_rig_like_the_scene() -> None:
     data = dataset(duration=1.5, seed=3, chosen=(0, 2), changes={"pretension": 84.0})
-    assert reason(data, BENCH, ids=IDS[:1]).diagnosis.strayed == ()
+    assert reason(data, BENCH, Settings(IDS[:1])).diagnosis.strayed == ()
 
 
 def test_a_stiffness_far_from_the_scene_is_told_though_nobody_declared_it() -> None:
     data = dataset(duration=1.5, seed=3, changes={"axial_stiffness": 3e5})
-    (away,) = reason(data, BENCH, ids=IDS[1:]).diagnosis.strayed
+    (away,) = reason(data, BENCH, Settings(IDS[1:])).diagnosis.strayed
     assert away.parameter == "axial_stiffness"
     assert "angles in turns" in away.statement
 

@@ -12,7 +12,7 @@ import pytest
 from cc_mujoco.diagnosis.diagnose import diagnose
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect
 from cc_mujoco.diagnosis.inference.reason import reason
-from cc_mujoco.diagnosis.inference.result import DiagnosisResult
+from cc_mujoco.diagnosis.inference.result import DiagnosisResult, Settings
 from cc_mujoco.diagnosis.report.output import scene
 from cc_mujoco.diagnosis.report.steps import steps
 from cc_mujoco.diagnosis.scene.realisation import why_not
@@ -34,7 +34,7 @@ RIPPLE = replace(
 def _nothing() -> DiagnosisResult:
     """A diagnosis in which nothing is missing."""
     data = dataset(duration=1.0, seed=3, chosen=(0, 2))
-    return reason(data, BENCH, ids=("motor_inertia",))
+    return reason(data, BENCH, Settings(("motor_inertia",)))
 
 
 def test_mujoco_has_every_effect_of_the_library() -> None:

@@ -1,9 +1,9 @@
 """Choose trials before there are any data: all effects testable, none tied.
 
 The catalogue's motions are simulated with the scene as it is, and with each effect at a
-size that is plausible on the rig, see `sizes`. What an effect changes, less what tuning
-can do, adds up over trials (in the normal equations), so every set of trials is judged
-without another simulation.
+size that is plausible on the rig, see `plausibility`. What an effect changes, less what
+tuning can do, adds up over trials (in the normal equations), so every set of trials is
+judged without another simulation.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from cc_mujoco.diagnosis.inference.jacobian import jacobian
 from cc_mujoco.diagnosis.inference.load import values_of
 from cc_mujoco.diagnosis.inference.motions import DT, CataloguedTrial, motions
 from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
+from cc_mujoco.diagnosis.inference.plausibility import plausible_size
 from cc_mujoco.diagnosis.inference.records import BAND, Record
 from cc_mujoco.diagnosis.inference.screen import amplitudes, screen
-from cc_mujoco.diagnosis.inference.sizes import plausible_size
 from cc_mujoco.diagnosis.inference.testable import SEEN
 
 SEGMENTS = 16

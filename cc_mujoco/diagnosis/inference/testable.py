@@ -21,12 +21,12 @@ from cc_mujoco.diagnosis.effects import EFFECTS, Effect
 from cc_mujoco.diagnosis.inference.fitting import Problem
 from cc_mujoco.diagnosis.inference.jacobian import jacobian
 from cc_mujoco.diagnosis.inference.plant import CLOCKS, OFFSETS, PRETENSION_KNOWN
+from cc_mujoco.diagnosis.inference.plausibility import plausible_size
 from cc_mujoco.diagnosis.inference.screen import (
     Changes,
     amplitudes,
     changes_by_effects,
 )
-from cc_mujoco.diagnosis.inference.sizes import plausible_size
 from cc_mujoco.diagnosis.verdict import Confounded, NotTestable, Strayed
 from cc_mujoco.diagnosis.wording import number, plain
 from cc_mujoco.estimation.least_squares import Estimate, Tuned

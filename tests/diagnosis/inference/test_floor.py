@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis.data.trials import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis.inference.fitting import Problem
-from cc_mujoco.diagnosis.inference.floor import noise_floor
+from cc_mujoco.diagnosis.inference.floor import drawn, likely, noise_floor
 from cc_mujoco.diagnosis.inference.folds import CrossValidation, excess
 from cc_mujoco.diagnosis.inference.plant import SimulatedRig
 from cc_mujoco.diagnosis.inference.records import Record, prepare
-from cc_mujoco.diagnosis.inference.rereading import drawn, likely
 from cc_mujoco.transmission import Transmission
 from diagnosis.recorded import BENCH
 

@@ -14,9 +14,15 @@ from scipy.special import stdtrit
 
 from cc_mujoco.compiled import FloatArray
 from cc_mujoco.diagnosis.inference import fitting
-from cc_mujoco.diagnosis.inference.disagreement import disagreement, parts_of
-from cc_mujoco.diagnosis.inference.form import form_error
-from cc_mujoco.diagnosis.inference.intervals import Spread, estimates, narrowest, spread
+from cc_mujoco.diagnosis.inference.intervals import (
+    Spread,
+    disagreement,
+    estimates,
+    form_error,
+    narrowest,
+    parts_of,
+    spread,
+)
 from cc_mujoco.diagnosis.inference.plant import SimulatedRig, tuned
 from cc_mujoco.diagnosis.inference.records import prepare
 from cc_mujoco.diagnosis.inference.testable import strayed

@@ -18,8 +18,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numba import cfunc
-from numba.extending import overload
+from numba import cfunc, from_dtype
+from numba.extending import intrinsic, overload
 
 from cc_mujoco.compiled import FloatArray, internal, types
 from cc_mujoco.control import laws
@@ -129,7 +129,6 @@ which is also what MuJoCo makes of it when a simulation diverges."""
 _FIXED, _PER_CABLE = len(KEPT), PER_CABLE
 _GAINS, _SEEN, _MEMORY = len(laws.GAINS), len(laws.SEEN), laws.MEMORY
 _PERIOD = laws.PERIOD
-_WORDS = RECORD.itemsize // 8
 _tunnel, _spring = internal(tunnel_torque), internal(spring_torque)
 
 
@@ -143,10 +142,18 @@ def _clamp(value: Any, low: Any, high: Any) -> Any:
     return clamped
 
 
-@internal
-def _record(address: int) -> Any:
+@intrinsic
+def _record_at(context: Any, address: Any) -> Any:
     """View on the record at an address."""
-    return words(address, _WORDS).view(RECORD)[0]
+    record = from_dtype(RECORD)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.inttoptr(args[0], context.get_value_type(record))
+
+    return record(types.intp), codegen
+
+
+_record: Any = _record_at
 
 
 @internal
@@ -218,14 +225,12 @@ def _torque(record: Any, seen: FloatArray) -> float:
 def _observe(record: Any, data: int, step: int, seen: FloatArray) -> None:
     """Read and keep what is measured at a control step; see `Device.read_motion`."""
     cables, rows = record.cables, record.steps + 1
-    width = _FIXED + _PER_CABLE * cables
-    columns = floats(record.columns, width * rows).reshape(width, rows)
+    columns = floats(record.columns, (_FIXED + _PER_CABLE * cables) * rows)
     joint = record.joint_v
     wearer = fields.force(data, record.wearer_out)
-    own = fields.real(data, fields.SPRING, joint) + fields.real(
-        data, fields.DAMPER, joint
-    )
-    pieces = fields.real(data, fields.PASSIVE, joint) - own
+    springs = fields.real(data, fields.SPRING, joint)
+    springs = springs + fields.real(data, fields.DAMPER, joint)
+    pieces = fields.real(data, fields.PASSIVE, joint) - springs
     angle = fields.real(data, fields.POSITION, record.joint_q)
     velocity = fields.real(data, fields.VELOCITIES, joint)
     turned = fields.real(data, fields.POSITION, record.motor_q)
@@ -238,19 +243,22 @@ def _observe(record: Any, data: int, step: int, seen: FloatArray) -> None:
         desired,
     )  # fmt: skip
     for i in range(_FIXED):
-        columns[i, step] = kept[i]
-    readings = words(record.readings, 5 * cables).reshape(cables, 5)
+        columns[i * rows + step] = kept[i]
+    readings = words(record.readings, 5 * cables)
     state = load_word(data + fields.PLUGIN_STATE)
     for k in range(cables):
-        nodes = floats(state + 8 * readings[k, 0], readings[k, 1])
+        own = 5 * k
+        nodes = floats(state + 8 * readings[own], readings[own + 1])
         least = nodes[0]
         for i in range(1, nodes.size):
             least = min(least, nodes[i])
-        at, energy = _FIXED + 2 * k, state + 8 * readings[k, 2]
-        columns[at, step] = abs(fields.force(data, readings[k, 3]))
-        columns[at + 1, step] = abs(fields.force(data, readings[k, 4]))
-        columns[_FIXED + 2 * cables + k, step] = load_real(energy)
-        columns[_FIXED + 3 * cables + k, step] = least
+        energy = load_real(state + 8 * readings[own + 2])
+        proximal, distal = readings[own + 3], readings[own + 4]
+        at = _FIXED + 2 * k
+        columns[at * rows + step] = abs(fields.force(data, proximal))
+        columns[(at + 1) * rows + step] = abs(fields.force(data, distal))
+        columns[(_FIXED + 2 * cables + k) * rows + step] = energy
+        columns[(_FIXED + 3 * cables + k) * rows + step] = least
     seen[laws.ANGLE], seen[laws.VELOCITY] = turned, speed
     seen[laws.JOINT_VELOCITY], leverage = velocity, 1.0
     if record.law >= FEEDBACK:

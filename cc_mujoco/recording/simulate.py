@@ -2,7 +2,8 @@
 
     log = simulate("wrist", "pi", motion="sine", task="spring", seed=0)
     log["joint_torque_nm"]                                      # (T,) [N m]
-    logs = simulate(["wrist", "wrist"], "model", seed=[0, 1])   # one batch
+    rough = Plant("wrist", {"friction": 0.2})
+    logs = simulate(["wrist", rough], "model", seed=[0, 1])     # one batch
 
 A log has the same bits whether its plant is simulated alone, in a batch or step by step
 in its environment. The controller reads sensors; the log holds the truth.
@@ -15,14 +16,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-import mujoco
 import numpy as np
 
 from cc_mujoco import engine
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import Controller, Drive
 from cc_mujoco.control import controller as make_controller
-from cc_mujoco.devices import find_device
 from cc_mujoco.episode import Columns, Single, Trace, run
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring, Task, Trajectory
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
     import gymnasium
 
     from cc_mujoco.envs.exo import WornDevice
+    from cc_mujoco.plant import Plant
 
 Law = str | Controller | Callable[[Drive], Any]
 """Name of a controller, a controller, or a function that makes one of a drive."""
@@ -51,7 +51,7 @@ Law = str | Controller | Callable[[Drive], Any]
 
 @overload
 def simulate(
-    plants: str,
+    plants: str | Plant,
     controller: Law = ...,
     *,
     motion: str | Path | Trajectory | None = ...,
@@ -67,7 +67,7 @@ def simulate(
 
 @overload
 def simulate(
-    plants: list[str] | tuple[str, ...],
+    plants: list[Any] | tuple[Any, ...],
     controller: Law = ...,
     *,
     motion: str | Path | Trajectory | None = ...,
@@ -82,7 +82,7 @@ def simulate(
 
 
 def simulate(
-    plants: str | list[str] | tuple[str, ...],
+    plants: str | Plant | list[Any] | tuple[Any, ...],
     controller: Law = "pi",
     *,
     motion: str | Path | Trajectory | None = None,
@@ -97,10 +97,12 @@ def simulate(
     """Simulate an episode of a plant, or of several plants of one device at once.
 
     Args:
-        plants: Name of a device, or a list of names of the same device.
+        plants: Name of a device or a `Plant`, or a list of them of one device and of
+            equal layout.
         controller: Name, `module:function` or file of a policy, as of
-            `cc_mujoco.control.controller`; a function that is called with the drive, as
-            `module:function` is; or a `Controller` that was made for the drive, which
+            `cc_mujoco.control.controller`, or a function that is called with the drive,
+            as `module:function` is: it is made for each plant and knows its values. Or
+            a `Controller`, which knows the values of the drive that it was made for and
             reads numbers of a plant and arrays over a list of plants.
         motion: Motion of the wearer: a name, a CSV file or a `Trajectory`; that of the
             device by default.
@@ -123,37 +125,45 @@ def simulate(
     """
     from gymnasium.utils import seeding  # a list of names need not wait for these
 
-    from cc_mujoco.envs.device import load
     from cc_mujoco.envs.exo import WornDevice
+    from cc_mujoco.plant import Plant
     from cc_mujoco.simulation.batch import FRAME_SKIP, Alone, Fleet
 
-    alone = isinstance(plants, str)
-    names = [plants] if isinstance(plants, str) else _named(plants)
-    seeds = _seeds(seed, len(names))
+    alone = isinstance(plants, (str, Plant))
+    made = _plants(plants)
+    seeds = _seeds(seed, len(made))
     if not (isinstance(threads, int) and threads >= 0):
         raise CableError(f"threads must be an integer >= 0, not {threads!r}.")
-    setup = find_device(names[0])
+    setup = made[0].setup
     motion = setup.trajectory if motion is None else motion
     task = setup.task if task is None else task
-    scene = mujoco.MjSpec.from_file(str(scene_path(setup.scene)))
-    cables = engine.from_mjcf(scene)
-    model = load(setup, drawn=False)
-    exo = WornDevice(setup, motion, task, duration, FRAME_SKIP, None, model)
+    exos = {
+        key: WornDevice(setup, motion, task, duration, FRAME_SKIP, None, plant.model())
+        for key, plant in {id(plant): plant for plant in made}.items()
+    }
+    played = [exos[id(plant)] for plant in made]
+    exo = played[0]
     sensing = setup.sensing if sensing is None else sensing
-    drives = [sensing.equip(exo.drive)] * len(names)
-    law = _law(controller, drives, alone)
+    law = _law(controller, [sensing.equip(one.drive) for one in played], alone)
     given = {"trajectory": motion, "task": task, "controller": controller}
     about = {key: _label(one) for key, one in given.items()} | dict(about or {})
     called = str(about["controller"])
-    scripts = [exo.author.write(seeding.np_random(own)[0]) for own in seeds]
-    devices = [exo.device] * len(names)
+    scripts = [
+        one.author.write(seeding.np_random(own)[0])
+        for one, own in zip(played, seeds, strict=True)
+    ]
+    devices = [one.device for one in played]
     fleet = Fleet(exo, devices, scripts, threads, called, whole=True)
+    late = [plant.values.get("delay", sensing.delay) for plant in made]
+    noise = [plant.noise for plant in made]
     measuring = Measuring(
         sensing,
         law.drive,
         exo.device.driven,
         seeds[0] if alone else seeds,
         exo.steps,
+        delay=late[0] if alone else late,
+        noise=noise[0] if alone else noise,
     )
     trace = Trace([column.name for column in columns_for(fleet.cables)], exo.steps)
 
@@ -178,28 +188,50 @@ def simulate(
                 name: kept if alone else kept[:, row]
                 for name, kept in trace.columns.items()
             },
-            describe(exo, cables, sensing, own, about),
+            describe(played[row], plant.cables, sensing, own, about) | _facts(plant),
         )
-        for row, own in enumerate(seeds)
+        for row, (plant, own) in enumerate(zip(made, seeds, strict=True))
     ]
     return logs[0] if alone else logs
 
 
-def _named(plants: Any) -> list[str]:
-    """Return the names of a list of plants of one device."""
-    names = list(plants) if isinstance(plants, (list, tuple)) else []
-    if not names:
+def _plants(given: Any) -> list[Plant]:
+    """Return the plants that are given, one for each name."""
+    from cc_mujoco.plant import Plant
+
+    listed: Any = [given] if isinstance(given, (str, Plant)) else given
+    if not isinstance(listed, Sequence) or not listed:
         raise CableError(
-            f"plants must be the name of a device or a list of them, not {plants!r}."
+            "plants must be the name of a device, a Plant or a list of them, not "
+            f"{given!r}."
         )
-    for name in names:
-        find_device(name)
-        if name != names[0]:
+    named = {name: Plant(name) for name in listed if isinstance(name, str)}
+    plants = [named[one] if isinstance(one, str) else one for one in listed]
+    first = plants[0]
+    for row, plant in enumerate(plants):
+        if not isinstance(plant, Plant):
             raise CableError(
-                f"the plants of a batch must be of one device, not of {names[0]!r} and "
-                f"{name!r}; simulate each device by itself."
+                f"plant {row} must be the name of a device or a Plant, not {plant!r}."
             )
-    return names
+        if plant.setup is not first.setup:
+            raise CableError(
+                "the plants of a batch must be of one device, not of "
+                f"{first.setup.scene!r} and {plant.setup.scene!r}; simulate each "
+                "device by itself."
+            )
+        if plant.layout != first.layout:
+            raise CableError(
+                f"plant {row} has other segments, routes or another gait than plant 0; "
+                "simulate it by itself."
+            )
+    return plants
+
+
+def _facts(plant: Plant) -> dict[str, Any]:
+    """Return the metadata of a plant whose values are not those of its device."""
+    if not plant.values:
+        return {}
+    return {**plant.facts, MODEL_XML: plant.xml(), "values": dict(plant.values)}
 
 
 def _seeds(given: Any, count: int) -> list[int]:

@@ -14,11 +14,12 @@ from cc_mujoco import play, simulate
 from cc_mujoco.control import Drive, ProportionalIntegral, controller
 from cc_mujoco.control.controllers import CONTROLLERS
 from cc_mujoco.devices import DEVICES
+from cc_mujoco.episode import Single
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
 from cc_mujoco.human.recorded import from_csv
 from cc_mujoco.plant import Plant
-from cc_mujoco.sensing import PERFECT
+from cc_mujoco.sensing import PERFECT, Measuring
 from cc_mujoco.simulation.rollout import Episode, attended
 from cc_mujoco.simulation.rollout import play as roll_out
 
@@ -40,6 +41,30 @@ def test_a_log_is_that_of_the_environment_alone_and_in_a_batch(
     assert same == alone
     assert other == simulate(scene, law, duration=0.1, seed=4)
     assert (other["motor_torque_nm"] != same["motor_torque_nm"]).any() or law == "none"
+
+
+def test_a_plant_is_a_device_with_values_changed() -> None:
+    plant = Plant("wrist", {"friction": 0.2, "wearer": 0.5})
+    env: Any = gymnasium.make(DEVICES["wrist"].environment, duration=0.05)
+    law = controller("model", env.unwrapped.drive)  # which does not know the values
+    log = simulate(plant, law, duration=0.05, about={"controller": "model"})
+    system = Single(env, 0, plant.values)
+    columns = system.start()
+    measuring = Measuring(DEVICES["wrist"].sensing, law.drive, log.cables, 0, 50)
+    law.reset()
+    for step in range(50):
+        for name in ("joint_torque_nm", "dissipated_flexor_j"):
+            assert columns[name] == log[name][step]
+        columns = system.advance(law.torque(measuring.measure(columns)))
+    assert log.metadata["values"] == plant.values
+    assert float(log.metadata["cables"]["flexor"]["friction"]) == 0.2
+    nominal, changed = simulate(["wrist", plant], "model", duration=0.05)
+    assert nominal == simulate("wrist", "model", duration=0.05)
+    assert changed == simulate(plant, "model", duration=0.05)
+    late = simulate(Plant("wrist", {"delay": 3}), "pi", duration=0.05)
+    on_time = simulate("wrist", "pi", duration=0.05)
+    assert not np.array_equal(late["motor_torque_nm"], on_time["motor_torque_nm"])
+    assert late.metadata["cables"] == on_time.metadata["cables"]
 
 
 def test_a_log_is_that_of_a_what_if() -> None:
@@ -124,7 +149,9 @@ def test_a_torque_that_is_no_number_is_one_sentence(
     [
         ("wirst", {}, "'wrist'"),
         ([], {}, "a list of them, not \\[\\]"),
-        (3, {}, "must be the name of a device or a list of them, not 3"),
+        (3, {}, "a Plant or a list of them, not 3"),
+        (["wrist", 3], {}, "plant 1 must be the name of a device or a Plant, not 3"),
+        (["wrist", Plant("wrist", {"segments": 9})], {}, "plant 1 has other segments"),
         (["wrist", "ankle"], {}, "one device, not of 'wrist' and 'ankle'"),
         ("wrist", {"controller": "pid"}, "controller"),
         ("wrist", {"controller": 3}, "a function of a Drive, not 3"),

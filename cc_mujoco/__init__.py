@@ -6,10 +6,9 @@ package (`transmission`, `engine`, `control`, ...) has the rest.
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from cc_mujoco.arrival import when_imported
 
 if TYPE_CHECKING:
     from cc_mujoco import benchmark
@@ -62,8 +61,11 @@ def __dir__() -> list[str]:
     return __all__
 
 
-# Registers the engine plugin: MuJoCo loads models with cables.
-when_imported("mujoco", lambda: import_module("cc_mujoco.engine"))
+# MuJoCo loads models with cables once the engine has registered its plugin. Where it is
+# imported later, MuJoCo does that itself, by the entry point `cc_mujoco_plugin`: the
+# engine takes a second to import, for which `cc-mujoco --help` need not wait.
+if "mujoco" in sys.modules:
+    import_module("cc_mujoco.engine")
 
 # `gymnasium.make` knows the environments.
-when_imported("gymnasium", lambda: import_module("cc_mujoco.envs").register())
+import_module("cc_mujoco.envs").register()

@@ -47,7 +47,7 @@ LONG = (
     "test_model_based.py",
     "test_gait.py",
     "test_process.py",
-    "test_arrival.py",
+    "test_registration.py",
     "test_video.py",
     "test_foretold.py",
     "test_guides.py",

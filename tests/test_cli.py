@@ -295,8 +295,7 @@ def command(*words: str, **how: Any) -> subprocess.CompletedProcess[str]:
 HELP = """
 import contextlib, io, json, sys
 from cc_mujoco import cli
-slow = {'gymnasium', 'matplotlib', 'mujoco', 'numba', 'numpy', 'pyarrow', 'rerun',
-    'scipy', 'tqdm'}
+slow = {'matplotlib', 'mujoco', 'numba', 'pyarrow', 'rerun', 'scipy', 'tqdm'}
 found = {}
 for words in WORDS:
     said = io.StringIO()

@@ -40,7 +40,7 @@ def source_files() -> dict[str, Path]:
     """Map the place of every source file in the wheel to its place in the checkout."""
     inside = {"cc_mujoco": "cc_mujoco", "envs": "cc_mujoco/envs"}
     inside["assets"] = "cc_mujoco/assets"
-    return {
+    return {f"{name}.py": ROOT / f"{name}.py" for name in SETUPTOOLS["py-modules"]} | {
         f"{inside[top]}/{path.relative_to(ROOT / top).as_posix()}": path
         for top in SOURCES
         for path in (ROOT / top).rglob("*")
@@ -63,7 +63,7 @@ def test_every_folder_with_modules_is_a_listed_package() -> None:
     folders = {
         place.rpartition("/")[0].replace("/", ".")
         for place in source_files()
-        if place.endswith(".py")
+        if "/" in place and place.endswith(".py")
     }
     assert folders == set(SETUPTOOLS["packages"])
 
@@ -75,7 +75,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     In the checkout itself setuptools would also take what an earlier build left behind.
     """
     copy = tmp_path_factory.mktemp("copy")
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    modules = [f"{name}.py" for name in SETUPTOOLS["py-modules"]]
+    for name in ("pyproject.toml", "README.md", "LICENSE", *modules):
         shutil.copy(ROOT / name, copy)
     for name in SOURCES:
         ignore = shutil.ignore_patterns("__pycache__")

@@ -59,14 +59,14 @@ def register() -> None:
     """Register every environment with Gymnasium, once; `import cc_mujoco` does it."""
     import gymnasium
 
-    from cc_mujoco.devices import DEVICES
-
-    for device in DEVICES.values():
-        name = device.environment
-        if name not in gymnasium.registry:
-            single = f"{__name__}.registered:{name.split('/')[1].split('-')[0]}"
+    # The ids of `DEVICES`, whose import would take longer than that of Gymnasium.
+    for kind in __all__:
+        vector, name = f"{kind}Vector", f"cc_mujoco/{kind}-v1"
+        if vector in __all__ and name not in gymnasium.registry:
             gymnasium.register(
-                name, entry_point=single, vector_entry_point=f"{single}Vector"
+                name,
+                entry_point=f"{__name__}.registered:{kind}",
+                vector_entry_point=f"{__name__}.registered:{vector}",
             )
 
 

@@ -10,13 +10,16 @@ LOADS = """
 from cc_mujoco.assets import scene_path
 assert mujoco.MjModel.from_xml_path(str(scene_path("wrist"))).nplugin
 """
-KNOWS = 'assert "cc_mujoco/AnkleExo-v1" in gymnasium.registry'
+KNOWS = """
+from cc_mujoco.devices import DEVICES
+assert {device.environment for device in DEVICES.values()} <= set(gymnasium.registry)
+"""
 SCRIPTS = {
     "both first": f"import gymnasium, mujoco, cc_mujoco{LOADS}{KNOWS}",
     "both second": f"import cc_mujoco, mujoco, gymnasium{LOADS}{KNOWS}",
     "a part of MuJoCo": f"import cc_mujoco, mujoco.introspect, mujoco{LOADS}",
     "the engine first": f"import cc_mujoco.engine, mujoco{LOADS}",
-    "the environments first": f"import cc_mujoco.envs, gymnasium; {KNOWS}",
+    "the environments first": f"import cc_mujoco.envs, gymnasium{KNOWS}",
     "a diagnosis, and what takes long to load": (
         "import sys, cc_mujoco.diagnosis.diagnose\n"
         "slow = {'matplotlib', 'rerun', 'scipy.signal', 'scipy.stats'}\n"

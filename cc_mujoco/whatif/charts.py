@@ -21,7 +21,7 @@ from cc_mujoco.figures import (
 )
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.plant.variables import describe
-from cc_mujoco.whatif.pareto import Objective
+from cc_mujoco.whatif.pareto import Objective, column
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity
 from cc_mujoco.whatif.surface import DesignAxis
@@ -45,7 +45,7 @@ def pareto_plot(
     drawing = figure(4.6 * columns if columns > 1 else 6.0, 3.9 * rows)
     panels = drawing.subplots(rows, columns, squeeze=False).ravel()
     for axes, (one, other) in zip(panels, pairs, strict=False):
-        x, y = (_numbers(table, o.name) for o in (one, other))
+        x, y = (column(table, o.name) for o in (one, other))
         axes.plot(x[~best], y[~best], ".", color=GREY, alpha=0.45, markersize=4,
                   label="designs")  # fmt: skip
         axes.plot(x[best], y[best], "o", color=ORANGE, markersize=4.5,
@@ -112,7 +112,7 @@ def heat_maps(
 def _heat_map(axes: Axes, plan: Plan, table: pa.Table, one: Sensitivity) -> None:
     across, up = sorted(one.total, key=lambda n: one.total[n], reverse=True)[:2]
     if one.surface is None:
-        values = _means(plan, _numbers(table, one.metric), across, up)
+        values = _means(plan, column(table, one.metric), across, up)
         ticks: Mapping[str, Sequence[object]] = {
             n: plan.ranges[n].levels for n in (across, up)
         }
@@ -161,7 +161,7 @@ def _of_surface(
         flat = {across: x, up: y}.get(name, np.full_like(x, 0.5)).ravel()
         columns.append(axes[name].sample(flat))
     values = one.surface(np.stack(columns, axis=-1)).reshape(x.shape)
-    good = np.isfinite(_numbers(table, one.metric))
+    good = np.isfinite(column(table, one.metric))
     designs = [d for d, has in zip(plan.designs, good, strict=True) if has]
     places = np.stack(
         [axes[n].code([d[n] for d in designs]) for n in (across, up)], axis=-1
@@ -184,10 +184,6 @@ def outside_hull(places: Array, points: Array) -> NDArray[np.bool_]:
         return np.asarray(Delaunay(grown).find_simplex(points) < 0)
     except QhullError:  # places on a line
         return np.zeros(len(points), dtype=np.bool_)
-
-
-def _numbers(table: pa.Table, name: str) -> Array:
-    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
 def _label(name: str, high: bool) -> str:

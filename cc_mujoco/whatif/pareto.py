@@ -156,7 +156,7 @@ def costs(
 
     NaN where there is no number, and all along the row of a design beyond a limit.
     """
-    columns = [(-1.0 if o.high else 1.0) * _column(table, o.name) for o in objectives]
+    columns = [(-1.0 if o.high else 1.0) * column(table, o.name) for o in objectives]
     found = np.stack(columns, axis=-1)
     found[~within(table, limits)] = np.nan
     return found
@@ -166,12 +166,13 @@ def within(table: pa.Table, limits: Sequence[Limit]) -> NDArray[np.bool_]:
     """Mark designs that keep all limits, (designs,); without a number none does."""
     kept = np.ones(len(table), dtype=np.bool_)
     for limit in limits:
-        values = _column(table, limit.column)
+        values = column(table, limit.column)
         kept &= values >= limit.bound if limit.least else values <= limit.bound
     return kept
 
 
-def _column(table: pa.Table, name: str) -> Array:
+def column(table: pa.Table, name: str) -> Array:
+    """Return a column of a table as numbers, NaN where it has none."""
     return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
 
 

@@ -18,11 +18,8 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.sensing import WINDING
-
-Array = NDArray[np.float64]
 
 LEAST = 0.1
 """Least leverage that is reported; with less the cable hardly turns the joint."""

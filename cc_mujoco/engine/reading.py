@@ -266,15 +266,6 @@ def _measured(
     return out
 
 
-def route_length(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
-    """Length of a cable's route, arcs around geoms included [m].
-
-    Raises:
-        CableError: the model has no such cable, or the cable no route.
-    """
-    return float(data.ten_length[route_tendon(model, name)])
-
-
 def route_tendon(model: mujoco.MjModel, name: str) -> int:
     """Index of the spatial tendon that draws a cable's conduit.
 

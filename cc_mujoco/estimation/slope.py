@@ -23,7 +23,6 @@ four times its noise is left out too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -44,16 +43,8 @@ _FREAK = 0.05
 """Share of the fitted tension below which a reading is left out (no logarithm)."""
 
 
-class SlipRun(NamedTuple):
-    """Neighbouring segments that slip one way; their nodes are first to last."""
-
-    first: int
-    last: int
-    sign: float
-
-
 @compiled
-def _next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
+def next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
     """First and last node of the run that begins with segment `at`, and its end.
 
     The first is not before the last where the segments are at rest, or all beside a
@@ -67,21 +58,6 @@ def _next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
     begin = at + 1 if at > 0 and sign[at - 1] == -sign[at] else at
     last = end - 1 if end < sign.size and sign[end] == -sign[at] else end
     return begin, last, end
-
-
-def moving_runs(direction: ArrayLike) -> Iterator[SlipRun]:
-    """Parts of a cable in which the capstan law holds with one sign.
-
-    Args:
-        direction: slip of every segment, -1, 0 or 1, (n,).
-    """
-    sign = np.sign(np.asarray(direction, dtype=float))
-    at = 0
-    while at < sign.size:
-        first, last, end = _next_run(sign, at)
-        if first < last:
-            yield SlipRun(first, last, float(sign[at]))
-        at = end
 
 
 class EquationWorkspace(NamedTuple):
@@ -141,7 +117,7 @@ def equations(
     room.target[:] = 0.0
     power, count, at = 0.0, 0, 0
     while at < sign.size:
-        first, last, end = _next_run(sign, at)
+        first, last, end = next_run(sign, at)
         if first < last:
             left = _equations(
                 first, last, sign[at], design, nodes, noise, value, reading, room

@@ -34,8 +34,6 @@ Array = NDArray[np.float64]
 MEASURED = COLUMNS[:8]
 """Columns that a log must have."""
 RECORDING, SUMMARY = "recording.rrd", "summary.png"
-_DISSIPATED = 2
-"""Place of the lost energy in the state of a cable, see `transmission.packing`."""
 _FAR = 0.5
 """Difference of the angles of motor and joint, at the joint, that no cable of a scene
 that fits would allow: more than slack, stretch and offsets of the encoders [rad]."""

@@ -54,10 +54,6 @@ class Planned:
         """Return the servo that plays it; see `Servo`."""
         return Servo(drive, self.times, self.motor, firm)
 
-    def joint_at(self, time: float) -> float:
-        """Angle of the joint that is expected, a time after the run began [rad]."""
-        return float(np.interp(time - APPROACH, self.times, self.joint))
-
     def require_within(self, limits: Limits) -> None:
         """Find out, before a rig is touched, whether it would stop for its limits.
 

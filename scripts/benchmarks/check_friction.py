@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.utils import seeding
-from numpy.typing import NDArray
 
 from cc_mujoco.benchmark.cell import WARM_UP
 from cc_mujoco.control import CONTROLLERS, Drive, controller
@@ -38,7 +37,6 @@ from cc_mujoco.simulation.batch import FRAME_SKIP, Fleet
 from cc_mujoco.simulation.batched_controller import BatchedController, Unpowered
 from cc_mujoco.transmission.parameters import PARAMETERS
 
-Array = NDArray[np.float64]
 Term = Mapping[str, float]
 
 LARGE: dict[str, Term] = {

@@ -34,7 +34,6 @@ DRUM, LEVER = 0.03, 0.05
 PULL, SWING, FREQUENCY = 100.0, 80.0, 0.5
 
 GYMNASIUM = Path(gymnasium.__file__).parent / "envs/mujoco/assets"
-ASSETS = Path(__file__).resolve().parents[2] / "assets"
 
 
 class Case(NamedTuple):

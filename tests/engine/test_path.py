@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from cc_mujoco.engine import from_mjcf, route_length, route_wrap, segment_wrap
+from cc_mujoco.engine import from_mjcf, route_wrap, segment_wrap
 from cc_mujoco.transmission.conduit import node_places
 from engine.scenes import end
 
@@ -88,8 +88,6 @@ def test_any_polygon_turns_by_the_angles_between_its_pieces() -> None:
         assert np.all(wrap >= 0.0)
         assert wrap.sum() == pytest.approx(turns.sum(), rel=1e-7)
         assert route_wrap(m, d, "bowden") == pytest.approx(turns.sum(), rel=1e-7)
-        length = np.linalg.norm(pieces, axis=1)
-        assert route_length(m, d, "bowden") == pytest.approx(length.sum())
 
 
 def test_bend_of_a_site_lies_around_it() -> None:

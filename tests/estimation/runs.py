@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from cc_mujoco.estimation.slope import next_run
 from cc_mujoco.transmission import Cable, Section, replay
 
 DT = 0.01
@@ -25,6 +27,16 @@ class Run(NamedTuple):
     distal: np.ndarray
     tension: np.ndarray
     direction: np.ndarray
+
+
+def moving_runs(direction: np.ndarray) -> Iterator[tuple[int, int, float]]:
+    """First and last node, and slip, of every part that slips one way."""
+    sign, at = np.array(direction, dtype=float), 0
+    while at < sign.size:
+        first, last, end = next_run(sign, at)
+        if first < last:
+            yield first, last, float(sign[at])
+        at = end
 
 
 def strokes(seconds: float, proximal: float = 0.03, distal: float = 0.02) -> np.ndarray:

@@ -11,10 +11,17 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.friction import FrictionEstimator
 from cc_mujoco.estimation.recursive import RecursiveLeastSquares
 from cc_mujoco.estimation.samples import wrap_angles
-from cc_mujoco.estimation.slope import moving_runs
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.transmission import Cable
-from estimation.runs import CABLE, Run, drifting, played, rms, strokes
+from estimation.runs import (
+    CABLE,
+    Run,
+    drifting,
+    moving_runs,
+    played,
+    rms,
+    strokes,
+)
 
 EVERY = Sensors.everywhere(CABLE, 1.0)
 MU = CABLE.friction
@@ -134,9 +141,9 @@ def test_reset_and_empty_recording(run: Run) -> None:
 @given(st.lists(st.sampled_from([-1, 0, 1]), min_size=1, max_size=20))
 def test_moving_runs_leave_out_rest_and_both_sides_of_a_turn(signs: list[int]) -> None:
     taken = np.zeros(len(signs), dtype=int)
-    for part in moving_runs(signs):
-        assert set(signs[part.first : part.last]) == {int(part.sign)}
-        taken[part.first : part.last] += 1
+    for first, last, sign in moving_runs(np.array(signs)):
+        assert set(signs[first:last]) == {int(sign)}
+        taken[first:last] += 1
     for i, sign in enumerate(signs):
         beside = [*signs[max(i - 1, 0) : i], *signs[i + 1 : i + 2]]
         assert taken[i] == int(sign != 0 and -sign not in beside)

@@ -10,13 +10,12 @@ import pytest
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation.friction import FrictionEstimator
 from cc_mujoco.estimation.samples import wrap_angles
-from cc_mujoco.estimation.slope import moving_runs
 from cc_mujoco.sensing import Sensors
 from cc_mujoco.thesis.estimators.bend import BendEstimator
 from cc_mujoco.thesis.estimators.slope_law import SlopeLaw
 from cc_mujoco.thesis.estimators.stiffness import StiffnessEstimator
 from cc_mujoco.transmission import Cable, replay
-from estimation.runs import CABLE, DT, strokes
+from estimation.runs import CABLE, DT, moving_runs, strokes
 from transmission.terms_on import TERMS_ON
 
 EVERY = Sensors.everywhere(CABLE, 1.0)

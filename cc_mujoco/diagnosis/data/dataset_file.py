@@ -114,8 +114,6 @@ The load is what the joint turns, itself included: a spring that is at rest at
 `load_rest_angle`, an inertia, a viscous damper and a weight, mass times gravity times
 its distance from the axis, that hangs straight down at `load_hanging_angle`. None but
 the angles is negative."""
-MOTOR = ("torque_constant", "gear_ratio", "gear_efficiency")
-"""Those that make a motor's torque of its current."""
 LOAD = ("load_stiffness", "load_inertia", "load_damping", "load_weight")
 """Those that make a joint's torque of its motion; with their angles."""
 ANGLES = ("exit_angle", "load_rest_angle", "load_hanging_angle")

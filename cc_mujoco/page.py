@@ -77,6 +77,21 @@ def picture(path: Path, words: str) -> Html:
     return element("figure", Html(image), element("figcaption", words))
 
 
+def illustrated(part: Html | None, *pictures: Html) -> Html | None:
+    """Return a part with pictures below; None without the part."""
+    return None if part is None else joined([part, *pictures])
+
+
+def sections(titles: Mapping[str, str], parts: Mapping[str, Content]) -> Html:
+    """Return links to parts of a page, and then each part below its title."""
+    links = [element("a", titles[key], href=f"#{key}") for key in parts]
+    blocks = [
+        element("section", element("h2", titles[key]), part, id=key)
+        for key, part in parts.items()
+    ]
+    return joined([element("nav", joined(links, " ")), *blocks])
+
+
 def page(
     title: str,
     kind: str,

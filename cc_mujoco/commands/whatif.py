@@ -41,9 +41,9 @@ class WhatIf:
         from cc_mujoco.whatif.halved import halved
         from cc_mujoco.whatif.pareto import within
         from cc_mujoco.whatif.plan import make_plan
-        from cc_mujoco.whatif.report import FILES, goals_of, write_report
+        from cc_mujoco.whatif.report import FILES, write_report
         from cc_mujoco.whatif.search import search
-        from cc_mujoco.whatif.sections import controllers_out, settled
+        from cc_mujoco.whatif.sections import controllers_out, goals_of, settled
         from cc_mujoco.whatif.store import require_ours
 
         if self.execution.threads < 0:
@@ -84,10 +84,8 @@ class WhatIf:
             leave=False,
             **shown_by(),
         ):
-            half = halved(plan, table, goals_of(plan, table, objectives), limits, run)
-        files = write_report(
-            folder, plan, table, objectives, limits, command, nearby, half
-        )
+            half = halved(plan, table, goals_of(plan, table), limits, run)
+        files = write_report(folder, plan, table, command, nearby, half)
         if self.around and nearby is None:
             print("around:   nothing, as no design is good enough or none can move")
         failed = len(table) - table["failed"].null_count

@@ -15,13 +15,21 @@ from cc_mujoco.figures import save, style
 from cc_mujoco.files import WRITTEN, replacing, sign
 from cc_mujoco.markdown import table as table_of
 from cc_mujoco.metrics import METRICS
-from cc_mujoco.page import Html, element, joined, page, paragraph, picture
+from cc_mujoco.page import (
+    Html,
+    element,
+    illustrated,
+    joined,
+    page,
+    paragraph,
+    picture,
+)
+from cc_mujoco.page import sections as page_sections
 from cc_mujoco.whatif import sections
 from cc_mujoco.whatif.across import WORST_CASE
 from cc_mujoco.whatif.around import Around
 from cc_mujoco.whatif.charts import effects_plot, heat_maps, pareto_plot
 from cc_mujoco.whatif.halved import Halved
-from cc_mujoco.whatif.pareto import Limit, Objective, costs, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity, sensitivity
 from cc_mujoco.whatif.store import CONTROLLER
@@ -49,8 +57,6 @@ def write_report(
     folder: Path,
     plan: Plan,
     table: pa.Table,
-    objectives: Sequence[Objective],
-    limits: Sequence[Limit] = (),
     command: str = "",
     nearby: Around | None = None,
     half: Halved | None = None,
@@ -59,11 +65,9 @@ def write_report(
 
     Args:
         folder: where.
-        plan: the study.
+        plan: the study. Without objectives the ranking goes by all metrics, and there
+            is no Pareto set.
         table: its table.
-        objectives: what the ranking and the Pareto set go by; all metrics by default,
-            and then there is no Pareto set.
-        limits: that a design must keep to be in the Pareto set.
         command: that made the study, for the reader.
         nearby: what is around the best design, where that was looked for.
         half: what half the time step makes of it, likewise.
@@ -76,10 +80,8 @@ def write_report(
         for name in plan.protocol.metrics
         if (one := sensitivity(plan, table, name)) is not None
     ]
-    goals = goals_of(plan, table, objectives)
+    finding = sections.RankedStudy.of(plan, table)
     (folder / WRITTEN).unlink(missing_ok=True)  # until all is written
-    cost = costs(table, goals, limits)
-    best = pareto(cost)
     written = [folder / SOBOL, folder / EFFECTS]
     if nearby is not None:
         _write_table(folder / AROUND, around_table(nearby))
@@ -88,11 +90,11 @@ def write_report(
     _write_table(folder / EFFECTS, effects_table(found))
     drawings = {}
     with style():
-        if objectives:
-            _write_table(folder / PARETO, table.filter(pa.array(best)))
+        if finding.chosen:
+            _write_table(folder / PARETO, table.filter(pa.array(finding.front)))
             written.append(folder / PARETO)
-        if len(objectives) > 1 and best.any():
-            drawings[PARETO_PLOT] = pareto_plot(table, objectives, best)
+        if len(plan.objectives) > 1 and finding.front.any():
+            drawings[PARETO_PLOT] = pareto_plot(table, plan.objectives, finding.front)
         if found:
             drawings[EFFECTS_PLOT] = effects_plot(found)
             if (maps := heat_maps(plan, table, found)) is not None:
@@ -100,14 +102,9 @@ def write_report(
         for name, drawing in drawings.items():
             save(folder / name, drawing)
             written.append(folder / name)
-    text = markdown(
-        plan, table, goals, bool(objectives), cost, found, limits, nearby, half
-    )
+    text = markdown(finding, found, nearby, half)
     with replacing(folder / RANKING) as partial:
         partial.write_text(text, encoding="utf-8")
-    finding = sections.RankedStudy.of(
-        plan, table, goals, limits, cost, bool(objectives)
-    )
     text = _page(finding, found, folder, tuple(drawings), command, nearby, half)
     with replacing(folder / REPORT) as partial:
         partial.write_text(text, encoding="utf-8")
@@ -117,19 +114,6 @@ def write_report(
             (folder / name).unlink(missing_ok=True)
     sign(folder, FILES)
     return files
-
-
-def goals_of(
-    plan: Plan, table: pa.Table, objectives: Sequence[Objective]
-) -> tuple[Objective, ...]:
-    """Return the objectives that rank designs, or all metrics that have numbers."""
-    measured = plan.protocol.metrics
-    had = [name for name in measured if table[name].null_count < len(table)]
-    names = had or measured
-    directed = [name for name in names if METRICS[name].better]
-    return tuple(objectives) or tuple(
-        Objective(name, METRICS[name].high) for name in directed or names
-    )
 
 
 TITLES = {
@@ -164,9 +148,6 @@ def _page(
     def shown(name: str, words: str) -> Html:
         return picture(folder / name, words) if name in drawn else Html()
 
-    def with_pictures(part: Html | None, *pictures: Html) -> Html | None:
-        return None if part is None else joined([part, *pictures])
-
     front = shown(PARETO_PLOT, "All designs, and those that nothing beats.")
     effects = shown(
         EFFECTS_PLOT,
@@ -184,8 +165,8 @@ def _page(
         "best": sections.best(finding),
         "sure": sections.confidence(finding, nearby, half),
         "controllers": sections.controllers(finding),
-        "trade": with_pictures(sections.trade_offs(finding), front),
-        "matters": with_pictures(sections.matters(found, finding.goals), effects, maps),
+        "trade": illustrated(sections.trade_offs(finding), front),
+        "matters": illustrated(sections.matters(found, finding.goals), effects, maps),
         "limits": sections.slack(finding),
         "nearby": sections.nearby(nearby),
         "failures": sections.failures(finding),
@@ -196,35 +177,26 @@ def _page(
     there = {key: part for key, part in parts.items() if part is not None}
     if finding.best is None:  # what stands in the way comes first
         there = {key: there[key] for key in sorted(there, key=_not_in_the_way)}
-    links = [element("a", TITLES[key], href=f"#{key}") for key in there]
     return page(
         f"What if: {finding.plan.protocol.scene}",
         "named" if finding.best is not None else "fix-data",
         sections.header(finding),
-        element("nav", joined(links, " ")),
-        *(
-            element("section", element("h2", TITLES[key]), part, id=key)
-            for key, part in there.items()
-        ),
+        page_sections(TITLES, there),
     )
 
 
 def markdown(
-    plan: Plan,
-    table: pa.Table,
-    goals: Sequence[Objective],
-    chosen: bool,
-    cost: np.ndarray,
+    finding: sections.RankedStudy,
     found: Sequence[Sensitivity],
-    limits: Sequence[Limit] = (),
     nearby: Around | None = None,
     half: Halved | None = None,
 ) -> str:
-    """The ranking as Markdown, with effects and indices below."""
+    """Return the ranking as Markdown, with effects and indices below."""
+    plan, rows, limits = finding.plan, finding.rows, finding.limits
     protocol = plan.protocol
-    failed = [text for text in table["failed"].to_pylist() if text]
+    failed = [str(row["failed"]) for row in rows if row["failed"]]
     parts = [
-        f"# What if: {protocol.scene}, {len(table)} designs",
+        f"# What if: {protocol.scene}, {len(rows)} designs",
         f"Trajectory {plan.source}, task {protocol.task}, "
         f"{driven_by(protocol.controllers)}, {protocol.duration:g} s, "
         f"seed {protocol.seed}, time step {1e3 * protocol.timestep:g} ms.",
@@ -235,26 +207,27 @@ def markdown(
         parts.append(
             f"Designs that failed in simulation: {len(failed)}; the first: {failed[0]}."
         )
-    parts += sections.controllers_out(plan, table.to_pylist())
-    names = ", ".join(goal.text for goal in goals)
-    for goal in goals:
-        if lacking := table[goal.name].null_count - len(failed):
+    parts += sections.controllers_out(plan, rows)
+    names = ", ".join(goal.text for goal in finding.goals)
+    for goal in finding.goals:
+        without = sum(row[goal.name] is None for row in rows)
+        if lacking := without - len(failed):
             parts.append(f"Designs without {goal.name}: {lacking}.")
     if limits:
-        kept = f"{int(within(table, limits).sum())} of {len(table)}"
+        kept = f"{int(finding.kept.sum())} of {len(rows)}"
         parts.append(
             f"Limits: {', '.join(limit.text for limit in limits)}; {kept} keep them."
         )
-    if chosen:
-        parts.append(f"Objectives: {names}. Pareto set: {int(pareto(cost).sum())}.")
+    if finding.chosen:
+        parts.append(f"Objectives: {names}. Pareto set: {int(finding.front.sum())}.")
     else:
         parts.append(f"No objectives were given; the order is by all metrics: {names}.")
     parts.append("## Ranking")
     rule = "by mean rank in the objectives"
-    if chosen:
+    if finding.chosen:
         rule = f"the Pareto set (marked *) first, each part {rule}"
-    parts.append(f"The best {min(LISTED, len(table))}: {rule}.")
-    parts.append(_ranking(plan, table, goals, cost, chosen))
+    parts.append(f"The best {min(LISTED, len(rows))}: {rule}.")
+    parts.append(_ranking(finding))
     if half is not None:
         parts.append(sections.settled(half))
     if nearby is not None:
@@ -329,15 +302,8 @@ def effects_table(found: Iterable[Sensitivity]) -> pa.Table:
     return _table(kinds, rows)
 
 
-def _ranking(
-    plan: Plan,
-    table: pa.Table,
-    goals: Sequence[Objective],
-    cost: np.ndarray,
-    chosen: bool,
-) -> str:
-    places = order(cost)[:LISTED]
-    best = pareto(cost) if chosen else np.zeros(len(cost), dtype=np.bool_)
+def _ranking(finding: sections.RankedStudy) -> str:
+    plan, goals = finding.plan, finding.goals
     metrics = [goal.name for goal in goals]
     metrics += [name for name in plan.protocol.metrics if name not in metrics]
     several = len(plan.protocol.controllers) > 1
@@ -346,10 +312,9 @@ def _ranking(
         columns += [f"{goal.name}@{WORST_CASE}" for goal in goals]
     head = [headed(name) for name in columns]
     rows = []
-    for place in places:
-        row = table.slice(int(place), 1).to_pylist()[0]
-        cells = [cell(row[name]) for name in columns]
-        cells[0] += "*" if best[place] else ""
+    for place in finding.order[:LISTED]:
+        cells = [cell(finding.rows[place][name]) for name in columns]
+        cells[0] += "*" if finding.chosen and finding.front[place] else ""
         rows.append(cells)
     return table_of(head, rows)
 

@@ -22,7 +22,7 @@ from cc_mujoco.whatif.across import WORST_CASE
 from cc_mujoco.whatif.around import WORSE, Around, Price, Slope
 from cc_mujoco.whatif.designs import Range
 from cc_mujoco.whatif.halved import Halved
-from cc_mujoco.whatif.pareto import Limit, Objective, order, pareto, within
+from cc_mujoco.whatif.pareto import Limit, Objective, costs, order, pareto, within
 from cc_mujoco.whatif.plan import Plan
 from cc_mujoco.whatif.sensitivity import Sensitivity
 from cc_mujoco.whatif.store import CONTROLLER, failed_by
@@ -80,26 +80,20 @@ class RankedStudy:
     chosen: bool
 
     @classmethod
-    def of(
-        cls,
-        plan: Plan,
-        found: pa.Table,
-        goals: Sequence[Objective],
-        limits: Sequence[Limit],
-        cost: Array,
-        chosen: bool,
-    ) -> RankedStudy:
-        """Rank the designs of a table."""
+    def of(cls, plan: Plan, found: pa.Table) -> RankedStudy:
+        """Rank the designs of a table by the objectives and limits of its plan."""
+        goals, limits = goals_of(plan, found), plan.limits
+        cost = costs(found, goals, limits)
         return cls(
             plan,
             tuple(found.to_pylist()),
-            tuple(goals),
-            tuple(limits),
+            goals,
+            limits,
             cost,
             within(found, limits),
             order(cost),
             pareto(cost),
-            chosen,
+            bool(plan.objectives),
         )
 
     @property
@@ -112,6 +106,17 @@ class RankedStudy:
     def varied(self) -> tuple[str, ...]:
         """Variables that take several values."""
         return self.plan.varied
+
+
+def goals_of(plan: Plan, table: pa.Table) -> tuple[Objective, ...]:
+    """Return the objectives that rank designs, or all metrics that have numbers."""
+    if plan.objectives:
+        return plan.objectives
+    measured = plan.protocol.metrics
+    had = [name for name in measured if table[name].null_count < len(table)]
+    names = had or measured
+    directed = [name for name in names if METRICS[name].better]
+    return tuple(Objective(name, METRICS[name].high) for name in directed or names)
 
 
 def header(found: RankedStudy) -> Html:

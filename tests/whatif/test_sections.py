@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 
 from cc_mujoco.whatif import make_plan
 from cc_mujoco.whatif.around import Around, Price
-from cc_mujoco.whatif.pareto import costs, read_limits, read_objectives
+from cc_mujoco.whatif.pareto import read_limits
 from cc_mujoco.whatif.report import write_report
 from cc_mujoco.whatif.sections import (
     RankedStudy,
@@ -38,7 +39,7 @@ def finding(
     plan = make_plan("wrist", designs=[
         {"friction": 0.1 + 0.1 * (n % 4), "pretension": 10.0 + n}
         for n in range(len(errors))
-    ], metrics=GOALS)  # fmt: skip
+    ], metrics=GOALS, objectives=goals, subject_to=limits)  # fmt: skip
     table = pa.table(
         {
             "design": range(len(errors)),
@@ -48,9 +49,7 @@ def finding(
             "failed": pa.array(failed or [None] * len(errors), pa.string()),
         }
     )
-    read, kept = read_objectives(goals), read_limits(limits)
-    cost = costs(table, read, kept)
-    return RankedStudy.of(plan, table, read, kept, cost, True), table
+    return RankedStudy.of(plan, table), table
 
 
 def said(page: str | None) -> str:
@@ -58,7 +57,7 @@ def said(page: str | None) -> str:
 
 
 def written(folder: Path, found: RankedStudy, table: pa.Table) -> str:
-    write_report(folder, found.plan, table, found.goals, found.limits, "cc-mujoco <x>")
+    write_report(folder, found.plan, table, "cc-mujoco <x>")
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
@@ -67,7 +66,7 @@ def test_what_an_earlier_report_had_besides_goes_with_it(tmp_path: Path) -> None
     written(tmp_path, found, table)
     assert (tmp_path / "pareto.parquet").exists()
     (tmp_path / "mine.parquet").touch()
-    write_report(tmp_path, found.plan, table, ())
+    write_report(tmp_path, replace(found.plan, objectives=()), table)
     assert not (tmp_path / "pareto.parquet").exists()
     assert (tmp_path / "mine.parquet").exists()
 
@@ -162,7 +161,8 @@ def test_a_better_neighbour_is_said_to_be_one() -> None:
 def test_of_several_controllers_the_page_says_whose_ranks_are_alike() -> None:
     designs = [{"friction": 0.1 * n} for n in range(1, 5)]
     laws = ("none", "pi")
-    plan = make_plan("wrist", designs=designs, metrics=GOALS, controllers=laws)
+    plan = make_plan("wrist", designs=designs, metrics=GOALS, controllers=laws,
+                     objectives=GOALS[:1])  # fmt: skip
     table = pa.table(
         {
             "design": range(4),
@@ -174,8 +174,7 @@ def test_of_several_controllers_the_page_says_whose_ranks_are_alike() -> None:
             "failed": pa.array([None] * 4, pa.string()),
         }
     )
-    goals = read_objectives(GOALS[:1])
-    found = RankedStudy.of(plan, table, goals, (), costs(table, goals), True)
+    found = RankedStudy.of(plan, table)
     text = " ".join(said(controllers(found)).split())
     assert "none 1 of 4 4 -0.11" in text
     assert "pi 3 of 4 1 1.00" in text

@@ -21,13 +21,14 @@ from cc_mujoco.figures import save, style
 from cc_mujoco.files import replacing_folder
 from cc_mujoco.page import (
     Html,
-    element,
+    illustrated,
     joined,
     listed,
     page,
     paragraph,
     picture,
 )
+from cc_mujoco.page import sections as page_sections
 
 REPORT = "report.html"
 
@@ -86,17 +87,11 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path)
     there = {key: part for key, part in parts.items() if part is not None}
     first = FIRST.get(diagnosis.verdict, "trials" if diagnosis.question else None)
     order = sorted(there, key=lambda key: key != first)
-    links = [element("a", TITLES[key], href=f"#{key}") for key in order]
-    blocks = [
-        element("section", element("h2", TITLES[key]), there[key], id=key)
-        for key in order
-    ]
     return page(
         headline(diagnosis, names),
         diagnosis.verdict,
         sections.header(diagnosis, names),
-        element("nav", joined(links, " ")),
-        *blocks,
+        page_sections(TITLES, {key: there[key] for key in order}),
         _left_out([key for key in TITLES if key not in there]),
     )
 
@@ -109,9 +104,6 @@ def _sections(
     def drawn(stem: str, words: str) -> Html:
         path = figures / f"{stem}.png"
         return picture(path, words) if path.exists() else Html()
-
-    def after(content: Html | None, *pictures: Html) -> Html | None:
-        return None if content is None else joined([content, *pictures])
 
     most, usual = worst(evidence), ordinary(evidence)
     seconds = [
@@ -131,12 +123,12 @@ def _sections(
     )
     return {
         "traces": joined(seconds) if seconds else None,
-        "gap": after(sections.gap(diagnosis), gap),
+        "gap": illustrated(sections.gap(diagnosis), gap),
         "trials": sections.trials(diagnosis),
         "where": sections.where(diagnosis),
-        "maps": after(sections.maps(evidence), maps),
+        "maps": illustrated(sections.maps(evidence), maps),
         "candidates": sections.candidates(diagnosis, names),
-        "likeness": after(sections.likeness(evidence, names), alike),
+        "likeness": illustrated(sections.likeness(evidence, names), alike),
         "untested": sections.untested(diagnosis, names),
         "next": sections.experiment(diagnosis, names),
         "parameters": sections.parameters(diagnosis, names),

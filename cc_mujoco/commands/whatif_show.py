@@ -47,7 +47,7 @@ class WhatIfShow:
 
     def _compare(self, against: int) -> None:
         from cc_mujoco.errors import CableError
-        from cc_mujoco.whatif import compare
+        from cc_mujoco.whatif.show import RECORDING, head, write_comparison
         from cc_mujoco.whatif.store import read_study
 
         if self.video or self.html:
@@ -58,15 +58,15 @@ class WhatIfShow:
         out = self.out or self.folder / f"design-{row}-against-{against}"
         duration = float(read_study(self.folder)["protocol"]["duration"])
         with bar(2.0 * duration) as progress:
-            pairs = compare.write_comparison(
+            pairs = write_comparison(
                 out, self.folder, row, against, self.case, progress
             )
         for name, cells in (
-            ("", compare.head(row, against)),
+            ("", head(row, against)),
             *((pair.name, pair.cells) for pair in pairs),
         ):
             print(f"{name:36}", *(f"{each:>12}" for each in cells))
-        print(f"\nopen with:  rerun {out / compare.RECORDING}\nsee also:   {out}")
+        print(f"\nopen with:  rerun {out / RECORDING}\nsee also:   {out}")
 
     def _show(self) -> None:
         from cc_mujoco.metrics import METRICS

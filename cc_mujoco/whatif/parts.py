@@ -3,17 +3,26 @@
 Lengths are those of the conduits: rope beyond their ends is left out, as are gears,
 levers, fittings and frames in the mass. Where a cable leaves its conduit all but the
 inertia is unknown, and there is no number.
+
+    read_costs("mine.csv")          # part,per,cost with a line for each part
+
+reads what parts cost. `costs.csv` beside this file has round figures that are only an
+example, meant to be replaced. A line for a motor of `MOTORS` or a material of
+`MATERIALS` goes before that of `motor` or `rope`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import mujoco
 
+from cc_mujoco.csv_files import read_sheet
 from cc_mujoco.envs.device import Device
-from cc_mujoco.plant import Plant
+from cc_mujoco.errors import CableError
+from cc_mujoco.plant import MATERIALS, MOTORS, Plant
 from cc_mujoco.plant.materials import WIRE_MODULUS, area
 from cc_mujoco.plant.variables import Value
 from cc_mujoco.transmission.parameters import PATHS
@@ -25,6 +34,24 @@ STEEL = 7850.0
 COIL = (1.75, 2.6)
 """Inner and outer diameter of the steel coil of a conduit per diameter of its rope, as
 about a bicycle's brake cable: 2.8 and 4.2 mm for 1.6 mm (assumed)."""
+EXAMPLE = Path(__file__).with_name("costs.csv")
+"""The table that holds unless another is given."""
+
+PARTS = {
+    "motor": "piece",
+    "pulley": "piece",
+    "rope": "m",
+    "conduit": "m",
+    "fittings": "cable",
+}
+"""Parts that every table has, and what a cost is per."""
+
+_ALLOWED = (
+    PARTS
+    | dict.fromkeys(MOTORS, PARTS["motor"])
+    | dict.fromkeys(MATERIALS, PARTS["rope"])
+)
+_HEAD = ["part", "per", "cost"]
 
 
 def parts_of(
@@ -106,3 +133,42 @@ def _coil(design: Mapping[str, Value], diameter: float) -> float:
         return float(design["conduit_linear_mass"])
     inner, outer = (area(share * diameter) for share in COIL)
     return STEEL * (outer - inner)
+
+
+def read_costs(path: str | Path = EXAMPLE) -> dict[str, float]:
+    """Costs by part, in whatever money the table is in.
+
+    Raises:
+        CableError: the file is no such table; says where and what would be right.
+    """
+    path = Path(path)
+    sheet = read_sheet(path, "the costs")
+    if sheet.names != _HEAD:
+        raise CableError(f"{path} must begin with the line {','.join(_HEAD)}.")
+    found: dict[str, float] = {}
+    for _, row in sheet.rows:
+        if len(row) != len(_HEAD):
+            raise CableError(f"{path}: the line {','.join(row)!r} must have 3 cells.")
+        part, per, amount = row
+        if part not in _ALLOWED:
+            raise CableError.unknown("part", part, _ALLOWED)
+        if part in found:
+            raise CableError(f"{path} gives the cost of {part!r} twice.")
+        if per != _ALLOWED[part]:
+            raise CableError(
+                f"{path}: the cost of {part!r} must be per {_ALLOWED[part]}, not per "
+                f"{per!r}."
+            )
+        try:
+            cost = float(amount)
+        except ValueError:
+            cost = math.nan
+        if not 0.0 <= cost < math.inf:
+            raise CableError(
+                f"{path}: the cost of {part!r} must be a number of at least 0, not "
+                f"{amount!r}."
+            )
+        found[part] = cost
+    if missing := [part for part in PARTS if part not in found]:
+        raise CableError(f"{path} lacks the cost of {', '.join(missing)}.")
+    return found

@@ -26,7 +26,6 @@ from cc_mujoco.plant.variables import split
 from cc_mujoco.plant.walker import WALK, WALKER
 from cc_mujoco.whatif import gait
 from cc_mujoco.whatif.across import Across, read_across
-from cc_mujoco.whatif.costs import EXAMPLE, read_costs
 from cc_mujoco.whatif.designs import (
     Range,
     from_file,
@@ -45,6 +44,7 @@ from cc_mujoco.whatif.metrics import (
     of_strides,
 )
 from cc_mujoco.whatif.pareto import Limit, Objective, read_limits, read_objectives
+from cc_mujoco.whatif.parts import EXAMPLE, read_costs
 from cc_mujoco.whatif.protocol import CHIRP_TIME, CONTROL_PERIOD, EpisodeProtocol
 from cc_mujoco.whatif.study_spec import Assignments, Given, StudySpec, specified
 

@@ -9,8 +9,7 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.errors import CableError
 from cc_mujoco.whatif import study
-from cc_mujoco.whatif.compare import FILES, compare, write_comparison
-from cc_mujoco.whatif.show import read_row
+from cc_mujoco.whatif.show import FILES, compare, read_row, write_comparison
 
 METRICS = ["peak_tension", "slack_margin"]
 
@@ -104,7 +103,7 @@ def test_a_failed_episode_leaves_nothing(
     def fail(*_: object) -> None:
         raise CableError("it diverged.")
 
-    monkeypatch.setattr("cc_mujoco.whatif.compare.show", fail)
+    monkeypatch.setattr("cc_mujoco.whatif.show.show", fail)
     with pytest.raises(CableError, match=r"it diverged\."):
         write_comparison(tmp_path / "out", folder, 0, 1)
     assert not (tmp_path / "out").exists()

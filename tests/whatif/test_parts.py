@@ -16,8 +16,8 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import METRICS, ArrayLog
 from cc_mujoco.plant import MATERIALS, MOTORS, Plant
 from cc_mujoco.whatif import make_plan, optimise, study
-from cc_mujoco.whatif.costs import EXAMPLE, read_costs
 from cc_mujoco.whatif.metrics import USUAL
+from cc_mujoco.whatif.parts import EXAMPLE, read_costs
 
 PARTS = [name for name, metric in METRICS.items() if metric.test == "parts"]
 MOTOR = "maxon_353297"

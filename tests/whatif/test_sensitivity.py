@@ -11,7 +11,7 @@ import pytest
 
 from cc_mujoco.whatif.plan import Plan, make_plan
 from cc_mujoco.whatif.report import markdown, sobol_table
-from cc_mujoco.whatif.sections import Finding
+from cc_mujoco.whatif.sections import RankedStudy
 from cc_mujoco.whatif.sensitivity import Sensitivity, sensitivity
 
 VARY = {"friction": "0:0.4:5", "pretension": "10:50:6", "loops": [1, 2, 3, 4]}
@@ -141,7 +141,7 @@ def _reported(plan: Plan, metric: pa.Table, found: Sensitivity) -> str:
     columns: dict[str, Any] = {"design": range(count), "failed": pa.nulls(count)}
     columns |= {name: [d[name] for d in plan.designs] for name in plan.varied}
     table = pa.table({**columns, "efficiency": metric["efficiency"]})
-    return markdown(Finding.of(plan, table), [found])
+    return markdown(RankedStudy.of(plan, table), [found])
 
 
 def test_an_index_is_written_with_its_error_or_as_none() -> None:
